@@ -1,0 +1,1 @@
+"""Models to C: step functions and their struct headers, readable by a firmware engineer."""

@@ -1,0 +1,294 @@
+"""CasADi instructions to C expressions: named fields, typed literals, real conditionals, one value per name.
+
+A function's instructions become nodes in single-assignment form. A node used once stands where it is used;
+one used more often gets a local. Integers and Booleans stay what they are, so that comparing a mode costs no
+floating-point operation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, Literal
+
+import casadi as ca
+import numpy as np
+
+from models.errors import DeclarationError
+from models.kit.block import GROUPS, Block
+from models.kit.declaration import Type, Variable, flatten
+from models.kit.elementary import Precision
+
+CType = Literal["real", "int", "bool", "constant"]
+BINARY = {
+    ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*", ca.OP_DIV: "/",
+    ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!=", ca.OP_AND: "&&", ca.OP_OR: "||",
+}  # fmt: skip
+COMPARISONS = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE)
+LOGIC = (ca.OP_AND, ca.OP_OR, ca.OP_NOT)
+MIRRORED = {"<": ">", "<=": ">=", "==": "==", "!=": "!="}  # to read constants on the right
+CALLS = {ca.OP_SQRT: "sqrt", ca.OP_FLOOR: "floor", ca.OP_FABS: "fabs"}
+SELECT = -1  # c ? a : b, for which CasADi has no instruction
+MEMBERS = {"state": "state", "input": "in", "parameter": "par", "output": "out"}  # group -> C struct member
+WIDTH = 88  # an expression longer than this is given a name
+
+
+class Node:
+    """One value: an operation on other nodes, a field of the block's struct, or a constant."""
+
+    def __init__(
+        self,
+        op: int,
+        operands: tuple[Node, ...] = (),
+        value: float = 0.0,
+        field: str = "",
+        variable: Variable | None = None,
+    ) -> None:
+        self.op, self.operands, self.value, self.field = op, operands, value, field
+        self.variable = variable
+        self.uses = 0
+        self.name = ""  # of the local that holds it, once it has one
+        self.held_as: CType = "real"  # the type of that local
+
+    @property
+    def ctype(self) -> CType:
+        """What C computes it as; `constant`: made of constants alone, it takes the type of its use."""
+        if self.op == ca.OP_CONST:
+            return "constant" if self.value == int(self.value) and abs(self.value) < 2**31 else "real"
+        if self.variable is not None:
+            kinds: dict[Type, CType] = {Type.REAL: "real", Type.INTEGER: "int", Type.BOOLEAN: "bool"}
+            return kinds[self.variable.type]
+        if self.op in COMPARISONS or self.op in LOGIC:
+            return "bool"
+        if self.op in (ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_NEG, SELECT):
+            values = self.operands[1:] if self.op == SELECT else self.operands
+            kinds_of = {operand.ctype for operand in values}
+            if kinds_of == {"constant"}:
+                return "constant" if self.op == SELECT else "real"
+            return "real" if "real" in kinds_of else "int"
+        return "real"
+
+
+def read(function: Any, block: type[Block]) -> tuple[list[Node], int]:
+    """The nodes of a traced function's results, and how many operations it takes.
+
+    Raises:
+        DeclarationError: an operation that C does not get from us (it would be a library call).
+    """
+    fields = [list(flatten(block.group(kind))) for kind in GROUPS]
+    work: dict[int, Node] = {}
+    results: list[Node] = [Node(ca.OP_CONST)] * int(function.numel_out(0))
+    operations = 0
+    for k in range(function.n_instructions()):
+        op, into, of = (
+            function.instruction_id(k),
+            function.instruction_output(k),
+            function.instruction_input(k),
+        )
+        if op == ca.OP_CONST:
+            work[into[0]] = Node(op, value=float(function.instruction_constant(k)))
+        elif op == ca.OP_INPUT:
+            name, variable = fields[of[0]][of[1]]
+            field = f"m->{MEMBERS[GROUPS[of[0]]]}.{c_name(name)}"
+            work[into[0]] = Node(op, field=field, variable=variable)
+        elif op == ca.OP_OUTPUT:
+            results[into[1]] = work[of[0]]
+        else:
+            operations += 1
+            work[into[0]] = _operation(op, tuple(work[i] for i in of), function.name())
+    for result in results:
+        _count(result)
+    return results, operations
+
+
+def _operation(op: int, operands: tuple[Node, ...], where: str) -> Node:
+    if op == ca.OP_IF_ELSE_ZERO:
+        return Node(SELECT, (*operands, Node(ca.OP_CONST)))
+    if op == ca.OP_ADD:  # if_else(c, a, b) is (c ? a : 0) + (!c ? b : 0)
+        for first, second in (operands, operands[::-1]):
+            if (
+                first.op == second.op == SELECT
+                and _is_zero(first.operands[2])
+                and _is_zero(second.operands[2])
+                and second.operands[0].op == ca.OP_NOT
+                and second.operands[0].operands[0] is first.operands[0]
+            ):
+                return Node(SELECT, (first.operands[0], first.operands[1], second.operands[1]))
+    if op in BINARY or op in CALLS or op in (ca.OP_NEG, ca.OP_NOT, ca.OP_SQ, ca.OP_TWICE, ca.OP_INV):
+        return Node(op, operands)
+    raise DeclarationError(f"{where}: operation {op} has no C without a library")
+
+
+def _is_zero(node: Node) -> bool:
+    return node.op == ca.OP_CONST and node.value == 0.0
+
+
+def _count(node: Node) -> None:
+    node.uses += 1
+    if node.uses == 1:
+        for operand in node.operands:
+            _count(operand)
+        if node.op == ca.OP_SQ:
+            _count(node.operands[0])  # x * x names x twice
+
+
+def c_name(flat_name: str) -> str:
+    """`waypoint_north[1]` of a declaration is `waypoint_north[0]` in C."""
+    name, bracket, index = flat_name.partition("[")
+    return f"{name}[{int(index[:-1]) - 1}]" if bracket else name
+
+
+def literal(value: float, precision: Precision) -> str:
+    """The shortest C literal that reads back as this very number in the precision."""
+    text = repr(value) if precision == "double" else str(np.float32(value))
+    if not any(c in text for c in ".en"):
+        text += ".0"
+    return text + ("f" if precision == "float" else "")
+
+
+class Writer:
+    """Writes expressions of one function body; collects the locals they need."""
+
+    def __init__(self, precision: Precision, enum_name: Callable[[Variable, int], str]) -> None:
+        self.precision = precision
+        self.enum_name = enum_name
+        self.lines: list[str] = []
+        self._names = 0
+
+    @property
+    def real(self) -> str:
+        """The C type of a Real."""
+        return self.precision
+
+    def name(self, node: Node, want: CType, name: str = "") -> None:
+        """Give the node a local."""
+        ctype = want if node.ctype == "constant" else node.ctype
+        text = self._compose(node, ctype)
+        if not name:
+            name, self._names = f"t{self._names}", self._names + 1
+        c_type = {"real": self.real, "int": "int32_t", "bool": "bool"}[ctype]
+        self.lines.append(f"const {c_type} {name} = {_bare(text)};")
+        node.name, node.held_as = name, ctype
+
+    def write(self, node: Node, want: CType, locals_allowed: bool = True) -> str:
+        """The C expression of a node as the type wanted."""
+        if node.op == ca.OP_CONST or (node.field and not node.name):
+            return self._compose(node, want)
+        if locals_allowed and not node.name:
+            text = self._compose(node, want) if node.uses == 1 else ""
+            if text and len(text) <= WIDTH:
+                return text
+            self.name(node, want)
+        if node.name:
+            return _cast(node.name, node.held_as, want, self.real)
+        return self._compose(node, want, locals_allowed)
+
+    def _compose(self, node: Node, want: CType, locals_allowed: bool = True) -> str:
+        def inner(operand: Node, as_type: CType) -> str:
+            return self.write(operand, as_type, locals_allowed)
+
+        if node.op == ca.OP_CONST:
+            if want == "int":
+                return str(int(node.value))
+            if want == "bool":
+                return "true" if node.value else "false"
+            return _parenthesized(literal(node.value, self.precision))
+        if node.field:
+            return _cast(node.field, node.ctype, want, self.real)
+        ctype: CType = want if node.ctype == "constant" else node.ctype
+        a = node.operands
+        if node.op in COMPARISONS:
+            return _cast(self._compare(node, inner), "bool", want, self.real)
+        if node.op == ca.OP_NOT:
+            return _cast(f"!{inner(a[0], 'bool')}", "bool", want, self.real)
+        if node.op in LOGIC:
+            text = f"({inner(a[0], 'bool')} {BINARY[node.op]} {inner(a[1], 'bool')})"
+            return _cast(text, "bool", want, self.real)
+        if node.op == SELECT:
+            text = f"({inner(a[0], 'bool')} ? {inner(a[1], ctype)} : {inner(a[2], ctype)})"
+        elif node.op in BINARY:
+            text = f"({inner(a[0], ctype)} {BINARY[node.op]} {inner(a[1], ctype)})"
+        elif node.op == ca.OP_NEG:
+            text = f"(-{inner(a[0], ctype)})"
+        elif node.op == ca.OP_SQ:
+            text = f"({inner(a[0], ctype)} * {inner(a[0], ctype)})"
+        elif node.op == ca.OP_TWICE:
+            text = f"({literal(2.0, self.precision)} * {inner(a[0], ctype)})"
+        elif node.op == ca.OP_INV:
+            text = f"({literal(1.0, self.precision)} / {inner(a[0], ctype)})"
+        else:
+            suffix = "f" if self.precision == "float" else ""
+            text = f"{CALLS[node.op]}{suffix}({_bare(inner(a[0], ctype))})"
+        return _cast(text, ctype, want, self.real)
+
+    def _compare(self, node: Node, inner: Callable[[Node, CType], str]) -> str:
+        a, b = node.operands
+        symbol = BINARY[node.op]
+        for field, constant in ((a, b), (b, a)):
+            if field.variable is not None and field.variable.choices and constant.op == ca.OP_CONST:
+                symbol = symbol if field is a else MIRRORED[symbol]
+                return f"({field.field} {symbol} {self.enum_name(field.variable, int(constant.value))})"
+        kinds = {a.ctype, b.ctype}
+        as_type: CType = "real" if "real" in kinds or kinds == {"constant"} else "int"
+        if a.op == ca.OP_CONST:
+            a, b, symbol = b, a, MIRRORED[symbol]
+        return f"({inner(a, as_type)} {symbol} {inner(b, as_type)})"
+
+
+def _cast(text: str, have: CType, want: CType, real: str) -> str:
+    if have == want:
+        return text
+    if want == "bool":
+        return f"({text} != 0)"
+    if want == "int":
+        return f"(int32_t){text}" if have == "bool" else f"(int32_t)({_bare(text)})"
+    return f"({real}){text}"
+
+
+def _bare(text: str) -> str:
+    """Without the outermost parentheses, if they enclose the whole."""
+    if not (text.startswith("(") and text.endswith(")")):
+        return text
+    depth = 0
+    for i, c in enumerate(text):
+        depth += (c == "(") - (c == ")")
+        if depth == 0 and i < len(text) - 1:
+            return text
+    return text[1:-1]
+
+
+def _parenthesized(text: str) -> str:
+    return f"({text})" if text.startswith("-") else text
+
+
+def statements(
+    function: Any, block: type[Block], writes: Sequence[str], writer: Writer
+) -> tuple[list[str], int]:
+    """The body of an update: C lines that compute every result, then store them; and its operation count."""
+    results, operations = read(function, block)
+    declared = dict(flatten([v for kind in ("state", "output") for v in block.group(kind)]))
+    stores = []
+    for target, node in zip(writes, results, strict=True):
+        variable = declared[target]
+        field = f"m->{MEMBERS[variable.kind]}.{c_name(target)}"
+        want: CType = {Type.REAL: "real", Type.INTEGER: "int", Type.BOOLEAN: "bool"}[variable.type]  # type: ignore[assignment]
+        if variable.choices and node.op == ca.OP_CONST:
+            stores.append(f"{field} = {writer.enum_name(variable, int(node.value))};")
+        elif node.op == ca.OP_CONST or (len(writes) == 1 and not node.name):
+            stores.append(f"{field} = {_bare(writer.write(node, want))};")
+        else:
+            if not node.name and (node.op != ca.OP_INPUT or _is_overwritten(node.field, writes)):
+                writer.name(
+                    node, want, "next_" + "".join(c if c.isalnum() else "_" for c in target).rstrip("_")
+                )
+            stores.append(f"{field} = {_bare(writer.write(node, want))};")
+    return writer.lines + stores, operations
+
+
+def _is_overwritten(field: str, writes: Sequence[str]) -> bool:
+    return field.partition(".")[2] in {c_name(w) for w in writes}
+
+
+def condition(function: Any, block: type[Block], writer: Writer) -> tuple[str, int]:
+    """A guard as one C expression, and its operation count."""
+    (node,), operations = read(function, block)
+    return _bare(writer.write(node, "bool", locals_allowed=False)), operations

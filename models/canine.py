@@ -1,0 +1,227 @@
+"""The animal: the canine behaviour statistical model (CBSM), kinematics, gait (5.2, 5.3, D.6)."""
+
+from __future__ import annotations
+
+import math
+
+import casadi as ca
+
+from models.commands import Command
+from models.kit.block import Block, triggered
+from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State, Stream
+from models.kit.geometry import clip, either, every, some, wrap
+from models.kit.random import normal, normals, uniform
+
+DEG = math.pi / 180
+REDRAWS = 4  # draws of a speed or acceleration before the floor is taken; all four fail in 5 of 10^6 trials
+
+
+class Plant(Block):
+    """What every plant gives and takes: the role's contract, and the kinematics common to ours."""
+
+    moore = True
+
+    command = Input(Command, "what the animal is told", start=0)
+
+    north = Output("m", "position")
+    east = Output("m", "position")
+    speed = Output("m/s", "ground speed")
+    heading = Output("rad", "heading, clockwise from north, in (-pi, pi]")
+    acceleration = Output("m/s2", "longitudinal acceleration of the pack")
+    pitch = Output("rad", "pitch of the pack, nose up positive")
+    roll = Output("rad", "roll of the pack, right side down positive")
+    yaw_rate = Output("rad/s", "yaw rate of the pack, clockwise positive")
+
+    start_north = Parameter("m", "position at the start", start=0, min=-1e5, max=1e5)
+    start_east = Parameter("m", "position at the start", start=0, min=-1e5, max=1e5)
+    start_heading = Parameter("rad", "heading at the start", start=0, min=-4, max=4)
+
+    position_north = State("m", "position")
+    position_east = State("m", "position")
+    velocity = State("m/s", "ground speed")
+    course = State("rad", "heading")
+    past_velocity = State("m/s", "ground speed a tick ago")
+    past_course = State("rad", "heading a tick ago")
+
+    def _place(m) -> None:
+        """Put the animal at rest at the start."""
+        m.position_north, m.position_east = m.start_north, m.start_east
+        m.velocity = m.past_velocity = 0
+        m.course = m.past_course = wrap(m.start_heading)
+
+    def remember(m) -> None:
+        """What accelerations and yaw rates are differences to."""
+        m.past_velocity, m.past_course = m.velocity, m.course
+
+    @triggered(lambda m: m.command == Command.RECALL)
+    def turn_home(m) -> None:
+        """On recall the animal homes straight to the start (5.3.2)."""
+        m.course = ca.atan2(m.start_east - m.position_east, m.start_north - m.position_north)
+
+    def _move(m, acceleration: SX, top_speed: SX, turn_rate: SX) -> None:
+        """Kinematics of a tick."""
+        m.velocity = clip(m.velocity + acceleration * m.sample_time, 0.0, top_speed)  # eq. D.9
+        turned = wrap(m.course + turn_rate * m.sample_time)  # eq. D.10
+        m.course = either(m.command == Command.RECALL, m.course, turned)
+        step = 0.5 * (m.past_velocity + m.velocity) * m.sample_time
+        m.position_north = m.position_north + step * ca.cos(m.course)  # eq. B.5, D.11
+        m.position_east = m.position_east + step * ca.sin(m.course)
+
+
+class Canine(Plant):
+    """The guided dog: obeys tones always, vibrations by chance, drifts, and shakes its pack."""
+
+    source = "Miller 2010, 5.2-5.3, Table 5.1, eq. 5.1-5.5, B.5, D.9-D.11; motion: B.4, D.5"
+
+    seed = Parameter(Integer, "trial number: selects the random streams", start=1, min=0, max=2147483647)
+    start_heading_deviation = Parameter(
+        "rad", "standard deviation of the heading at the start", start=0, min=0
+    )
+    # Table 5.1
+    cruise_speed = Parameter("m/s", "Velocity, mean", start=4.86, min=0)
+    cruise_speed_deviation = Parameter(
+        "m/s", "Velocity, standard deviation (Table 5.1: 1.49)", start=0, min=0
+    )
+    speeding_up = Parameter("m/s2", "Acceleration, mean", start=1.78, min=0)
+    speeding_up_deviation = Parameter(
+        "m/s2", "Acceleration, standard deviation (Table 5.1: 0.67)", start=0, min=0
+    )
+    slowing_down = Parameter("m/s2", "Deceleration, mean of its magnitude", start=2.72, min=0)
+    slowing_down_deviation = Parameter(
+        "m/s2", "Deceleration, standard deviation (Table 5.1: 1.31)", start=0, min=0
+    )
+    right_turn_rate = Parameter("rad/s", "Right Turn Rate, mean", start=57.92 * DEG)
+    right_turn_rate_deviation = Parameter(
+        "rad/s", "Right Turn Rate, standard deviation", start=37.66 * DEG, min=0
+    )
+    left_turn_rate = Parameter("rad/s", "Left Turn Rate, mean", start=-77.67 * DEG)
+    left_turn_rate_deviation = Parameter(
+        "rad/s", "Left Turn Rate, standard deviation", start=41.13 * DEG, min=0
+    )
+    drift = Parameter("rad/s", "Heading Drift, mean", start=2.62 * DEG)
+    drift_deviation = Parameter("rad/s", "Heading Drift, standard deviation", start=1.62 * DEG, min=0)
+    left_success = Parameter("1", "Left Success Rate", start=0.64, min=0, max=1)
+    right_success = Parameter("1", "Right Success Rate", start=0.6, min=0, max=1)
+    # how it moves in detection mode (walking) and running: B.4, D.5
+    shaking = Parameter(
+        Boolean, "the pack shakes with the stride; off: it moves as the animal's centre", start=1
+    )
+    walk_stride = Parameter("Hz", "strides per second, walking", start=2.0, min=0, max=10)
+    run_stride = Parameter("Hz", "strides per second, running", start=2.9, min=0, max=10)
+    walk_acceleration_swing = Parameter("m/s2", "peak to peak, walking (10 to 20)", start=15, min=0)
+    run_acceleration_swing = Parameter("m/s2", "peak to peak, running (40 to 50)", start=45, min=0)
+    walk_pitch_swing = Parameter(
+        "rad", "peak to peak, walking (5 to 10 deg)", start=7.5 * DEG, min=0, max=1.5
+    )
+    run_pitch_swing = Parameter("rad", "peak to peak, running (40 to 60 deg)", start=50 * DEG, min=0, max=1.5)
+    pitch_mean = Parameter("rad", "mean pitch of the pack on the dog's back", start=-8.5 * DEG, min=-1, max=1)
+    roll_swing = Parameter("rad", "peak to peak", start=10 * DEG, min=0, max=1.5)
+    yaw_rate_swing = Parameter("rad/s", "peak to peak (70 to either side)", start=140 * DEG, min=0)
+    jerk_deviation = Parameter("m/s2", "spike of a jerk of the pack, standard deviation", start=8, min=0)
+    jerk_rate = Parameter("1", "probability of a jerk in a stride", start=0.3, min=0, max=1)
+
+    trial_drift = State("rad/s", "heading drift of this trial")
+    trial_right_rate = State("rad/s", "right turn rate of this trial")
+    trial_left_rate = State("rad/s", "left turn rate of this trial")
+    trial_speed = State("m/s", "cruise speed of this trial")
+    trial_speeding_up = State("m/s2", "acceleration of this trial")
+    trial_slowing_down = State("m/s2", "deceleration of this trial")
+    past_command = State(Command, "command a tick ago")
+    obeys = State(Boolean, "the response drawn for the directional command")
+    stride = State("rad", "phase of the stride", min=0)
+    jerk = State("m/s2", "jerk of the pack on this tick")
+    jerk_due = State(Boolean, "a stride began on this tick")
+    temper_stream = Stream("what is drawn once a trial", substream=0)
+    right_stream = Stream("responses to RIGHT", substream=1)
+    left_stream = Stream("responses to LEFT", substream=2)
+    jerk_stream = Stream("jerks of the pack", substream=3)
+
+    def initialize(m) -> None:
+        """Draw what holds for the whole trial (eq. 5.1, 5.2, 5.5)."""
+        draws, m.temper_stream = normals(m.temper_stream, 4 + 3 * REDRAWS)
+        m._place()
+        m.course = wrap(m.start_heading + m.start_heading_deviation * draws[0])  # eq. 5.1
+        m.past_course = m.course
+        m.trial_drift = m.drift + m.drift_deviation * draws[1]  # eq. 5.2
+        m.trial_right_rate = m.right_turn_rate + m.right_turn_rate_deviation * draws[2]  # eq. 5.5
+        m.trial_left_rate = m.left_turn_rate + m.left_turn_rate_deviation * draws[3]
+        rest = iter(draws[4:])
+        m.trial_speed = _redrawn(
+            m.cruise_speed, m.cruise_speed_deviation, [next(rest) for _ in range(REDRAWS)]
+        )
+        m.trial_speeding_up = _redrawn(
+            m.speeding_up, m.speeding_up_deviation, [next(rest) for _ in range(REDRAWS)]
+        )
+        m.trial_slowing_down = _redrawn(
+            m.slowing_down, m.slowing_down_deviation, [next(rest) for _ in range(REDRAWS)]
+        )
+
+    @triggered(lambda m: every(m.command == Command.RIGHT, m.past_command != Command.RIGHT))
+    def hear_right(m) -> None:
+        """Draw the response to a RIGHT just issued (eq. 5.3, 5.4)."""
+        draw, m.right_stream = uniform(m.right_stream)
+        m.obeys = draw <= m.right_success
+
+    @triggered(lambda m: every(m.command == Command.LEFT, m.past_command != Command.LEFT))
+    def hear_left(m) -> None:
+        """Draw the response to a LEFT just issued."""
+        draw, m.left_stream = uniform(m.left_stream)
+        m.obeys = draw <= m.left_success
+
+    def move(m) -> None:
+        """Tones are always obeyed; the dog brakes on whatever does not tell it to run."""
+        m.past_command = m.command
+        running = some(m.command == Command.FORWARD, m.command == Command.RECALL)
+        drift = either(some(running, m.velocity > 0), m.trial_drift, 0)
+        turn = either(every(m.command == Command.RIGHT, m.obeys), m.trial_right_rate, 0)
+        turn = either(every(m.command == Command.LEFT, m.obeys), m.trial_left_rate, turn)
+        m._move(either(running, m.trial_speeding_up, -m.trial_slowing_down), m.trial_speed, drift + turn)
+
+    @triggered("shaking")
+    def swing(m) -> None:
+        """Advance the stride."""
+        walk, run = m._gait()
+        rate = walk * m.walk_stride + run * m.run_stride
+        phase = m.stride + 2 * math.pi * rate * m.sample_time
+        m.jerk_due = phase >= 2 * math.pi
+        m.stride = phase - either(m.jerk_due, 2 * math.pi, 0)
+        m.jerk = 0
+
+    @triggered(lambda m: every(m.shaking, m.jerk_due))
+    def shake(m) -> None:
+        """The pack may hit the dog's back once a stride: spikes, sometimes over 20 m/s2 (B.4)."""
+        chance, stream = uniform(m.jerk_stream)
+        size, m.jerk_stream = normal(stream)
+        m.jerk = either(chance <= m.jerk_rate, m.jerk_deviation * size, 0)
+        m.jerk_due = 0
+
+    def output(m) -> None:
+        """The animal's motion, and what the pack on its back makes of it."""
+        m.north, m.east = m.position_north, m.position_east
+        m.speed, m.heading = m.velocity, m.course
+        walk, run = m._gait()
+        sine, cosine = ca.sin(m.stride), ca.cos(m.stride)
+        moving = either(m.shaking, walk + run, 0)
+        forward = walk * m.walk_acceleration_swing + run * m.run_acceleration_swing
+        nodding = walk * m.walk_pitch_swing + run * m.run_pitch_swing
+        m.acceleration = (m.velocity - m.past_velocity) / m.sample_time + either(
+            m.shaking, 0.5 * forward * cosine + m.jerk, 0
+        )
+        m.pitch = either(m.shaking, m.pitch_mean + 0.5 * nodding * sine, 0)
+        m.roll = moving * 0.5 * m.roll_swing * cosine
+        m.yaw_rate = wrap(m.course - m.past_course) / m.sample_time + moving * 0.5 * m.yaw_rate_swing * sine
+
+    def _gait(m) -> tuple[SX, SX]:
+        """How much it walks and runs, by its speed, with the breakpoints of eq. 3.19."""
+        run = clip(m.velocity - 3.0, 0.0, 1.0)
+        return clip(m.velocity / 0.5, 0.0, 1.0) * (1 - run), run
+
+
+def _redrawn(mean: SX, deviation: SX, draws: list[SX]) -> SX:
+    """N(mean, deviation), drawn again below 0.2 of the mean."""
+    floor = 0.2 * mean
+    value = floor
+    for draw in reversed(draws):
+        candidate = mean + deviation * draw
+        value = either(candidate >= floor, candidate, value)
+    return value

@@ -1,0 +1,336 @@
+"""The canine maximum effort controller (CMEC): it leads the animal along waypoints by commands (4.1.4)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from enum import IntEnum
+
+import casadi as ca
+
+from models.commands import Command, Status
+from models.kit.block import Block, Row, table, triggered
+from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State
+from models.kit.geometry import either, every, some, wrap
+
+DEG = math.pi / 180
+MAX_WAYPOINTS = 16
+
+
+class Mode(IntEnum):
+    """What the controller is doing (Figure 4.2, and the dead period of 4.1.4.3)."""
+
+    IDLE = 0
+    FORWARD = 1
+    STOP_TO_TURN = 2
+    LEFT = 3
+    RIGHT = 4
+    DEAD = 5
+    STOP_AT_WAYPOINT = 6
+    RECALL = 7
+    FAILURE_RECALL = 8
+    SUCCESS = 9
+    FAILED = 10
+    STOPPED = 11
+
+
+class Anomaly(IntEnum):
+    """What went otherwise than commanded (Table 4.3), and what keeps the controller from deciding."""
+
+    NONE = 0
+    FORWARD_FAILURE = 1
+    TURN_FAILURE = 2
+    DIRECTION_SWITCH = 3
+    NO_COMMAND = 4
+    TRIAL_FAILURE = 5
+    LOST_LINK = 6
+    INVALID_ESTIMATE = 7
+    BAD_INPUT = 8
+
+
+COMMANDS = {
+    Mode.FORWARD: Command.FORWARD,
+    Mode.STOP_TO_TURN: Command.STOP,
+    Mode.LEFT: Command.LEFT,
+    Mode.RIGHT: Command.RIGHT,
+    Mode.STOP_AT_WAYPOINT: Command.STOP,
+    Mode.RECALL: Command.RECALL,
+    Mode.FAILURE_RECALL: Command.RECALL,
+    Mode.STOPPED: Command.STOP,
+}
+STATUSES = {
+    Mode.IDLE: Status.IDLE,
+    Mode.SUCCESS: Status.SUCCESS,
+    Mode.FAILURE_RECALL: Status.FAILED,
+    Mode.FAILED: Status.FAILED,
+    Mode.STOPPED: Status.STOPPED,
+}
+
+
+class Cmec(Block):
+    """Canine maximum effort controller: waypoints and the estimate to commands, tick by tick."""
+
+    source = "Miller 2010, 4.1.4, eq. 4.1-4.4, Figure 4.2, Tables 4.1-4.3"
+    precisions = ("double", "float")
+
+    north = Input("m", "estimated position", min=-1e5, max=1e5)
+    east = Input("m", "estimated position", min=-1e5, max=1e5)
+    speed = Input("m/s", "estimated ground speed", min=-50, max=50)
+    heading = Input("rad", "estimated heading, clockwise from north", min=-7, max=7)
+    valid = Input(Boolean, "the estimate may be trusted", start=1)
+    start = Input(Boolean, "the trial is on; latches the waypoints when it becomes true", start=0)
+    override = Input(Command, "the operator's command, which beats the controller's", start=0)
+    link_ok = Input(Boolean, "the radio link to the operator is up", start=1)
+
+    command = Output(Command, "what the animal is told")
+    mode = Output(Mode, "what the controller is doing")
+    status = Output(Status, "how the trial stands")
+    waypoint = Output(Integer, "number of waypoints reached", min=0, max=MAX_WAYPOINTS)
+    distance = Output("m", "d: distance to the target")
+    deviation = Output("rad", "h: orientation deviation from the target, right positive")
+    directional_commands = Output(Integer, "LEFT and RIGHT commands issued in this trial", min=0)
+    anomaly = Output(Anomaly, "what went otherwise than commanded on this tick")
+
+    # Table 4.2
+    capture_radius = Parameter("m", "d': distance at which a waypoint counts as reached", start=7, min=0)
+    stopped_speed = Parameter("m/s", "V': speed under which the animal counts as stopped", start=0.3, min=0)
+    moving_deviation = Parameter(
+        "rad", "h': orientation deviation at which the moving animal is stopped", start=49 * DEG, min=0, max=4
+    )
+    stop_deviation = Parameter(
+        "rad",
+        "h'': orientation deviation at which the stopped animal is turned",
+        start=20 * DEG,
+        min=0,
+        max=4,
+    )
+    stop_hold = Parameter("s", "DELAYTHRESH: least time a stop command is on", start=1.5, min=0, max=1e4)
+    turn_timeout = Parameter("s", "DELTHRESH2: longest time a turn command is on", start=3, min=0, max=1e4)
+    forward_timeout = Parameter(
+        "s", "DELTHRESH3: time in which the animal must move", start=3, min=0, max=1e4
+    )
+    forward_distance = Parameter("m", "DISTTHRESH: how far it must move in that time", start=1, min=0)
+    dead_time = Parameter("s", "HEADCOUNTTHRESH: length of a no-command period", start=1, min=0, max=1e4)
+    max_turns = Parameter(
+        Integer, "MAXTURN: directional commands allowed per waypoint", start=2, min=0, max=1000
+    )
+    # what the text leaves open: the two readings
+    turn_end_deviation = Parameter(
+        "rad", "orientation deviation below which a turn command ends", start=5 * DEG, min=0, max=4
+    )
+    limit_stop_deviation = Parameter(Boolean, "h'' in force is at most h'", start=1)
+    count_reissue = Parameter(
+        Boolean, "a turn issued again after TURN FAILURE counts towards MAXTURN", start=0
+    )
+    reset_turns = Parameter(Boolean, "a waypoint reached resets the count towards MAXTURN", start=0)
+    # the mission
+    waypoint_count = Parameter(Integer, "waypoints in use", start=1, min=1, max=MAX_WAYPOINTS, latched=True)
+    waypoint_north = Parameter("m", "waypoints", start=0, size=MAX_WAYPOINTS, min=-1e5, max=1e5, latched=True)
+    waypoint_east = Parameter("m", "waypoints", start=0, size=MAX_WAYPOINTS, min=-1e5, max=1e5, latched=True)
+    home_north = Parameter("m", "where the animal is recalled to", start=0, min=-1e5, max=1e5, latched=True)
+    home_east = Parameter("m", "where the animal is recalled to", start=0, min=-1e5, max=1e5, latched=True)
+
+    now = State(Mode, "mode")
+    ticks = State(Integer, "ticks since the mode was entered", max=2e9)
+    overruled = State(Anomaly, "what keeps the controller from deciding")
+    reached = State(Integer, "waypoints reached")
+    turns = State(Integer, "directional commands that count towards MAXTURN")
+    issued = State(Integer, "directional commands issued")
+    planned = State(Command, "command to follow the no-command period")
+    uncounted = State(Boolean, "the next turn does not count towards MAXTURN")
+    issue_north = State("m", "where the forward command was issued")
+    issue_east = State("m", "where the forward command was issued")
+    target_north = State("m", "waypoint aimed at, or home")
+    target_east = State("m", "waypoint aimed at, or home")
+    count = State(Integer, "waypoints in use, latched", start=1)
+    route_north = State("m", "waypoints, latched", size=MAX_WAYPOINTS)
+    route_east = State("m", "waypoints, latched", size=MAX_WAYPOINTS)
+    base_north = State("m", "home, latched")
+    base_east = State("m", "home, latched")
+    anomalies = State(Integer, "how often each anomaly was reported", size=len(Anomaly) - 1)
+
+    def watch(m) -> None:
+        """The order of precedence: a lost link, the operator, bad input, an invalid estimate, the table."""
+        good = m.within("north", "east", "speed", "heading")
+        cause = either(m.valid, Anomaly.NONE, Anomaly.INVALID_ESTIMATE)
+        cause = either(good, cause, Anomaly.BAD_INPUT)
+        cause = either(m.override > Command.NONE, Anomaly.NONE, cause)
+        cause = either(m.link_ok, cause, Anomaly.LOST_LINK)
+        running = every(m.now > Mode.IDLE, m.now < Mode.SUCCESS)
+        m.anomaly = either(every(running, cause != m.overruled), cause, Anomaly.NONE)
+        m.overruled = cause
+        m.ticks = either(m.ticks < 2e9, m.ticks + 1, m.ticks)
+
+    @triggered(lambda m: every(m.start, m.now == Mode.IDLE, ca.logic_not(m._blocked())))
+    def begin(m) -> None:
+        """Latch the mission; the first command is forward."""
+        m.route_north, m.route_east, m.count = m.waypoint_north, m.waypoint_east, m.waypoint_count
+        m.base_north, m.base_east = m.home_north, m.home_east
+        m.target_north, m.target_east = m.waypoint_north[0], m.waypoint_east[0]
+        m.now, m.ticks = Mode.FORWARD, 0
+        m.reached = m.turns = m.issued = 0
+        m.issue_north, m.issue_east = m.north, m.east
+
+    @triggered(lambda m: every(ca.logic_not(m.start), m.now > Mode.IDLE))
+    def end(m) -> None:
+        """The start signal is withdrawn: a running trial is stopped, an ended one makes room for the next."""
+        running = m.now < Mode.SUCCESS
+        m.now = either(running, Mode.STOPPED, Mode.IDLE)
+        m.ticks = 0
+
+    @triggered(lambda m: every(m._blocked(), m.now > Mode.IDLE, m.now < Mode.STOP_AT_WAYPOINT))
+    def interrupt(m) -> None:
+        """What the animal does meanwhile is not ours: afterwards begin again from a stop."""
+        m.now, m.ticks = Mode.STOP_TO_TURN, 0
+
+    @triggered(lambda m: every(m.now == Mode.STOP_AT_WAYPOINT, ca.logic_not(m._blocked()), m._at_rest()))
+    def advance(m) -> None:
+        """Aim at the next waypoint once the animal has stopped at one, or home after the last (4.1.4.1)."""
+        m.turns = either(m.reset_turns, 0, m.turns)
+        m.reached = m.reached + 1
+        last = m.reached >= m.count
+        m.target_north = either(last, m.base_north, _element(m.route_north, m.reached))
+        m.target_east = either(last, m.base_east, _element(m.route_east, m.reached))
+
+    def aim(m) -> None:
+        """Distance to the target and orientation deviation from it."""
+        good = m.within("north", "east", "heading")
+        north_difference = either(good, m.target_north - m.north, 0)  # eq. 4.1
+        east_difference = either(good, m.target_east - m.east, 0)
+        m.distance = ca.sqrt(north_difference**2 + east_difference**2)  # eq. 4.2
+        desired = ca.atan2(east_difference, north_difference)  # eq. 4.3
+        m.deviation = either(good, wrap(desired - m.heading), 0)  # eq. 4.4
+
+    @triggered(lambda m: every(m.now > Mode.IDLE, ca.logic_not(m._blocked())))
+    @table("now")
+    def decide(m) -> Iterator[Row]:
+        """The controller's table: Figure 4.2 and the anomalies of Table 4.3."""
+        won = m.distance <= m.capture_radius
+        off = ca.fabs(m.deviation)
+        limit = either(
+            every(m.limit_stop_deviation, m.moving_deviation < m.stop_deviation),
+            m.moving_deviation,
+            m.stop_deviation,
+        )
+        at_waypoint = {"ticks": 0}
+        forward = {"ticks": 0, "issue_north": m.north, "issue_east": m.east}
+
+        yield Row(Mode.FORWARD, won, Mode.STOP_AT_WAYPOINT, at_waypoint)
+        yield Row(Mode.FORWARD, off >= m.moving_deviation, Mode.STOP_TO_TURN, {"ticks": 0})
+        yield Row(
+            Mode.FORWARD,
+            m._stuck(),
+            Mode.DEAD,
+            {"ticks": 0, "planned": Command.FORWARD},
+            Anomaly.FORWARD_FAILURE,
+        )
+
+        yield Row(Mode.STOP_TO_TURN, won, Mode.STOP_AT_WAYPOINT)  # the stop command is on already
+        yield Row(Mode.STOP_TO_TURN, every(m._at_rest(), off < limit), Mode.FORWARD, forward)
+        yield from m._turn(Mode.STOP_TO_TURN, m._at_rest(), counts=ca.SX(1))
+
+        for mode, same, side in (
+            (Mode.RIGHT, Command.RIGHT, m.deviation < 0),
+            (Mode.LEFT, Command.LEFT, m.deviation > 0),
+        ):
+            opposite = Command.LEFT if same is Command.RIGHT else Command.RIGHT
+            yield Row(mode, won, Mode.STOP_AT_WAYPOINT, at_waypoint)
+            yield Row(mode, off < m.turn_end_deviation, Mode.FORWARD, forward)
+            yield Row(
+                mode,
+                every(side, off >= limit),
+                Mode.DEAD,
+                {"ticks": 0, "planned": opposite, "uncounted": 0},
+                Anomaly.DIRECTION_SWITCH,
+            )
+            yield Row(
+                mode,
+                m._lasted(m.turn_timeout),
+                Mode.DEAD,
+                {"ticks": 0, "planned": same, "uncounted": ca.logic_not(m.count_reissue)},
+                Anomaly.TURN_FAILURE,
+            )
+
+        # d and h are watched in the dead period too; what they ask for beats the command planned (4.1.4.3)
+        over = m._lasted(m.dead_time)
+        go_on = m.planned == Command.FORWARD
+        changed = Anomaly.NO_COMMAND
+        yield Row(Mode.DEAD, won, Mode.STOP_AT_WAYPOINT, at_waypoint, changed)
+        yield Row(Mode.DEAD, every(over, go_on, off < m.moving_deviation), Mode.FORWARD, forward)
+        yield Row(Mode.DEAD, every(over, go_on), Mode.STOP_TO_TURN, {"ticks": 0}, changed)
+        yield Row(Mode.DEAD, every(over, off < limit), Mode.FORWARD, forward, changed)
+        yield from m._turn(Mode.DEAD, over, counts=ca.logic_not(m.uncounted))
+
+        yield Row(Mode.STOP_AT_WAYPOINT, every(m._at_rest(), m.reached >= m.count), Mode.RECALL, {"ticks": 0})
+        yield Row(Mode.STOP_AT_WAYPOINT, every(m._at_rest(), off < limit), Mode.FORWARD, forward)
+        yield from m._turn(Mode.STOP_AT_WAYPOINT, m._at_rest(), counts=ca.SX(1))
+
+        yield Row(Mode.RECALL, won, Mode.SUCCESS, {"ticks": 0})
+        yield Row(Mode.FAILURE_RECALL, won, Mode.FAILED, {"ticks": 0})
+
+    @triggered(lambda m: m.anomaly > Anomaly.NONE)
+    def report(m) -> None:
+        """Count each anomaly by its kind."""
+        m.anomalies = ca.vertcat(
+            *(m.anomalies[a - 1] + (m.anomaly == a) for a in Anomaly if a is not Anomaly.NONE)
+        )
+
+    def answer(m) -> None:
+        """The mode's command, unless something beats it."""
+        command = _choose(m.now, COMMANDS, Command.NONE)
+        command = either(m.overruled > Anomaly.NONE, Command.STOP, command)
+        overridden = every(m.override > Command.NONE, m.overruled == Anomaly.NONE)
+        m.command = either(overridden, m.override, command)
+        m.mode = m.now
+        m.status = _choose(m.now, STATUSES, Status.RUNNING)
+        m.waypoint = m.reached
+        m.directional_commands = m.issued
+
+    def _blocked(m) -> SX:
+        return some(m.overruled > Anomaly.NONE, m.override > Command.NONE)
+
+    def _lasted(m, time: SX) -> SX:
+        """Has the mode lasted this long [s]? Half a tick's tolerance keeps it the same in float32."""
+        return m.ticks * m.sample_time > time - 0.5 * m.sample_time
+
+    def _at_rest(m) -> SX:
+        """The stop command has been on long enough, and the animal has stopped."""
+        return every(m._lasted(m.stop_hold), m.speed < m.stopped_speed)
+
+    def _stuck(m) -> SX:
+        """The animal was told to go, and has not moved far enough when its time is up."""
+        moved = (m.north - m.issue_north) ** 2 + (m.east - m.issue_east) ** 2
+        due = every(m._lasted(m.forward_timeout), (m.ticks - 1.5) * m.sample_time < m.forward_timeout)
+        return every(due, moved < m.forward_distance**2)
+
+    def _turn(m, mode: Mode, when: SX, counts: SX) -> Iterator[Row]:
+        """Issue the directional command that is asked for; one more than MAXTURN fails the trial."""
+        failure = {"ticks": 0, "target_north": m.base_north, "target_east": m.base_east}
+        too_many = every(when, counts, m.turns >= m.max_turns)
+        yield Row(mode, too_many, Mode.FAILURE_RECALL, failure, Anomaly.TRIAL_FAILURE)
+        for next, command, side in (
+            (Mode.RIGHT, Command.RIGHT, m.deviation >= 0),
+            (Mode.LEFT, Command.LEFT, m.deviation < 0),
+        ):
+            issue = {"ticks": 0, "issued": m.issued + 1, "turns": m.turns + counts}
+            if mode is Mode.DEAD:
+                yield Row(mode, every(when, side, m.planned == command), next, issue)
+                yield Row(mode, every(when, side), next, issue, Anomaly.NO_COMMAND)
+            else:
+                yield Row(mode, every(when, side), next, issue)
+
+
+def _choose(key: SX, table: dict[Mode, Command] | dict[Mode, Status], other: IntEnum) -> SX:
+    """The table's value for the key, or `other`."""
+    value: SX = ca.SX(other)
+    for k, v in table.items():
+        value = either(key == k, v, value)
+    return value
+
+
+def _element(vector: SX, index: SX) -> SX:
+    """vector[index], index from 0."""
+    value = vector[0]
+    for i in range(1, vector.numel()):
+        value = either(index == i, vector[i], value)
+    return value

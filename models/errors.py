@@ -1,0 +1,31 @@
+"""Every error a user can cause, one class per kind, all under `CanineError`."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class CanineError(Exception):
+    """What, which, got, expected, what to do: one line that a user can act on."""
+
+
+class DeclarationError(CanineError):
+    """A block is declared in a way that cannot be carried out."""
+
+
+class WiringError(CanineError):
+    """Outputs and inputs do not fit together."""
+
+
+class ParameterError(CanineError):
+    """A parameter is unknown, of the wrong type or out of its range."""
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """A hint `; did you mean "..."?` with the nearest known name, or the list of them if none is near."""
+    known = list(known)
+    close = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
+    if close:
+        return f'; did you mean "{close[0]}"?'
+    return f"; known: {', '.join(sorted(known))}" if known else ""

@@ -1,0 +1,41 @@
+"""The pedestrian who carried the system in the first tests: it obeys at once (4.1.5)."""
+
+from __future__ import annotations
+
+import math
+
+from models.canine import Plant
+from models.commands import Command
+from models.kit.declaration import Parameter
+from models.kit.geometry import either, some, wrap
+
+DEG = math.pi / 180
+
+
+class Pedestrian(Plant):
+    """A person who carries the system and does what it says."""
+
+    source = "Miller 2010, 4.1.5"
+
+    walking_speed = Parameter("m/s", "speed on FORWARD and RECALL", start=1.4, min=0)
+    walking_acceleration = Parameter("m/s2", "acceleration and deceleration", start=2.0, min=0)
+    turning_rate = Parameter("rad/s", "turn rate on LEFT and RIGHT", start=60 * DEG, min=0)
+
+    def initialize(m) -> None:
+        """Stand at the start."""
+        m._place()
+
+    def move(m) -> None:
+        """Walk, stop, turn as told."""
+        walking = some(m.command == Command.FORWARD, m.command == Command.RECALL)
+        turn = either(m.command == Command.RIGHT, m.turning_rate, 0)
+        turn = either(m.command == Command.LEFT, -m.turning_rate, turn)
+        m._move(either(walking, 1, -1) * m.walking_acceleration, m.walking_speed, turn)
+
+    def output(m) -> None:
+        """A level pack that moves as the person does."""
+        m.north, m.east = m.position_north, m.position_east
+        m.speed, m.heading = m.velocity, m.course
+        m.acceleration = (m.velocity - m.past_velocity) / m.sample_time
+        m.pitch = m.roll = 0
+        m.yaw_rate = wrap(m.course - m.past_course) / m.sample_time

@@ -1,0 +1,181 @@
+"""The sensor suite on the vest: GPS receiver, IMU, attitude reference, magnetometer (2.3, D.6)."""
+
+from __future__ import annotations
+
+import math
+
+import casadi as ca
+
+from models.commands import GRAVITY
+from models.kit.block import Block, triggered
+from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State, Stream
+from models.kit.geometry import clip, either, every, some, wrap
+from models.kit.random import normals
+
+DEG = math.pi / 180
+OUTAGES = 8  # time windows without GPS
+
+
+class Sensors(Block):
+    """Sensor suite: what GPS, IMU, AHRS and magnetometer say of the animal's motion."""
+
+    source = "Miller 2010, 2.3, eq. C.3, D.12-D.17"
+
+    north = Input("m", "true position")
+    east = Input("m", "true position")
+    speed = Input("m/s", "true ground speed")
+    heading = Input("rad", "true heading, clockwise from north")
+    acceleration = Input("m/s2", "true longitudinal acceleration", start=0)
+    pitch = Input("rad", "true pitch, nose up positive", start=0)
+    roll = Input("rad", "true roll, right side down positive", start=0)
+    yaw_rate = Input("rad/s", "true yaw rate, clockwise positive", start=0)
+
+    accel_x = Output("m/s2", "specific force, forward")
+    accel_y = Output("m/s2", "specific force, right")
+    accel_z = Output("m/s2", "specific force, down")
+    gyro_x = Output("rad/s", "turn rate about forward")
+    gyro_y = Output("rad/s", "turn rate about right")
+    gyro_z = Output("rad/s", "turn rate about down")
+    mag_x = Output("T", "magnetic field, forward")
+    mag_y = Output("T", "magnetic field, right")
+    mag_z = Output("T", "magnetic field, down")
+    roll_meas = Output("rad", "roll from the AHRS")
+    pitch_meas = Output("rad", "pitch from the AHRS, nose up positive")
+    heading_meas = Output("rad", "heading from the AHRS, clockwise from true north")
+    gps_fix = Output(Boolean, "a fix arrived on this tick")
+    gps_north = Output("m", "position of the last fix")
+    gps_east = Output("m", "position of the last fix")
+    gps_speed = Output("m/s", "ground speed of the last fix")
+    gps_course = Output("rad", "course over ground of the last fix")
+    gps_h_acc = Output("m", "the receiver's estimate of its horizontal accuracy")
+    gps_s_acc = Output("m/s", "the receiver's estimate of its speed accuracy")
+
+    seed = Parameter(Integer, "trial number: selects the random streams", start=1, min=0, max=2147483647)
+    noisy = Parameter(Boolean, "noise, biases and saturation; off: the sensors return the truth", start=1)
+    gps_period = Parameter("s", "time between fixes (4 Hz)", start=0.25, min=0.04, max=1e3)
+    gps_wander = Parameter("m", "slowly varying position error, standard deviation", start=1.0, min=0)
+    gps_wander_time = Parameter("s", "correlation time of that error", start=60, min=0)
+    gps_position_noise = Parameter("m", "white position noise, standard deviation", start=0.3, min=0)
+    gps_speed_noise = Parameter("m/s", "speed noise (eq. D.12)", start=0.05, min=0)
+    gps_slow_speed = Parameter("m/s", "below it the course noise grows no more", start=0.1, min=1e-3)
+    gps_reported_h_acc = Parameter(
+        "m", "horizontal accuracy that the receiver states (B.11)", start=3.5, min=0
+    )
+    gps_reported_s_acc = Parameter("m/s", "speed accuracy that the receiver states", start=0.1, min=0)
+    outage_start = Parameter("s", "windows without GPS: from", start=0, size=OUTAGES, min=0)
+    outage_end = Parameter("s", "windows without GPS: until", start=0, size=OUTAGES, min=0)
+    accel_noise = Parameter("m/s2", "specific force noise (eq. D.14)", start=1.0, min=0)
+    accel_bias = Parameter("m/s2", "bias forward, right, down (eq. D.14)", start=(0.1, 0.1, 0.1), size=3)
+    accel_limit = Parameter("m/s2", "the accelerometers saturate", start=50, min=0)
+    gyro_noise = Parameter("rad/s", "turn rate noise (eq. D.13)", start=0.1 * DEG, min=0)
+    gyro_bias = Parameter("rad/s", "bias forward, right, down (eq. D.13)", start=(0.1 * DEG,) * 3, size=3)
+    gyro_limit = Parameter("rad/s", "the gyroscopes saturate", start=300 * DEG, min=0)
+    attitude_noise = Parameter("rad", "AHRS roll and pitch noise", start=0.5 * DEG, min=0)
+    heading_noise = Parameter("rad", "AHRS heading noise", start=1.0 * DEG, min=0)
+    mag_noise = Parameter("T", "magnetometer noise", start=5e-7, min=0)
+    mag_horizontal = Parameter("T", "horizontal component of the earth's field", start=2.4e-5, min=0)
+    mag_down = Parameter("T", "downward component of the earth's field", start=4.3e-5)
+    mag_declination = Parameter("rad", "declination, east positive", start=-3.5 * DEG)
+
+    tick = State(Integer, "ticks since the start", max=2e9)
+    fixes = State(Integer, "fixes due so far")
+    past_pitch = State("rad", "pitch a tick ago")
+    past_roll = State("rad", "roll a tick ago")
+    wander_north = State("m", "slowly varying position error")
+    wander_east = State("m", "slowly varying position error")
+    noise = State("1", "this tick's normal draws", size=12)
+    fixed = State(Boolean, "a fix arrived on this tick")
+    fix_north = State("m", "position of the last fix")
+    fix_east = State("m", "position of the last fix")
+    fix_speed = State("m/s", "ground speed of the last fix")
+    fix_course = State("rad", "course over ground of the last fix")
+    gps_stream = Stream("GPS noise", substream=8)
+    imu_stream = Stream("IMU, AHRS and magnetometer noise", substream=9)
+
+    def initialize(m) -> None:
+        """The slowly varying error starts where it might be at any time."""
+        draws, m.gps_stream = normals(m.gps_stream, 2)
+        m.wander_north, m.wander_east = m.gps_wander * draws[0], m.gps_wander * draws[1]
+
+    @triggered("noisy")
+    def draw(m) -> None:
+        """This tick's noise of IMU, AHRS and magnetometer."""
+        draws, m.imu_stream = normals(m.imu_stream, 12)
+        m.noise = ca.vertcat(*draws)
+
+    def listen(m) -> None:
+        """No fix, unless one is due."""
+        m.fixed = 0
+
+    @triggered(lambda m: m.tick * m.sample_time > m.fixes * m.gps_period - 1e-6)
+    def fix(m) -> None:
+        """The receiver's fix, on the first tick at or after its time (eq. D.12, D.15; 2.3)."""
+        draws, m.gps_stream = normals(m.gps_stream, 6)
+        m.fixes = m.fixes + 1
+        kept = m.gps_wander_time / (m.gps_wander_time + m.gps_period)
+        driven = m.gps_wander * ca.sqrt(1 - kept * kept)
+        m.wander_north = kept * m.wander_north + driven * draws[0]
+        m.wander_east = kept * m.wander_east + driven * draws[1]
+        on = either(m.noisy, 1, 0)
+        time = m.tick * m.sample_time
+        m.fixed = ca.logic_not(
+            some(*(every(time >= m.outage_start[i], time < m.outage_end[i]) for i in range(OUTAGES)))
+        )
+        m.fix_north = m.north + on * (m.wander_north + m.gps_position_noise * draws[2])
+        m.fix_east = m.east + on * (m.wander_east + m.gps_position_noise * draws[3])
+        m.fix_speed = ca.fabs(m.speed + on * m.gps_speed_noise * draws[4])
+        course_noise = m.gps_speed_noise / either(m.speed > m.gps_slow_speed, m.speed, m.gps_slow_speed)
+        m.fix_course = wrap(m.heading + on * course_noise * draws[5])
+
+    def output(m) -> None:
+        """Eq. D.16 and D.17 in three axes, C.3 the other way round."""
+        n = [either(m.noisy, m.noise[i], 0) for i in range(12)]
+        sine_pitch, cosine_pitch = ca.sin(m.pitch), ca.cos(m.pitch)
+        sine_roll, cosine_roll = ca.sin(m.roll), ca.cos(m.roll)
+
+        level = cosine_pitch * GRAVITY
+        force = (
+            m.acceleration + sine_pitch * GRAVITY,  # eq. D.17
+            m.speed * m.yaw_rate - level * sine_roll,
+            -level * cosine_roll,
+        )
+        m.accel_x, m.accel_y, m.accel_z = (
+            m._sensed(force[i], m.accel_bias[i], m.accel_noise * n[i], m.accel_limit) for i in range(3)
+        )
+
+        began = m.tick > 0
+        pitching = either(began, (m.pitch - m.past_pitch) / m.sample_time, 0)
+        rolling = either(began, (m.roll - m.past_roll) / m.sample_time, 0)
+        rate = (
+            rolling - m.yaw_rate * sine_pitch,
+            pitching * cosine_roll + m.yaw_rate * cosine_pitch * sine_roll,
+            m.yaw_rate * cosine_pitch * cosine_roll - pitching * sine_roll,
+        )
+        m.gyro_x, m.gyro_y, m.gyro_z = (
+            m._sensed(rate[i], m.gyro_bias[i], m.gyro_noise * n[3 + i], m.gyro_limit) for i in range(3)
+        )
+
+        magnetic_heading = m.heading - m.mag_declination
+        forward = m.mag_horizontal * ca.cos(magnetic_heading)
+        right = -m.mag_horizontal * ca.sin(magnetic_heading)
+        pitched_down = sine_pitch * forward + cosine_pitch * m.mag_down
+        m.mag_x = cosine_pitch * forward - sine_pitch * m.mag_down + m.mag_noise * n[6]
+        m.mag_y = cosine_roll * right + sine_roll * pitched_down + m.mag_noise * n[7]
+        m.mag_z = cosine_roll * pitched_down - sine_roll * right + m.mag_noise * n[8]
+
+        m.roll_meas = m.roll + m.attitude_noise * n[9]
+        m.pitch_meas = m.pitch + m.attitude_noise * n[10]
+        m.heading_meas = wrap(m.heading + m.heading_noise * n[11])
+
+        m.gps_fix = m.fixed
+        m.gps_north, m.gps_east = m.fix_north, m.fix_east
+        m.gps_speed, m.gps_course = m.fix_speed, m.fix_course
+        m.gps_h_acc, m.gps_s_acc = m.gps_reported_h_acc, m.gps_reported_s_acc
+
+    def remember(m) -> None:
+        """What rates are differences to, and the time."""
+        m.past_pitch, m.past_roll = m.pitch, m.roll
+        m.tick = either(m.tick < 2e9, m.tick + 1, m.tick)
+
+    def _sensed(m, truth: SX, bias: SX, noise: SX, limit: SX) -> SX:
+        return either(m.noisy, clip(truth + bias + noise, -limit, limit), truth)

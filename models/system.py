@@ -1,0 +1,178 @@
+"""The wiring: which output feeds which input, checked before anything runs, and the order of a tick."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from graphlib import CycleError, TopologicalSorter
+from typing import Any
+
+import control
+import numpy as np
+
+from models.canine import Canine
+from models.cmec import Cmec
+from models.command_module import CommandModule
+from models.errors import WiringError, nearest
+from models.four_state import FourState
+from models.kit.block import Block
+from models.kit.declaration import Input, Output, Variable
+from models.kit.model import control_system
+from models.sensors import Sensors
+
+
+@dataclass(frozen=True)
+class Connection:
+    """One link: `source_variable` of component `source` feeds `target_variable` of component `target`."""
+
+    source: str
+    source_variable: str
+    target: str
+    target_variable: str
+
+    def __str__(self) -> str:
+        return f"{self.source}.{self.source_variable} -> {self.target}.{self.target_variable}"
+
+
+@dataclass(frozen=True)
+class System:
+    """Components by their role, and the links between them.
+
+    Raises:
+        WiringError: a link connects different units, types or sizes, or what does not exist; an input has two
+            sources, or neither source nor start value; a loop passes through no plant.
+    """
+
+    name: str
+    components: dict[str, type[Block]]
+    connections: tuple[Connection, ...]
+
+    def __post_init__(self) -> None:
+        sources: dict[tuple[str, str], Connection] = {}
+        for link in self.connections:
+            source = self._variable(link, link.source, link.source_variable, Output)
+            target = self._variable(link, link.target, link.target_variable, Input)
+            for what, got, expected in (
+                ("type", source.type.value, target.type.value),
+                ("unit", source.unit, target.unit),
+                ("size", source.width, target.width),
+                ("named values", source.choices, target.choices),
+            ):
+                if got != expected:
+                    raise WiringError(f'{self.name}: {link}: {what} "{got}", expected "{expected}"')
+            key = (link.target, link.target_variable)
+            if key in sources:
+                raise WiringError(f"{self.name}: {link}: the input has a source already, {sources[key]}")
+            sources[key] = link
+        for component, block in self.components.items():
+            for variable in block.variables(Input).values():
+                if not variable.has_start and (component, variable.name) not in sources:
+                    raise WiringError(
+                        f'{self.name}: input "{component}.{variable.name}" has neither source nor start value'
+                    )
+        self.order()
+
+    def _variable(self, link: Connection, component: str, name: str, kind: type[Variable]) -> Variable:
+        if component not in self.components:
+            raise WiringError(
+                f'{self.name}: {link}: no component "{component}"{nearest(component, self.components)}'
+            )
+        known = self.components[component].variables(kind)
+        if name not in known:
+            kind_name = kind.__name__.lower()
+            raise WiringError(
+                f'{self.name}: {link}: "{component}" has no {kind_name} "{name}"{nearest(name, known)}'
+            )
+        return known[name]
+
+    def order(self) -> list[str]:
+        """The components in data-flow order within a tick; plants, whose outputs wait for no input, last."""
+        plants = [c for c, block in self.components.items() if block.moore]
+        graph: dict[str, set[str]] = {c: set() for c in self.components if c not in plants}
+        for link in self.connections:
+            if link.target in graph and link.source in graph:
+                graph[link.target].add(link.source)
+        try:
+            return [*TopologicalSorter(graph).static_order(), *plants]
+        except CycleError as cycle:
+            raise WiringError(f"{self.name}: no plant delays the loop {' -> '.join(cycle.args[1])}") from None
+
+    def interconnect(self, parameters: Mapping[str, Mapping[str, float]] | None = None) -> Any:
+        """The whole system as one `control` system: the reference in Python.
+
+        Args:
+            parameters: values by component and flat name.
+
+        Returns:
+            A discrete-time `control.InterconnectedSystem`; its inputs are the unconnected inputs and its
+            outputs all outputs, named `component_variable` (`control` allows no dots); `initial_state` is its
+            state at t = 0 and `initial_input` the start values of its inputs.
+        """
+        systems = {
+            c: control_system(block, c, (parameters or {}).get(c)) for c, block in self.components.items()
+        }
+        fed = {(link.target, link.target_variable) for link in self.connections}
+        free = [
+            (c, n) for c, b in self.components.items() for n in b.flat_names("input") if (c, n) not in fed
+        ]
+        outputs = [f"{c}.{n}" for c, b in self.components.items() for n in b.flat_names("output")]
+        whole = control.interconnect(
+            list(systems.values()),
+            connections=[
+                [f"{x.target}.{x.target_variable}", f"{x.source}.{x.source_variable}"]
+                for x in self.connections
+            ],
+            inplist=[f"{c}.{n}" for c, n in free],
+            inputs=[f"{c}_{n}" for c, n in free],
+            outlist=outputs,
+            outputs=[name.replace(".", "_") for name in outputs],
+            name=self.name,
+            check_unused=False,
+        )
+        starts = {(c, n): v for c, b in self.components.items() for n, v in _starts(b)}
+        whole.initial_input = np.array([starts[key] for key in free])
+        whole.initial_state = np.concatenate([s.initial_state for s in systems.values()])
+        return whole
+
+
+def _starts(block: type[Block]) -> list[tuple[str, float]]:
+    return [(n, s) for v in block.group("input") for n, s in zip(v.flat_names, v.start, strict=True)]
+
+
+def by_name(components: Mapping[str, type[Block]], links: Mapping[str, str]) -> tuple[Connection, ...]:
+    """Link every input to the output of the same name: `links` gives the source component of each target."""
+    return tuple(
+        Connection(source, variable.name, target, variable.name)
+        for target, source in links.items()
+        for variable in components[target].group("input")
+        if variable.name in components[source].variables(Output)
+    )
+
+
+def full_system(plant: type[Block] = Canine, estimator: type[Block] = FourState) -> System:
+    """The whole loop: plant, sensors, estimator, controller, command module."""
+    components: dict[str, type[Block]] = {
+        "sensors": Sensors,
+        "estimator": estimator,
+        "controller": Cmec,
+        "command_module": CommandModule,
+        "plant": plant,
+    }
+    links = {
+        "sensors": "plant",
+        "estimator": "sensors",
+        "controller": "estimator",
+        "command_module": "controller",
+        "plant": "controller",
+    }
+    return System("full", components, by_name(components, links))
+
+
+def trial_simulator(plant: type[Block] = Canine) -> System:
+    """The trial simulator of Chapter 5 (CTS): the plant's true state goes into the controller."""
+    components: dict[str, type[Block]] = {"controller": Cmec, "command_module": CommandModule, "plant": plant}
+    links = {"controller": "plant", "command_module": "controller", "plant": "controller"}
+    return System("cts", components, by_name(components, links))
+
+
+SYSTEMS: dict[str, System] = {"full": full_system(), "cts": trial_simulator()}
