@@ -151,10 +151,10 @@ class Cmec(Block):
 
     def watch(m) -> None:
         """The order of precedence: a lost link, the operator, bad input, an invalid estimate, the table."""
-        good = m.within("north", "east", "speed", "heading")
+        good = m.within("north", "east", "speed", "heading", "override")
         cause = either(m.valid, Anomaly.NONE, Anomaly.INVALID_ESTIMATE)
         cause = either(good, cause, Anomaly.BAD_INPUT)
-        cause = either(m.override > Command.NONE, Anomaly.NONE, cause)
+        cause = either(every(m.override > Command.NONE, m.within("override")), Anomaly.NONE, cause)
         cause = either(m.link_ok, cause, Anomaly.LOST_LINK)
         running = every(m.now > Mode.IDLE, m.now < Mode.SUCCESS)
         m.anomaly = either(every(running, cause != m.overruled), cause, Anomaly.NONE)
@@ -171,17 +171,24 @@ class Cmec(Block):
         m.reached = m.turns = m.issued = 0
         m.issue_north, m.issue_east = m.north, m.east
 
-    @triggered(lambda m: every(ca.logic_not(m.start), m.now > Mode.IDLE))
+    @triggered(
+        lambda m: every(
+            ca.logic_not(m.start),
+            m.now > Mode.IDLE,
+            some(m.now != Mode.STOPPED, m._lasted(m.stop_hold)),  # a stop is held, this one too
+        )
+    )
     def end(m) -> None:
         """The start signal is withdrawn: a running trial is stopped, an ended one makes room for the next."""
         running = m.now < Mode.SUCCESS
         m.now = either(running, Mode.STOPPED, Mode.IDLE)
         m.ticks = 0
 
-    @triggered(lambda m: every(m._blocked(), m.now > Mode.IDLE, m.now < Mode.STOP_AT_WAYPOINT))
+    @triggered(lambda m: every(m._blocked(), m.now > Mode.IDLE, m.now <= Mode.STOP_AT_WAYPOINT))
     def interrupt(m) -> None:
         """What the animal does meanwhile is not ours: afterwards begin again from a stop."""
-        m.now, m.ticks = Mode.STOP_TO_TURN, 0
+        m.now = either(m.now == Mode.STOP_AT_WAYPOINT, m.now, Mode.STOP_TO_TURN)
+        m.ticks = 0
 
     @triggered(lambda m: every(m.now == Mode.STOP_AT_WAYPOINT, ca.logic_not(m._blocked()), m._at_rest()))
     def advance(m) -> None:
@@ -259,7 +266,8 @@ class Cmec(Block):
         yield Row(Mode.DEAD, every(over, go_on, off < m.moving_deviation), Mode.FORWARD, forward)
         yield Row(Mode.DEAD, every(over, go_on), Mode.STOP_TO_TURN, {"ticks": 0}, changed)
         yield Row(Mode.DEAD, every(over, off < limit), Mode.FORWARD, forward, changed)
-        yield from m._turn(Mode.DEAD, over, counts=ca.logic_not(m.uncounted))
+        reissued = m.planned == either(m.deviation >= 0, Command.RIGHT, Command.LEFT)
+        yield from m._turn(Mode.DEAD, over, counts=ca.logic_not(every(m.uncounted, reissued)))
 
         yield Row(Mode.STOP_AT_WAYPOINT, every(m._at_rest(), m.reached >= m.count), Mode.RECALL, {"ticks": 0})
         yield Row(Mode.STOP_AT_WAYPOINT, every(m._at_rest(), off < limit), Mode.FORWARD, forward)
@@ -289,9 +297,9 @@ class Cmec(Block):
     def _blocked(m) -> SX:
         return some(m.overruled > Anomaly.NONE, m.override > Command.NONE)
 
-    def _lasted(m, time: SX) -> SX:
-        """Has the mode lasted this long [s]? Half a tick's tolerance keeps it the same in float32."""
-        return m.ticks * m.sample_time > time - 0.5 * m.sample_time
+    def _lasted(m, time: SX, ticks_ago: int = 0) -> SX:
+        """Had the mode lasted this long [s]? A tenth of a tick's tolerance keeps it the same in float32."""
+        return (m.ticks - ticks_ago) * m.sample_time > time - 0.1 * m.sample_time
 
     def _at_rest(m) -> SX:
         """The stop command has been on long enough, and the animal has stopped."""
@@ -300,7 +308,7 @@ class Cmec(Block):
     def _stuck(m) -> SX:
         """The animal was told to go, and has not moved far enough when its time is up."""
         moved = (m.north - m.issue_north) ** 2 + (m.east - m.issue_east) ** 2
-        due = every(m._lasted(m.forward_timeout), (m.ticks - 1.5) * m.sample_time < m.forward_timeout)
+        due = every(m._lasted(m.forward_timeout), ca.logic_not(m._lasted(m.forward_timeout, ticks_ago=1)))
         return every(due, moved < m.forward_distance**2)
 
     def _turn(m, mode: Mode, when: SX, counts: SX) -> Iterator[Row]:

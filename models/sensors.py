@@ -121,11 +121,13 @@ class Sensors(Block):
         m.fixed = ca.logic_not(
             some(*(every(time >= m.outage_start[i], time < m.outage_end[i]) for i in range(OUTAGES)))
         )
-        m.fix_north = m.north + on * (m.wander_north + m.gps_position_noise * draws[2])
-        m.fix_east = m.east + on * (m.wander_east + m.gps_position_noise * draws[3])
-        m.fix_speed = ca.fabs(m.speed + on * m.gps_speed_noise * draws[4])
+        north = m.north + on * (m.wander_north + m.gps_position_noise * draws[2])
+        east = m.east + on * (m.wander_east + m.gps_position_noise * draws[3])
+        speed = ca.fabs(m.speed + on * m.gps_speed_noise * draws[4])
         course_noise = m.gps_speed_noise / either(m.speed > m.gps_slow_speed, m.speed, m.gps_slow_speed)
-        m.fix_course = wrap(m.heading + on * course_noise * draws[5])
+        course = wrap(m.heading + on * course_noise * draws[5])
+        m.fix_north, m.fix_east = either(m.fixed, north, m.fix_north), either(m.fixed, east, m.fix_east)
+        m.fix_speed, m.fix_course = either(m.fixed, speed, m.fix_speed), either(m.fixed, course, m.fix_course)
 
     def output(m) -> None:
         """Eq. D.16 and D.17 in three axes, C.3 the other way round."""

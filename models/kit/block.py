@@ -16,7 +16,7 @@ from typing import Any, ClassVar, TypeVar
 
 import casadi as ca
 
-from models.errors import DeclarationError
+from models.errors import DeclarationError, ParameterError
 from models.kit.declaration import SX, Output, Parameter, State, Stream, Variable, flatten
 from models.kit.elementary import Precision, lower
 
@@ -138,6 +138,21 @@ class Block:
     source: ClassVar[str] = ""
     moore: ClassVar[bool] = False
     precisions: ClassVar[tuple[Precision, ...]] = ("double",)
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        """Refuse start values outside of their declared range.
+
+        Raises:
+            DeclarationError: naming the variable, its start and its range.
+        """
+        super().__init_subclass__(**kwargs)
+        for variable in vars(cls).values():
+            if isinstance(variable, Variable):
+                try:
+                    for value in variable.start:
+                        variable.check(value, f"{cls.__name__}.{variable.name}")
+                except ParameterError as reason:
+                    raise DeclarationError(f"start of {reason}") from None
 
     def __init__(self, symbols: dict[str, SX], readable: set[str], precision: Precision = "double") -> None:
         self._symbols = symbols
@@ -268,6 +283,8 @@ class _Tracer:
         guard: Guard | None = getattr(method, "guard", None)
         if guard is None:
             return None
+        if isinstance(guard, str) and guard not in self.cls.variables():
+            raise DeclarationError(f'{self.cls.__name__}.{name}: guard "{guard}" is not a variable')
         m, arguments = self.open()
         condition = getattr(m, guard) if isinstance(guard, str) else guard(m)
         return self.close(f"{name}_guard", arguments, [ca.SX(condition)])
@@ -336,7 +353,11 @@ def _trace(cls: type[Block], precision: Precision) -> Program:
         last = tick[-1]
         if not isinstance(last, Update) or last.name != "output":
             raise DeclarationError(f"{cls.__name__}: the last update of a moore block is `output`")
-        if last.function.sparsity_jac(1, 0).nnz():
-            raise DeclarationError(f"{cls.__name__}.output depends on inputs; a moore block's may not")
+        early = [n for n in cls.flat_names("output") if n not in last.writes]
+        if early:
+            raise DeclarationError(f"{cls.__name__}: a moore block sets {', '.join(early)} in `output` alone")
+        for kind in ("input", "output"):
+            if last.function.sparsity_jac(GROUPS.index(kind), 0).nnz():
+                raise DeclarationError(f"{cls.__name__}.output depends on {kind}s; a moore block's may not")
         initialize.append(last)
     return Program(cls, precision, tuple(initialize), tuple(tick))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, overload
 
 import casadi as ca
 
-from models.errors import DeclarationError, ParameterError
+from models.errors import DeclarationError, ParameterError, nearest
 from models.kit.units import UNITS
 
 if TYPE_CHECKING:
@@ -61,7 +61,9 @@ class Variable:
         self.choices: type[enum.IntEnum] | None = None
         if isinstance(unit_or_type, str):
             if unit_or_type not in UNITS:
-                raise DeclarationError(f'"{meaning}": unit "{unit_or_type}" is not in models.kit.units.UNITS')
+                raise DeclarationError(
+                    f'"{meaning}": unit "{unit_or_type}" is unknown{nearest(unit_or_type, UNITS)}'
+                )
             self.type, self.unit = Type.REAL, unit_or_type
         elif isinstance(unit_or_type, Type):
             self.type = unit_or_type
@@ -83,8 +85,6 @@ class Variable:
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
-        for value in self.start:
-            self.check(value, f"{owner.__name__}.{name}")
 
     @overload
     def __get__(self, block: None, owner: type) -> Variable: ...
@@ -123,6 +123,8 @@ class Variable:
         if self.type is not Type.REAL and value != int(value):
             raise ParameterError(f"{what} is {value}; expected {self.expected()}")
         if (self.min is not None and value < self.min) or (self.max is not None and value > self.max):
+            raise ParameterError(f"{what} is {value:g}; expected {self.expected()}")
+        if self.choices and value not in list(self.choices):
             raise ParameterError(f"{what} is {value:g}; expected {self.expected()}")
 
     def expected(self) -> str:

@@ -13,7 +13,6 @@ UNITS: dict[str, dict[str, int]] = {
     "m/s2": {"m": 1, "s": -2},
     "rad": {"rad": 1},
     "rad/s": {"rad": 1, "s": -1},
-    "rad.m/s": {"rad": 1, "m": 1, "s": -1},
     "Hz": {"s": -1},
     "T": {"kg": 1, "s": -2, "A": -1},
 }

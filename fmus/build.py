@@ -1,0 +1,185 @@
+"""Builds FMUs: generated C, the shim, descriptions and binaries; the same block gives the same bytes."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+import uuid
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+
+from codegen.block_c import generate
+from codegen.compiler import FLAGS, Platform, build_library, compiler_version, find_platform, this_platform
+from fmus.archive import pack, stamp_of
+from fmus.description import FmiVersion, block_header, build_description, documentation, model_description
+from fmus.ssp import write_ssp
+from models.errors import CanineError, DeclarationError
+from models.kit.block import Block
+from models.kit.elementary import Precision
+from models.pedestrian import Pedestrian
+from models.system import SYSTEMS
+
+BUILD = Path(__file__).parent / "build"
+VERSIONS: tuple[FmiVersion, ...] = (2, 3)
+SHIM = Path(__file__).parent / "shim"
+HEADERS: dict[FmiVersion, tuple[str, ...]] = {
+    2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
+    3: ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
+}
+TOKEN = "@token@"  # stands for the token in what the token is made of
+Generate = Callable[[type[Block], Precision], dict[str, str]]
+# both versions of an FMU hold the same C; mypy takes a class for nothing hashable
+_generate: Generate = cache(generate)  # type: ignore[assignment]
+
+
+class BuildError(CanineError):
+    """An FMU cannot be made here."""
+
+
+def build_fmu(
+    block: type[Block],
+    folder: Path,
+    version: FmiVersion,
+    platforms: Sequence[str] = (),
+    precision: Precision = "double",
+) -> Path:
+    """Build `<block>.fmu` (`<block>_float.fmu` in single precision), unless it lies there up to date.
+
+    Args:
+        platforms: names of `codegen.compiler.PLATFORMS`; this machine's by default.
+
+    Raises:
+        DeclarationError: the block does not come in this precision.
+        CompileError: a platform is unknown, or the compiler refuses the C.
+        BuildError: two platforms would lie in the same folder.
+    """
+    return _prepare(block, folder, version, platforms, precision)()
+
+
+def build_all(
+    folder: Path = BUILD,
+    platforms: Sequence[str] = (),
+    done: Callable[[Path], None] = lambda path: None,
+) -> list[Path]:
+    """Build `fmi<n>/<block>.fmu` of every block and `<system>.fmi<n>.ssp` of every system, n being 2 and 3.
+
+    FMUs that are up to date stay. The compilers run side by side.
+
+    Args:
+        done: told each file that is ready.
+
+    Raises:
+        CompileError: a platform is unknown, or the compiler refuses the C.
+    """
+    blocks = [block for system in SYSTEMS.values() for block in system.components.values()]
+    built: dict[tuple[type[Block], FmiVersion], Future[Path]] = {}
+    paths = []
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for block in dict.fromkeys([*blocks, Pedestrian]):
+            for version in VERSIONS:
+                job = _prepare(block, folder / f"fmi{version}", version, platforms, "double")
+                built[block, version] = pool.submit(job)
+        for future in built.values():
+            paths.append(future.result())
+            done(paths[-1])
+    for system in SYSTEMS.values():
+        for version in VERSIONS:
+            fmus = {role: built[block, version].result() for role, block in system.components.items()}
+            paths.append(write_ssp(system, fmus, folder / f"{system.name}.fmi{version}.ssp"))
+            done(paths[-1])
+    return paths
+
+
+def contents(block: type[Block], version: FmiVersion, precision: Precision = "double") -> dict[str, bytes]:
+    """An FMU without its binaries: path in the archive to content.
+
+    The token (GUID) is a hash of all of it, so that a binary and a description that differ never meet.
+
+    Raises:
+        DeclarationError: the block does not come in this precision.
+    """
+    if precision not in block.precisions:
+        raise DeclarationError(
+            f"{block.title()} comes in {' and '.join(block.precisions)} precision only, got {precision}"
+        )
+    files = {f"sources/{name}": text.encode() for name, text in _generate(block, precision).items()}
+    for name in ("shim.h", "shim.c", f"fmi{version}.c"):
+        files[f"sources/{name}"] = (SHIM / name).read_bytes()
+    for name in HEADERS[version]:
+        files[f"sources/{name}"] = (_headers() / name).read_bytes()
+    files["sources/block_fmu.h"] = block_header(block, version, precision, TOKEN).encode()
+    sources = _sources(files)
+    if version == 3:
+        files["sources/buildDescription.xml"] = build_description(block, sources)
+    files["modelDescription.xml"] = model_description(block, version, TOKEN, sources)
+    files["documentation/index.html"] = documentation(block, version).encode()
+    token = f"{{{uuid.UUID(hex=_digest(files)[:32])}}}"
+    return {name: content.replace(TOKEN.encode(), token.encode()) for name, content in files.items()}
+
+
+def _prepare(
+    block: type[Block], folder: Path, version: FmiVersion, platforms: Sequence[str], precision: Precision
+) -> Callable[[], Path]:
+    """Everything that traces equations; what is returned only compiles and packs, in any thread."""
+    path = folder / f"{block.title()}{'_float' if precision == 'float' else ''}.fmu"
+    chosen = [find_platform(name) for name in platforms or (this_platform(),)]
+    folders = [p.fmi2 if version == 2 else p.fmi3 for p in chosen]
+    if len(set(folders)) < len(folders):
+        machines = ", ".join(p.fmi3 for p in chosen)
+        raise BuildError(
+            f"{block.title()} for {machines}: FMI {version}.0 keeps them in folders {', '.join(folders)}; "
+            "build one of each name"
+        )
+    files = contents(block, version, precision)
+    stamp = _digest(files, [compiler_version(), *FLAGS, *sorted(p.target for p in chosen)])
+
+    def build() -> Path:
+        if stamp_of(path) == stamp:
+            return path
+        binaries: dict[str, bytes] = {}
+        for platform in chosen:
+            binaries |= _binary(block, version, platform, files)
+        return pack(path, files | binaries, stamp)
+
+    return build
+
+
+def _binary(
+    block: type[Block], version: FmiVersion, platform: Platform, files: Mapping[str, bytes]
+) -> dict[str, bytes]:
+    with tempfile.TemporaryDirectory(prefix="fmu-") as scratch:
+        sources = Path(scratch) / "sources"
+        sources.mkdir()
+        for name, content in files.items():
+            if name.startswith("sources/"):
+                (Path(scratch) / name).write_bytes(content)
+        library = build_library(
+            sources, _sources(files), Path(scratch) / f"{block.title()}{platform.suffix}",
+            what=f"{block.title()} (FMI {version}.0, {platform.fmi3})", target=platform.target,
+        )  # fmt: skip
+        folder = platform.fmi2 if version == 2 else platform.fmi3
+        return {f"binaries/{folder}/{library.name}": library.read_bytes()}
+
+
+def _sources(files: Iterable[str]) -> list[str]:
+    """The C files to compile, named relative to the sources folder."""
+    return sorted(name.removeprefix("sources/") for name in files if name.endswith(".c"))
+
+
+def _headers() -> Path:
+    """The official headers, which come with fmpy."""
+    spec = find_spec("fmpy")
+    for folder in (spec.submodule_search_locations if spec else None) or ():
+        if (Path(folder) / "c-code" / "fmi3Functions.h").exists():
+            return Path(folder) / "c-code"
+    raise BuildError("the installed fmpy has no c-code/fmi3Functions.h; install the version of the lock file")
+
+
+def _digest(files: Mapping[str, bytes], more: Iterable[str] = ()) -> str:
+    parts = [part for name in sorted(files) for part in (name.encode(), files[name])]
+    parts += [text.encode() for text in more]
+    return hashlib.sha256(b"".join(len(part).to_bytes(8, "big") + part for part in parts)).hexdigest()

@@ -1,0 +1,1 @@
+"""Running FMUs: trials, swaps, sweeps, replays, logs, reports, and the `canine` command."""

@@ -1,0 +1,76 @@
+"""Reading what somebody else packed: ZIP archives and XML, refused before they can do harm."""
+
+from __future__ import annotations
+
+import stat
+import zipfile
+from pathlib import Path, PurePosixPath
+from xml.etree import ElementTree
+from xml.parsers import expat
+
+from models.errors import CanineError
+
+MAX_BYTES = 512 * 2**20  # unpacked; our largest package is 2 MiB, an FMU with a simulator inside 200 MiB
+MAX_MEMBERS = 10_000
+
+
+class ArchiveError(CanineError):
+    """A package cannot be unpacked, or is not safe to unpack."""
+
+
+class XmlError(CanineError):
+    """An XML file is malformed, or holds a DTD or entities."""
+
+
+def unpack(path: Path, folder: Path) -> None:
+    """Unpack a ZIP archive (.fmu, .ssp) into `folder`.
+
+    Raises:
+        ArchiveError: no ZIP archive, damaged, too large, or a member that leaves the folder or is a link.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            _check(path, archive)
+            archive.extractall(folder)
+    except (zipfile.BadZipFile, EOFError, NotImplementedError, RuntimeError, ValueError) as reason:
+        raise ArchiveError(f"{path}: not a readable ZIP archive ({reason}); export it again") from None
+
+
+def _check(path: Path, archive: zipfile.ZipFile) -> None:
+    members = archive.infolist()
+    if len(members) > MAX_MEMBERS:
+        raise ArchiveError(f"{path}: {len(members)} files; at most {MAX_MEMBERS} are unpacked")
+    size = sum(member.file_size for member in members)  # zipfile extracts no more than is stated here
+    if size > MAX_BYTES:
+        raise ArchiveError(
+            f"{path}: {size / 2**20:.0f} MiB unpacked; at most {MAX_BYTES // 2**20} MiB are accepted"
+        )
+    for member in members:
+        name = member.orig_filename
+        pure = PurePosixPath(name)
+        if "\\" in name or ":" in name or pure.is_absolute() or ".." in pure.parts:
+            raise ArchiveError(
+                f'{path}: member "{name}" leaves the archive; it must have a relative path inside'
+            )
+        if stat.S_ISLNK(member.external_attr >> 16):
+            raise ArchiveError(f'{path}: member "{name}" is a symbolic link; pack the file itself')
+
+
+def parse_xml(path: Path, what: str) -> ElementTree.Element:
+    """The root element of an XML file; `what` names it in errors.
+
+    Raises:
+        XmlError: malformed, or holds a document type definition (which could define entities).
+    """
+
+    def refuse(*_: object) -> None:
+        raise XmlError(f"{what}: holds a document type definition (DTD), which is not accepted; remove it")
+
+    data = path.read_bytes()
+    parser = expat.ParserCreate()
+    parser.StartDoctypeDeclHandler = refuse
+    try:
+        parser.Parse(data, True)
+        return ElementTree.fromstring(data)
+    except (expat.ExpatError, ElementTree.ParseError, ValueError) as reason:
+        raise XmlError(f"{what}: malformed XML ({reason})") from None

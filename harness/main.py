@@ -1,0 +1,244 @@
+"""The `canine` command."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from codegen.compiler import PLATFORMS
+from fmus.build import BUILD, build_all
+from harness import trial
+from harness.fmu import FmuDescription, describe
+from harness.loop import Simulation
+from harness.roles import find_role, fit, read_adapter
+from harness.scenario import DEFAULT, ScenarioError
+from harness.ssp import Description, Member
+from harness.summary import show
+from harness.wiring import Order, wire
+from models.errors import CanineError, ParameterError
+
+FAULT, USAGE, INTERRUPTED = 1, 2, 130
+LONG_S = 60.0  # s of trial time, from which on a run shows its progress
+TRY_OUT_S = 1.0  # s for which an FMU that is checked is run alone
+
+out, err = Console(), Console(stderr=True)
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+Fmu = Annotated[Path | None, typer.Option(exists=True, dir_okay=False, metavar="X.fmu")]
+Target = Annotated[str, typer.Argument(metavar="[SCENARIO.toml|SYSTEM.ssp|LOG.mcap]")]
+Stepping = Annotated[Order | None, typer.Option(help="of stepping; sequential by default")]
+Fmi = Annotated[Literal["2", "3"] | None, typer.Option(help="version of our FMUs; 2 by default")]
+
+
+@app.callback()
+def canine() -> None:
+    """Guided canine: models, FMUs, and trials of a dog that is led along waypoints.
+
+    \b
+    canine run                                    the three-waypoint trial
+    canine run two_waypoint --seed 7 --set cmec.moving_deviation=37
+    canine run my.toml --plant dog.fmu            the same with a dog made elsewhere
+    canine check dog.fmu --role plant             does it fit, and what is wrong if not
+    canine wiring --order jacobi                  what is stepped when, and what delays
+
+    --debug anywhere shows where an error comes from.
+    Exit status: 0 done (also when the dog failed its trial), 1 a fault in what was run, 2 wrong usage,
+    130 ended by Ctrl-C.
+    """
+
+
+@app.command()
+def build(
+    platform: Annotated[
+        list[str] | None, typer.Option(help=f"one of {', '.join(PLATFORMS)}; this machine's by default")
+    ] = None,
+    more: Annotated[
+        list[str] | None, typer.Argument(metavar="[PLATFORM]...", help="further platforms")
+    ] = None,
+) -> None:
+    """Build the FMUs and the .ssp packages.
+
+    \b
+    canine build
+    canine build --platform linux64 win64
+    """
+    with _telling("building") as done:
+        paths = build_all(platforms=[*(platform or []), *(more or [])], done=done)
+    typer.echo(f"{len(paths)} files in {_short(BUILD)}")
+
+
+@app.command()
+def run(
+    target: Target = DEFAULT,
+    *,
+    seed: Annotated[int | None, typer.Option(min=0, max=2**31 - 1, help="the trial's number")] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="block.name=value", help="a parameter; angles in deg")
+    ] = None,
+    plant: Fmu = None,
+    controller: Fmu = None,
+    order: Stepping = None,
+    fmi: Fmi = None,
+    folder: Annotated[
+        Path | None, typer.Option("--out", file_okay=False, help="by default out/<scenario>-<seed>")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print the summary as JSON")] = False,
+) -> None:
+    """Run a trial, and write its log and report.
+
+    \b
+    canine run                                    three_waypoint, seed 1
+    canine run two_waypoint --seed 7 --set cmec.moving_deviation=37
+    canine run my.toml --plant dog.fmu --order jacobi --fmi 3 --out out/dog
+    canine run out/three_waypoint-1/trial.mcap    that trial again: the same log
+
+    It leaves trial.mcap, summary.json, trial.html and trial.png.
+    """
+    wanted = trial.Changes(order, fmi, {"plant": plant, "controller": controller}, settings or [], seed)
+    with trial.requested(target, wanted) as request:
+        with _telling("building the FMUs") as done:
+            trial.build_missing(request, done)
+        with trial.prepared(request) as ready:
+            for note in ready.notes:
+                err.print(f"note: {escape(note)}", style="dim")
+            place = folder or trial.default_folder(request.scenario)
+            with _progress(request.scenario.duration, quiet=as_json) as progress:
+                summary = trial.run(request, ready, place, progress)
+    if as_json:
+        typer.echo(json.dumps(summary, indent=2))
+    else:
+        show(summary, out)
+        typer.echo(f"files in {place}")
+
+
+@app.command()
+def wiring(
+    target: Target = DEFAULT,
+    *,
+    order: Stepping = None,
+    fmi: Fmi = None,
+    plant: Fmu = None,
+    controller: Fmu = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print it as JSON")] = False,
+) -> None:
+    """Print who is stepped when, and what delays.
+
+    \b
+    canine wiring
+    canine wiring my.ssp --order jacobi
+    """
+    wanted = trial.Changes(order, fmi, {"plant": plant, "controller": controller})
+    with trial.requested(target, wanted) as request:
+        with _telling("building the FMUs") as done:
+            trial.build_missing(request, done)
+        with trial.prepared(request) as ready:
+            found = wire(ready.system, ready.fmus, request.order, trial.plants(ready))
+    if as_json:
+        links = [{"link": str(link), "ticks": ticks} for link, ticks in found.delays]
+        typer.echo(json.dumps({"order": found.order, "step_s": found.step, "links": links}, indent=2))
+        return
+    table = Table("link", "delay", box=None, padding=(0, 2, 0, 0), header_style="bold")
+    for link, ticks in found.delays:
+        conversion = f"  * {link.factor:g} + {link.offset:g}" if link.converts else ""
+        table.add_row(escape(f"{link}{conversion}"), "none" if ticks == 0 else f"{ticks} tick")
+    out.print(f"{request.order}, every {found.step:g} s: {', then '.join(found.order)}", soft_wrap=True)
+    out.print(table)
+
+
+@app.command()
+def check(
+    fmu: Annotated[Path, typer.Argument(exists=True, dir_okay=False, metavar="X.fmu")],
+    role: Annotated[str | None, typer.Option(help="does it fit this role of the system?")] = None,
+) -> None:
+    """Does an FMU fit, and what is wrong if not.
+
+    \b
+    canine check dog.fmu --role plant             (dog.toml beside it may map names and units)
+    """
+    description = describe(fmu)
+    for warning in description.warnings:
+        err.print(f"note: {escape(f'{fmu.name}: {warning}')}", style="dim", soft_wrap=True)
+    if role is not None:
+        wanted = find_role(role)
+        found = fit(description, wanted, read_adapter(fmu, wanted))
+        for note in found.notes:
+            err.print(f"note: {escape(note)}", style="dim", soft_wrap=True)
+        if found.problems:
+            raise CanineError("\n".join(found.problems))
+    _try_out(description, role or "fmu")
+    typer.echo(
+        f"{fmu.name}: FMI {description.version} co-simulation, {len(description.inputs)} inputs, "
+        f"{len(description.outputs)} outputs, {len(description.parameters)} parameters; runs"
+        + (f"; fits the {role} role" if role else "")
+    )
+
+
+def _try_out(description: FmuDescription, name: str) -> None:
+    """Step it alone for a while, inputs at their start values."""
+    alone = Description(name, {name: Member(name, description.path)}, ())
+    with Simulation(alone) as simulation:
+        simulation.run(duration=TRY_OUT_S)
+
+
+def _short(path: Path) -> str:
+    return str(path.relative_to(Path.cwd())) if path.is_relative_to(Path.cwd()) else str(path)
+
+
+@contextmanager
+def _telling(what: str) -> Iterator[Callable[[Path], None]]:
+    """Say on a terminal which file is ready; the compiler takes some seconds for each."""
+    with err.status(f"{what}...") as status:
+        yield lambda path: status.update(f"{what}... {path.parent.name}/{path.name}")
+
+
+@contextmanager
+def _progress(duration: float, quiet: bool) -> Iterator[Callable[[float], None] | None]:
+    """A bar over the trial's time, on a terminal and where it takes long."""
+    if quiet or duration < LONG_S or not err.is_terminal:
+        yield None
+        return
+    with Progress(
+        TextColumn("trial"), BarColumn(), TextColumn("{task.completed:.0f} s"), TimeElapsedColumn(),
+        console=err, transient=True,
+    ) as bar:  # fmt: skip
+        task = bar.add_task("trial", total=duration)
+        yield lambda moment: bar.update(task, completed=moment)
+
+
+def main() -> None:
+    """Run the command; errors that a user can cause are one line each and an exit status."""
+    arguments = [argument for argument in sys.argv[1:] if argument != "--debug"]
+    debug = len(arguments) < len(sys.argv) - 1
+    try:
+        app(arguments, prog_name="canine")
+    except (CanineError, OSError) as error:
+        if debug:
+            raise
+        for line in str(error).splitlines():
+            print(f"canine: {line}", file=sys.stderr)
+        wrong_usage = isinstance(error, ScenarioError | ParameterError)
+        sys.exit(USAGE if wrong_usage else FAULT)
+    except KeyboardInterrupt:
+        print("canine: ended by Ctrl-C", file=sys.stderr)
+        sys.exit(INTERRUPTED)
+
+
+if __name__ == "__main__":
+    main()

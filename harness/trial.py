@@ -1,0 +1,311 @@
+"""One trial, from what a user asks for to the files it leaves."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from fmus.build import BUILD, build_all
+from harness.fmu import FmuDescription, describe
+from harness.log import Channel, Log, LogWriter, read_log
+from harness.loop import Array, Simulation, Stop
+from harness.plots import trial_png
+from harness.roles import Adapter, Rename, find_role, read_adapter, replace_component
+from harness.scenario import (
+    DEFAULT,
+    Part,
+    Plan,
+    Scenario,
+    ScenarioError,
+    load,
+    parse,
+    part_of_fmu,
+    parts_of_system,
+    plan,
+    values_of,
+)
+from harness.ssp import Description, open_ssp
+from harness.summary import summarize, write_page, write_summary, write_whole
+from harness.wiring import Order
+from models.commands import Status
+from models.system import SYSTEMS
+
+ENDS = frozenset({int(Status.SUCCESS), int(Status.FAILED), int(Status.STOPPED)})
+PACKAGE, LOG = "system.ssp", "trial.mcap"
+SHOWN = ("summary.json", "trial.html", "trial.png")
+VERSIONED = ("guided-canine", "fmpy", "casadi", "numpy")
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is to be run.
+
+    Attributes:
+        scenario: the trial.
+        order: of stepping.
+        fmi: version of our FMUs.
+        swaps: FMUs that take a role's place.
+        package: the .ssp if it is not the one of `scenario.system` (that of a log, say).
+    """
+
+    scenario: Scenario
+    order: Order = "sequential"
+    fmi: int = 2
+    swaps: Mapping[str, Path] = field(default_factory=dict)
+    package: Path | None = None
+
+    @property
+    def ssp(self) -> Path:
+        """The package that is run."""
+        own = BUILD / f"{self.scenario.system}.fmi{self.fmi}.ssp"
+        return self.package or self.scenario.package or own
+
+
+@dataclass(frozen=True)
+class Changes:
+    """What a user wants otherwise than the target says: None and nothing leave it as it is."""
+
+    order: Order | None = None
+    fmi: str | None = None
+    swaps: Mapping[str, Path | None] = field(default_factory=dict)
+    settings: Sequence[str] = ()
+    seed: int | None = None
+
+
+@contextmanager
+def requested(target: str, changes: Changes) -> Iterator[Request]:
+    """What a scenario's file or name, a package, or a log asks for, as long as it is used.
+
+    Raises:
+        ScenarioError, LogError: the target cannot be read, or a setting is none.
+    """
+    with tempfile.TemporaryDirectory(prefix="canine-") as folder:
+        if target.endswith(".mcap"):
+            request = _of_log(Path(target), Path(folder))
+        elif target.endswith(".ssp") or (Path(target) / "SystemStructure.ssd").is_file():
+            package = Path(target).resolve()
+            scenario = replace(load(DEFAULT), name=package.stem, system=package.name, folder=package.parent)
+            request = Request(scenario)
+        else:
+            request = Request(load(target))
+        if changes.fmi and request.scenario.system in SYSTEMS:
+            request = replace(request, fmi=int(changes.fmi), package=None)
+        given = {role: path for role, path in changes.swaps.items() if path is not None}
+        yield replace(
+            request,
+            scenario=request.scenario.override(changes.settings, changes.seed),
+            order=changes.order or request.order,
+            swaps={**request.swaps, **given},
+        )
+
+
+def _of_log(path: Path, folder: Path) -> Request:
+    """The trial of a log, with its order, FMI version, package and swapped FMUs, unpacked into a folder."""
+    log = read_log(path)
+    records, run = log.metadata.get("scenario", {}), log.metadata.get("run", {})
+    if "toml" not in records or PACKAGE not in log.attachments:
+        raise ScenarioError(f"{path}: holds no scenario and package to run again; it is no log of a trial")
+    scenario = parse(records["toml"], f"{path}: scenario", folder=path.parent)
+    for name, content in log.attachments.items():
+        (folder / Path(name).name).write_bytes(content)
+    swaps = {role: folder / name for role, name in log.metadata.get("swaps", {}).items()}
+    order: Order = "jacobi" if run.get("order") == "jacobi" else "sequential"
+    return Request(scenario, order, int(run.get("fmi", "2")), swaps, folder / PACKAGE)
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A system with its swaps made, and what the scenario sets in it.
+
+    Attributes:
+        renames: for swapped components, the role's outputs by the FMU's names.
+    """
+
+    system: Description
+    fmus: Mapping[str, FmuDescription]
+    parts: Mapping[str, Part]
+    plan: Plan
+    renames: Mapping[str, Mapping[str, tuple[str, Rename]]]
+    notes: tuple[str, ...]
+
+
+def build_missing(request: Request, done: Callable[[Path], None] = lambda path: None) -> None:
+    """Build our FMUs and packages if the one that is asked for is missing."""
+    if not request.ssp.exists() and request.ssp.parent == BUILD:
+        build_all(done=done)
+
+
+@contextmanager
+def prepared(request: Request) -> Iterator[Prepared]:
+    """Open the package, put swapped FMUs in their places, resolve the scenario.
+
+    Raises:
+        CanineError: of the kind of whatever does not fit.
+    """
+    if not request.ssp.exists():
+        raise ScenarioError(f'{request.scenario.name}: there is no package "{request.ssp}"')
+    with open_ssp(request.ssp) as system:
+        fmus = {name: describe(part.fmu) for name, part in system.components.items()}
+        notes: list[str] = []
+        renames = {}
+        for role, path in request.swaps.items():
+            fmus[role] = describe(path)
+            adapter = read_adapter(path, find_role(role))
+            system, fit = replace_component(system, role, fmus[role], adapter)  # noqa: PLW2901
+            notes += fit.notes
+            renames[role] = {rename.name: (name, rename) for name, rename in fit.outputs.items()}
+        own = parts_of_system(SYSTEMS[request.scenario.system]) if request.scenario.system in SYSTEMS else {}
+        parts = {
+            name: own[name]
+            if name in own and name not in request.swaps
+            else part_of_fmu(name, fmu, foreign=name in request.swaps)
+            for name, fmu in fmus.items()
+        }
+        bound = {name: set(part.values) for name, part in system.components.items()}
+        found = plan(request.scenario, parts, bound)
+        yield Prepared(system, fmus, parts, found, renames, (*notes, *found.notes))
+
+
+def run(
+    request: Request,
+    ready: Prepared,
+    out: Path,
+    progress: Callable[[float], None] | None = None,
+) -> dict[str, Any]:
+    """Run a trial; its summary. The log is kept up to where a fault or the user ends it.
+
+    Raises:
+        CanineError: a fault in what was run, with its name.
+        KeyboardInterrupt: the user ended it.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    for name in SHOWN:  # of an earlier trial: they would not belong to this log
+        with suppress(FileNotFoundError):
+            (out / name).unlink()
+    scenario = request.scenario
+    with Simulation(ready.system, ready.plan.values, request.order, plants=plants(ready)) as simulation:
+        table = _Table(simulation, ready)
+        with LogWriter(
+            out / LOG,
+            table.channels,
+            origin=scenario.origin,
+            metadata=_metadata(request, ready),
+            attachments=_attachments(request),
+        ) as log:
+            started = time.perf_counter()
+            outcome = simulation.run(
+                ready.plan.events,
+                duration=scenario.duration,
+                stop=_stop(simulation),
+                record=lambda times, values: table.write(log, times, values),
+                progress=progress,
+            )
+            elapsed = time.perf_counter() - started
+    return _report(read_log(out / LOG), out, (outcome.ticks - 1) * simulation.wiring.step / elapsed)
+
+
+def plants(ready: Prepared) -> list[str]:
+    """A plant made elsewhere is stepped last, whatever it declares."""
+    return [role for role in ready.renames if role == "plant"]
+
+
+def _stop(simulation: Simulation) -> Stop | None:
+    controller = simulation.fmus.get("controller")
+    return Stop("controller", "status", ENDS) if controller and "status" in controller.outputs else None
+
+
+def _report(log: Log, out: Path, real_time_factor: float) -> dict[str, Any]:
+    """Write what is made of the log; the summary."""
+    summary = summarize(log, round(real_time_factor, 1))
+    if {"plant.north", "plant.east"} <= {f"{c.component}.{n}" for c in log.channels for n in c.names}:
+        picture = trial_png(log)
+        write_whole(out / "trial.png", picture)
+        write_page(log, summary, picture, out / "trial.html")
+    write_summary(summary, out / "summary.json")
+    return summary
+
+
+class _Table:
+    """The rows of a simulation as the log's: a swapped component's outputs by its role's names and units."""
+
+    def __init__(self, simulation: Simulation, ready: Prepared) -> None:
+        self.channels = []
+        self.scales: dict[str, tuple[Array | list[float], Array | list[float]]] = {}
+        for name in simulation.components:
+            columns = simulation.columns(name)
+            renames = ready.renames.get(name, {})
+            role = find_role(name) if renames else None
+            names, units, factors, offsets = [], [], [], []
+            for column in columns:
+                own, rename = renames.get(column.name, (column.name, Rename(column.name)))
+                mapped = role is not None and column.name in renames and column.causality == "output"
+                taken = {n for n, _ in renames.values()} if not mapped else set()
+                names.append(
+                    own if mapped else f"{column.name} (FMU)" if column.name in taken else column.name
+                )
+                units.append(role.needs[own].unit if mapped and role else column.unit or "")
+                factors.append(rename.factor if mapped else 1.0)
+                offsets.append(rename.offset if mapped else 0.0)
+            if any(f != 1.0 for f in factors) or any(offsets):
+                self.scales[name] = (factors, offsets)
+            self.channels.append(
+                Channel(
+                    name,
+                    simulation.fmus[name].model,
+                    tuple(names),
+                    tuple(units),
+                    tuple(column.type.value for column in columns),
+                    tuple(column.meaning for column in columns),
+                )
+            )
+
+    def write(self, log: LogWriter, times: Array, values: Mapping[str, Array]) -> None:
+        """Write rows as `Simulation.run` hands them over."""
+        lists = {}
+        for name, rows in values.items():
+            factor, offset = self.scales.get(name, (None, None))
+            lists[name] = (rows if factor is None else rows * factor + offset).tolist()
+        for i, moment in enumerate(times.tolist()):
+            log.write(moment, {name: rows[i] for name, rows in lists.items()})
+
+
+def _metadata(request: Request, ready: Prepared) -> dict[str, dict[str, str]]:
+    scenario = request.scenario
+    return {
+        "scenario": {"name": scenario.name, "seed": str(scenario.seed), "toml": scenario.text()},
+        "parameters": values_of(ready.parts, _all_values(ready)),
+        "roles": {name: fmu.model for name, fmu in ready.fmus.items()},
+        "run": {"order": request.order, "fmi": str(request.fmi)},
+        "swaps": {role: f"{role}.fmu" for role in request.swaps},
+        "versions": {name: version(name) for name in VERSIONED},
+    }
+
+
+def _all_values(ready: Prepared) -> dict[str, dict[str, float]]:
+    """The scenario's values over those of the package."""
+    return {
+        name: {n: v.value for n, v in part.values.items()} | ready.plan.values.get(name, {})
+        for name, part in ready.system.components.items()
+    }
+
+
+def _attachments(request: Request) -> dict[str, bytes]:
+    """The package and the swapped FMUs with their mapping files: what it takes to run the trial again."""
+    files = {PACKAGE: request.ssp.read_bytes()} if request.ssp.is_file() else {}
+    for role, path in request.swaps.items():
+        files[f"{role}.fmu"] = path.read_bytes()
+        adapter = Adapter(path.with_suffix(".toml")).path
+        if adapter.is_file():
+            files[f"{role}.toml"] = adapter.read_bytes()
+    return files
+
+
+def default_folder(scenario: Scenario) -> Path:
+    """Where a trial's files go if nobody says: out/<scenario>-<seed>."""
+    return Path("out") / f"{scenario.name}-{scenario.seed}"

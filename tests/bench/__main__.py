@@ -1,0 +1,239 @@
+"""`make bench`: each figure beside its peer's, in turns within one run, because machines are noisy."""
+
+from __future__ import annotations
+
+import ctypes
+import statistics
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import fmpy.fmi2
+import numpy as np
+from filterpy.kalman import ExtendedKalmanFilter
+from rich.console import Console
+from rich.table import Table
+
+from codegen.block_c import generate, write_files
+from codegen.compiler import build_library
+from fmus.build import build_all
+from harness import trial
+from harness.loop import Simulation
+from models.four_state import FourState
+from models.system import SYSTEMS
+
+TICKS = 891  # of the trial that is timed: three_waypoint, seed 1
+ROUNDS = 15
+EKF_TICKS = 2000
+DEMAND = 2.5  # what the loop must be faster than fmpy's wrappers
+
+
+def paired(
+    first: Callable[[], float], second: Callable[[], float], rounds: int = ROUNDS
+) -> tuple[float, float, float]:
+    """Median seconds of both, run in turns, and the median of their ratios second / first."""
+    pairs = [(first(), second()) for _ in range(rounds)]
+    a, b = zip(*pairs, strict=True)
+    return statistics.median(a), statistics.median(b), statistics.median(y / x for x, y in pairs)
+
+
+def timed(work: Callable[[], object]) -> float:
+    """Seconds that it takes."""
+    start = time.perf_counter()
+    work()
+    return time.perf_counter() - start
+
+
+class Wrapped:
+    """The full system stepped through fmpy's call wrappers: what a straightforward master does."""
+
+    def __init__(self, ready: trial.Prepared) -> None:
+        self.system = SYSTEMS["full"]
+        self.slaves: dict[str, fmpy.fmi2.FMU2Slave] = {}
+        self.links: dict[str, dict[str, tuple[list[int], list[tuple[str, int]]]]] = {}
+        self.outputs: dict[str, dict[str, list[int]]] = {}
+        references: dict[tuple[str, str], tuple[int, str]] = {}
+        for name, part in ready.system.components.items():
+            description = fmpy.read_model_description(part.fmu)
+            slave = fmpy.fmi2.FMU2Slave(
+                guid=description.guid,
+                unzipDirectory=fmpy.extract(part.fmu),
+                modelIdentifier=description.coSimulation.modelIdentifier,
+            )
+            slave.instantiate()
+            slave.setupExperiment(startTime=0.0)
+            self.slaves[name] = slave
+            kinds: dict[str, list[int]] = {}
+            for variable in description.modelVariables:
+                references[name, variable.name] = (variable.valueReference, variable.type)
+                if variable.causality == "output":
+                    kinds.setdefault(variable.type, []).append(variable.valueReference)
+            self.outputs[name] = kinds
+            for variable_name, value in ready.plan.values.get(name, {}).items():
+                reference, kind = references[name, variable_name]
+                self.setter(slave, kind)([reference], [value if kind == "Real" else int(value)])
+            slave.enterInitializationMode()
+            slave.exitInitializationMode()
+        for name in self.slaves:
+            wanted: dict[str, tuple[list[int], list[tuple[str, int]]]] = {}
+            for link in self.system.connections:
+                if link.target == name:
+                    reference, kind = references[name, link.target_variable]
+                    targets, sources = wanted.setdefault(kind, ([], []))
+                    targets.append(reference)
+                    sources.append((link.source, references[link.source, link.source_variable][0]))
+            self.links[name] = wanted
+        self.values: dict[tuple[str, int], float] = {}
+
+    @staticmethod
+    def setter(slave: fmpy.fmi2.FMU2Slave, kind: str) -> Callable[[list[int], list[float]], None]:
+        return {"Real": slave.setReal, "Integer": slave.setInteger, "Boolean": slave.setBoolean}[kind]
+
+    @staticmethod
+    def getter(slave: fmpy.fmi2.FMU2Slave, kind: str) -> Callable[[list[int]], list[float]]:
+        return {"Real": slave.getReal, "Integer": slave.getInteger, "Boolean": slave.getBoolean}[kind]
+
+    def collect(self, name: str) -> None:
+        for kind, references in self.outputs[name].items():
+            values = self.getter(self.slaves[name], kind)(references)
+            self.values.update({(name, r): v for r, v in zip(references, values, strict=True)})
+
+    def run(self, ticks: int) -> None:
+        order = self.system.order()
+        self.collect("plant")
+        for tick in range(ticks):
+            for name in order:
+                for kind, (targets, sources) in self.links[name].items():
+                    self.setter(self.slaves[name], kind)(targets, [self.values[s] for s in sources])
+                self.slaves[name].doStep(tick * 0.04, 0.04)
+                self.collect(name)
+
+    def close(self) -> None:
+        for slave in self.slaves.values():
+            slave.terminate()
+            slave.freeInstance()
+
+
+def loop_against_wrappers(ready: trial.Prepared) -> tuple[float, float, float]:
+    """Seconds for the trial's ticks: our loop, the same loop through fmpy's wrappers."""
+
+    def ours() -> float:
+        with Simulation(ready.system, ready.plan.values) as simulation:
+            return timed(lambda: simulation.run(ready.plan.events, duration=(TICKS - 1) * 0.04))
+
+    def wrappers() -> float:
+        master = Wrapped(ready)
+        try:
+            return timed(lambda: master.run(TICKS))
+        finally:
+            master.close()
+
+    return paired(ours, wrappers)
+
+
+def with_log(request: trial.Request, ready: trial.Prepared) -> float:
+    """Seconds of a trial with its log (and its summary and pictures, which are not timed)."""
+    with tempfile.TemporaryDirectory() as folder:
+        summary = trial.run(request, ready, Path(folder))
+        return summary["ticks"] * 0.04 / summary["real_time_factor"]
+
+
+def ekf_against_filterpy() -> tuple[float, float, float]:
+    """Seconds for ticks of the four-state EKF, a fix each sixth: our C, filterpy with the same matrices."""
+    with tempfile.TemporaryDirectory() as folder:
+        sources = Path(folder)
+        files = generate(FourState)
+        files["drive.c"] = _DRIVER
+        write_files(files, sources)
+        library = build_library(sources, ["four_state.c", "drive.c"], sources / "drive.so", what="four_state")
+        drive = ctypes.CDLL(str(library)).drive
+
+        def native() -> float:
+            return timed(lambda: drive(ctypes.c_int(EKF_TICKS)))
+
+        return paired(native, lambda: timed(_filterpy_ticks), rounds=5)
+
+
+_DRIVER = """
+#include "four_state.h"
+__attribute__((visibility("default"))) double drive(int ticks);
+double drive(int ticks)
+{
+    static four_state m;
+    four_state_defaults(&m);
+    four_state_initialize(&m);
+    m.in.gps_h_acc = 3.5;
+    m.in.gps_s_acc = 0.1;
+    m.in.gps_speed = 1.0;
+    for (int i = 0; i < ticks; i++) {
+        m.in.accel_x = (i & 8) ? 0.5 : -0.5;
+        m.in.heading_meas = 0.3;
+        m.in.gps_fix = i % 6 == 0;
+        m.in.gps_north = 0.04 * 0.955 * i;
+        m.in.gps_east = 0.04 * 0.296 * i;
+        four_state_step(&m);
+    }
+    return m.out.north;
+}
+"""
+
+
+def _filterpy_ticks() -> None:
+    ekf = ExtendedKalmanFilter(dim_x=4, dim_z=3)
+    ekf.P = np.diag([0.1, 1.0, 0.01, 0.01])
+    ekf.Q = np.diag([0.04 * 0.01, 1e-6, 1e-12, 1e-12])
+    ekf.R = np.diag([0.01, 3.0625, 3.0625])
+    observe = np.zeros((3, 4))
+    observe[0, 0] = observe[1, 2] = observe[2, 3] = 1.0
+    cosine, sine = np.cos(0.3), np.sin(0.3)
+    ekf.F = np.eye(4) + np.array(
+        [
+            [0, -0.04, 0, 0],
+            [0, 0, 0, 0],
+            [0.04 * cosine, -0.0008 * cosine, 0, 0],
+            [0.04 * sine, -0.0008 * sine, 0, 0],
+        ]
+    )
+    ekf.B = np.array([[0.04], [0.0], [0.0008 * cosine], [0.0008 * sine]])
+    for i in range(EKF_TICKS):
+        ekf.predict(np.array([[0.5 if i & 8 else -0.5]]))
+        if i % 6 == 0:
+            fix = np.array([[1.0], [0.04 * 0.955 * i], [0.04 * 0.296 * i]])
+            ekf.update(fix, lambda x: observe, lambda x: observe @ x)
+
+
+def main() -> None:
+    console = Console()
+    build_all()
+    table = Table(
+        "figure", "ours", "peer", "peer / ours", box=None, padding=(0, 3, 0, 0), header_style="bold"
+    )
+    with trial.requested("three_waypoint", trial.Changes()) as request, trial.prepared(request) as ready:
+        ours, wrappers, ratio = loop_against_wrappers(ready)
+        logged = statistics.median(with_log(request, ready) for _ in range(5))
+    table.add_row(
+        "loop over 5 FMUs, against fmpy's call wrappers",
+        f"{ours / TICKS * 1e6:.1f} us/tick",
+        f"{wrappers / TICKS * 1e6:.1f} us/tick",
+        f"{ratio:.1f}",
+    )
+    for name, seconds in (("without", ours), ("with", logged)):
+        rate = TICKS / seconds
+        table.add_row(
+            f"loop {name} the log", f"{rate:,.0f} ticks/s", f"{rate * 0.04:,.0f} times real time", ""
+        )
+    native, python, ekf_ratio = ekf_against_filterpy()
+    table.add_row(
+        "four-state EKF in C, against filterpy",
+        f"{native / EKF_TICKS * 1e9:.0f} ns/tick",
+        f"{python / EKF_TICKS * 1e9:,.0f} ns/tick",
+        f"{ekf_ratio:.0f}",
+    )
+    console.print(table)
+    if ratio < DEMAND:
+        raise SystemExit(f"the loop is {ratio:.2f} times as fast as fmpy's call wrappers; expected {DEMAND}")
+
+
+if __name__ == "__main__":
+    main()

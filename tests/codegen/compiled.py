@@ -1,0 +1,200 @@
+"""The blocks' generated C as a library, and its structs as numpy records laid out by the header itself."""
+
+from __future__ import annotations
+
+import ctypes
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from codegen.block_c import generate, write_files
+from codegen.expressions import MEMBERS
+from models.canine import Canine
+from models.cmec import Cmec
+from models.command_module import CommandModule
+from models.four_state import FourState
+from models.kit.block import Block
+from models.pedestrian import Pedestrian
+from models.sensors import Sensors
+
+BLOCKS: list[type[Block]] = [Canine, Pedestrian, Sensors, FourState, Cmec, CommandModule]
+WARNINGS = (
+    "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Wshadow", "-Werror",
+)  # fmt: skip
+ZIG = (sys.executable, "-m", "ziglang", "cc")
+CTS = Path(__file__).parent / "cts.c"
+TYPES = {"double": "f8", "float": "f4", "int32_t": "i4", "bool": "?"}
+Record = np.ndarray[Any, Any]
+
+
+@dataclass(frozen=True)
+class Build:
+    """A compiler and how it is called."""
+
+    name: str
+    compiler: tuple[str, ...]
+    flags: tuple[str, ...]
+
+
+BUILDS = [
+    Build("zig", ZIG, ("-std=c99", "-O2", "-ffp-contract=off", "-fno-sanitize=all", *WARNINGS)),
+    *(
+        [
+            Build("gcc", ("gcc",), ("-std=c99", "-O2", "-ffp-contract=off", *WARNINGS)),
+            Build(
+                "gcc-O3-native",
+                ("gcc",),
+                ("-std=c99", "-O3", "-march=native", "-ffp-contract=off", *WARNINGS),
+            ),
+        ]
+        if shutil.which("gcc")
+        else []
+    ),
+]
+QUICKEST = BUILDS[1] if len(BUILDS) > 1 else BUILDS[0]
+
+
+def compile_c(
+    build: Build, sources: Sequence[str | Path], folder: Path, output: str, extra: Sequence[str] = ()
+) -> Path:
+    """Compile in a folder; an error or a warning fails with the compiler's words."""
+    command = [*build.compiler, *build.flags, *extra, "-I.", "-o", output, *map(str, sources)]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    return folder / output
+
+
+def struct_members(header: str) -> dict[str, list[tuple[str, str, int | None]]]:
+    """What a header declares: member of the struct -> (C type, name, size of a vector) of each field."""
+    found = {}
+    for body, member in re.findall(r"struct \{ /\* \w+ \*/\n(.*?)\n    \} (\w+);", header, re.DOTALL):
+        fields = re.findall(r"^        (\w+) (\w+)(?:\[(\d+)\])?; /\* .* \*/$", body, re.MULTILINE)
+        assert len(fields) == len(body.splitlines()), body
+        found[member] = [(c_type, name, int(size) if size else None) for c_type, name, size in fields]
+    return found
+
+
+class Library:
+    """All blocks of a precision, compiled together; a block's struct is the numpy type `types[block]`."""
+
+    def __init__(self, build: Build, precision: Any, folder: Path) -> None:
+        blocks = [block for block in BLOCKS if precision in block.precisions]
+        files: dict[str, str] = {}
+        driver = ["#include <stddef.h>"]
+        self.types: dict[type[Block], np.dtype[Any]] = {}
+        for block in blocks:
+            title = block.title()
+            files |= generate(block, precision)
+            driver += [
+                f'#include "{title}.h"',
+                f"size_t {title}_size(void);",
+                f"size_t {title}_size(void) {{ return sizeof({title}); }}",
+                f"void {title}_step_all({title} *m, int n);",
+                f"void {title}_step_all({title} *m, int n) {{ for (; n > 0; n--) {{ {title}_step(m++); }} }}",
+            ]
+            members = struct_members(files[f"{title}.h"])
+            self.types[block] = np.dtype(
+                [
+                    (
+                        member,
+                        np.dtype(
+                            [(n, TYPES[t], (size,)) if size else (n, TYPES[t]) for t, n, size in fields],
+                            align=True,
+                        ),
+                    )
+                    for member, fields in members.items()
+                ],
+                align=True,
+            )
+        files["driver.c"] = "\n".join(driver) + "\n"
+        write_files(files, folder)
+        sources: list[str | Path] = [name for name in files if name.endswith(".c")]
+        if precision == "double":
+            sources.append(CTS)
+        self.path = compile_c(build, sources, folder, "blocks.so", ("-shared", "-fPIC", "-lm"))
+        self.c = ctypes.CDLL(str(self.path))
+        for block in blocks:
+            assert self.types[block].itemsize == getattr(self.c, f"{block.title()}_size")()
+
+    def records(
+        self, block: type[Block], count: int = 1, parameters: Mapping[str, float] | None = None
+    ) -> Record:
+        """So many instances of a block's struct, with parameters set and initialized."""
+        records = np.zeros(count, dtype=self.types[block])
+        self.each("defaults", block, records)
+        for name, value in (parameters or {}).items():
+            put(block, records, name, value)
+        self.each("initialize", block, records)
+        return records
+
+    def each(self, action: str, block: type[Block], records: Record) -> None:
+        """Call `<block>_<action>` for each instance."""
+        call = getattr(self.c, f"{block.title()}_{action}")
+        for i in range(len(records)):
+            call(ctypes.c_void_p(records.ctypes.data + i * records.itemsize))
+
+    def step(self, block: type[Block], records: Record) -> None:
+        """One tick of every instance."""
+        getattr(self.c, f"{block.title()}_step_all")(ctypes.c_void_p(records.ctypes.data), len(records))
+
+
+def place(block: type[Block], records: Record, flat_name: str) -> tuple[Record, Any]:
+    """Where a scalar lies: (array, index)."""
+    name, bracket, index = flat_name.partition("[")
+    member = MEMBERS[block.variables()[name].kind]
+    return records[member][name], (slice(None), int(index[:-1]) - 1) if bracket else slice(None)
+
+
+def put(block: type[Block], records: Record, flat_name: str, value: Any) -> None:
+    """Set a scalar of every instance."""
+    array, index = place(block, records, flat_name)
+    array[index] = value
+
+
+def get(block: type[Block], records: Record, flat_name: str) -> Record:
+    """A scalar of every instance."""
+    array, index = place(block, records, flat_name)
+    return array[index]
+
+
+class CompiledModel:
+    """One instance in C, used as a `Model` is."""
+
+    def __init__(
+        self, library: Library, block: type[Block], parameters: Mapping[str, float] | None = None
+    ) -> None:
+        self.block, self.library = block, library
+        self.records = library.records(block, 1, parameters)
+        self._places = {
+            n: place(block, self.records, n)
+            for kind in ("state", "input", "parameter", "output")
+            for n in block.flat_names(kind)
+        }
+
+    def initialize(self) -> None:
+        self.library.each("initialize", self.block, self.records)
+
+    def step(self) -> None:
+        self.library.step(self.block, self.records)
+
+    def __getitem__(self, name: str) -> float:
+        array, index = self._places[name]
+        return float(array[index][0])
+
+    def __setitem__(self, name: str, value: float) -> None:
+        array, index = self._places[name]
+        array[index] = value
+
+    def vector(self, kind: str) -> Record:
+        """All scalars of a group in their order, as `Model.state` and `Model.output` are."""
+        member = self.records[MEMBERS[kind]] if self.block.group(kind) else None
+        parts = [np.ravel(member[v.name]).astype(np.float64) for v in self.block.group(kind)]  # type: ignore[index]
+        return np.concatenate(parts) if parts else np.zeros(0)

@@ -1,0 +1,393 @@
+"""Python model = our C (three builds) = CasADi's own C, bit for bit in double; C float = its float program.
+
+Two things count as the same: NaN and NaN, and in single steps -0.0 and 0.0 (CasADi computes a select as a sum
+with zero, C does not).
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from compiled import BLOCKS, BUILDS, QUICKEST, Build, CompiledModel, Library, compile_c, get, put
+from float32 import Lanes
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from codegen.block_c import generate
+from models.canine import Canine
+from models.cmec import Cmec, Mode
+from models.command_module import CommandModule
+from models.four_state import FourState
+from models.kit.block import Block
+from models.kit.declaration import Type, flatten
+from models.kit.model import Model
+from models.kit.random import start_state
+from models.pedestrian import Pedestrian
+from models.sensors import Sensors
+from models.system import System, full_system, trial_simulator
+
+Libraries = Callable[[Build, str], Library]
+Make = Callable[[type[Block], Mapping[str, float]], Any]
+MISSION = {
+    "waypoint_count": 2, "waypoint_north[1]": 35.73, "waypoint_north[2]": 35.73, "waypoint_east[2]": -35.73,
+}  # fmt: skip
+SPREAD = {"cruise_speed_deviation": 1.49, "speeding_up_deviation": 0.67, "slowing_down_deviation": 1.31}
+MAX_TICKS = 7500
+REAL_CHOICES = [math.nan, math.inf, -math.inf, 0.0, 1e-300, 1e30]
+each_block = pytest.mark.parametrize("block", BLOCKS, ids=lambda b: b.title())
+
+
+def vector(machine: Any) -> np.ndarray[Any, Any]:
+    """States and outputs."""
+    if isinstance(machine, CompiledModel):
+        return np.concatenate([machine.vector("state"), machine.vector("output")])
+    return np.concatenate([machine.state, machine.output])
+
+
+def run_trial(system: System, parameters: Mapping[str, Mapping[str, float]], make: Make) -> Any:
+    """Step the components in sequential order until the trial ends: (ticks, all states and outputs)."""
+    machines = {c: make(block, parameters.get(c, {})) for c, block in system.components.items()}
+    machines["controller"]["start"] = 1
+    order, rows = system.order(), []
+    for _ in range(MAX_TICKS):
+        for component in order:
+            for link in system.connections:
+                if link.target == component:
+                    machines[component][link.target_variable] = machines[link.source][link.source_variable]
+            machines[component].step()
+        rows.append(np.concatenate([vector(machines[c]) for c in order]))
+        if machines["controller"]["status"] >= 2:
+            break
+    return np.array(rows)
+
+
+def python(block: type[Block], parameters: Mapping[str, float]) -> Model:
+    model = Model(block, parameters)
+    model.initialize()
+    return model
+
+
+def compiled(library: Library) -> Make:
+    return lambda block, parameters: CompiledModel(library, block, parameters)
+
+
+TRIALS: dict[str, tuple[System, dict[str, dict[str, float]]]] = {
+    **{
+        f"full-{seed}": (
+            full_system(),
+            {
+                "controller": MISSION,
+                "plant": {"seed": seed, **(SPREAD if seed == 3 else {})},
+                "sensors": {"seed": seed, "outage_start[1]": 8, "outage_end[1]": 14},
+                "estimator": {"fuzzy": seed != 4},
+            },
+        )
+        for seed in (1, 2, 3, 4)
+    },
+    **{
+        f"cts-{seed}": (
+            trial_simulator(),
+            {"controller": MISSION, "plant": {"seed": seed, "start_heading_deviation": 0.17}},
+        )
+        for seed in (5, 6, 2147483647)
+    },
+    "pedestrian": (trial_simulator(Pedestrian), {"controller": MISSION}),
+}
+
+
+@pytest.fixture(scope="module")
+def reference() -> Callable[[str], np.ndarray[Any, Any]]:
+    """The rows of a trial in Python, run once."""
+    known: dict[str, np.ndarray[Any, Any]] = {}
+
+    def rows(name: str) -> np.ndarray[Any, Any]:
+        if name not in known:
+            known[name] = run_trial(*TRIALS[name], python)
+        return known[name]
+
+    return rows
+
+
+@pytest.mark.parametrize("name", TRIALS)
+def test_whole_trial_in_c_has_the_bits_of_the_python_models(
+    name: str, build: Build, libraries: Libraries, reference: Callable[[str], Any]
+) -> None:
+    # given a trial that lasts many ticks in Python
+    expected = reference(name)
+    assert len(expected) > 300
+    # when the same is run in C
+    rows = run_trial(*TRIALS[name], compiled(libraries(build, "double")))
+    # then every state and every output of every tick has the same bits
+    assert rows.tobytes() == expected.tobytes()
+
+
+def test_trials_exercise_every_triggered_update(reference: Callable[[str], Any]) -> None:
+    # given the trials above, when their triggers are recorded, then each has fired (else they show nothing)
+    fired: set[str] = set()
+
+    def recording(block: type[Block], parameters: Mapping[str, float]) -> Model:
+        model = Model(block, parameters)
+        for i, phase in enumerate(block.program().tick):
+            run = model._tick[i]
+            test = ca.Function if phase.guard is None else phase.guard
+            if phase.guard is not None:
+
+                def step(run: Any = run, test: Any = test, phase: Any = phase, model: Any = model) -> None:
+                    if test(model.state, model.input, model.parameter, model.output):
+                        fired.add(f"{model.block.title()}.{phase.name}")
+                    run()
+
+                model._tick[i] = step
+        model.initialize()
+        return model
+
+    for name in ("full-1", "full-2", "full-3", "full-4"):
+        run_trial(*TRIALS[name], recording)
+    expected = {f"{b.title()}.{p.name}" for b in BLOCKS for p in b.program().tick if p.guard is not None}
+    # these need what no plain trial does: see the single steps below
+    assert expected - fired <= {"cmec.end", "cmec.interrupt", "pedestrian.turn_home"}
+
+
+@pytest.fixture(scope="session")
+def casadi_c(tmp_path_factory: pytest.TempPathFactory) -> Callable[[type[Block]], Callable[[Any], Any]]:
+    """`casadi_c(block)`: the compiled form, by CasADi's own C generator, of each of its functions."""
+    libraries: dict[type[Block], Path] = {}
+
+    def make(block: type[Block]) -> Callable[[Any], Any]:
+        if block not in libraries:
+            folder = tmp_path_factory.mktemp(f"casadi_{block.title()}")
+            generator = ca.CodeGenerator(f"{block.title()}.c", {"with_header": False})
+            for function in block.program().functions:
+                generator.add(function)
+            generator.generate(f"{folder}/")
+            flags = ("-O1", "-ffp-contract=off", "-w")
+            plain = Build("casadi", QUICKEST.compiler, flags)
+            libraries[block] = compile_c(
+                plain, [f"{block.title()}.c"], folder, "block.so", ("-shared", "-fPIC", "-lm")
+            )
+        path = str(libraries[block])
+        return lambda function: ca.external(function.name(), path)
+
+    return make
+
+
+@pytest.mark.parametrize("name", ["full-1", "full-3", "cts-5", "pedestrian"])
+def test_whole_trial_in_casadis_own_c_has_the_same_bits(
+    name: str, casadi_c: Any, reference: Callable[[str], Any]
+) -> None:
+    def make(block: type[Block], parameters: Mapping[str, float]) -> Model:
+        model = Model(block, parameters, replace=casadi_c(block))
+        model.initialize()
+        return model
+
+    assert run_trial(*TRIALS[name], make).tobytes() == reference(name).tobytes()
+
+
+def values(variable: Any, wild: bool) -> st.SearchStrategy[float]:
+    """What an input may be given: its declared range, and what lies outside of it."""
+    if variable.type is Type.BOOLEAN:
+        return st.sampled_from([0.0, 1.0])
+    if variable.type is Type.INTEGER:
+        low, high = int(variable.min), int(variable.max)
+        return st.integers(low - 3 * wild, high + 3 * wild).map(float)
+    low = -1e3 if variable.min is None else variable.min
+    high = 1e3 if variable.max is None else variable.max
+    inside = st.floats(low, high)
+    return inside | st.sampled_from(REAL_CHOICES) if wild else inside
+
+
+def same(a: np.ndarray[Any, Any], b: np.ndarray[Any, Any]) -> bool:
+    return bool(np.array_equal(a, b, equal_nan=True))
+
+
+@each_block
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@given(data=st.data())
+def test_steps_with_any_input_have_the_same_bits(
+    block: type[Block], libraries: Libraries, casadi_c: Any, data: st.DataObject
+) -> None:
+    # given a block in Python, in CasADi's C and in our C by every compiler
+    seed = {"seed": data.draw(st.integers(0, 2**31 - 1))} if "seed" in block.flat_names("parameter") else {}
+    model = python(block, seed)
+    casadi = Model(block, seed, replace=casadi_c(block))
+    casadi.initialize()
+    machines = [CompiledModel(libraries(build, "double"), block, seed) for build in BUILDS]
+    # when all are given the same inputs, NaN, infinities and values out of range among them
+    for _ in range(data.draw(st.integers(1, 4))):
+        for name, variable in flatten(block.group("input")):
+            value = data.draw(values(variable, wild=True), label=name)
+            for machine in (model, casadi, *machines):
+                machine[name] = value
+        for machine in (model, casadi, *machines):
+            machine.step()
+        # then all have the same states and outputs
+        for machine in (casadi, *machines):
+            assert same(vector(machine), vector(model))
+
+
+def random_states(block: type[Block], count: int, rng: np.random.Generator) -> dict[str, Any]:
+    """States, inputs and parameters anywhere in their ranges, and of the size that they have in trials."""
+    drawn: dict[str, Any] = {}
+    for kind in ("state", "input", "parameter"):
+        for name, v in flatten(block.group(kind)):
+            if v.type is Type.BOOLEAN:
+                drawn[name] = rng.integers(0, 2, count)
+            elif v.type is Type.INTEGER:
+                low, high = v.min or 0, 90 if v.max is None or v.max > 90 else v.max
+                drawn[name] = rng.integers(int(low), int(high) + 1, count)
+            elif name.partition("[")[0] in {s.name for s in block.streams()}:
+                drawn[name] = rng.integers(1, 4294944443, count).astype(float)
+            else:
+                low = -60.0 if v.min is None else max(v.min, -60.0)
+                high = 60.0 if v.max is None else min(v.max, 60.0)
+                size = rng.choice([1.0, 0.05], count)
+                drawn[name] = np.clip(rng.uniform(low, high, count) * size, low, high)
+    for name in {"covariance[1]", "covariance[2]", "covariance[3]", "covariance[4]"} & drawn.keys():
+        drawn[name] = np.abs(drawn[name]) + 1e-3
+    return drawn
+
+
+@each_block
+def test_a_tick_from_any_state_has_the_same_bits(block: type[Block], build: Build, libraries: Libraries) -> None:
+    # given states, inputs and parameters drawn at random: every mode, every row of a table
+    count = 1500
+    drawn = random_states(block, count, np.random.default_rng(7))
+    library = libraries(build, "double")
+    records = library.records(block, count)
+    for name, column in drawn.items():
+        put(block, records, name, column)
+    model = Model(block)
+    rows = []
+    for i in range(count):
+        for name, column in drawn.items():
+            model[name] = column[i]
+        model.output[:] = 0
+        model.step()
+        rows.append(vector(model))
+    # when each makes a tick in C
+    library.step(block, records)
+    # then it ends where Python does
+    names = [*block.flat_names("state"), *block.flat_names("output")]
+    for name, column in zip(names, np.array(rows).T, strict=True):
+        assert same(np.asarray(get(block, records, name), dtype=np.float64), column), name
+
+
+@pytest.mark.parametrize("block", [b for b in BLOCKS if "float" in b.precisions], ids=lambda b: b.title())
+def test_float_c_is_the_float_program_operation_by_operation(
+    block: type[Block], build: Build, libraries: Libraries
+) -> None:
+    # given many instances at random states, in C float and as the program's instructions in float32
+    count = 400
+    rng = np.random.default_rng(11)
+    library = libraries(build, "float")
+    records, lanes = library.records(block, count), Lanes(block, "float", count)
+    drawn = random_states(block, count, rng)
+    for step in range(6):
+        # when both tick with the same inputs, NaN among them
+        for name, column in drawn.items() if step == 0 else random_states(block, count, rng).items():
+            if step == 0 or name in block.flat_names("input"):
+                column = np.array(column)
+                variable = dict(flatten(block.group("input"))).get(name)
+                if variable is not None and variable.type is Type.REAL:
+                    column[rng.random(count) < 0.02] = np.nan
+                put(block, records, name, column)
+                lanes[name] = column
+        library.step(block, records)
+        lanes.step()
+        # then they agree
+        for name in [*block.flat_names("state"), *block.flat_names("output")]:
+            assert same(np.asarray(get(block, records, name), dtype=np.float32), lanes[name]), (step, name)
+
+
+def test_float_controller_and_estimator_over_a_whole_trial(libraries: Libraries, reference: Any) -> None:
+    # given the sensors' outputs of a trial
+    system, parameters = TRIALS["full-1"]
+    order = system.order()
+    rows = reference("full-1")
+    widths = {
+        c: (len(b.flat_names("state")), len(b.flat_names("output"))) for c, b in system.components.items()
+    }
+    start = sum(sum(widths[c]) for c in order[: order.index("sensors")]) + widths["sensors"][0]
+    sensed = dict(zip(Sensors.flat_names("output"), rows[:, start:].T, strict=False))
+    library = libraries(QUICKEST, "float")
+    machines = [
+        (FourState, library.records(FourState, 1), Lanes(FourState, "float", 1)),
+        (Cmec, library.records(Cmec, 1, MISSION), Lanes(Cmec, "float", 1, MISSION)),
+        (CommandModule, library.records(CommandModule, 1), Lanes(CommandModule, "float", 1)),
+    ]
+    statuses = set()
+    for k in range(0, min(len(rows), 400)):
+        given_: dict[str, float] = {n: column[k] for n, column in sensed.items()} | {"start": 1.0}
+        for block, records, lanes in machines:
+            for name in block.flat_names("input"):
+                if name in given_:
+                    put(block, records, name, np.float32(given_[name]))
+                    lanes[name] = np.float32(given_[name])
+            library.step(block, records)
+            lanes.step()
+            for name in [*block.flat_names("state"), *block.flat_names("output")]:
+                assert get(block, records, name)[0] == lanes[name][0], (k, name)
+            given_ |= {n: float(lanes[n][0]) for n in block.flat_names("output")}
+        statuses.add((given_["status"], given_["tone_hz"]))
+    # and it was a trial, in which tones were played
+    assert {(1.0, 1500.0), (1.0, 3500.0)} <= statuses
+    assert parameters["controller"] is MISSION
+
+
+def test_streams_start_in_c_where_they_start_in_python(libraries: Libraries) -> None:
+    for seed in (0, 1, 77, 2**31 - 1):
+        model = CompiledModel(libraries(QUICKEST, "double"), Canine, {"seed": seed})
+        state = tuple(int(model[f"left_stream[{i}]"]) for i in range(1, 7))
+        assert state == start_state(seed, Canine.left_stream.substream)
+
+
+@pytest.mark.skipif(not (shutil.which("gcc") and shutil.which("nm")), reason="needs gcc and nm")
+@pytest.mark.parametrize(
+    ("block", "precision"), [(b, p) for b in BLOCKS for p in b.precisions], ids=lambda x: getattr(x, "__name__", x)
+)
+def test_objects_need_nothing_of_libm_but_sqrt_floor_fabs(
+    block: type[Block], precision: Any, tmp_path: Path
+) -> None:
+    files = generate(block, precision)
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    plain = Build("gcc", ("gcc",), ("-std=c99", "-O0", "-ffp-contract=off"))
+    compile_c(plain, [f"{block.title()}.c"], tmp_path, "block.o", ("-c",))
+    symbols = subprocess.run(["nm", "-u", "block.o"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    needed = {line.split()[-1] for line in symbols.stdout.splitlines()}
+    suffix = "f" if precision == "float" else ""
+    allowed = {f"{f}{suffix}" for f in ("sqrt", "floor", "fabs")} | {"memcpy", "memset", "mrg32k3a_start"}
+    assert needed - {"__stack_chk_fail", "_GLOBAL_OFFSET_TABLE_"} <= allowed
+
+
+def test_another_process_generates_the_same_bytes() -> None:
+    # given the C of every block here, when a process with another hash seed generates it
+    program = (
+        "import sys; sys.path[:0] = [{!r}, {!r}]\n"
+        "from compiled import BLOCKS; from codegen.block_c import generate\n"
+        "for b in BLOCKS:\n  for p in b.precisions: print(generate(b, p))\n"
+    ).format(str(Path(__file__).parent), str(Path(__file__).parents[2]))
+    other = subprocess.run(
+        [sys.executable, "-c", program],
+        env=os.environ | {"PYTHONHASHSEED": "12345"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    # then it is the same, byte for byte
+    assert other.stdout.splitlines() == [str(generate(b, p)) for b in BLOCKS for p in b.precisions]
+
+
+def test_modes_of_the_random_states_are_all_modes() -> None:
+    # the ticks from any state are to pass through every row of the controller's table
+    assert set(random_states(Cmec, 1500, np.random.default_rng(7))["now"]) == {int(m) for m in Mode}

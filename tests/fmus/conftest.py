@@ -1,0 +1,53 @@
+"""Every block's FMU of both versions, built once for all tests."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import fmpy
+import pytest
+from pulse import Pulse, Slide
+
+from fmus.build import build_fmu
+from fmus.description import FmiVersion
+from models.kit.block import Block
+from models.pedestrian import Pedestrian
+from models.system import SYSTEMS
+
+BLOCKS = [Pulse, Slide, *dict.fromkeys([*SYSTEMS["full"].components.values(), Pedestrian])]
+Fmu = Callable[[type[Block]], Path]
+
+
+@pytest.fixture(params=BLOCKS, ids=lambda block: block.title())
+def block(request: pytest.FixtureRequest) -> type[Block]:
+    return request.param
+
+
+@pytest.fixture(params=[2, 3], ids=["fmi2", "fmi3"])
+def version(request: pytest.FixtureRequest) -> FmiVersion:
+    return request.param
+
+
+@pytest.fixture(scope="session")
+def build_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("fmus")
+
+
+@pytest.fixture
+def fmu(build_folder: Path, version: FmiVersion) -> Fmu:
+    """The FMU of a block; built at the first call, up to date at the others."""
+    return lambda block: build_fmu(block, build_folder / f"fmi{version}", version)
+
+
+@pytest.fixture
+def unpacked(fmu: Fmu, build_folder: Path, version: FmiVersion) -> Fmu:
+    """The folder that a block's FMU is unpacked in."""
+
+    def unpack(block: type[Block]) -> Path:
+        folder = build_folder / f"unpacked{version}" / block.title()
+        if not folder.exists():
+            fmpy.extract(str(fmu(block)), str(folder))
+        return folder
+
+    return unpack

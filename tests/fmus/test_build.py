@@ -1,0 +1,266 @@
+"""What is in an FMU: descriptions that validate, names of the declaration and no others, the same bytes."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import shutil
+import subprocess
+import sys
+import threading
+import time
+import xml.etree.ElementTree as ET
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import fmpy
+import pytest
+from fmpy.validation import validate_fmu
+from instance import Instance, run, run_model, stimulus
+from pulse import Pulse, Slide
+
+from codegen.block_c import generate
+from codegen.compiler import FLAGS, PLATFORMS, CompileError, this_platform
+from fmus.build import BuildError, build_all, build_fmu
+from fmus.dependencies import initial_dependencies, tick_dependencies
+from fmus.description import FmiVersion
+from models.canine import Canine
+from models.errors import DeclarationError
+from models.kit.block import Block
+from models.kit.declaration import Output, State, Type, flatten
+from models.kit.units import UNITS
+
+Fmu = Callable[[type[Block]], Path]
+
+
+def test_fmpy_finds_nothing_wrong(block: type[Block], fmu: Fmu) -> None:
+    assert validate_fmu(str(fmu(block))) == []
+
+
+def test_the_description_holds_the_declaration_and_nothing_else(block: type[Block], fmu: Fmu) -> None:
+    # given the declaration's variables and those of the model description
+    description = fmpy.read_model_description(str(fmu(block)))
+    described = {v.name: v for v in description.modelVariables}
+    if description.fmiVersion == "3.0":
+        assert described.pop("time").causality == "independent"
+    declared = {n: v for k in ("input", "output", "parameter", "state") for n, v in flatten(block.group(k))}
+    # then names and order are the same, and references count them
+    assert list(described) == list(declared)
+    assert [v.valueReference for v in described.values()] == list(range(len(declared)))
+    # then unit, type, causality, range and start are those declared
+    types = {Type.REAL: ("Real", "Float64"), Type.INTEGER: ("Integer", "Int32"), Type.BOOLEAN: ("Boolean",)}
+    units = {u.name: u.baseUnit for u in description.unitDefinitions}
+    for name, variable in declared.items():
+        got = described[name]
+        assert got.type in types[variable.type]
+        assert got.causality == {"state": "local"}.get(variable.kind, variable.kind)
+        assert (got.unit or "") == variable.unit
+        assert variable.meaning in got.description
+        assert all(f"{int(c)} {c.name}" in got.description for c in variable.choices or ())
+        if variable.unit:
+            assert {
+                b: p for b in ("kg", "m", "s", "A", "rad") if (p := getattr(units[variable.unit], b))
+            } == (UNITS[variable.unit])
+        if variable.type is not Type.BOOLEAN:
+            assert (None if got.min is None else float(got.min)) == variable.min
+            assert (None if got.max is None else float(got.max)) == variable.max
+        if variable.kind in ("input", "parameter"):
+            index = variable.flat_names.index(name)
+            start = float(got.start == "true") if variable.type is Type.BOOLEAN else float(got.start)
+            assert start == variable.start[index]
+    # then the step is fixed
+    assert float(description.defaultExperiment.stepSize) == block.sample_time
+    assert not description.coSimulation.canHandleVariableCommunicationStepSize
+
+
+def test_outputs_tell_what_they_depend_on(fmu: Fmu) -> None:
+    # given which inputs reach which outputs of the small blocks, by reading them
+    assert tick_dependencies(Pulse) == {
+        "place": {"push", "kick"},
+        "beating": {"push", "kick"},
+        "shown": {"push", "kick"},
+        "steady": frozenset(),
+    }
+    assert initial_dependencies(Slide) == {"place": {"begin"}}
+    # then the description says so, an empty list for a plant
+    for toy, expected in ((Pulse, {"place": ["push", "kick"], "steady": []}), (Slide, {"place": []})):
+        description = fmpy.read_model_description(str(fmu(toy)))
+        found = {u.variable.name: [d.name for d in u.dependencies] for u in description.outputs}
+        assert expected.items() <= found.items()
+    initial = fmpy.read_model_description(str(fmu(Slide))).initialUnknowns
+    assert [(u.variable.name, [d.name for d in u.dependencies]) for u in initial] == [("place", ["begin"])]
+
+
+def test_a_plant_closes_a_loop(fmu: Fmu) -> None:
+    description = fmpy.read_model_description(str(fmu(Canine)))
+    assert len(description.outputs) == len(Canine.flat_names("output"))
+    assert all(u.dependencies == [] for u in description.outputs)
+
+
+def test_two_builds_give_the_same_bytes(tmp_path: Path, fmu: Fmu, version: FmiVersion) -> None:
+    again = build_fmu(Pulse, tmp_path / "elsewhere", version)
+    assert again.read_bytes() == fmu(Pulse).read_bytes()
+
+
+def test_no_path_and_no_time_gets_in(fmu: Fmu) -> None:
+    with zipfile.ZipFile(fmu(Pulse)) as archive:
+        assert {entry.date_time for entry in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
+        for name in archive.namelist():
+            content = archive.read(name)
+            assert b"/tmp" not in content
+            assert os.getcwd().encode() not in content
+
+
+def test_what_is_up_to_date_is_not_built_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # given an FMU, and no compiler from now on
+    path = build_fmu(Slide, tmp_path, 2)
+    written = path.stat().st_mtime_ns
+    monkeypatch.setattr("fmus.build.build_library", lambda *a, **k: pytest.fail("compiled again"))
+    # then it stays as it is, but a damaged one is built again
+    assert build_fmu(Slide, tmp_path, 2).stat().st_mtime_ns == written
+    path.write_bytes(path.read_bytes()[:1000])
+    with pytest.raises(pytest.fail.Exception, match="compiled again"):
+        build_fmu(Slide, tmp_path, 2)
+
+
+def test_a_failed_build_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # given an FMU, and C that does not compile
+    path = build_fmu(Slide, tmp_path, 2)
+    before = path.read_bytes()
+    broken = generate(Slide) | {"slide.c": "int x = ;\n"}
+    monkeypatch.setattr("fmus.build._generate", lambda block, precision: broken)
+    # when it is built
+    with pytest.raises(CompileError, match=r"(?s)slide \(FMI 2\.0, .*ziglang.*error: expected expression"):
+        build_fmu(Slide, tmp_path, 2)
+    # then the error names block and compiler, and the old file is whole
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["slide.fmu"]
+
+
+def test_two_builds_at_once_do_not_collide(tmp_path: Path) -> None:
+    failures: list[BaseException] = []
+
+    def build() -> None:
+        try:
+            for version in (2, 3):
+                build_fmu(Slide, tmp_path / f"fmi{version}", version)
+        except BaseException as error:
+            failures.append(error)
+
+    threads = [threading.Thread(target=build) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert failures == []
+    assert sorted(str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*.*")) == [
+        "fmi2/slide.fmu", "fmi3/slide.fmu",
+    ]  # fmt: skip
+
+
+def test_unknown_platforms_and_precisions_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(CompileError, match='platform "linux46" is not known; did you mean "linux64"'):
+        build_fmu(Slide, tmp_path, 2, ["linux46"])
+    with pytest.raises(DeclarationError, match="slide comes in double precision only, got float"):
+        build_fmu(Slide, tmp_path, 2, precision="float")
+
+
+def test_two_machines_in_one_folder_are_refused(tmp_path: Path) -> None:
+    # FMI 2.0 has one folder for all 64-bit Linux machines
+    with pytest.raises(
+        BuildError, match=r"x86_64-linux, aarch64-linux: FMI 2\.0 keeps them in folders linux64, l"
+    ):
+        build_fmu(Slide, tmp_path, 2, ["linux64", "aarch64-linux"])
+
+
+def test_a_variable_called_time_is_refused(tmp_path: Path) -> None:
+    class Clock(Block):
+        """Takes FMI's own name."""
+
+        count = State("1", "ticks")
+        time = Output("s", "of the day")
+
+        def answer(m: Clock) -> None:
+            m.count = m.count + 1
+            m.time = m.count
+
+    with pytest.raises(DeclarationError, match=r'clock: variable "time"; FMI 3\.0 adds its own, rename it'):
+        build_fmu(Clock, tmp_path, 3)
+
+
+def library(folder: Path, version: int, name: str) -> Path:
+    platform = PLATFORMS[this_platform()]
+    return folder / "binaries" / {2: platform.fmi2, 3: platform.fmi3}[version] / f"{name}{platform.suffix}"
+
+
+def test_the_sources_compile_again_to_the_same_results(fmu: Fmu, tmp_path: Path, version: FmiVersion) -> None:
+    # given an unpacked FMU whose binary is gone
+    fmpy.extract(str(fmu(Pulse)), str(tmp_path))
+    binary = library(tmp_path, version, "pulse")
+    binary.unlink()
+    # when its sources are compiled as its descriptions say, by whatever compiler is there, with all warnings
+    if version == 3:
+        root = ET.parse(tmp_path / "sources" / "buildDescription.xml").getroot()
+        fileset = root.find("BuildConfiguration/SourceFileSet")
+        assert fileset is not None
+        assert fileset.get("compiler") == "clang"  # compilerOptions without compiler are refused by some
+        options = (fileset.get("compilerOptions") or "").split()
+        libraries = [f"-l{e.get('name')}" for e in root.iterfind("BuildConfiguration/Library")]
+        sources = [e.get("name") for e in fileset.iterfind("SourceFile")]
+    else:
+        root = ET.parse(tmp_path / "modelDescription.xml").getroot()
+        options, libraries = ["-std=c99", "-O2", "-ffp-contract=off"], ["-lm"]
+        sources = [e.get("name") for e in root.iterfind("CoSimulation/SourceFiles/File")]
+    system = shutil.which("cc")
+    compiler = [system] if system else [sys.executable, "-m", "ziglang", "cc", "-fno-sanitize=all"]
+    warnings = [flag for flag in FLAGS if flag.startswith("-W")]
+    done = subprocess.run(
+        [*compiler, "-shared", "-fPIC", *options, *warnings, *sources, "-o", str(binary), *libraries],
+        cwd=tmp_path / "sources", check=False, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.stderr == ""
+    # then the same bits come out
+    rows = stimulus(Pulse, 100)
+    with Instance(tmp_path) as unit:
+        assert run(unit.start({"seed": 3}), Pulse, rows) == run_model(Pulse, {"seed": 3}, rows)
+
+
+def test_every_function_of_the_interface_is_exported(fmu: Fmu, tmp_path: Path, version: FmiVersion) -> None:
+    # given the functions that the official header declares
+    fmpy.extract(str(fmu(Slide)), str(tmp_path))
+    header = (tmp_path / "sources" / f"fmi{version}Functions.h").read_text()
+    words = [line.split() for line in header.splitlines() if f"FMI{version}_Export fmi" in line]
+    names = [line[-1].rstrip(";") for line in words]
+    assert len(names) == {2: 44, 3: 75}[version]
+    # then the binary has them all
+    binary = ctypes.CDLL(str(library(tmp_path, version, "slide")))
+    assert [name for name in names if not hasattr(binary, name)] == []
+
+
+def test_another_platform_is_built_here(tmp_path: Path, version: FmiVersion) -> None:
+    # given a machine that is not this one
+    name = "darwin64" if this_platform() != "darwin64" else "linux64"
+    platform = PLATFORMS[name]
+    # when an FMU is built for it
+    with zipfile.ZipFile(build_fmu(Slide, tmp_path, version, [name])) as archive:
+        folder = {2: platform.fmi2, 3: platform.fmi3}[version]
+        binary = archive.read(f"binaries/{folder}/slide{platform.suffix}")
+    # then its binary has that machine's format (Mach-O, 64 bits) and nothing else lies beside it
+    assert binary[:4] == {"darwin64": b"\xcf\xfa\xed\xfe", "linux64": b"\x7fELF"}[name]
+
+
+def test_everything_is_built_and_then_stays(tmp_path: Path) -> None:
+    # when everything is built twice
+    told: list[Path] = []
+    paths = build_all(tmp_path, done=told.append)
+    started = time.perf_counter()
+    written = {path: path.stat().st_mtime_ns for path in paths if path.suffix == ".fmu"}
+    again = build_all(tmp_path)
+    seconds = time.perf_counter() - started
+    # then all files are there, the FMUs are left alone the second time, and the packages have the same bytes
+    names = {str(path.relative_to(tmp_path)) for path in paths}
+    assert {"fmi2/canine.fmu", "fmi3/pedestrian.fmu", "full.fmi2.ssp", "cts.fmi3.ssp"} <= names
+    assert told == paths == again
+    assert {path: path.stat().st_mtime_ns for path in written} == written
+    assert seconds < 60

@@ -1,0 +1,151 @@
+"""A recording through the estimator FMU, with simulated outages."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from fmus.build import BUILD, build_fmu
+from harness.recording import RecordingError, Signals
+from harness.replay import (
+    HELD,
+    Outage,
+    hold_speed,
+    open_source,
+    replay,
+    report,
+    run_fmu,
+    show,
+    statistics,
+)
+from models.four_state import FourState
+from models.kit.model import Model
+
+PROJECT = Path(__file__).resolve().parents[2]
+WALK = Path(os.environ.get("CANINE_DATA", PROJECT.parent / "shared" / "data")) / "walk_ublox_imu"
+walk_is_there = pytest.mark.skipif(not WALK.is_dir(), reason=f"no recording in {WALK}")
+
+
+@pytest.fixture(scope="module")
+def walk():
+    return open_source(WALK)
+
+
+def outage(errors: dict[str, tuple[float, float]]) -> Outage:
+    return Outage(0.0, 10.0, 12.0, errors, {}, np.zeros(0))
+
+
+@walk_is_there
+def test_outages_fit_between_settling_and_the_last_fix(walk):
+    windows = walk.windows(10, 5)
+    assert windows[0] == (22.0, 32.0)  # the walk begins at 11.5 s
+    assert windows[-1] == (122.0, 132.0)  # the last fix is at 132.5 s
+    assert len(windows) == 21
+
+
+@walk_is_there
+def test_the_fmu_answers_the_walk_as_the_python_model_does(walk):
+    # given the first 20 s of the walk with an outage in them
+    given = walk.signals([(12.0, 15.0)])
+    ticks = 500
+    # when both run over them
+    fmu = run_fmu(build_fmu(FourState, BUILD / "fmi2", 2), given, ticks, {"fuzzy": 0})
+    model = Model(FourState, {"fuzzy": 0})
+    model.initialize()
+    names = FourState.flat_names("input")
+    expected = []
+    for tick in range(ticks):
+        for name in names:
+            model[name] = float(getattr(given, name)[tick])
+        model.step()
+        expected.append(model.output.copy())
+    # then they agree to the bit
+    for i, name in enumerate(FourState.flat_names("output")):
+        np.testing.assert_array_equal(fmu[name], np.array(expected)[:, i], err_msg=name)
+
+
+@walk_is_there
+def test_a_fix_inside_an_outage_reaches_nobody(walk):
+    # given an outage, and the same with the fixes inside it moved away
+    window = (40.0, 50.0)
+    ticks = int(window[1] / 0.04) + 1
+    path = build_fmu(FourState, BUILD / "fmi2", 2)
+    plain = walk.signals([window])
+    assert not plain.gps_fix[(plain.t >= window[0]) & (plain.t <= window[1])].any()
+    # then what the estimator is given holds still, and the estimate runs on dead reckoning
+    inside = (plain.t > window[0]) & (plain.t <= window[1])
+    assert np.ptp(plain.gps_north[inside]) == 0.0
+    estimate = run_fmu(path, plain, ticks, {})
+    age_grows = estimate["north_sd"][inside[:ticks]]
+    assert age_grows[-1] > 10 * age_grows[0]
+
+
+@walk_is_there
+def test_every_configuration_is_judged_at_the_same_fix(walk, tmp_path):
+    found = replay(walk, "four_state", walk.windows(10, 40))
+    assert len(found) == 3
+    result = report(walk, "four_state", found, tmp_path)
+    assert list(result["configurations"]) == [HELD, "no pitch", "pitch", "fuzzy"]
+    written = json.loads((tmp_path / "outages.json").read_text())
+    assert written == result
+    assert (tmp_path / "replay.png").read_bytes().startswith(b"\x89PNG")
+    # the strong baseline of this walk: a person walks 12.5 m in 10 s and turns, yet ends within metres
+    assert result["configurations"][HELD]["position_error_m"]["median"] < 5.0
+
+
+def test_held_speed_goes_on_along_the_heading(walk_like):
+    # given 2 m/s to the east from the last fix at tick 25, at (3, 4)
+    given = walk_like
+    # when the speed is held for a second
+    held = hold_speed(given, 51)
+    # then 25 ticks of 0.08 m follow, all east
+    assert held["north"][50] == pytest.approx(3.0, abs=1e-12)
+    assert held["east"][50] == pytest.approx(4.0 + 2.0, abs=1e-12)
+    assert held["speed"][50] == 2.0
+
+
+@pytest.fixture
+def walk_like():
+    ticks = 51
+    values = {name: np.zeros(ticks) for name in Signals.__dataclass_fields__}
+    values["heading_meas"] = np.full(ticks, np.pi / 2)
+    values["gps_fix"] = np.zeros(ticks, dtype=bool)
+    values["gps_fix"][25] = True
+    values["gps_north"], values["gps_east"] = np.full(ticks, 3.0), np.full(ticks, 4.0)
+    values["gps_speed"] = np.full(ticks, 2.0)
+    values["origin_latitude"] = values["origin_longitude"] = 0.0
+    return Signals(**values)
+
+
+def test_statistics_by_hand():
+    # given two outages with errors of 1 and 3 m against 2 and 6 m
+    found = [
+        outage({"a": (1.0, 0.0), "b": (2.0, 0.0)}),
+        outage({"a": (3.0, 0.0), "b": (6.0, 0.0)}),
+    ]
+    result = statistics(found)
+    # then mean 2, sd sqrt(2), median 2, p90 = 1 + 0.9 * 2
+    a = result["configurations"]["a"]["position_error_m"]
+    assert a == pytest.approx({"mean": 2.0, "sd": 2**0.5, "median": 2.0, "p90": 2.8})
+    # differences -1 and -3: mean -2, sd sqrt(2), so t = -2 / (sqrt(2) / sqrt(2)) = -2
+    (pair,) = result["paired_t_tests"]
+    assert pair["position_error_m"]["t"] == pytest.approx(-2.0)
+    # velocities that never differ have no t
+    assert pair["velocity_error_m_s"] == {"t": None, "p": None}
+
+
+def test_a_single_outage_has_no_spread_and_no_test(capsys):
+    result = statistics([outage({"a": (1.0, 0.5), "b": (2.0, 0.5)})])
+    assert result["configurations"]["a"]["position_error_m"]["sd"] is None
+    show(result, Console())
+    assert "-" in capsys.readouterr().out
+
+
+def test_a_folder_without_a_recording_is_refused(tmp_path):
+    with pytest.raises(RecordingError, match=r"expected one file"):
+        open_source(tmp_path)
