@@ -12,6 +12,7 @@ from typing import Any
 import jinja2
 
 from codegen.expressions import MEMBERS, Writer, c_name, condition, literal, statements
+from models.errors import DeclarationError
 from models.kit import random
 from models.kit.block import GROUPS, Block, Program, Table, Transition, Update
 from models.kit.declaration import Type, Variable
@@ -44,6 +45,10 @@ def generate(block: type[Block], precision: Precision = "double") -> dict[str, s
     Raises:
         DeclarationError: the block does not come in this precision, or uses what C lacks without a library.
     """
+    if precision not in block.precisions:
+        raise DeclarationError(
+            f"{block.title()} comes in {' and '.join(block.precisions)} precision, not in {precision}"
+        )
     program = block.program(precision)
     generator = _Generator(program)
     routines = [generator.routine(phase) for phase in program.tick]

@@ -7,7 +7,9 @@ floating-point operation.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import Any, Literal
 
 import casadi as ca
@@ -49,7 +51,7 @@ class Node:
         self.name = ""  # of the local that holds it, once it has one
         self.held_as: CType = "real"  # the type of that local
 
-    @property
+    @cached_property
     def ctype(self) -> CType:
         """What C computes it as; `constant`: made of constants alone, it takes the type of its use."""
         if self.op == ca.OP_CONST:
@@ -72,7 +74,8 @@ def read(function: Any, block: type[Block]) -> tuple[list[Node], int]:
     """The nodes of a traced function's results, and how many operations it takes.
 
     Raises:
-        DeclarationError: an operation that C does not get from us (it would be a library call).
+        DeclarationError: an operation that C does not get from us (it would be a library call), or a
+            constant that is not finite.
     """
     fields = [list(flatten(block.group(kind))) for kind in GROUPS]
     work: dict[int, Node] = {}
@@ -85,7 +88,10 @@ def read(function: Any, block: type[Block]) -> tuple[list[Node], int]:
             function.instruction_input(k),
         )
         if op == ca.OP_CONST:
-            work[into[0]] = Node(op, value=float(function.instruction_constant(k)))
+            value = float(function.instruction_constant(k))
+            if not math.isfinite(value):
+                raise DeclarationError(f"{function.name()}: constant {value} has no C literal")
+            work[into[0]] = Node(op, value=value)
         elif op == ca.OP_INPUT:
             name, variable = fields[of[0]][of[1]]
             field = f"m->{MEMBERS[GROUPS[of[0]]]}.{c_name(name)}"
@@ -138,8 +144,15 @@ def c_name(flat_name: str) -> str:
 
 
 def literal(value: float, precision: Precision) -> str:
-    """The shortest C literal that reads back as this very number in the precision."""
-    text = repr(value) if precision == "double" else str(np.float32(value))
+    """The shortest C literal that reads back as this very number in the precision.
+
+    Raises:
+        DeclarationError: it is too large for the precision.
+    """
+    with np.errstate(over="ignore"):
+        text = repr(value) if precision == "double" else str(np.float32(value))
+    if "inf" in text:
+        raise DeclarationError(f"constant {value!r} is too large for {precision}")
     if not any(c in text for c in ".en"):
         text += ".0"
     return text + ("f" if precision == "float" else "")
@@ -224,7 +237,12 @@ class Writer:
         a, b = node.operands
         symbol = BINARY[node.op]
         for field, constant in ((a, b), (b, a)):
-            if field.variable is not None and field.variable.choices and constant.op == ca.OP_CONST:
+            if (
+                field.variable is not None
+                and field.variable.choices
+                and constant.op == ca.OP_CONST
+                and constant.value in list(field.variable.choices)
+            ):
                 symbol = symbol if field is a else MIRRORED[symbol]
                 return f"({field.field} {symbol} {self.enum_name(field.variable, int(constant.value))})"
         kinds = {a.ctype, b.ctype}
@@ -271,7 +289,7 @@ def statements(
         variable = declared[target]
         field = f"m->{MEMBERS[variable.kind]}.{c_name(target)}"
         want: CType = {Type.REAL: "real", Type.INTEGER: "int", Type.BOOLEAN: "bool"}[variable.type]  # type: ignore[assignment]
-        if variable.choices and node.op == ca.OP_CONST:
+        if variable.choices and node.op == ca.OP_CONST and node.value in list(variable.choices):
             stores.append(f"{field} = {writer.enum_name(variable, int(node.value))};")
         elif node.op == ca.OP_CONST or (len(writes) == 1 and not node.name):
             stores.append(f"{field} = {_bare(writer.write(node, want))};")

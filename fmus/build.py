@@ -24,6 +24,7 @@ from models.pedestrian import Pedestrian
 from models.system import SYSTEMS
 
 BUILD = Path(__file__).parent / "build"
+STAMP = "built-from"  # in a build folder: the hash of what it was built from
 VERSIONS: tuple[FmiVersion, ...] = (2, 3)
 SHIM = Path(__file__).parent / "shim"
 HEADERS: dict[FmiVersion, tuple[str, ...]] = {
@@ -86,12 +87,20 @@ def build_all(
         for future in built.values():
             paths.append(future.result())
             done(paths[-1])
+    origin = _origin()
     for system in SYSTEMS.values():
         for version in VERSIONS:
             fmus = {role: built[block, version].result() for role, block in system.components.items()}
             paths.append(write_ssp(system, fmus, folder / f"{system.name}.fmi{version}.ssp"))
             done(paths[-1])
+    (folder / STAMP).write_text(origin)
     return paths
+
+
+def is_current(folder: Path = BUILD) -> bool:
+    """Was everything in the folder built from the models, generator and shim as they are now?"""
+    stamp = folder / STAMP
+    return stamp.is_file() and stamp.read_text() == _origin()
 
 
 def contents(block: type[Block], version: FmiVersion, precision: Precision = "double") -> dict[str, bytes]:
@@ -177,6 +186,18 @@ def _headers() -> Path:
         if (Path(folder) / "c-code" / "fmi3Functions.h").exists():
             return Path(folder) / "c-code"
     raise BuildError("the installed fmpy has no c-code/fmi3Functions.h; install the version of the lock file")
+
+
+def _origin() -> str:
+    """A hash of what builds depend on: the files of three floors, and the compiler's version."""
+    floors = Path(__file__).parents[1]
+    files = {
+        str(path.relative_to(floors)): path.read_bytes()
+        for floor in ("models", "codegen", "fmus")
+        for path in (floors / floor).rglob("*")
+        if path.suffix in (".py", ".c", ".h", ".jinja")
+    }
+    return _digest(files, [compiler_version()])
 
 
 def _digest(files: Mapping[str, bytes], more: Iterable[str] = ()) -> str:

@@ -17,7 +17,7 @@ from rich.table import Table
 
 from codegen.compiler import PLATFORMS
 from fmus.build import BUILD, build_all
-from harness import trial
+from harness import replay, trial
 from harness.fmu import FmuDescription, describe
 from harness.loop import Simulation
 from harness.roles import find_role, fit, read_adapter
@@ -25,9 +25,9 @@ from harness.scenario import DEFAULT, ScenarioError
 from harness.ssp import Description, Member
 from harness.summary import show
 from harness.wiring import Order, wire
-from models.errors import CanineError, ParameterError
+from models.errors import CanineError, ParameterError, nearest
 
-FAULT, USAGE, INTERRUPTED = 1, 2, 130
+FAULT, USAGE = 1, 2  # and 130 for Ctrl-C, from typer
 LONG_S = 60.0  # s of trial time, from which on a run shows its progress
 TRY_OUT_S = 1.0  # s for which an FMU that is checked is run alone
 
@@ -57,6 +57,7 @@ def canine() -> None:
     canine run my.toml --plant dog.fmu            the same with a dog made elsewhere
     canine check dog.fmu --role plant             does it fit, and what is wrong if not
     canine wiring --order jacobi                  what is stepped when, and what delays
+    canine replay out/demo/trial.mcap             the estimator over a recording, with GPS outages
 
     --debug anywhere shows where an error comes from.
     Exit status: 0 done (also when the dog failed its trial), 1 a fault in what was run, 2 wrong usage,
@@ -117,9 +118,10 @@ def run(
             trial.build_missing(request, done)
         with trial.prepared(request) as ready:
             for note in ready.notes:
-                err.print(f"note: {escape(note)}", style="dim")
+                err.print(f"note: {escape(note)}", style="dim", soft_wrap=True)
             place = folder or trial.default_folder(request.scenario)
-            with _progress(request.scenario.duration, quiet=as_json) as progress:
+            duration = request.scenario.duration
+            with _bar("trial [s]", duration, quiet=as_json or duration < LONG_S) as progress:
                 summary = trial.run(request, ready, place, progress)
     if as_json:
         typer.echo(json.dumps(summary, indent=2))
@@ -190,6 +192,41 @@ def check(
     )
 
 
+@app.command("replay")
+def replay_recording(
+    recording: Annotated[Path, typer.Argument(exists=True, metavar="FOLDER|LOG.mcap")],
+    *,
+    estimator: Annotated[str, typer.Option(help=f"one of {', '.join(replay.ESTIMATORS)}")] = "four_state",
+    outage: Annotated[float, typer.Option(min=1, max=600, help="s without GPS")] = 10,
+    every: Annotated[
+        float, typer.Option(min=0.25, max=3600, help="s from one outage's start to the next")
+    ] = 5,
+    folder: Annotated[
+        Path | None, typer.Option("--out", file_okay=False, help="by default out/replay-<recording>")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print the result as JSON")] = False,
+) -> None:
+    """Run the estimator FMU over a recording with simulated outages: a table, outages.json, replay.png.
+
+    \b
+    canine replay ../walk                         a folder with .ubx, imu*.csv and their time tags
+    canine replay out/demo/trial.mcap --outage 5  the log of a trial
+    """
+    if estimator not in replay.ESTIMATORS:
+        raise ParameterError(f'no estimator "{estimator}"{nearest(estimator, replay.ESTIMATORS)}')
+    source = replay.open_source(recording)
+    chosen = source.windows(outage, every)
+    with _bar("outages", len(chosen), quiet=as_json) as progress:
+        found = replay.replay(source, estimator, chosen, progress)
+    place = folder or Path("out") / f"replay-{source.name}"
+    result = replay.report(source, estimator, found, place)
+    if as_json:
+        typer.echo(json.dumps(result, indent=2))
+    else:
+        replay.show(result, out)
+        typer.echo(f"files in {place}")
+
+
 def _try_out(description: FmuDescription, name: str) -> None:
     """Step it alone for a while, inputs at their start values."""
     alone = Description(name, {name: Member(name, description.path)}, ())
@@ -209,17 +246,17 @@ def _telling(what: str) -> Iterator[Callable[[Path], None]]:
 
 
 @contextmanager
-def _progress(duration: float, quiet: bool) -> Iterator[Callable[[float], None] | None]:
-    """A bar over the trial's time, on a terminal and where it takes long."""
-    if quiet or duration < LONG_S or not err.is_terminal:
+def _bar(what: str, total: float, quiet: bool) -> Iterator[Callable[[float], None] | None]:
+    """A progress bar, on a terminal."""
+    if quiet or not err.is_terminal:
         yield None
         return
     with Progress(
-        TextColumn("trial"), BarColumn(), TextColumn("{task.completed:.0f} s"), TimeElapsedColumn(),
-        console=err, transient=True,
+        TextColumn(what), BarColumn(), TextColumn("{task.completed:.0f} of {task.total:.0f}"),
+        TimeElapsedColumn(), console=err, transient=True,
     ) as bar:  # fmt: skip
-        task = bar.add_task("trial", total=duration)
-        yield lambda moment: bar.update(task, completed=moment)
+        task = bar.add_task(what, total=total)
+        yield lambda done: bar.update(task, completed=done)
 
 
 def main() -> None:
@@ -235,9 +272,6 @@ def main() -> None:
             print(f"canine: {line}", file=sys.stderr)
         wrong_usage = isinstance(error, ScenarioError | ParameterError)
         sys.exit(USAGE if wrong_usage else FAULT)
-    except KeyboardInterrupt:
-        print("canine: ended by Ctrl-C", file=sys.stderr)
-        sys.exit(INTERRUPTED)
 
 
 if __name__ == "__main__":

@@ -172,7 +172,10 @@ def replay(
 
     Raises:
         FmuError: the FMU fails.
+        RecordingError: there is no outage to run through.
     """
+    if not chosen:
+        raise RecordingError(f"{source.name}: no outage fits; expected a longer recording or shorter outages")
     path = build_fmu(ESTIMATORS[estimator], BUILD / "fmi2", 2)
     found = []
     for number, window in enumerate(chosen):
@@ -291,10 +294,11 @@ def _joined(shown: Sequence[Outage], name: str) -> tuple[Array, Array, Array]:
 def show(result: Mapping[str, Any], console: Console) -> None:
     """Print the table of errors at the ends of the outages, and the t-tests."""
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
-    table.add_column("configuration")
-    for heading in ("n", "mean", "sd", "median", "p90", "mean", "sd", "median", "p90"):
+    table.add_column("off at the end of the outage")
+    for heading in ("n", "position [m]\nmean", "\nsd", "\nmedian", "\np90"):
         table.add_column(heading, justify="right")
-    table.add_row("", "", "position [m]", "", "", "", "speed [m/s]", "", "", "", style="dim")
+    for heading in ("speed [m/s]\nmean", "\nsd", "\nmedian", "\np90"):
+        table.add_column(heading, justify="right")
     for name, values in result["configurations"].items():
         cells = [values[column][key] for column in COLUMNS for key in ("mean", "sd", "median", "p90")]
         table.add_row(name, str(values["n"]), *("-" if cell is None else f"{cell:.2f}" for cell in cells))

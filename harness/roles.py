@@ -156,9 +156,9 @@ def fit(fmu: FmuDescription, role: Role, adapter: Adapter, consumed: Iterable[st
     ignored = [name for name in role.inputs if name not in inputs]
     if absent and not checker.problems:
         checker.note(f"has no output {', '.join(absent)}; taken as zero")
-    if ignored:
+    if ignored and not checker.problems:
         checker.note(f"has no input {', '.join(ignored)}; what the role is told there is not given to it")
-    if role.name == "plant" and fmu.feedthrough:
+    if role.name == "plant" and fmu.feedthrough and not checker.problems:
         checker.note(
             "says that its outputs depend on its inputs within a step; it is stepped last all the same"
         )
@@ -214,7 +214,7 @@ class _Checker:
                 f'has no {kind} "{rename.name}" ({what}), which {need}{hint}; map it in {toml} or export it'
             )
         if quantity.causality != kind:
-            return f'"{rename.name}" is a {quantity.causality}, {need} an {kind}; export it as an {kind}'
+            return f'"{rename.name}" has causality {quantity.causality}; {need} {kind}, export it as such'
         if quantity.type is not needed.type:
             return (
                 f'{kind} "{rename.name}" is {quantity.type.value}, {need} {needed.type.value}; '

@@ -473,7 +473,7 @@ class _Planner:
                 for flat, value in _converted(name, setting.value, known, where).items():
                     yield Event(setting.at, component, flat, value)
                     if setting.until is not None:
-                        before = self.values[component].get(flat, known[flat].start[0])
+                        before = self.values[component].get(flat, _start(known[flat], flat))
                         yield Event(setting.until, component, flat, before)
 
 
@@ -536,12 +536,13 @@ def _expected(variable: Variable, scale: float) -> str:
 def values_of(parts: Mapping[str, Part], values: Mapping[str, Mapping[str, float]]) -> dict[str, str]:
     """Every parameter of every part as `component.name`: value (SI), for the log."""
     return {
-        f"{component}.{name}": repr(float(values.get(component, {}).get(name, variable.start[_index(name)])))
+        f"{component}.{name}": repr(float(values.get(component, {}).get(name, _start(variable, name))))
         for component, part in parts.items()
         for name, variable in part.parameters.items()
     }
 
 
-def _index(name: str) -> int:
-    """The place of a vector's element in its start values: `name[3]` is 2."""
-    return int(name[name.index("[") + 1 : -1]) - 1 if name.endswith("]") else 0
+def _start(variable: Variable, name: str) -> float:
+    """The start value of a scalar of a block's or an FMU's variable: of `name[3]`, the vector's third."""
+    is_element = len(variable.start) > 1
+    return variable.start[int(name[name.index("[") + 1 : -1]) - 1 if is_element else 0]

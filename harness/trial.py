@@ -11,7 +11,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from fmus.build import BUILD, build_all
+import numpy as np
+
+from fmus.build import BUILD, build_all, is_current
 from harness.fmu import FmuDescription, describe
 from harness.log import Channel, Log, LogWriter, read_log
 from harness.loop import Array, Simulation, Stop
@@ -136,8 +138,8 @@ class Prepared:
 
 
 def build_missing(request: Request, done: Callable[[Path], None] = lambda path: None) -> None:
-    """Build our FMUs and packages if the one that is asked for is missing."""
-    if not request.ssp.exists() and request.ssp.parent == BUILD:
+    """Build our FMUs and packages if the one that is asked for is missing, or older than the models."""
+    if request.ssp.parent == BUILD and not (request.ssp.exists() and is_current()):
         build_all(done=done)
 
 
@@ -236,7 +238,7 @@ class _Table:
 
     def __init__(self, simulation: Simulation, ready: Prepared) -> None:
         self.channels = []
-        self.scales: dict[str, tuple[Array | list[float], Array | list[float]]] = {}
+        self.scales: dict[str, tuple[Array, Array]] = {}
         for name in simulation.components:
             columns = simulation.columns(name)
             renames = ready.renames.get(name, {})
@@ -253,7 +255,7 @@ class _Table:
                 factors.append(rename.factor if mapped else 1.0)
                 offsets.append(rename.offset if mapped else 0.0)
             if any(f != 1.0 for f in factors) or any(offsets):
-                self.scales[name] = (factors, offsets)
+                self.scales[name] = (np.array(factors), np.array(offsets))
             self.channels.append(
                 Channel(
                     name,
@@ -270,7 +272,7 @@ class _Table:
         lists = {}
         for name, rows in values.items():
             factor, offset = self.scales.get(name, (None, None))
-            lists[name] = (rows if factor is None else rows * factor + offset).tolist()
+            lists[name] = (rows if factor is None or offset is None else rows * factor + offset).tolist()
         for i, moment in enumerate(times.tolist()):
             log.write(moment, {name: rows[i] for name, rows in lists.items()})
 

@@ -102,7 +102,6 @@ class Lanes:
     def _evaluate(self, function: Any, values: dict[str, Array] | None = None) -> list[Array]:
         arguments = [(values or self.values)[kind] for kind in GROUPS]
         work: dict[int, Array] = {}
-        results = [np.zeros_like(self.values["state"][:1].ravel())] * int(function.numel_out(0))
         count = len(self._everywhere)
         results = [np.zeros(count, dtype=self.real)] * int(function.numel_out(0))
         for k in range(function.n_instructions()):

@@ -175,7 +175,7 @@ def wrong(tmp_path: Path, links: tuple[Link, ...], **parts: list[V]) -> str:
         ),
         (
             V("y", type="String"), V("u", "input"),
-            'link a.y -> b.u: a.fmu: output "y" has type String; expected one of Real, Integer, Enumeration, Boolean',
+            'link a.y -> b.u: a.fmu: output "y" has type String; expected one of Real, Integer, Enumeration, Boolean',  # noqa: E501
         ),
     ],
 )  # fmt: skip

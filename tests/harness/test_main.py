@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from tiny_fmu import V, tiny_fmu
 
+from fmus.build import BUILD
 from harness import main, trial
 from harness.log import read_log
 
@@ -26,9 +27,10 @@ MAPPING = '[outputs]\nspeed = { name = "v", factor = 0.2777777777777778 }'
 
 def canine(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
     """Exit status, standard output and error of the command."""
-    with pytest.raises(SystemExit) as caught, pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "argv", ["canine", *map(str, arguments)])
-        main.main()
+        with pytest.raises(SystemExit) as caught:
+            main.main()
     said = capsys.readouterr()
     return int(caught.value.code or 0), said.out, said.err
 
@@ -162,6 +164,24 @@ def test_check_says_what_is_wrong_or_that_it_fits(tmp_path: Path, capsys: pytest
     assert (
         text == "dog.fmu: FMI 2 co-simulation, 1 inputs, 4 outputs, 0 parameters; runs; fits the plant role\n"
     )
+
+
+def test_a_package_and_a_controller_from_a_file_give_the_same_trial(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # given one trial of our system, of its package alone, and with the FMI 3.0 controller swapped in
+    canine(capsys, "run", "--out", tmp_path / "own")
+    own = read_log(tmp_path / "own" / "trial.mcap")
+    cmec = BUILD / "fmi3" / "cmec.fmu"
+    for name, arguments in (("ssp", [BUILD / "full.fmi3.ssp"]), ("swap", ["--controller", cmec])):
+        # when
+        status, _, error = canine(capsys, "run", *arguments, "--out", tmp_path / name)
+        # then
+        assert (status, error) == (0, "")
+        other = read_log(tmp_path / name / "trial.mcap")
+        assert own.metadata["parameters"] == other.metadata["parameters"]
+        for component in own.values:
+            assert (own.values[component] == other.values[component]).all()
 
 
 def test_wiring_tells_order_and_delays(capsys: pytest.CaptureFixture[str]) -> None:

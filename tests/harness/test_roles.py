@@ -35,7 +35,7 @@ def test_a_dog_with_the_four_outputs_fits(tmp_path: Path, version: int) -> None:
     [
         (
             V("speed", unit="km/h"),
-            'output "speed" has unit "km/h", the plant role needs "m/s"; map it in dog.toml or export it in m/s',
+            'output "speed" has unit "km/h", the plant role needs "m/s"; map it in dog.toml or export it in m/s',  # noqa: E501
         ),
         (
             V("speed", unit="kg"),
@@ -47,7 +47,7 @@ def test_a_dog_with_the_four_outputs_fits(tmp_path: Path, version: int) -> None:
         ),
         (
             V("speed", "local", unit="m/s"),
-            '"speed" is a local, the plant role needs an output; export it as an output',
+            '"speed" has causality local; the plant role needs output, export it as such',
         ),
         (
             V("sped", unit="m/s"),
@@ -68,7 +68,7 @@ def test_an_enumeration_serves_as_the_command(tmp_path: Path) -> None:
 
 
 def test_a_mapping_file_renames_and_converts(tmp_path: Path) -> None:
-    toml = '[outputs]\nspeed = { name = "v", factor = 0.2777777777777778 }\nheading = "course"\n[inputs]\ncommand = "cmd"'
+    toml = '[outputs]\nspeed = { name = "v", factor = 0.2777777777777778 }\nheading = "course"\n[inputs]\ncommand = "cmd"'  # noqa: E501
     variables = [V("cmd", "input", "Integer"), *DOG[1:3], V("v", unit="km/h"), V("course", unit="rad")]
     found = fitted(tmp_path, variables, toml)
     assert found.problems == ()
@@ -127,5 +127,5 @@ def test_it_takes_the_place_of_the_plant(tmp_path: Path) -> None:
 
 
 def test_a_role_that_is_none_is_missed_by_name() -> None:
-    with pytest.raises(RoleError, match='there is no role "plnt"; did you mean "plant"?'):
+    with pytest.raises(RoleError, match=r'there is no role "plnt"; did you mean "plant"\?'):
         find_role("plnt")

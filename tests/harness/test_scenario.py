@@ -129,10 +129,10 @@ def test_a_file_is_refused_by_its_key(text: str, error: str) -> None:
         ),
         ("cmec.max_turns=2.5", "my: cmec.max_turns is 2.5; expected a whole number from 0 up to 1000"),
         ("cmec.max_turns=true", "my: cmec.max_turns is true; expected a whole number from 0 up to 1000"),
-        ("cmec.moving_deviation=300", "my: cmec.moving_deviation is 300; expected a number from 0 up to 229.2 deg"),
-        ("cmec.moving_deviation=inf", "my: cmec.moving_deviation is inf; expected a number from 0 up to 229.2 deg"),
+        ("cmec.moving_deviation=300", "my: cmec.moving_deviation is 300; expected a number from 0 up to 229.2 deg"),  # noqa: E501
+        ("cmec.moving_deviation=inf", "my: cmec.moving_deviation is inf; expected a number from 0 up to 229.2 deg"),  # noqa: E501
         ("cmec.reset_turns=1", "my: cmec.reset_turns is 1; expected true or false"),
-        ("cmec.waypoint_north=1", "my: cmec.waypoint_north is a vector; expected a list, or one element by name: waypoint_north[1]"),
+        ("cmec.waypoint_north=1", "my: cmec.waypoint_north is a vector; expected a list, or one element by name: waypoint_north[1]"),  # noqa: E501
         ("cmec", '--set cmec: expected block.name=value, as in "cmec.moving_deviation=37"'),
     ],
 )  # fmt: skip

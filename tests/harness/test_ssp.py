@@ -18,12 +18,12 @@ A = """<ssd:Component name="a" type="application/x-fmu-sharedlibrary" source="re
   <ssd:Connectors><ssd:Connector name="y" kind="output"><ssc:Real unit="m"/></ssd:Connector>
   <ssd:Connector name="k" kind="parameter"><ssc:Real/></ssd:Connector></ssd:Connectors>{a}</ssd:Component>"""
 B = """<ssd:Component name="b" source="resources/b.fmu"><ssd:Connectors>
-  <ssd:Connector name="u" kind="input"/><ssd:Connector name="w" kind="input"/></ssd:Connectors></ssd:Component>"""
+  <ssd:Connector name="u" kind="input"/><ssd:Connector name="w" kind="input"/></ssd:Connectors></ssd:Component>"""  # noqa: E501
 CONNECTION = '<ssd:Connection startElement="a" startConnector="y" endElement="b" endConnector="u"/>'
 
 
 def package(
-    path: Path, *, a: str = "", elements: str = "", connections: str = CONNECTION, system: str = "", head: str = "",
+    path: Path, *, a: str = "", elements: str = "", connections: str = CONNECTION, system: str = "", head: str = "",  # noqa: E501
     **files: str,
 ) -> Path:  # fmt: skip
     text = (
@@ -88,10 +88,10 @@ def test_parameters_come_from_the_package_inline_and_beside_and_from_the_system(
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        ({"elements": '<ssd:System name="inner"/>'}, 'element "inner" is a System; expected a Component (an FMU)'),
+        ({"elements": '<ssd:System name="inner"/>'}, 'element "inner" is a System; expected a Component (an FMU)'),  # noqa: E501
         (
             {"elements": '<ssd:Component name="c" type="application/x-ssp-definition" source="c.ssd"/>'},
-            'component "c" has type "application/x-ssp-definition"; expected "application/x-fmu-sharedlibrary"',
+            'component "c" has type "application/x-ssp-definition"; expected "application/x-fmu-sharedlibrary"',  # noqa: E501
         ),
         (
             {"elements": '<ssd:Component name="c" implementation="ModelExchange" source="resources/a.fmu"/>'},
@@ -119,7 +119,7 @@ def test_parameters_come_from_the_package_inline_and_beside_and_from_the_system(
             'a connection starts at a.k, whose kind is "parameter"; expected "output"',
         ),
         (
-            {"connections": CONNECTION.replace("/>", "><ssc:BooleanMappingTransformation/></ssd:Connection>")},
+            {"connections": CONNECTION.replace("/>", "><ssc:BooleanMappingTransformation/></ssd:Connection>")},  # noqa: E501
             "Connection holds a BooleanMappingTransformation, which is not supported",
         ),
         (

@@ -1,0 +1,332 @@
+"""The dog: what it draws, how it moves, how it answers commands, how it shakes its pack."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from models.canine import Canine
+from models.commands import Command
+from models.kit.model import Model
+
+DEG = math.pi / 180
+TS = 0.04
+SEEDS = range(1, 2001)
+CALM = {
+    "shaking": 0, "drift": 0.0, "drift_deviation": 0.0, "right_turn_rate_deviation": 0.0,
+    "left_turn_rate_deviation": 0.0, "left_success": 1.0, "right_success": 1.0,
+}  # fmt: skip
+SPREAD = {"cruise_speed_deviation": 1.49, "speeding_up_deviation": 0.67, "slowing_down_deviation": 1.31}
+
+
+def dog(**parameters: float) -> Model:
+    model = Model(Canine, parameters)
+    model.initialize()
+    return model
+
+
+def tell(model: Model, command: Command, ticks: int = 1) -> dict[str, np.ndarray[Any, Any]]:
+    """Outputs after each of so many ticks under a command."""
+    model["command"] = command
+    rows = []
+    for _ in range(ticks):
+        model.step()
+        rows.append(model.output.copy())
+    return dict(zip(Canine.flat_names("output"), np.array(rows).T, strict=True))
+
+
+# Draws
+
+
+@pytest.fixture(scope="module")
+def draws(native: Callable[..., Any]) -> dict[str, np.ndarray[Any, Any]]:
+    """What is drawn for each of 2,000 trials."""
+    parameters = {"start_heading_deviation": 10 * DEG, **SPREAD}
+    names = [
+        "course", "trial_drift", "trial_right_rate", "trial_left_rate", "trial_speed", "trial_speeding_up",
+        "trial_slowing_down",
+    ]  # fmt: skip
+    rows = []
+    for seed in SEEDS:
+        model = native(Canine, "double", parameters | {"seed": seed})
+        rows.append([model[name] for name in names])
+    return dict(zip(names, np.array(rows).T, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("name", "mean", "deviation"),
+    [
+        ("course", 0, 10 * DEG),  # 5.3.3
+        ("trial_drift", 2.62 * DEG, 1.62 * DEG),  # Table 5.1
+        ("trial_right_rate", 57.92 * DEG, 37.66 * DEG),
+        ("trial_left_rate", -77.67 * DEG, 41.13 * DEG),
+    ],
+)
+def test_means_and_deviations_of_the_draws(draws: Any, name: str, mean: float, deviation: float) -> None:
+    # given n draws: the mean lies within 4 deviations/sqrt(n), the deviation within 4/sqrt(2 n)
+    drawn, n = draws[name], len(SEEDS)
+    assert abs(drawn.mean() - mean) < 4 * deviation / math.sqrt(n)
+    assert abs(drawn.std() / deviation - 1) < 4 / math.sqrt(2 * n)
+    # and a normal distribution has 68.27 % within one deviation
+    assert np.mean(np.abs(drawn - mean) < deviation) == pytest.approx(0.6827, abs=4 * 0.0104)
+
+
+@pytest.mark.parametrize(("name", "sign", "share"), [("trial_right_rate", 1, 0.062), ("trial_left_rate", -1, 0.0295)])
+def test_some_dogs_turn_the_wrong_way(draws: Any, name: str, sign: int, share: float) -> None:
+    """errata.md: 6.2 % of right, 3.0 % of left rates have the other sign."""
+    wrong = np.mean(sign * draws[name] < 0)
+    assert wrong == pytest.approx(share, abs=3.5 * math.sqrt(share * (1 - share) / len(SEEDS)))
+
+
+@pytest.mark.parametrize(
+    ("name", "mean", "deviation"),
+    [("trial_speed", 4.86, 1.49), ("trial_speeding_up", 1.78, 0.67), ("trial_slowing_down", 2.72, 1.31)],
+)
+def test_redrawn_below_a_fifth_of_the_mean(draws: Any, name: str, mean: float, deviation: float) -> None:
+    drawn = draws[name]
+    assert drawn.min() > 0.2 * mean
+    # given a normal distribution cut at a = (0.2 mean - mean)/deviation: mean + deviation phi(a)/(1 - Phi(a))
+    a = -0.8 * mean / deviation
+    above = 0.5 * math.erfc(a / math.sqrt(2))
+    hazard = math.exp(-a * a / 2) / math.sqrt(2 * math.pi) / above
+    spread = deviation * math.sqrt(1 + a * hazard - hazard**2)
+    assert drawn.mean() == pytest.approx(mean + deviation * hazard, abs=4 * spread / math.sqrt(len(SEEDS)))
+
+
+def test_the_floor_itself_when_every_draw_is_below_it() -> None:
+    # given a deviation so large that half of the draws fail, then some of 200 dogs take the floor: 1 in 2^4
+    speeds = [dog(seed=s, cruise_speed_deviation=1e6)["trial_speed"] for s in range(1, 121)]
+    assert min(speeds) == 0.2 * 4.86
+    assert 1 <= sum(v == 0.2 * 4.86 for v in speeds) <= 20
+
+
+def test_draws_are_independent_of_each_other(draws: Any) -> None:
+    matrix = np.corrcoef(np.array(list(draws.values())))
+    assert np.abs(matrix - np.eye(len(matrix))).max() < 4.5 / math.sqrt(len(SEEDS))
+
+
+def test_the_same_seed_draws_the_same_and_another_seed_another() -> None:
+    first, again, other = dog(seed=3), dog(seed=3), dog(seed=4)
+    assert first.state.tobytes() == again.state.tobytes()
+    assert first["trial_drift"] != other["trial_drift"]
+
+
+def test_by_default_speed_and_accelerations_are_the_means() -> None:
+    model = dog(seed=9)
+    assert (model["trial_speed"], model["trial_speeding_up"], model["trial_slowing_down"]) == (4.86, 1.78, 2.72)
+
+
+# Responses
+
+
+def stream(model: Model, side: str) -> tuple[float, ...]:
+    return tuple(model[f"{side}_stream[{i}]"] for i in range(1, 7))
+
+
+def test_a_response_is_drawn_for_each_command_issued_and_not_otherwise() -> None:
+    model = dog(seed=1)
+    for command, draws_right, draws_left in [
+        (Command.NONE, False, False),
+        (Command.RIGHT, True, False),  # issued
+        (Command.RIGHT, False, False),  # still on
+        (Command.NONE, False, False),
+        (Command.RIGHT, True, False),  # issued again
+        (Command.LEFT, False, True),
+        (Command.LEFT, False, False),
+        (Command.RIGHT, True, False),
+        (Command.STOP, False, False),
+        (Command.FORWARD, False, False),
+        (Command.RECALL, False, False),
+        (Command.LEFT, False, True),
+    ]:
+        right, left = stream(model, "right"), stream(model, "left")
+        tell(model, command)
+        assert (stream(model, "right") != right, stream(model, "left") != left) == (draws_right, draws_left)
+
+
+@pytest.mark.parametrize(("command", "rate"), [(Command.RIGHT, 0.6), (Command.LEFT, 0.64)])
+def test_response_rates(command: Command, rate: float, native: Callable[..., Any]) -> None:
+    """Table 5.1."""
+    model = native(Canine, "double", {"seed": 5})
+    n = 4000
+    obeys = model.run(command=np.tile([command, Command.NONE], n))["obeys"][::2]
+    assert obeys.mean() == pytest.approx(rate, abs=3.5 * math.sqrt(rate * (1 - rate) / n))
+
+
+@pytest.mark.parametrize(("rate", "turned"), [(0.0, 0.0), (1.0, 57.92 * DEG * TS * 10)])
+def test_a_dog_that_does_not_obey_stands(rate: float, turned: float) -> None:
+    model = dog(**CALM | {"right_success": rate})
+    outputs = tell(model, Command.RIGHT, 10)
+    assert outputs["heading"][-1] == pytest.approx(turned, rel=1e-12)
+    assert not outputs["speed"].any()
+    assert not outputs["north"].any()
+
+
+@pytest.mark.parametrize(("command", "rate"), [(Command.RIGHT, 57.92), (Command.LEFT, -77.67)])
+def test_it_turns_at_its_rate_while_the_command_is_on(command: Command, rate: float) -> None:
+    model = dog(**CALM)
+    assert tell(model, command, 25)["heading"][-1] == pytest.approx(rate * DEG, rel=1e-12)
+    assert tell(model, Command.NONE, 25)["heading"][-1] == pytest.approx(rate * DEG, rel=1e-12)
+
+
+# Kinematics
+
+
+def test_kinematics_by_hand() -> None:
+    """Eq. D.9-D.11: the speed is a ramp up to cruise, the way its trapezoids."""
+    # given a dog without drift, heading 30 deg, told to go for 3 s and to stop
+    model = dog(**CALM, start_north=10.0, start_east=-20.0, start_heading=30 * DEG)
+    assert (model["north"], model["east"], model["speed"]) == (10, -20, 0)  # outputs before the first tick
+    speeds = [0.0]
+    for k in range(200):
+        speeds.append(min(speeds[-1] + 1.78 * TS, 4.86) if k < 75 else max(speeds[-1] - 2.72 * TS, 0.0))
+    way = np.cumsum([(a + b) / 2 * TS for a, b in zip(speeds, speeds[1:], strict=False)])
+    go, stop = tell(model, Command.FORWARD, 75), tell(model, Command.STOP, 125)
+    speed, north, east, acceleration = (
+        np.concatenate([go[n], stop[n]]) for n in ("speed", "north", "east", "acceleration")
+    )
+    # then it covers 1.78 m/s2 (2.76 s to cruise) and so on, tick by tick
+    assert speed == pytest.approx(speeds[1:], abs=1e-12)
+    assert north == pytest.approx(10 + way * math.cos(30 * DEG), abs=1e-12)
+    assert east == pytest.approx(-20 + way * math.sin(30 * DEG), abs=1e-12)
+    assert acceleration == pytest.approx(np.diff(speeds) / TS, abs=1e-10)
+    # the whole: 4.86^2/2/1.78 m to cruise, the rest of 3 s at cruise, 4.86^2/2/2.72 m to stand
+    by_hand = 4.86**2 / 2 / 1.78 + 4.86 * (3 - 4.86 / 1.78) + 4.86**2 / 2 / 2.72
+    assert way[-1] == pytest.approx(by_hand, abs=0.01)
+    assert speed[-1] == 0
+
+
+def test_heading_drift_acts_while_moving_alone() -> None:
+    model = dog(**CALM | {"drift": 0.1})
+    assert not tell(model, Command.NONE, 50)["heading"].any()
+    assert tell(model, Command.FORWARD, 50)["heading"][-1] == pytest.approx(50 * TS * 0.1)
+    # braking takes 50 * 1.78 / 2.72 ticks, 32.7: it drifts in 33
+    stopped = tell(model, Command.STOP, 100)
+    assert np.count_nonzero(stopped["speed"]) == 32
+    assert stopped["heading"][-1] == pytest.approx((50 + 33) * TS * 0.1)
+
+
+@pytest.mark.parametrize("command", [Command.NONE, Command.STOP, Command.LEFT, Command.RIGHT])
+def test_it_brakes_to_a_stop_on_whatever_does_not_tell_it_to_run(command: Command) -> None:
+    model = dog(**CALM)
+    tell(model, Command.FORWARD, 100)
+    speed = tell(model, command, 60)["speed"]
+    assert speed[0] == pytest.approx(4.86 - 2.72 * TS)
+    assert np.count_nonzero(speed) == math.ceil(4.86 / 2.72 / TS) - 1
+    assert speed[-1] == 0
+
+
+def test_on_recall_it_homes_straight_to_its_start() -> None:
+    # given a dog 30 m north, 40 m east of its start
+    model = dog(**CALM | {"drift": 0.1}, start_north=5.0, start_east=6.0)
+    model["position_north"], model["position_east"] = 35.0, 46.0
+    way = tell(model, Command.RECALL, 250)
+    # then it heads there at once, and its distance falls by what it runs, drift or not
+    assert way["heading"][0] == pytest.approx(math.atan2(-40, -30), rel=1e-14)
+    distance = np.hypot(way["north"] - 5, way["east"] - 6)
+    run = np.cumsum(np.concatenate([[way["speed"][0] / 2], (way["speed"][1:] + way["speed"][:-1]) / 2]) * TS)
+    assert distance == pytest.approx(50 - run, abs=1e-9)
+
+
+def test_heading_stays_in_half_open_turn() -> None:
+    model = dog(**CALM, start_heading=170 * DEG)
+    heading = tell(model, Command.RIGHT, 100)["heading"]
+    assert heading.min() > -math.pi
+    assert heading.max() <= math.pi
+    assert heading[-1] == pytest.approx((170 + 4 * 57.92 - 360) * DEG)
+
+
+def test_yaw_rate_does_not_jump_where_the_heading_wraps() -> None:
+    model = dog(**CALM, start_heading=170 * DEG)
+    assert tell(model, Command.RIGHT, 50)["yaw_rate"] == pytest.approx(57.92 * DEG, rel=1e-9)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    seed=st.integers(0, 2**31 - 1),
+    commands=st.lists(st.tuples(st.sampled_from(Command), st.integers(1, 60)), min_size=1, max_size=10),
+)
+def test_speed_is_never_negative_nor_above_cruise(seed: int, commands: list[tuple[Command, int]]) -> None:
+    model = dog(seed=seed, **SPREAD)
+    for command, ticks in commands:
+        outputs = tell(model, command, ticks)
+        assert outputs["speed"].min() >= 0
+        assert outputs["speed"].max() <= model["trial_speed"]
+        assert all(np.isfinite(column).all() for column in outputs.values())
+        assert np.abs(outputs["heading"]).max() <= math.pi
+
+
+# How it shakes its pack
+
+
+def gait(speed: float, **parameters: float) -> dict[str, np.ndarray[Any, Any]]:
+    """20 s at a constant speed."""
+    model = dog(**CALM | {"shaking": 1, "cruise_speed": speed} | parameters)
+    tell(model, Command.FORWARD, 200)
+    return tell(model, Command.FORWARD, 500)
+
+
+@pytest.mark.parametrize(
+    ("speed", "acceleration", "pitch"),
+    [(1.5, (10, 20), (5, 10)), (4.86, (40, 50), (40, 60))],
+    ids=["walking", "running"],
+)
+def test_swings_are_those_of_a_dog(
+    speed: float, acceleration: tuple[float, float], pitch: tuple[float, float]
+) -> None:
+    """B.4, D.5: peak to peak, m/s2 and deg; the jerks of the pack come on top."""
+    motion = gait(speed, jerk_rate=0.0)
+    low, high = acceleration
+    assert low <= np.ptp(motion["acceleration"]) <= high
+    assert pitch[0] <= np.ptp(motion["pitch"]) / DEG <= pitch[1]
+    assert motion["pitch"].mean() / DEG == pytest.approx(-8.5, abs=1.0)
+    assert motion["yaw_rate"].max() / DEG == pytest.approx(70, abs=5)
+    assert motion["yaw_rate"].min() / DEG == pytest.approx(-70, abs=5)
+
+
+@pytest.mark.parametrize(("speed", "strides"), [(1.5, 2.0 * 20), (4.86, 2.9 * 20)])
+def test_it_takes_as_many_strides_as_it_should(speed: float, strides: float) -> None:
+    pitch = gait(speed)["pitch"] + 8.5 * DEG
+    assert np.count_nonzero((pitch[1:] >= 0) & (pitch[:-1] < 0)) == pytest.approx(strides, abs=1)
+
+
+def test_jerks_of_the_pack_pass_20_at_times() -> None:
+    """B.4: spikes over 20 m/s2 from the pack, though the walk itself stays within 7.5."""
+    calm, jerked = gait(1.5, jerk_rate=0.0)["acceleration"], gait(1.5, jerk_deviation=12.0)["acceleration"]
+    jerks = jerked - calm
+    assert np.abs(jerks).max() > 12
+    # one chance of 0.3 a stride, 40 strides in 20 s: 12 +- 2.9
+    assert 3 <= np.count_nonzero(jerks) <= 22
+
+
+@pytest.mark.parametrize("speed", [1.5, 4.86])
+def test_no_shake_when_shaking_is_off(speed: float) -> None:
+    motion = gait(speed, shaking=0)
+    for name in ("acceleration", "pitch", "roll", "yaw_rate"):
+        assert not motion[name].any(), name
+
+
+def test_no_shake_while_the_dog_stands() -> None:
+    model = dog(**CALM | {"shaking": 1, "jerk_rate": 1.0})
+    tell(model, Command.FORWARD, 100)
+    tell(model, Command.STOP, 60)
+    still = tell(model, Command.STOP, 50)
+    for name in ("acceleration", "roll", "yaw_rate"):
+        assert not still[name].any(), name
+    assert set(still["pitch"]) == {-8.5 * DEG}
+
+
+def test_shaking_changes_nothing_of_where_the_dog_goes() -> None:
+    ways = []
+    for shaking in (0, 1):
+        model = dog(seed=8, shaking=shaking)
+        ways.append([tell(model, c, 60) for c in (Command.FORWARD, Command.RIGHT, Command.FORWARD, Command.RECALL)])
+    for still, shaken in zip(*ways, strict=True):
+        for name in ("north", "east", "speed", "heading"):
+            assert still[name].tobytes() == shaken[name].tobytes()

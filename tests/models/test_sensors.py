@@ -1,0 +1,325 @@
+"""The sensor suite: the truth when noise is off, and the stated errors when it is on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.spatial.transform import Rotation
+
+from models.canine import Canine
+from models.kit.model import Model
+from models.sensors import Sensors
+
+DEG = math.pi / 180
+TICK = Sensors.sample_time
+DECLINATION, HORIZONTAL, DOWN = -3.5 * DEG, 2.4e-5, 4.3e-5  # as declared
+
+QUIET = {
+    "gps_wander": 0, "gps_position_noise": 0, "gps_speed_noise": 0, "accel_noise": 0, "gyro_noise": 0,
+    "attitude_noise": 0, "heading_noise": 0, "mag_noise": 0,
+    **{f"{kind}_bias[{i}]": 0 for kind in ("accel", "gyro") for i in (1, 2, 3)},
+}  # fmt: skip
+
+ATTITUDES = [
+    {"pitch": p * DEG, "roll": r * DEG, "heading": h * DEG}
+    for p, r, h in ((0, 0, 0), (30, 0, 90), (0, 30, 180), (-20, 15, -90), (40, -35, 123), (-8.5, 5, -179))
+]
+
+Make = Callable[..., Any]
+
+
+def answer(parameters: dict[str, float], **inputs: float) -> Model:
+    """The sensors' answer to the first tick's inputs."""
+    sensors = Model(Sensors, parameters)
+    sensors.initialize()
+    for name, value in inputs.items():
+        sensors[name] = value
+    sensors.step()
+    return sensors
+
+
+def axes(sensors: Model, name: str) -> np.ndarray[Any, Any]:
+    return np.array([sensors[f"{name}_{axis}"] for axis in "xyz"])
+
+
+def to_body(attitude: dict[str, float], vector: list[float]) -> np.ndarray[Any, Any]:
+    """A vector (north, east, down) in body axes (forward, right, down), by scipy's rotations."""
+    angles = [attitude["heading"], attitude["pitch"], attitude["roll"]]
+    return Rotation.from_euler("ZYX", angles).inv().apply(vector)
+
+
+def tilt_compensated_heading(sensors: Model, pitch: float, roll: float) -> float:
+    """Eq. C.3 with atan2, after turning the field back to the horizontal plane by hand."""
+    x, y, z = axes(sensors, "mag")
+    level = y * math.sin(roll) + z * math.cos(roll)
+    forward = x * math.cos(pitch) + level * math.sin(pitch)
+    right = y * math.cos(roll) - z * math.sin(roll)
+    return math.atan2(-right, forward) + DECLINATION
+
+
+def angle_between(a: Any, b: Any) -> Any:
+    return np.abs((np.asarray(a) - np.asarray(b) + np.pi) % (2 * np.pi) - np.pi)
+
+
+# Given no noise
+
+
+def test_gravity_in_the_accelerometers_by_hand() -> None:
+    """Eq. D.17: A + sin(-theta)(-g), so nose up by 30 deg at rest reads +g/2 forward."""
+    assert axes(answer({"noisy": 0}), "accel") == pytest.approx([0, 0, -9.81])
+    assert axes(answer({"noisy": 0}, pitch=30 * DEG), "accel") == pytest.approx(
+        [4.905, 0, -9.81 * math.sqrt(0.75)]
+    )
+    assert axes(answer({"noisy": 0}, roll=30 * DEG), "accel") == pytest.approx(
+        [0, -4.905, -9.81 * math.sqrt(0.75)]
+    )
+    assert axes(answer({"noisy": 0}, acceleration=1.5), "accel") == pytest.approx([1.5, 0, -9.81])
+    turning_right = answer({"noisy": 0}, speed=3, yaw_rate=0.5)
+    assert axes(turning_right, "accel") == pytest.approx([0, 1.5, -9.81])
+
+
+@pytest.mark.parametrize("attitude", ATTITUDES)
+def test_specific_force_is_acceleration_less_gravity_in_body_axes(attitude: dict[str, float]) -> None:
+    sensors = answer({"noisy": 0}, acceleration=0.7, speed=2.0, yaw_rate=-0.4, **attitude)
+    expected = np.array([0.7, -0.8, 0]) - to_body(attitude, [0, 0, 9.81])
+    assert axes(sensors, "accel") == pytest.approx(expected, abs=1e-13)
+
+
+@pytest.mark.parametrize("attitude", ATTITUDES)
+def test_the_magnetometer_sees_the_field_of_the_earth(attitude: dict[str, float]) -> None:
+    sensors = answer({"noisy": 0}, **attitude)
+    north = [HORIZONTAL * math.cos(DECLINATION), HORIZONTAL * math.sin(DECLINATION), DOWN]
+    assert axes(sensors, "mag") == pytest.approx(to_body(attitude, north), abs=1e-18)
+
+
+@pytest.mark.parametrize("attitude", ATTITUDES)
+def test_heading_comes_back_from_the_magnetometer(attitude: dict[str, float]) -> None:
+    sensors = answer({"noisy": 0}, **attitude)
+    heading = tilt_compensated_heading(sensors, attitude["pitch"], attitude["roll"])
+    assert angle_between(heading, attitude["heading"]) < 1e-12
+
+
+def test_the_gyroscopes_see_the_rates_of_the_euler_angles(native: Make) -> None:
+    """Given a nodding, rolling, turning pack, when Euler's kinematics are inverted, its rates come back."""
+    t = np.arange(200) * TICK
+    pitch, roll, yaw_rate = 0.4 * np.sin(3 * t) - 0.1, 0.3 * np.cos(2 * t), 1.2 * np.sin(t)
+    out = native(Sensors, "double", {"noisy": 0}).run(pitch=pitch, roll=roll, yaw_rate=yaw_rate)
+    p, q, r = out["gyro_x"], out["gyro_y"], out["gyro_z"]
+    turning = (q * np.sin(roll) + r * np.cos(roll)) / np.cos(pitch)
+    assert turning == pytest.approx(yaw_rate, abs=1e-12)
+    assert (q * np.cos(roll) - r * np.sin(roll))[1:] == pytest.approx(np.diff(pitch) / TICK, abs=1e-12)
+    assert (p + turning * np.sin(pitch))[1:] == pytest.approx(np.diff(roll) / TICK, abs=1e-12)
+    still = answer({"noisy": 0}, pitch=0.5, roll=0.5)  # the first tick has no rate, whatever the attitude
+    assert axes(still, "gyro").tolist() == [0, 0, 0]
+
+
+def moving(ticks: int) -> dict[str, np.ndarray[Any, Any]]:
+    t = np.arange(ticks) * TICK
+    return {
+        "north": 3 * t,
+        "east": -2 * t,
+        "speed": np.hypot(3, 2) + 0.1 * np.sin(t),
+        "heading": 4 * np.sin(0.3 * t),
+        "acceleration": 2 * np.cos(5 * t),
+        "pitch": 0.2 * np.sin(4 * t),
+        "roll": 0.1 * np.cos(4 * t),
+        "yaw_rate": 0.8 * np.sin(2 * t),
+    }
+
+
+def test_without_noise_the_sensors_return_the_truth(native: Make) -> None:
+    truth = moving(300)
+    out = native(Sensors, "double", {"noisy": 0}).run(**truth)
+    assert np.array_equal(out["pitch_meas"], truth["pitch"])
+    assert np.array_equal(out["roll_meas"], truth["roll"])
+    assert angle_between(out["heading_meas"], truth["heading"]).max() < 1e-14
+    assert np.abs(out["heading_meas"]).max() <= math.pi
+    fix = out["gps_fix"] == 1
+    assert fix.sum() == 48
+    for name in ("north", "east", "speed"):
+        assert np.array_equal(out[f"gps_{name}"][fix], truth[name][fix])
+    assert angle_between(out["gps_course"][fix], truth["heading"][fix]).max() < 1e-14
+    assert set(out["gps_h_acc"]) == {3.5}
+    assert set(out["gps_s_acc"]) == {0.1}
+
+
+def test_noise_of_no_size_is_the_truth(native: Make) -> None:
+    truth = moving(300)
+    quiet = native(Sensors, "double", QUIET).run(**truth)
+    exact = native(Sensors, "double", {"noisy": 0}).run(**truth)
+    for name in Sensors.flat_names("output"):
+        assert np.array_equal(quiet[name], exact[name]), name
+
+
+# Fixes and outages
+
+
+def fixes(out: dict[str, np.ndarray[Any, Any]]) -> list[int]:
+    return np.flatnonzero(out["gps_fix"]).tolist()
+
+
+def test_a_fix_falls_on_the_first_tick_at_or_after_its_time(native: Make) -> None:
+    out = native(Sensors).run(north=np.zeros(100_000))
+    assert fixes(out)[:9] == [0, 7, 13, 19, 25, 32, 38, 44, 50]
+    assert fixes(out) == [-(-25 * k // 4) for k in range(16_000)]  # 0.25 s / 0.04 s = 25/4 ticks
+
+
+@pytest.mark.parametrize(
+    ("period", "expected"),
+    [(0.04, [0, 1, 2, 3, 4]), (0.1, [0, 3, 5, 8, 10]), (0.2, [0, 5, 10, 15, 20]), (1.0, [0, 25, 50, 75])],
+)
+def test_other_periods(native: Make, period: float, expected: list[int]) -> None:
+    out = native(Sensors, "double", {"gps_period": period}).run(north=np.zeros(expected[-1] + 1))
+    assert fixes(out) == expected
+
+
+def test_outages_take_the_fixes_from_their_start_until_before_their_end(native: Make) -> None:
+    windows = {"outage_start[1]": 1.0, "outage_end[1]": 2.0, "outage_start[8]": 3.01, "outage_end[8]": 4.0}
+    out = native(Sensors, "double", windows).run(north=np.zeros(126))
+    all_fixes = [-(-25 * k // 4) for k in range(21)]
+    assert fixes(out) == [k for k in all_fixes if not 25 <= k < 50 and not 75.25 <= k < 100]
+    assert {19, 50, 75, 100} <= set(fixes(out))
+
+
+def test_during_an_outage_the_receiver_holds_its_last_fix(native: Make) -> None:
+    windows = {"outage_start[1]": 1.0, "outage_end[1]": 11.0}
+    out = native(Sensors, "double", windows).run(**moving(300))
+    for name in ("gps_north", "gps_east", "gps_speed", "gps_course"):
+        held = out[name][25:275]
+        assert (held == out[name][19]).all(), name
+        assert out[name][275] != held[0]
+
+
+def test_an_outage_shifts_no_other_draw(native: Make) -> None:
+    truth = moving(600)
+    without = native(Sensors).run(**truth)
+    with_one = native(Sensors, "double", {"outage_end[1]": 10.0}).run(**truth)
+    for name in Sensors.flat_names("output"):
+        assert np.array_equal(with_one[name][250:], without[name][250:]), name
+
+
+def test_saturation(native: Make) -> None:
+    rates = np.array([0.0, 100.0, -100.0])
+    force = np.array([0.0, 80.0, -80.0])
+    out = native(Sensors).run(acceleration=force, yaw_rate=rates)
+    assert out["accel_x"][1:].tolist() == [50, -50]
+    assert out["gyro_z"][1:] == pytest.approx([300 * DEG, -300 * DEG])
+    assert abs(out["accel_x"][0]) < 5
+    exact = native(Sensors, "double", {"noisy": 0}).run(acceleration=force, yaw_rate=rates)
+    assert exact["accel_x"].tolist() == [0, 80, -80]
+
+
+# Statistics, at a significance of 0.01 over the few tests below and with fixed seeds
+
+N = 50_000
+CHANNELS = {
+    "accel_x": (0.1, 1.0), "accel_y": (0.1, 1.0), "accel_z": (0.1 - 9.81, 1.0),
+    "gyro_x": (0.1 * DEG, 0.1 * DEG), "gyro_y": (0.1 * DEG, 0.1 * DEG), "gyro_z": (0.1 * DEG, 0.1 * DEG),
+    "mag_x": (HORIZONTAL * math.cos(DECLINATION), 5e-7), "mag_y": (HORIZONTAL * math.sin(DECLINATION), 5e-7),
+    "mag_z": (DOWN, 5e-7), "roll_meas": (0, 0.5 * DEG), "pitch_meas": (0, 0.5 * DEG),
+    "heading_meas": (0, 1.0 * DEG),
+}  # fmt: skip
+
+
+def assert_white(error: np.ndarray[Any, Any], deviation: float) -> None:
+    """Mean 0, the stated standard deviation, normal, and no correlation from one to the next."""
+    z = error / deviation
+    assert stats.ttest_1samp(z, 0).pvalue > 1e-3
+    assert 5e-4 < stats.chi2.cdf((z**2).sum(), z.size) < 1 - 5e-4
+    assert stats.kstest(z, "norm").pvalue > 1e-3
+    lag = (z[1:] * z[:-1]).mean()
+    assert abs(lag) < stats.norm.isf(5e-4) / math.sqrt(z.size)
+
+
+@pytest.fixture(scope="module")
+def standing(native: Make) -> dict[str, np.ndarray[Any, Any]]:
+    return native(Sensors, "double", {"seed": 21, "gps_wander": 0}).run(speed=np.full(N, 2.0), heading=0.0)
+
+
+@pytest.mark.parametrize("name", CHANNELS)
+def test_imu_and_attitude_noise_is_white_about_truth_and_bias(name: str, standing: Any) -> None:
+    mean, deviation = CHANNELS[name]
+    assert_white(standing[name] - mean, deviation)
+
+
+def test_no_two_channels_are_correlated(standing: Any) -> None:
+    correlation = np.corrcoef([standing[name] for name in CHANNELS])
+    worst = max(abs(correlation[i, j]) for i, j in combinations(range(len(CHANNELS)), 2))
+    assert worst < stats.norm.isf(0.01 / 66 / 2) / math.sqrt(N)
+
+
+@pytest.mark.parametrize(
+    ("name", "mean", "deviation"),
+    [("gps_north", 0, 0.3), ("gps_east", 0, 0.3), ("gps_speed", 2.0, 0.05), ("gps_course", 0, 0.05 / 2.0)],
+)
+def test_gps_noise_is_white_about_the_truth(name: str, mean: float, deviation: float, standing: Any) -> None:
+    """Eq. D.12 and D.15; the course's deviation is that of the speed over the speed, in radians."""
+    assert_white(standing[name][standing["gps_fix"] == 1] - mean, deviation)
+
+
+def test_the_course_noise_has_a_ceiling_at_rest(native: Make) -> None:
+    out = native(Sensors, "double", {"seed": 22, "gps_speed_noise": 0.02}).run(speed=np.zeros(N))
+    assert_white(out["gps_course"][out["gps_fix"] == 1], 0.02 / 0.1)
+    assert out["gps_speed"].min() >= 0
+
+
+def test_the_slow_error_has_its_deviation_and_correlation_time(native: Make) -> None:
+    """A first-order process of 1 s sampled every 0.25 s keeps 1/(1 + 0.25) = 0.8 from fix to fix."""
+    parameters = {**QUIET, "seed": 23, "gps_wander": 2.0, "gps_wander_time": 1.0}
+    out = native(Sensors, "double", parameters).run(north=np.full(N, 7.0), east=-3.0)
+    fix = out["gps_fix"] == 1
+    kept = 0.8
+    for error in (out["gps_north"][fix] - 7, out["gps_east"][fix] + 3):
+        innovations = error[1:] - kept * error[:-1]
+        assert_white(innovations, 2.0 * math.sqrt(1 - kept**2))
+        independent = error.size * (1 - kept**2) / (1 + kept**2)
+        assert error.std() == pytest.approx(2.0, rel=3.3 / math.sqrt(2 * independent))
+    correlation = np.corrcoef(out["gps_north"][fix], out["gps_east"][fix])[0, 1]
+    assert abs(correlation) < 3.3 / math.sqrt(fix.sum() * (1 - kept**2) / (1 + kept**2))
+
+
+def test_the_slow_error_starts_where_it_might_be_at_any_time(native: Make) -> None:
+    """Over trials, the first fix errs by wander and white noise together: 1.0 and 0.3 m."""
+    starts = []
+    for seed in range(400):
+        out = native(Sensors, "double", {"seed": seed}).run(north=0.0)
+        starts += [out["gps_north"][0], out["gps_east"][0]]
+    z = np.array(starts) / math.hypot(1.0, 0.3)
+    assert stats.kstest(z, "norm").pvalue > 0.01
+    assert 0.005 < stats.chi2.cdf((z**2).sum(), z.size) < 0.995
+
+
+def test_seeds(native: Make) -> None:
+    truth = moving(50)
+    first, again, other = (native(Sensors, "double", {"seed": seed}).run(**truth) for seed in (7, 7, 8))
+    for name in Sensors.flat_names("output"):
+        assert np.array_equal(first[name], again[name]), name
+    for name in (*CHANNELS, "gps_north", "gps_east", "gps_speed", "gps_course"):
+        assert (first[name] != other[name]).any(), name
+
+
+def test_for_equal_seeds_plant_and_sensors_draw_from_different_streams() -> None:
+    starts = []
+    for block in (Canine, Sensors):
+        model = Model(block, {"seed": 5})
+        model.initialize()
+        starts += [tuple(model[f"{s.name}[{i}]"] for i in range(1, 7)) for s in block.streams()]
+    assert len(starts) == len(set(starts)) == 6
+
+
+def test_the_model_in_python_is_the_compiled_one(native: Make) -> None:
+    truth = moving(60)
+    out = native(Sensors, "double", {"seed": 3}).run(**truth)
+    model = Model(Sensors, {"seed": 3})
+    model.initialize()
+    for k in range(60):
+        for name, column in truth.items():
+            model[name] = column[k]
+        model.step()
+        assert model.output.tolist() == [out[name][k] for name in Sensors.flat_names("output")]
