@@ -17,7 +17,7 @@ from rich.table import Table
 
 from codegen.compiler import PLATFORMS
 from fmus.build import BUILD, build_all
-from harness import replay, trial
+from harness import trial
 from harness.fmu import FmuDescription, describe
 from harness.loop import Simulation
 from harness.roles import find_role, fit, read_adapter
@@ -196,7 +196,7 @@ def check(
 def replay_recording(
     recording: Annotated[Path, typer.Argument(exists=True, metavar="FOLDER|LOG.mcap")],
     *,
-    estimator: Annotated[str, typer.Option(help=f"one of {', '.join(replay.ESTIMATORS)}")] = "four_state",
+    estimator: Annotated[str, typer.Option(help="the block to run")] = "four_state",
     outage: Annotated[float, typer.Option(min=1, max=600, help="s without GPS")] = 10,
     every: Annotated[
         float, typer.Option(min=0.25, max=3600, help="s from one outage's start to the next")
@@ -212,6 +212,8 @@ def replay_recording(
     canine replay ../walk                         a folder with .ubx, imu*.csv and their time tags
     canine replay out/demo/trial.mcap --outage 5  the log of a trial
     """
+    from harness import replay  # noqa: PLC0415 - scipy.stats takes seconds, which other commands need not wait
+
     if estimator not in replay.ESTIMATORS:
         raise ParameterError(f'no estimator "{estimator}"{nearest(estimator, replay.ESTIMATORS)}')
     source = replay.open_source(recording)

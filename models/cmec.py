@@ -11,7 +11,7 @@ import casadi as ca
 from models.commands import Command, Status
 from models.kit.block import Block, Row, table, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State
-from models.kit.geometry import either, every, some, wrap
+from models.kit.geometry import COUNT_MAX, counted, either, every, some, wrap
 
 DEG = math.pi / 180
 MAX_WAYPOINTS = 16
@@ -131,7 +131,7 @@ class Cmec(Block):
     home_east = Parameter("m", "where the animal is recalled to", start=0, min=-1e5, max=1e5, latched=True)
 
     now = State(Mode, "mode")
-    ticks = State(Integer, "ticks since the mode was entered", max=2e9)
+    ticks = State(Integer, "ticks since the mode was entered", max=COUNT_MAX)
     overruled = State(Anomaly, "what keeps the controller from deciding")
     reached = State(Integer, "waypoints reached")
     turns = State(Integer, "directional commands that count towards MAXTURN")
@@ -159,7 +159,7 @@ class Cmec(Block):
         running = every(m.now > Mode.IDLE, m.now < Mode.SUCCESS)
         m.anomaly = either(every(running, cause != m.overruled), cause, Anomaly.NONE)
         m.overruled = cause
-        m.ticks = either(m.ticks < 2e9, m.ticks + 1, m.ticks)
+        m.ticks = counted(m.ticks)
 
     @triggered(lambda m: every(m.start, m.now == Mode.IDLE, ca.logic_not(m._blocked())))
     def begin(m) -> None:

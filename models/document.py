@@ -33,8 +33,8 @@ estimator.step()
 print(estimator["north_sd"])
 ```
 
-`SYSTEMS["full"].interconnect()` is the whole loop as a `control` system; `models.kit.model.control_system`
-gives a single block.
+`models.interconnect` gives a block (`control_system`) or the whole loop (`interconnect(SYSTEMS["full"])`)
+as a `control` system.
 
 This page is made by `python -m models.document`.
 """

@@ -11,7 +11,7 @@ from models.fuzzy import process_noise
 from models.kit.block import Block, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State
 from models.kit.ekf import Factors, propagate
-from models.kit.geometry import either, every, some, wrap
+from models.kit.geometry import COUNT_MAX, counted, either, every, some, wrap
 
 DEG = math.pi / 180
 SPEED, BIAS, NORTH, EAST = range(4)  # order of the state, eq. 3.9
@@ -70,11 +70,11 @@ class FourState(Block):
     force = State("m/s2", "specific force without gravity, or the bias where the sample is bad")
     course = State("rad", "last good heading")
     sigma = State("m/s2", "process noise of the acceleration in force", start=0.1)
-    age = State(Integer, "ticks since the last accepted fix", max=2e9)
+    age = State(Integer, "ticks since the last accepted fix", max=COUNT_MAX)
     accepted = State(Boolean, "this tick's fix passed the gate")
     rejected = State(Integer, "fixes rejected in a row")
-    bad_samples = State(Integer, "IMU or AHRS samples skipped", max=2e9)
-    bad_fixes = State(Integer, "fixes skipped for values out of range", max=2e9)
+    bad_samples = State(Integer, "IMU or AHRS samples skipped", max=COUNT_MAX)
+    bad_fixes = State(Integer, "fixes skipped for values out of range", max=COUNT_MAX)
 
     def listen(m) -> None:
         """Take the sample if all of it is good, else hold speed and heading, and count it."""
@@ -82,8 +82,8 @@ class FourState(Block):
         gravity = either(m.use_pitch, GRAVITY * ca.sin(m.pitch_meas), 0)
         m.force = either(good, m.accel_x - gravity, m.x[BIAS])  # eq. 3.10
         m.course = either(good, m.heading_meas, m.course)
-        m.bad_samples = m.bad_samples + either(good, 0, 1)
-        m.age = either(m.age < 2e9, m.age + 1, m.age)
+        m.bad_samples = counted(m.bad_samples, ca.logic_not(good))
+        m.age = counted(m.age)
         m.accepted = 0
         m.sigma = m.sigma_constant
 
@@ -121,7 +121,7 @@ class FourState(Block):
         )
         m.accepted = every(good, near, m.started)
         m.rejected = either(good, either(m.accepted, 0, m.rejected + 1), m.rejected)
-        m.bad_fixes = m.bad_fixes + either(good, 0, 1)
+        m.bad_fixes = counted(m.bad_fixes, ca.logic_not(good))
 
     @triggered("accepted")
     def correct(m) -> None:

@@ -9,7 +9,7 @@ import casadi as ca
 from models.commands import GRAVITY
 from models.kit.block import Block, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State, Stream
-from models.kit.geometry import clip, either, every, some, wrap
+from models.kit.geometry import COUNT_MAX, clip, counted, either, every, some, wrap
 from models.kit.random import normals
 
 DEG = math.pi / 180
@@ -77,7 +77,7 @@ class Sensors(Block):
     mag_down = Parameter("T", "downward component of the earth's field", start=4.3e-5)
     mag_declination = Parameter("rad", "declination, east positive", start=-3.5 * DEG)
 
-    tick = State(Integer, "ticks since the start", max=2e9)
+    tick = State(Integer, "ticks since the start", max=COUNT_MAX)
     fixes = State(Integer, "fixes due so far")
     past_pitch = State("rad", "pitch a tick ago")
     past_roll = State("rad", "roll a tick ago")
@@ -177,7 +177,7 @@ class Sensors(Block):
     def remember(m) -> None:
         """What rates are differences to, and the time."""
         m.past_pitch, m.past_roll = m.pitch, m.roll
-        m.tick = either(m.tick < 2e9, m.tick + 1, m.tick)
+        m.tick = counted(m.tick)
 
     def _sensed(m, truth: SX, bias: SX, noise: SX, limit: SX) -> SX:
         return either(m.noisy, clip(truth + bias + noise, -limit, limit), truth)

@@ -5,10 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
-from typing import Any
-
-import control
-import numpy as np
 
 from models.canine import Canine
 from models.cmec import Cmec
@@ -17,7 +13,6 @@ from models.errors import WiringError, nearest
 from models.four_state import FourState
 from models.kit.block import Block
 from models.kit.declaration import Input, Output, Variable
-from models.kit.model import control_system
 from models.sensors import Sensors
 
 
@@ -96,47 +91,6 @@ class System:
             return [*TopologicalSorter(graph).static_order(), *plants]
         except CycleError as cycle:
             raise WiringError(f"{self.name}: no plant delays the loop {' -> '.join(cycle.args[1])}") from None
-
-    def interconnect(self, parameters: Mapping[str, Mapping[str, float]] | None = None) -> Any:
-        """The whole system as one `control` system: the reference in Python.
-
-        Args:
-            parameters: values by component and flat name.
-
-        Returns:
-            A discrete-time `control.InterconnectedSystem`; its inputs are the unconnected inputs and its
-            outputs all outputs, named `component_variable` (`control` allows no dots); `initial_state` is its
-            state at t = 0 and `initial_input` the start values of its inputs.
-        """
-        systems = {
-            c: control_system(block, c, (parameters or {}).get(c)) for c, block in self.components.items()
-        }
-        fed = {(link.target, link.target_variable) for link in self.connections}
-        free = [
-            (c, n) for c, b in self.components.items() for n in b.flat_names("input") if (c, n) not in fed
-        ]
-        outputs = [f"{c}.{n}" for c, b in self.components.items() for n in b.flat_names("output")]
-        whole = control.interconnect(
-            list(systems.values()),
-            connections=[
-                [f"{x.target}.{x.target_variable}", f"{x.source}.{x.source_variable}"]
-                for x in self.connections
-            ],
-            inplist=[f"{c}.{n}" for c, n in free],
-            inputs=[f"{c}_{n}" for c, n in free],
-            outlist=outputs,
-            outputs=[name.replace(".", "_") for name in outputs],
-            name=self.name,
-            check_unused=False,
-        )
-        starts = {(c, n): v for c, b in self.components.items() for n, v in _starts(b)}
-        whole.initial_input = np.array([starts[key] for key in free])
-        whole.initial_state = np.concatenate([s.initial_state for s in systems.values()])
-        return whole
-
-
-def _starts(block: type[Block]) -> list[tuple[str, float]]:
-    return [(n, s) for v in block.group("input") for n, s in zip(v.flat_names, v.start, strict=True)]
 
 
 def by_name(components: Mapping[str, type[Block]], links: Mapping[str, str]) -> tuple[Connection, ...]:

@@ -20,8 +20,9 @@ def propagate(state: SX, derivative: SX, time: float, order: int = 4) -> tuple[S
 
     The series x + f t + f' t^2/2 + ... stops at `order` or where it ends by itself, and is then exact. Order
     4 errs by the fifth power of the time, as Runge-Kutta of order 4 does: in a tick of a dog that turns at 3
-    rad/s by micrometres (with 24 times Runge-Kutta's constant, which there is Simpson's). Its Jacobian is the transition matrix, with which P is
-    carried over the step: P' = F P + P F^T integrated, instead of the continuous Jacobian that eq. 3.5 names.
+    rad/s by micrometres (24 times as much as Runge-Kutta, which is Simpson's rule there). Its Jacobian is the
+    transition matrix, with which P is carried over the step: P' = F P + P F^T integrated, instead of the
+    continuous Jacobian that eq. 3.5 names.
 
     Args:
         state: (n, 1) symbols.

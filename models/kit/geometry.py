@@ -1,4 +1,4 @@
-"""Angles and ranges, as the equations of several blocks use them."""
+"""Angles, ranges, choices and counts, as the equations of several blocks use them."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from functools import reduce
 import casadi as ca
 
 from models.kit.declaration import SX
+
+COUNT_MAX = 2e9  # fits an int32; at 25 Hz it takes two and a half years
 
 
 def wrap(angle: SX) -> SX:
@@ -19,6 +21,11 @@ def clip(value: SX, low: SX | float, high: SX | float) -> SX:
     """The nearest value in [low, high]."""
     value = ca.if_else(value < low, low, value)
     return ca.if_else(value > high, high, value)
+
+
+def counted(count: SX, more: SX | float = 1) -> SX:
+    """The count and `more`, up to COUNT_MAX: a counter that stops is safer than one that overflows."""
+    return ca.if_else(count < COUNT_MAX, count + more, count)
 
 
 def either(condition: SX, yes: SX | float, no: SX | float) -> SX:

@@ -1,11 +1,10 @@
-"""The reference: a block run in Python from its CasADi functions, and the same as a `control` system."""
+"""The reference: a block run in Python from its CasADi functions."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import control
 import numpy as np
 import numpy.typing as npt
 
@@ -56,12 +55,17 @@ class Model:
             self[name] = float(value)
 
     def __getitem__(self, name: str) -> float:
-        kind, i = self._index[name]
+        kind, i = self._place(name)
         return float(getattr(self, kind)[i])
 
     def __setitem__(self, name: str, value: float) -> None:
-        kind, i = self._index[name]
+        kind, i = self._place(name)
         getattr(self, kind)[i] = value
+
+    def _place(self, name: str) -> tuple[str, int]:
+        if name not in self._index:
+            raise ParameterError(f'{self.block.title()} has no variable "{name}"{nearest(name, self._index)}')
+        return self._index[name]
 
     def initialize(self) -> None:
         """Start the random streams, then run the block's `initialize` (and `output`, if it is a plant)."""
@@ -144,49 +148,3 @@ class Model:
                     return
 
         return update
-
-
-def control_system(
-    block: type[Block], name: str, parameters: Mapping[str, float] | None = None
-) -> control.NonlinearIOSystem:
-    """The block as a discrete-time `control.NonlinearIOSystem` named `name`, for `control.interconnect`.
-
-    Its state's start is `system.initial_state`. Inputs and outputs carry the flat names.
-    """
-    model = Model(block, parameters)
-    model.initialize()
-    initial = model.state.copy()
-
-    def run(x: Array, u: Array) -> None:
-        model.state[:] = x
-        model.input[:] = u
-        model.step()
-
-    def update(t: float, x: Array, u: Array, params: Mapping[str, Any]) -> Array:
-        run(x, u)
-        return model.state.copy()
-
-    if block.moore:
-        observe = model._initialize[-1]
-
-        def output(t: float, x: Array, u: Array, params: Mapping[str, Any]) -> Array:
-            model.state[:] = x
-            observe()
-            return model.output.copy()
-    else:
-
-        def output(t: float, x: Array, u: Array, params: Mapping[str, Any]) -> Array:
-            run(x, u)
-            return model.output.copy()
-
-    system = control.NonlinearIOSystem(
-        update,
-        output,
-        inputs=block.flat_names("input"),
-        outputs=block.flat_names("output"),
-        states=block.flat_names("state"),
-        dt=block.sample_time,
-        name=name,
-    )
-    system.initial_state = initial
-    return system

@@ -22,7 +22,7 @@ def golden(request: pytest.FixtureRequest) -> Callable[[str, str], None]:
 
     def compare(name: str, text: str) -> None:
         path = GOLDEN / name
-        if request.config.getoption("--update"):
+        if request.config.getoption("--update", default=False):
             path.write_text(text)
         expected = path.read_text() if path.exists() else ""
         difference = difflib.unified_diff(

@@ -44,7 +44,11 @@ class Lanes:
     """`count` instances of a block; `values[kind]` is an array (variables, count) of the precision's type."""
 
     def __init__(
-        self, block: type[Block], precision: Precision, count: int, parameters: Mapping[str, float] | None = None
+        self,
+        block: type[Block],
+        precision: Precision,
+        count: int,
+        parameters: Mapping[str, float] | None = None,
     ) -> None:
         self.block, self.program = block, block.program(precision)
         self.real = {"double": np.float64, "float": np.float32}[precision]
@@ -95,25 +99,38 @@ class Lanes:
             return
         results = self._evaluate(update.function, before)
         for name, result in zip(update.writes, results, strict=True):
-            if self.types[name] is not Type.REAL:
-                result = np.trunc(result)
-            self[name][where] = result[where]
+            value = result if self.types[name] is Type.REAL else np.trunc(result)
+            self[name][where] = value[where]
 
     def _evaluate(self, function: Any, values: dict[str, Array] | None = None) -> list[Array]:
         arguments = [(values or self.values)[kind] for kind in GROUPS]
-        work: dict[int, Array] = {}
         count = len(self._everywhere)
+        work: dict[int, Array] = {}
         results = [np.zeros(count, dtype=self.real)] * int(function.numel_out(0))
-        for k in range(function.n_instructions()):
-            op = function.instruction_id(k)
-            into, of = function.instruction_output(k), function.instruction_input(k)
+        for op, into, of, constant in _instructions(function):
             if op == ca.OP_CONST:
-                work[into[0]] = np.full(count, self.real(function.instruction_constant(k)))
+                work[into[0]] = np.full(count, self.real(constant))
             elif op == ca.OP_INPUT:
                 work[into[0]] = arguments[of[0]][of[1]].copy()
             elif op == ca.OP_OUTPUT:
                 results[into[1]] = work[of[0]]
             else:
                 result = OPERATIONS[op](*(work[i] for i in of))
-                work[into[0]] = np.asarray(result).astype(self.real)
+                work[into[0]] = np.asarray(result).astype(self.real, copy=False)
         return results
+
+
+_READ: dict[int, tuple[Any, list[tuple[int, list[int], list[int], float]]]] = {}
+
+
+def _instructions(function: Any) -> list[tuple[int, list[int], list[int], float]]:
+    """(operation, where to, operands, constant) of each instruction, read once."""
+    key = function.__hash__()
+    if key not in _READ:
+        rows = []
+        for k in range(function.n_instructions()):
+            op = function.instruction_id(k)
+            constant = function.instruction_constant(k) if op == ca.OP_CONST else 0.0
+            rows.append((op, function.instruction_output(k), function.instruction_input(k), constant))
+        _READ[key] = function, rows  # the function is kept, lest its hash be given to another
+    return _READ[key][1]

@@ -124,7 +124,9 @@ class Reference:
         model = python(block, parameters)
         for i, phase in enumerate(block.program().tick):
             if phase.guard is not None:
-                model._tick[i] = self.recording(model, f"{block.title()}.{phase.name}", phase.guard, model._tick[i])
+                model._tick[i] = self.recording(
+                    model, f"{block.title()}.{phase.name}", phase.guard, model._tick[i]
+                )
         return model
 
     def recording(self, model: Model, name: str, guard: Any, run: Callable[[], None]) -> Callable[[], None]:
@@ -172,7 +174,7 @@ def casadi_c(tmp_path_factory: pytest.TempPathFactory) -> Callable[[type[Block]]
         if block not in libraries:
             folder = tmp_path_factory.mktemp(f"casadi_{block.title()}")
             generator = ca.CodeGenerator(f"{block.title()}.c", {"with_header": False})
-            for function in block.program().functions:
+            for function in {f.name(): f for f in block.program().functions}.values():
                 generator.add(function)
             generator.generate(f"{folder}/")
             flags = ("-O1", "-ffp-contract=off", "-w")
@@ -263,7 +265,9 @@ def random_states(block: type[Block], count: int, rng: np.random.Generator) -> d
 
 
 @each_block
-def test_a_tick_from_any_state_has_the_same_bits(block: type[Block], build: Build, libraries: Libraries) -> None:
+def test_a_tick_from_any_state_has_the_same_bits(
+    block: type[Block], build: Build, libraries: Libraries
+) -> None:
     # given states, inputs and parameters drawn at random: every mode, every row of a table
     count = 1500
     drawn = random_states(block, count, np.random.default_rng(7))
@@ -301,12 +305,12 @@ def test_float_c_is_the_float_program_operation_by_operation(
         # when both tick with the same inputs, NaN among them
         for name, column in drawn.items() if step == 0 else random_states(block, count, rng).items():
             if step == 0 or name in block.flat_names("input"):
-                column = np.array(column)
+                values_of_all = np.array(column)
                 variable = dict(flatten(block.group("input"))).get(name)
                 if variable is not None and variable.type is Type.REAL:
-                    column[rng.random(count) < 0.02] = np.nan
-                put(block, records, name, column)
-                lanes[name] = column
+                    values_of_all[rng.random(count) < 0.02] = np.nan
+                put(block, records, name, values_of_all)
+                lanes[name] = values_of_all
         library.step(block, records)
         lanes.step()
         # then they agree
@@ -314,7 +318,9 @@ def test_float_c_is_the_float_program_operation_by_operation(
             assert same(np.asarray(get(block, records, name), dtype=np.float32), lanes[name]), (step, name)
 
 
-def test_float_controller_and_estimator_over_a_whole_trial(libraries: Libraries, reference: Reference) -> None:
+def test_float_controller_and_estimator_over_a_whole_trial(
+    libraries: Libraries, reference: Reference
+) -> None:
     # given the sensors' outputs of a trial
     system, _ = TRIALS["full-1"]
     order = system.order()
@@ -357,7 +363,9 @@ def test_streams_start_in_c_where_they_start_in_python(libraries: Libraries) -> 
 
 @pytest.mark.skipif(not (shutil.which("gcc") and shutil.which("nm")), reason="needs gcc and nm")
 @pytest.mark.parametrize(
-    ("block", "precision"), [(b, p) for b in BLOCKS for p in b.precisions], ids=lambda x: getattr(x, "__name__", x)
+    ("block", "precision"),
+    [(b, p) for b in BLOCKS for p in b.precisions],
+    ids=lambda x: getattr(x, "__name__", x),
 )
 def test_objects_need_nothing_of_libm_but_sqrt_floor_fabs(
     block: type[Block], precision: Any, tmp_path: Path
@@ -367,7 +375,9 @@ def test_objects_need_nothing_of_libm_but_sqrt_floor_fabs(
         (tmp_path / name).write_text(text)
     plain = Build("gcc", ("gcc",), ("-std=c99", "-O0", "-ffp-contract=off"))
     compile_c(plain, [f"{block.title()}.c"], tmp_path, "block.o", ("-c",))
-    symbols = subprocess.run(["nm", "-u", "block.o"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    symbols = subprocess.run(
+        ["nm", "-u", "block.o"], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
     needed = {line.split()[-1] for line in symbols.stdout.splitlines()}
     suffix = "f" if precision == "float" else ""
     allowed = {f"{f}{suffix}" for f in ("sqrt", "floor", "fabs")} | {"memcpy", "memset", "mrg32k3a_start"}
@@ -377,10 +387,10 @@ def test_objects_need_nothing_of_libm_but_sqrt_floor_fabs(
 def test_another_process_generates_the_same_bytes() -> None:
     # given the C of every block here, when a process with another hash seed generates it
     program = (
-        "import sys; sys.path[:0] = [{!r}, {!r}]\n"
+        f"import sys; sys.path[:0] = [{str(Path(__file__).parent)!r}, {str(Path(__file__).parents[2])!r}]\n"
         "from compiled import BLOCKS; from codegen.block_c import generate\n"
         "for b in BLOCKS:\n  for p in b.precisions: print(generate(b, p))\n"
-    ).format(str(Path(__file__).parent), str(Path(__file__).parents[2]))
+    )
     other = subprocess.run(
         [sys.executable, "-c", program],
         env=os.environ | {"PYTHONHASHSEED": "12345"},

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -77,7 +78,9 @@ def test_means_and_deviations_of_the_draws(draws: Any, name: str, mean: float, d
     assert np.mean(np.abs(drawn - mean) < deviation) == pytest.approx(0.6827, abs=4 * 0.0104)
 
 
-@pytest.mark.parametrize(("name", "sign", "share"), [("trial_right_rate", 1, 0.062), ("trial_left_rate", -1, 0.0295)])
+@pytest.mark.parametrize(
+    ("name", "sign", "share"), [("trial_right_rate", 1, 0.062), ("trial_left_rate", -1, 0.0295)]
+)
 def test_some_dogs_turn_the_wrong_way(draws: Any, name: str, sign: int, share: float) -> None:
     """errata.md: 6.2 % of right, 3.0 % of left rates have the other sign."""
     wrong = np.mean(sign * draws[name] < 0)
@@ -119,7 +122,11 @@ def test_the_same_seed_draws_the_same_and_another_seed_another() -> None:
 
 def test_by_default_speed_and_accelerations_are_the_means() -> None:
     model = dog(seed=9)
-    assert (model["trial_speed"], model["trial_speeding_up"], model["trial_slowing_down"]) == (4.86, 1.78, 2.72)
+    assert (model["trial_speed"], model["trial_speeding_up"], model["trial_slowing_down"]) == (
+        4.86,
+        1.78,
+        2.72,
+    )
 
 
 # Responses
@@ -186,7 +193,7 @@ def test_kinematics_by_hand() -> None:
     speeds = [0.0]
     for k in range(200):
         speeds.append(min(speeds[-1] + 1.78 * TS, 4.86) if k < 75 else max(speeds[-1] - 2.72 * TS, 0.0))
-    way = np.cumsum([(a + b) / 2 * TS for a, b in zip(speeds, speeds[1:], strict=False)])
+    way = np.cumsum([(a + b) / 2 * TS for a, b in pairwise(speeds)])
     go, stop = tell(model, Command.FORWARD, 75), tell(model, Command.STOP, 125)
     speed, north, east, acceleration = (
         np.concatenate([go[n], stop[n]]) for n in ("speed", "north", "east", "acceleration")
@@ -326,7 +333,9 @@ def test_shaking_changes_nothing_of_where_the_dog_goes() -> None:
     ways = []
     for shaking in (0, 1):
         model = dog(seed=8, shaking=shaking)
-        ways.append([tell(model, c, 60) for c in (Command.FORWARD, Command.RIGHT, Command.FORWARD, Command.RECALL)])
+        ways.append(
+            [tell(model, c, 60) for c in (Command.FORWARD, Command.RIGHT, Command.FORWARD, Command.RECALL)]
+        )
     for still, shaken in zip(*ways, strict=True):
         for name in ("north", "east", "speed", "heading"):
             assert still[name].tobytes() == shaken[name].tobytes()

@@ -224,7 +224,7 @@ def test_the_model_in_python_is_the_compiled_one(native: Make) -> None:
 def test_float_is_double_up_to_rounding(native: Make) -> None:
     inputs = without_fixes(noisy(walk(1500), seed=4), 30, 40)
     single, double = native(FourState, "float").run(**inputs), native(FourState).run(**inputs)
-    for name, tolerance in {"north": 2e-3, "east": 2e-3, "speed": 2e-3, "accel_bias": 2e-3}.items():
+    for name, tolerance in {"north": 1e-4, "east": 1e-4, "speed": 1e-5, "accel_bias": 1e-5}.items():
         assert np.abs(single[name] - double[name]).max() < tolerance, name
         assert single[f"{name}_sd"] == pytest.approx(double[f"{name}_sd"], rel=2e-3), name
 
@@ -311,7 +311,7 @@ def test_without_noise_the_estimate_of_a_dogs_trial_is_the_truth(native: Make, p
     assert truth["speed"].max() == pytest.approx(4.86)
     assert np.ptp(truth["heading"]) > 2
     out = native(FourState, precision).run(**estimator_inputs(said))
-    tolerance = 1e-9 if precision == "double" else 2e-3
+    tolerance = 1e-9 if precision == "double" else 2e-4
     for name in ("north", "east", "speed"):
         assert np.abs(out[name] - truth[name]).max() < tolerance, name
     assert np.abs(out["accel_bias"]).max() < tolerance
@@ -406,7 +406,7 @@ def test_within_the_trial_the_bias_settles_with_the_q_that_errata_row_13_names(n
     means = [incline_trial(native, 15, seed, **fast)["accel_bias"][-125:].mean() for seed in range(20)]
     assert np.mean(means) == pytest.approx(SETTLED, abs=0.05)
     slow = [incline_trial(native, 15, seed, use_pitch=0)["accel_bias"][-125:].mean() for seed in range(20)]
-    assert np.mean(slow) < np.mean(means) - 0.02
+    assert np.mean(slow) == pytest.approx(1.4, abs=0.1)
 
 
 # Faults

@@ -13,9 +13,10 @@ import pytest
 from models.canine import Canine
 from models.errors import ParameterError
 from models.four_state import FourState
+from models.interconnect import control_system
 from models.kit.block import Block, Row, table, triggered
 from models.kit.declaration import Boolean, Input, Integer, Output, Parameter, State, Stream
-from models.kit.model import Model, control_system
+from models.kit.model import Model
 from models.kit.random import start_state
 from models.sensors import Sensors
 
@@ -201,3 +202,6 @@ def test_a_control_system_is_the_model_step_by_step(block: type[Block]) -> None:
         x = system.dynamics(t, x, u)
         assert np.array_equal(x, model.state)
     assert model.output.any()
+    if block.moore:  # of the state that is asked for, not of the last one
+        model.initialize()
+        assert np.array_equal(system.output(0.0, system.initial_state, u), model.output)

@@ -28,7 +28,9 @@ def test_both_readings_set_the_same_parameters() -> None:
 
 def test_values_are_those_of_the_errata() -> None:
     in_degrees = {
-        reading: {n.partition(".")[2]: round(math.degrees(v), 9) if "end" in n else v for n, v in values.items()}
+        reading: {
+            n.partition(".")[2]: round(math.degrees(v), 9) if "end" in n else v for n, v in values.items()
+        }
         for reading, values in READINGS.items()
     }
     assert in_degrees == {
