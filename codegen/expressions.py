@@ -50,6 +50,7 @@ class Node:
         self.uses = 0
         self.name = ""  # of the local that holds it, once it has one
         self.held_as: CType = "real"  # the type of that local
+        self.chosen_for: Variable | None = None  # of a select: the enumerated variable that becomes its value
 
     @cached_property
     def ctype(self) -> CType:
@@ -217,7 +218,8 @@ class Writer:
             text = f"({inner(a[0], 'bool')} {BINARY[node.op]} {inner(a[1], 'bool')})"
             return _cast(text, "bool", want, self.real)
         if node.op == SELECT:
-            text = f"({inner(a[0], 'bool')} ? {inner(a[1], ctype)} : {inner(a[2], ctype)})"
+            yes, no = (self._choice(node, operand) or inner(operand, ctype) for operand in a[1:])
+            text = f"({inner(a[0], 'bool')} ? {yes} : {no})"
         elif node.op in BINARY:
             text = f"({inner(a[0], ctype)} {BINARY[node.op]} {inner(a[1], ctype)})"
         elif node.op == ca.OP_NEG:
@@ -232,6 +234,13 @@ class Writer:
             suffix = "f" if self.precision == "float" else ""
             text = f"{CALLS[node.op]}{suffix}({_bare(inner(a[0], ctype))})"
         return _cast(text, ctype, want, self.real)
+
+    def _choice(self, select: Node, value: Node) -> str:
+        """The name of a constant that an enumerated variable may become, if it has one."""
+        variable = select.chosen_for
+        if variable is None or value.op != ca.OP_CONST or value.value not in list(variable.choices or ()):
+            return ""
+        return self.enum_name(variable, int(value.value))
 
     def _compare(self, node: Node, inner: Callable[[Node, CType], str]) -> str:
         a, b = node.operands
@@ -286,6 +295,9 @@ def statements(
     declared = dict(flatten([v for kind in ("state", "output") for v in block.group(kind)]))
     stores = []
     for target, node in zip(writes, results, strict=True):
+        if declared[target].choices:
+            _mark_chosen(node, declared[target])
+    for target, node in zip(writes, results, strict=True):
         variable = declared[target]
         field = f"m->{MEMBERS[variable.kind]}.{c_name(target)}"
         want: CType = {Type.REAL: "real", Type.INTEGER: "int", Type.BOOLEAN: "bool"}[variable.type]  # type: ignore[assignment]
@@ -300,6 +312,14 @@ def statements(
                 )
             stores.append(f"{field} = {_bare(writer.write(node, want))};")
     return writer.lines + stores, operations
+
+
+def _mark_chosen(node: Node, variable: Variable) -> None:
+    """Tell the selects behind a result that their constants are named values."""
+    if node.op == SELECT and node.chosen_for is None and node.ctype != "real":
+        node.chosen_for = variable
+        for value in node.operands[1:]:
+            _mark_chosen(value, variable)
 
 
 def _is_overwritten(field: str, writes: Sequence[str]) -> bool:

@@ -156,8 +156,7 @@ class Cmec(Block):
         cause = either(good, cause, Anomaly.BAD_INPUT)
         cause = either(every(m.override > Command.NONE, m.within("override")), Anomaly.NONE, cause)
         cause = either(m.link_ok, cause, Anomaly.LOST_LINK)
-        running = every(m.now > Mode.IDLE, m.now < Mode.SUCCESS)
-        m.anomaly = either(every(running, cause != m.overruled), cause, Anomaly.NONE)
+        m.anomaly = either(cause != m.overruled, cause, Anomaly.NONE)
         m.overruled = cause
         m.ticks = counted(m.ticks)
 
@@ -169,6 +168,7 @@ class Cmec(Block):
         m.target_north, m.target_east = m.waypoint_north[0], m.waypoint_east[0]
         m.now, m.ticks = Mode.FORWARD, 0
         m.reached = m.turns = m.issued = 0
+        m.anomalies = ca.SX.zeros(len(Anomaly) - 1)
         m.issue_north, m.issue_east = m.north, m.east
 
     @triggered(

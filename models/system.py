@@ -12,7 +12,7 @@ from models.command_module import CommandModule
 from models.errors import WiringError, nearest
 from models.four_state import FourState
 from models.kit.block import Block
-from models.kit.declaration import Input, Output, Variable
+from models.kit.declaration import Input, Output, Variable, flatten
 from models.sensors import Sensors
 
 
@@ -50,7 +50,6 @@ class System:
             for what, got, expected in (
                 ("type", source.type.value, target.type.value),
                 ("unit", source.unit, target.unit),
-                ("size", source.width, target.width),
                 ("named values", source.choices, target.choices),
             ):
                 if got != expected:
@@ -60,10 +59,10 @@ class System:
                 raise WiringError(f"{self.name}: {link}: the input has a source already, {sources[key]}")
             sources[key] = link
         for component, block in self.components.items():
-            for variable in block.variables(Input).values():
-                if not variable.has_start and (component, variable.name) not in sources:
+            for name, variable in flatten(block.group("input")):
+                if not variable.has_start and (component, name) not in sources:
                     raise WiringError(
-                        f'{self.name}: input "{component}.{variable.name}" has neither source nor start value'
+                        f'{self.name}: input "{component}.{name}" has neither source nor start value'
                     )
         self.order()
 
@@ -72,7 +71,14 @@ class System:
             raise WiringError(
                 f'{self.name}: {link}: no component "{component}"{nearest(component, self.components)}'
             )
-        known = self.components[component].variables(kind)
+        declared = self.components[component].variables(kind)
+        if name in declared and declared[name].size:
+            names = declared[name].flat_names
+            raise WiringError(
+                f'{self.name}: {link}: "{component}.{name}" has size "{len(names)}", expected "1"; '
+                f"link its elements, {names[0]} to {names[-1]}"
+            )
+        known = dict(flatten(list(declared.values())))
         if name not in known:
             kind_name = kind.__name__.lower()
             raise WiringError(
@@ -96,10 +102,10 @@ class System:
 def by_name(components: Mapping[str, type[Block]], links: Mapping[str, str]) -> tuple[Connection, ...]:
     """Link every input to the output of the same name: `links` gives the source component of each target."""
     return tuple(
-        Connection(source, variable.name, target, variable.name)
+        Connection(source, name, target, name)
         for target, source in links.items()
-        for variable in components[target].group("input")
-        if variable.name in components[source].variables(Output)
+        for name in components[target].flat_names("input")
+        if name in components[source].flat_names("output")
     )
 
 

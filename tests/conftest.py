@@ -15,6 +15,11 @@ from codegen.expressions import MEMBERS, c_name
 from models.kit.block import GROUPS, Block
 from models.kit.declaration import Type, flatten
 
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--update", action="store_true", help="write the golden files anew instead of comparing")
+
+
 Columns = dict[str, np.ndarray[Any, Any]]
 
 DRIVER = """#include "{title}.h"

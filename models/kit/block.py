@@ -113,8 +113,8 @@ class Program:
 
     @property
     def functions(self) -> Iterable[Any]:
-        """Every CasADi function of the program."""
-        for phase in (*self.initialize, *self.tick):
+        """Every CasADi function of the program, once."""
+        for phase in dict.fromkeys((*self.initialize, *self.tick)):
             if isinstance(phase, Table):
                 for row in phase.rows:
                     yield from (row.guard, row.function)

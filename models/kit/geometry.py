@@ -35,7 +35,8 @@ def either(condition: SX, yes: SX | float, no: SX | float) -> SX:
 
 def every(*conditions: SX) -> SX:
     """Do all hold?"""
-    return reduce(ca.logic_and, conditions)
+    open_ones = [c for c in map(ca.SX, conditions) if not c.is_one()]
+    return reduce(ca.logic_and, open_ones) if open_ones else ca.SX(1)
 
 
 def some(*conditions: SX) -> SX:

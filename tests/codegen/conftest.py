@@ -12,26 +12,20 @@ from compiled import BUILDS, Build, Library
 GOLDEN = Path(__file__).parent / "golden"
 
 
-def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--update", action="store_true", help="write the golden files anew instead of comparing")
-
-
 @pytest.fixture
 def golden(request: pytest.FixtureRequest) -> Callable[[str, str], None]:
     """`golden(name, text)`: the text is that of the golden file, or the difference is shown."""
 
     def compare(name: str, text: str) -> None:
         path = GOLDEN / name
-        if request.config.getoption("--update", default=False):
+        if request.config.getoption("--update"):
             path.write_text(text)
         expected = path.read_text() if path.exists() else ""
         difference = difflib.unified_diff(
             expected.splitlines(), text.splitlines(), f"golden/{name}", "generated", lineterm=""
         )
         if text != expected:
-            pytest.fail(
-                "\n".join([*difference, "If this is meant: pytest tests/codegen --update"]), pytrace=False
-            )
+            pytest.fail("\n".join([*difference, "If this is meant: pytest --update"]), pytrace=False)
 
     return compare
 
