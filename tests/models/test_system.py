@@ -86,7 +86,7 @@ def wire(*links: Connection, **components: type[Block]) -> System:
         ),
         (
             Connection("source", "pair", "sink", "length"),
-            'test: source.pair -> sink.length: "source.pair" has size "2", expected "1"; link its elements, pair[1]',
+            'test: source.pair -> sink.length: "source.pair" has size "2", expected "1"; link its',
         ),
         (
             Connection("sauce", "length", "sink", "length"),
