@@ -127,7 +127,7 @@ def run(
         typer.echo(json.dumps(summary, indent=2))
     else:
         show(summary, out)
-        typer.echo(f"files in {place}")
+        _say_where(place)
 
 
 @app.command()
@@ -226,7 +226,7 @@ def replay_recording(
         typer.echo(json.dumps(result, indent=2))
     else:
         replay.show(result, out)
-        typer.echo(f"files in {place}")
+        _say_where(place)
 
 
 def _try_out(description: FmuDescription, name: str) -> None:
@@ -234,6 +234,11 @@ def _try_out(description: FmuDescription, name: str) -> None:
     alone = Description(name, {name: Member(name, description.path)}, ())
     with Simulation(alone) as simulation:
         simulation.run(duration=TRY_OUT_S)
+
+
+def _say_where(folder: Path) -> None:
+    """Where the results lie: what there is, by name."""
+    typer.echo(f"{_short(folder)}/: {', '.join(sorted(p.name for p in folder.iterdir() if p.is_file()))}")
 
 
 def _short(path: Path) -> str:

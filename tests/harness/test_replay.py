@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,8 @@ import pytest
 from rich.console import Console
 
 from fmus.build import BUILD, build_fmu
+from harness import trial
+from harness.log import read_log
 from harness.recording import RecordingError, Signals
 from harness.replay import (
     HELD,
@@ -23,6 +26,7 @@ from harness.replay import (
     show,
     statistics,
 )
+from harness.scenario import load
 from models.four_state import FourState
 from models.kit.model import Model
 
@@ -120,6 +124,33 @@ def walk_like():
     values["gps_speed"] = np.full(ticks, 2.0)
     values["origin_latitude"] = values["origin_longitude"] = 0.0
     return Signals(**values)
+
+
+def test_the_log_of_a_trial_replays_as_the_trial_went(tmp_path):
+    # given the log of a trial through sensors and estimator
+    request = trial.Request(replace(load("three_waypoint"), duration=20.0))
+    trial.build_missing(request)
+    with trial.prepared(request) as ready:
+        trial.run(request, ready, tmp_path)
+    log = read_log(tmp_path / "trial.mcap")
+    # when the estimator runs over it again without an outage
+    source = open_source(tmp_path / "trial.mcap")
+    again = run_fmu(build_fmu(FourState, BUILD / "fmi2", 2), source.signals([]), len(log.time), {})
+    # then it says what it said, to the bit, and with an outage it does not
+    for name in ("north", "east", "speed", "accel_bias"):
+        np.testing.assert_array_equal(again[name], log[f"estimator.{name}"], err_msg=name)
+    (window,) = source.windows(5, 20)
+    without = run_fmu(build_fmu(FourState, BUILD / "fmi2", 2), source.signals([window]), len(log.time), {})
+    assert not np.array_equal(without["north"], again["north"])
+
+
+def test_the_log_of_a_trial_without_sensors_is_refused(tmp_path):
+    request = trial.Request(replace(load("two_waypoint"), system="cts", duration=1.0))
+    trial.build_missing(request)
+    with trial.prepared(request) as ready:
+        trial.run(request, ready, tmp_path)
+    with pytest.raises(RecordingError, match=r'no signal "sensors.gps_fix"; expected a trial with sensors'):
+        open_source(tmp_path / "trial.mcap")
 
 
 def test_statistics_by_hand():
