@@ -11,8 +11,8 @@ from models.kit.block import Block, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State, Stream
 from models.kit.geometry import clip, either, every, some, wrap
 from models.kit.random import normal, normals, uniform
+from models.kit.units import DEG
 
-DEG = math.pi / 180
 REDRAWS = 4  # draws of a speed or acceleration before the floor is taken; all four fail in 5 of 10^6 trials
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from enum import IntEnum
 
@@ -12,8 +11,8 @@ from models.commands import Command, Status
 from models.kit.block import Block, Row, table, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State
 from models.kit.geometry import COUNT_MAX, counted, either, every, some, wrap
+from models.kit.units import DEG
 
-DEG = math.pi / 180
 MAX_WAYPOINTS = 16
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import casadi as ca
 
 from models.commands import GRAVITY
@@ -12,8 +10,8 @@ from models.kit.block import Block, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State
 from models.kit.ekf import Factors, propagate
 from models.kit.geometry import COUNT_MAX, counted, either, every, some, wrap
+from models.kit.units import DEG
 
-DEG = math.pi / 180
 SPEED, BIAS, NORTH, EAST = range(4)  # order of the state, eq. 3.9
 
 

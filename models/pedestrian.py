@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
 from models.canine import Plant
 from models.commands import Command
 from models.kit.declaration import Parameter
 from models.kit.geometry import either, some, wrap
-
-DEG = math.pi / 180
+from models.kit.units import DEG
 
 
 class Pedestrian(Plant):

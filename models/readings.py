@@ -5,9 +5,7 @@ The text taken literally (`literal`) does not reproduce its own success rates; `
 
 from __future__ import annotations
 
-import math
-
-DEG = math.pi / 180
+from models.kit.units import DEG
 
 READINGS: dict[str, dict[str, float]] = {
     "calibrated": {

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import casadi as ca
 
 from models.commands import GRAVITY
@@ -11,8 +9,8 @@ from models.kit.block import Block, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State, Stream
 from models.kit.geometry import COUNT_MAX, clip, counted, either, every, some, wrap
 from models.kit.random import normals
+from models.kit.units import DEG
 
-DEG = math.pi / 180
 OUTAGES = 8  # time windows without GPS
 
 

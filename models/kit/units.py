@@ -5,6 +5,8 @@ Each unit is its exponents of the SI base units kg, m, s, A, K, mol, cd and of r
 
 from __future__ import annotations
 
+import math
+
 UNITS: dict[str, dict[str, int]] = {
     "1": {},
     "m": {"m": 1},
@@ -16,3 +18,5 @@ UNITS: dict[str, dict[str, int]] = {
     "Hz": {"s": -1},
     "T": {"kg": 1, "s": -2, "A": -1},
 }
+
+DEG = math.pi / 180  # rad, in which declarations state angles
