@@ -12,9 +12,10 @@ from typing import Any
 import jinja2
 
 from codegen.expressions import MEMBERS, Writer, c_name, condition, literal, statements
+from codegen.files import write_whole
 from models.errors import DeclarationError
 from models.kit import random
-from models.kit.block import GROUPS, Block, Program, Table, Transition, Update
+from models.kit.block import GROUPS, Block, Program, Table, Transition, Update, first_line
 from models.kit.declaration import Type, Variable
 from models.kit.elementary import Precision
 
@@ -56,7 +57,7 @@ def generate(block: type[Block], precision: Precision = "double") -> dict[str, s
     title = block.title()
     context: dict[str, Any] = {
         "block": title,
-        "doc": (block.__doc__ or "").strip().splitlines()[0],
+        "doc": block.summary(),
         "source_of": block.source,
         "version": VERSION,
         "precision": precision,
@@ -114,7 +115,7 @@ def _enums(block: type[Block]) -> list[dict[str, Any]]:
     found = {v.choices: v for v in block.variables().values() if v.choices}
     return [
         {
-            "doc": (choices.__doc__ or "").strip().splitlines()[0],
+            "doc": first_line(choices),
             "members": [(f"{_enum_prefix(block, choices)}_{c.name}", int(c)) for c in choices],
         }
         for choices in found
@@ -194,9 +195,4 @@ class _Generator:
 def write_files(files: dict[str, str], folder: Path) -> list[Path]:
     """Write generated files into a folder (made if need be), each whole or not at all."""
     folder.mkdir(parents=True, exist_ok=True)
-    paths = []
-    for name, text in files.items():
-        part = folder / f".{name}.part"
-        part.write_text(text)
-        paths.append(part.replace(folder / name))
-    return paths
+    return [write_whole(folder / name, text.encode()) for name, text in files.items()]

@@ -17,11 +17,15 @@ from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
-from models.errors import CanineError, nearest
+from models.errors import CanineError, UsageError, nearest
 
 
 class CompileError(CanineError):
     """The compiler refuses the C, or there is no compiler for what was asked."""
+
+
+class PlatformError(CompileError, UsageError):
+    """A platform that binaries are not made for was asked for."""
 
 
 @dataclass(frozen=True)
@@ -73,11 +77,11 @@ def find_platform(name: str) -> Platform:
     """A platform by its name in PLATFORMS or in FMI 3.0.
 
     Raises:
-        CompileError: there is none.
+        PlatformError: there is none.
     """
     names = {p.fmi3: p for p in PLATFORMS.values()} | PLATFORMS
     if name not in names:
-        raise CompileError(f'platform "{name}" is not known{nearest(name, names)}')
+        raise PlatformError(f'platform "{name}" is not known{nearest(name, names)}')
     return names[name]
 
 

@@ -8,8 +8,7 @@ floating-point operation.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from functools import cached_property
+from collections.abc import Callable, Generator, Sequence
 from typing import Any, Literal
 
 import casadi as ca
@@ -31,11 +30,17 @@ MIRRORED = {"<": ">", "<=": ">=", "==": "==", "!=": "!="}  # to read constants o
 CALLS = {ca.OP_SQRT: "sqrt", ca.OP_FLOOR: "floor", ca.OP_FABS: "fabs"}
 SELECT = -1  # c ? a : b, for which CasADi has no instruction
 MEMBERS = {"state": "state", "input": "in", "parameter": "par", "output": "out"}  # group -> C struct member
+Asking = Generator[tuple["Node", "CType"], str, str]  # asks for operands' texts, returns its own
 WIDTH = 88  # an expression longer than this is given a name
 
 
 class Node:
-    """One value: an operation on other nodes, a field of the block's struct, or a constant."""
+    """One value: an operation on other nodes, a field of the block's struct, or a constant.
+
+    Attributes:
+        ctype: what C computes it as; `constant`: made of constants alone, it takes the type of its use.
+        uses: by how many operands and results of the function.
+    """
 
     def __init__(
         self,
@@ -47,14 +52,13 @@ class Node:
     ) -> None:
         self.op, self.operands, self.value, self.field = op, operands, value, field
         self.variable = variable
+        self.ctype = self._ctype()
         self.uses = 0
         self.name = ""  # of the local that holds it, once it has one
         self.held_as: CType = "real"  # the type of that local
         self.chosen_for: Variable | None = None  # of a select: the enumerated variable that becomes its value
 
-    @cached_property
-    def ctype(self) -> CType:
-        """What C computes it as; `constant`: made of constants alone, it takes the type of its use."""
+    def _ctype(self) -> CType:
         if self.op == ca.OP_CONST:
             return "constant" if self.value == int(self.value) and abs(self.value) < 2**31 else "real"
         if self.variable is not None:
@@ -102,8 +106,7 @@ def read(function: Any, block: type[Block]) -> tuple[list[Node], int]:
         else:
             operations += 1
             work[into[0]] = _operation(op, tuple(work[i] for i in of), function.name())
-    for result in results:
-        _count(result)
+    _count_uses(results)
     return results, operations
 
 
@@ -129,13 +132,13 @@ def _is_zero(node: Node) -> bool:
     return node.op == ca.OP_CONST and node.value == 0.0
 
 
-def _count(node: Node) -> None:
-    node.uses += 1
-    if node.uses == 1:
-        for operand in node.operands:
-            _count(operand)
-        if node.op == ca.OP_SQ:
-            _count(node.operands[0])  # x * x names x twice
+def _count_uses(results: Sequence[Node]) -> None:
+    used = list(results)
+    while used:
+        node = used.pop()
+        node.uses += 1
+        if node.uses == 1:
+            used += node.operands * 2 if node.op == ca.OP_SQ else node.operands  # x * x names x twice
 
 
 def c_name(flat_name: str) -> str:
@@ -160,7 +163,11 @@ def literal(value: float, precision: Precision) -> str:
 
 
 class Writer:
-    """Writes expressions of one function body; collects the locals they need."""
+    """Writes expressions of one function body; collects the locals they need.
+
+    An expression may be as deep as its function is long, deeper than Python calls go: what writes a node
+    yields the operands that it needs, and `_run` keeps the stack.
+    """
 
     def __init__(self, precision: Precision, enum_name: Callable[[Variable, int], str]) -> None:
         self.precision = precision
@@ -175,31 +182,49 @@ class Writer:
 
     def name(self, node: Node, want: CType, name: str = "") -> None:
         """Give the node a local."""
+        self._run(self._name(node, want, name), locals_allowed=True)
+
+    def write(self, node: Node, want: CType, locals_allowed: bool = True) -> str:
+        """The C expression of a node as the type wanted."""
+        return self._run(self._write(node, want, locals_allowed), locals_allowed)
+
+    def _run(self, asking: Asking, locals_allowed: bool) -> str:
+        """What the generator returns, once all that it asks for is written."""
+        stack, text = [asking], ""
+        while stack:
+            try:
+                operand, want = stack[-1].send(text) if text else next(stack[-1])
+            except StopIteration as done:
+                stack.pop()
+                text = done.value
+            else:
+                stack.append(self._write(operand, want, locals_allowed))
+                text = ""
+        return text
+
+    def _name(self, node: Node, want: CType, name: str = "") -> Asking:
         ctype = want if node.ctype == "constant" else node.ctype
-        text = self._compose(node, ctype)
+        text = yield from self._compose(node, ctype)
         if not name:
             name, self._names = f"t{self._names}", self._names + 1
         c_type = {"real": self.real, "int": "int32_t", "bool": "bool"}[ctype]
         self.lines.append(f"const {c_type} {name} = {_bare(text)};")
         node.name, node.held_as = name, ctype
+        return name
 
-    def write(self, node: Node, want: CType, locals_allowed: bool = True) -> str:
-        """The C expression of a node as the type wanted."""
+    def _write(self, node: Node, want: CType, locals_allowed: bool) -> Asking:
         if node.op == ca.OP_CONST or (node.field and not node.name):
-            return self._compose(node, want)
+            return (yield from self._compose(node, want))
         if locals_allowed and not node.name:
-            text = self._compose(node, want) if node.uses == 1 else ""
+            text = (yield from self._compose(node, want)) if node.uses == 1 else ""
             if text and len(text) <= WIDTH:
                 return text
-            self.name(node, want)
+            yield from self._name(node, want)
         if node.name:
             return _cast(node.name, node.held_as, want, self.real)
-        return self._compose(node, want, locals_allowed)
+        return (yield from self._compose(node, want))
 
-    def _compose(self, node: Node, want: CType, locals_allowed: bool = True) -> str:
-        def inner(operand: Node, as_type: CType) -> str:
-            return self.write(operand, as_type, locals_allowed)
-
+    def _compose(self, node: Node, want: CType) -> Asking:
         if node.op == ca.OP_CONST:
             if want == "int":
                 return str(int(node.value))
@@ -211,28 +236,29 @@ class Writer:
         ctype: CType = want if node.ctype == "constant" else node.ctype
         a = node.operands
         if node.op in COMPARISONS:
-            return _cast(self._compare(node, inner), "bool", want, self.real)
+            return _cast((yield from self._compare(node)), "bool", want, self.real)
         if node.op == ca.OP_NOT:
-            return _cast(f"!{inner(a[0], 'bool')}", "bool", want, self.real)
+            return _cast(f"!{(yield a[0], 'bool')}", "bool", want, self.real)
         if node.op in LOGIC:
-            text = f"({inner(a[0], 'bool')} {BINARY[node.op]} {inner(a[1], 'bool')})"
+            text = f"({(yield a[0], 'bool')} {BINARY[node.op]} {(yield a[1], 'bool')})"
             return _cast(text, "bool", want, self.real)
         if node.op == SELECT:
-            yes, no = (self._choice(node, operand) or inner(operand, ctype) for operand in a[1:])
-            text = f"({inner(a[0], 'bool')} ? {yes} : {no})"
+            yes = self._choice(node, a[1]) or (yield a[1], ctype)
+            no = self._choice(node, a[2]) or (yield a[2], ctype)
+            text = f"({(yield a[0], 'bool')} ? {yes} : {no})"
         elif node.op in BINARY:
-            text = f"({inner(a[0], ctype)} {BINARY[node.op]} {inner(a[1], ctype)})"
+            text = f"({(yield a[0], ctype)} {BINARY[node.op]} {(yield a[1], ctype)})"
         elif node.op == ca.OP_NEG:
-            text = f"(-{inner(a[0], ctype)})"
+            text = f"(-{(yield a[0], ctype)})"
         elif node.op == ca.OP_SQ:
-            text = f"({inner(a[0], ctype)} * {inner(a[0], ctype)})"
+            text = f"({(yield a[0], ctype)} * {(yield a[0], ctype)})"
         elif node.op == ca.OP_TWICE:
-            text = f"({literal(2.0, self.precision)} * {inner(a[0], ctype)})"
+            text = f"({literal(2.0, self.precision)} * {(yield a[0], ctype)})"
         elif node.op == ca.OP_INV:
-            text = f"({literal(1.0, self.precision)} / {inner(a[0], ctype)})"
+            text = f"({literal(1.0, self.precision)} / {(yield a[0], ctype)})"
         else:
             suffix = "f" if self.precision == "float" else ""
-            text = f"{CALLS[node.op]}{suffix}({_bare(inner(a[0], ctype))})"
+            text = f"{CALLS[node.op]}{suffix}({_bare((yield a[0], ctype))})"
         return _cast(text, ctype, want, self.real)
 
     def _choice(self, select: Node, value: Node) -> str:
@@ -242,7 +268,7 @@ class Writer:
             return ""
         return self.enum_name(variable, int(value.value))
 
-    def _compare(self, node: Node, inner: Callable[[Node, CType], str]) -> str:
+    def _compare(self, node: Node) -> Asking:
         a, b = node.operands
         symbol = BINARY[node.op]
         for field, constant in ((a, b), (b, a)):
@@ -258,7 +284,7 @@ class Writer:
         as_type: CType = "real" if "real" in kinds or kinds == {"constant"} else "int"
         if a.op == ca.OP_CONST:
             a, b, symbol = b, a, MIRRORED[symbol]
-        return f"({inner(a, as_type)} {symbol} {inner(b, as_type)})"
+        return f"({(yield a, as_type)} {symbol} {(yield b, as_type)})"
 
 
 def _cast(text: str, have: CType, want: CType, real: str) -> str:
@@ -316,10 +342,12 @@ def statements(
 
 def _mark_chosen(node: Node, variable: Variable) -> None:
     """Tell the selects behind a result that their constants are named values."""
-    if node.op == SELECT and node.chosen_for is None and node.ctype != "real":
-        node.chosen_for = variable
-        for value in node.operands[1:]:
-            _mark_chosen(value, variable)
+    behind = [node]
+    while behind:
+        node = behind.pop()
+        if node.op == SELECT and node.chosen_for is None and node.ctype != "real":
+            node.chosen_for = variable
+            behind += node.operands[1:]
 
 
 def _is_overwritten(field: str, writes: Sequence[str]) -> bool:

@@ -13,15 +13,23 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from codegen.block_c import generate
-from codegen.compiler import FLAGS, Platform, build_library, compiler_version, find_platform, this_platform
+from codegen.compiler import (
+    FLAGS,
+    PLATFORMS,
+    Platform,
+    build_library,
+    compiler_version,
+    find_platform,
+    this_platform,
+)
+from codegen.files import write_whole
 from fmus.archive import pack, stamp_of
 from fmus.description import FmiVersion, block_header, build_description, documentation, model_description
 from fmus.ssp import write_ssp
-from models.errors import CanineError, DeclarationError
+from models.errors import CanineError
 from models.kit.block import Block
 from models.kit.elementary import Precision
-from models.pedestrian import Pedestrian
-from models.system import SYSTEMS
+from models.system import BLOCKS, SYSTEMS
 
 BUILD = Path(__file__).parent / "build"
 STAMP = "built-from"  # in a build folder: the hash of what it was built from
@@ -50,6 +58,8 @@ def build_fmu(
 ) -> Path:
     """Build `<block>.fmu` (`<block>_float.fmu` in single precision), unless it lies there up to date.
 
+    One that is up to date and holds binaries for more platforms than these stays as it is.
+
     Args:
         platforms: names of `codegen.compiler.PLATFORMS`; this machine's by default.
 
@@ -68,39 +78,51 @@ def build_all(
 ) -> list[Path]:
     """Build `fmi<n>/<block>.fmu` of every block and `<system>.fmi<n>.ssp` of every system, n being 2 and 3.
 
-    FMUs that are up to date stay. The compilers run side by side.
+    FMUs that are up to date stay. The compilers run side by side. This machine's binaries are always among
+    them, so that what was built runs here: where FMI 2.0 has one folder for this machine and one asked for
+    (x86-64 and ARM), only the FMI 3.0 FMUs hold both.
 
     Args:
+        platforms: names of `codegen.compiler.PLATFORMS`, built beside this machine's.
         done: told each file that is ready.
 
     Raises:
         CompileError: a platform is unknown, or the compiler refuses the C.
+        BuildError: two platforms, neither this machine's, would lie in the same folder.
     """
-    blocks = [block for system in SYSTEMS.values() for block in system.components.values()]
+    origin = _origin()  # before anything is traced: an edit meanwhile makes the folder out of date
     built: dict[tuple[type[Block], FmiVersion], Future[Path]] = {}
     paths = []
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for block in dict.fromkeys([*blocks, Pedestrian]):
+        for block in BLOCKS:
             for version in VERSIONS:
-                job = _prepare(block, folder / f"fmi{version}", version, platforms, "double")
+                names = _with_this_machine(platforms, version)
+                job = _prepare(block, folder / f"fmi{version}", version, names, "double")
                 built[block, version] = pool.submit(job)
         for future in built.values():
             paths.append(future.result())
             done(paths[-1])
-    origin = _origin()
     for system in SYSTEMS.values():
         for version in VERSIONS:
             fmus = {role: built[block, version].result() for role, block in system.components.items()}
             paths.append(write_ssp(system, fmus, folder / f"{system.name}.fmi{version}.ssp"))
             done(paths[-1])
-    (folder / STAMP).write_text(origin)
+    write_whole(folder / STAMP, origin.encode())
     return paths
 
 
 def is_current(folder: Path = BUILD) -> bool:
-    """Was everything in the folder built from the models, generator and shim as they are now?"""
+    """Was all in the folder built from models, generator and shim as they are now, and for this machine?
+
+    Raises:
+        CompileError: this machine is none of `codegen.compiler.PLATFORMS`.
+    """
     stamp = folder / STAMP
-    return stamp.is_file() and stamp.read_text() == _origin()
+    if not stamp.is_file() or stamp.read_text() != _origin():
+        return False
+    here = PLATFORMS[this_platform()].fmi3
+    fmus = (folder / f"fmi{version}" / f"{block.title()}.fmu" for block in BLOCKS for version in VERSIONS)
+    return all(here in stamp_of(fmu).split()[1:] for fmu in fmus)
 
 
 def contents(block: type[Block], version: FmiVersion, precision: Precision = "double") -> dict[str, bytes]:
@@ -111,10 +133,6 @@ def contents(block: type[Block], version: FmiVersion, precision: Precision = "do
     Raises:
         DeclarationError: the block does not come in this precision.
     """
-    if precision not in block.precisions:
-        raise DeclarationError(
-            f"{block.title()} comes in {' and '.join(block.precisions)} precision only, got {precision}"
-        )
     files = {f"sources/{name}": text.encode() for name, text in _generate(block, precision).items()}
     for name in ("shim.h", "shim.c", f"fmi{version}.c"):
         files[f"sources/{name}"] = (SHIM / name).read_bytes()
@@ -130,13 +148,24 @@ def contents(block: type[Block], version: FmiVersion, precision: Precision = "do
     return {name: content.replace(TOKEN.encode(), token.encode()) for name, content in files.items()}
 
 
+def _folder_of(platform: Platform, version: FmiVersion) -> str:
+    return platform.fmi2 if version == 2 else platform.fmi3
+
+
+def _with_this_machine(platforms: Sequence[str], version: FmiVersion) -> list[str]:
+    """The platforms and this machine, without what would lie in its folder."""
+    here = this_platform()
+    taken = _folder_of(PLATFORMS[here], version)
+    return [here, *(name for name in platforms if _folder_of(find_platform(name), version) != taken)]
+
+
 def _prepare(
     block: type[Block], folder: Path, version: FmiVersion, platforms: Sequence[str], precision: Precision
 ) -> Callable[[], Path]:
     """Everything that traces equations; what is returned only compiles and packs, in any thread."""
     path = folder / f"{block.title()}{'_float' if precision == 'float' else ''}.fmu"
     chosen = [find_platform(name) for name in platforms or (this_platform(),)]
-    folders = [p.fmi2 if version == 2 else p.fmi3 for p in chosen]
+    folders = [_folder_of(p, version) for p in chosen]
     if len(set(folders)) < len(folders):
         machines = ", ".join(p.fmi3 for p in chosen)
         raise BuildError(
@@ -144,15 +173,17 @@ def _prepare(
             "build one of each name"
         )
     files = contents(block, version, precision)
-    stamp = _digest(files, [compiler_version(), *FLAGS, *sorted(p.target for p in chosen)])
+    origin = _digest(files, [compiler_version(), *FLAGS, *sorted(p.target for p in PLATFORMS.values())])
+    held = {p.fmi3 for p in chosen}  # as FMI 3.0 names them: FMI 2.0's folders do not tell ARM
 
     def build() -> Path:
-        if stamp_of(path) == stamp:
+        lying = stamp_of(path).split()
+        if lying[:1] == [origin] and held <= set(lying[1:]):
             return path
         binaries: dict[str, bytes] = {}
         for platform in chosen:
             binaries |= _binary(block, version, platform, files)
-        return pack(path, files | binaries, stamp)
+        return pack(path, files | binaries, " ".join([origin, *sorted(held)]))
 
     return build
 
@@ -170,8 +201,7 @@ def _binary(
             sources, _sources(files), Path(scratch) / f"{block.title()}{platform.suffix}",
             what=f"{block.title()} (FMI {version}.0, {platform.fmi3})", target=platform.target,
         )  # fmt: skip
-        folder = platform.fmi2 if version == 2 else platform.fmi3
-        return {f"binaries/{folder}/{library.name}": library.read_bytes()}
+        return {f"binaries/{_folder_of(platform, version)}/{library.name}": library.read_bytes()}
 
 
 def _sources(files: Iterable[str]) -> list[str]:

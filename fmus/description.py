@@ -142,7 +142,7 @@ def documentation(block: type[Block], version: FmiVersion) -> str:
     """documentation/index.html: what the block is, and a table of its variables."""
     return TEMPLATES.get_template("index.html.jinja").render(
         block=block.title(),
-        doc=_doc(block),
+        doc=block.summary(),
         source=block.source,
         version=version,
         tool=TOOL,
@@ -163,7 +163,7 @@ def model_description(block: type[Block], version: FmiVersion, token: str, sourc
     root = ET.Element("fmiModelDescription", fmiVersion=f"{version}.0", modelName=block.title())
     root.attrib |= {
         "guid" if version == 2 else "instantiationToken": token,
-        "description": _doc(block),
+        "description": block.summary(),
         "version": VERSION,
         "generationTool": TOOL,
         "variableNamingConvention": "structured",
@@ -216,10 +216,6 @@ def to_bytes(root: ET.Element) -> bytes:
     """An XML document, indented; the same tree gives the same bytes."""
     ET.indent(root)
     return bytes(ET.tostring(root, encoding="utf-8", xml_declaration=True)) + b"\n"
-
-
-def _doc(block: type[Block]) -> str:
-    return (block.__doc__ or block.title()).strip().splitlines()[0]
 
 
 def _interface(root: ET.Element, block: type[Block], version: FmiVersion, sources: Sequence[str]) -> None:

@@ -16,8 +16,7 @@ Array = npt.NDArray[np.float64]
 TICK_S = 0.04  # s, the estimator's period (25 Hz)
 OVERSAMPLING = 40  # the filter runs at 1 kHz, the resolution of the sample times
 CUTOFF_HZ = 8.0  # -3 dB; 12.5 Hz is the Nyquist frequency of the ticks, 25 Hz (-40 dB) aliases to 0
-FILTER_ORDER = 4
-FILTER_DELAY_S = 0.052  # group delay of the filter below 2 Hz: 2.613 / (2 pi CUTOFF_HZ)
+FILTER_ORDER = 4  # below 2 Hz its group delay is 2.613 / (2 pi CUTOFF_HZ) = 52 ms
 
 
 def anti_alias(t: Array, samples: Array, ticks: int) -> Array:

@@ -37,13 +37,13 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
+from harness.geodesy import TangentPlane
 from models.cmec import Anomaly
 from models.commands import Command, Status
 
 SECOND = 1_000_000_000  # ns
 PERIOD = SECOND // 5  # ns: a dog moves two metres in it at most
 CIRCLE_POINTS = 48
-SEMI_MAJOR_AXIS, ECCENTRICITY_SQUARED = 6_378_137.0, 6.694_379_990_14e-3  # m, 1: WGS 84
 
 GREEN, ORANGE = Color(r=0.0, g=0.62, b=0.45, a=1.0), Color(r=0.90, g=0.62, b=0.0, a=1.0)
 MAGENTA, YELLOW = Color(r=0.80, g=0.20, b=0.60, a=1.0), Color(r=0.94, g=0.78, b=0.10, a=1.0)
@@ -55,21 +55,6 @@ class Message(Protocol):
     """A protobuf message."""
 
     def SerializeToString(self) -> bytes: ...  # noqa: N802
-
-
-@dataclass(frozen=True)
-class TangentPlane:
-    """The plane that touches WGS 84 at `latitude`, `longitude` (degrees), at height 0."""
-
-    latitude: float
-    longitude: float
-
-    @property
-    def radii(self) -> tuple[float, float]:
-        """Metres per radian of latitude and of longitude."""
-        flattening = 1 - ECCENTRICITY_SQUARED * math.sin(math.radians(self.latitude)) ** 2
-        meridian = SEMI_MAJOR_AXIS * (1 - ECCENTRICITY_SQUARED) / flattening**1.5
-        return meridian, SEMI_MAJOR_AXIS / math.sqrt(flattening) * math.cos(math.radians(self.latitude))
 
 
 @dataclass(frozen=True)
@@ -118,9 +103,7 @@ class _Fixes:
     """A track on the map; `columns` are those of north, east and, for GPS, of the accuracy h_acc."""
 
     def __init__(self, topic: _Topic, component: str, columns: Sequence[int], plane: TangentPlane) -> None:
-        self.topic, self.component, self.columns = topic, component, columns
-        meridian, parallel = plane.radii
-        self.plane, self.scale = plane, (math.degrees(1 / meridian), math.degrees(1 / parallel))
+        self.topic, self.component, self.columns, self.plane = topic, component, columns, plane
         self.message = LocationFix(frame_id="map")
 
     def write(self, time: int, rows: Mapping[str, Values]) -> None:
@@ -130,8 +113,8 @@ class _Fixes:
             return  # a map cannot show it; the component's own topic has it
         message = self.message
         message.timestamp.seconds, message.timestamp.nanos = divmod(time, SECOND)
-        message.latitude = self.plane.latitude + north * self.scale[0]
-        message.longitude = self.plane.longitude + east * self.scale[1]
+        latitude, longitude = self.plane.from_plane(north, east)
+        message.latitude, message.longitude = math.degrees(latitude), math.degrees(longitude)
         if h_acc:
             variance = (h_acc[0] / 2) ** 2  # eq. 3.15 in m
             message.position_covariance[:] = [variance, 0, 0, 0, variance, 0, 0, 0, 0]
@@ -223,7 +206,7 @@ class Views:
         origin: tuple[float, float],
         route: Route | None,
     ) -> None:
-        plane = TangentPlane(*origin)
+        plane = TangentPlane(*map(math.radians, origin))
         columns = {role: {name: i for i, name in enumerate(names)} for role, names in signals.items()}
 
         def find(role: str, *names: str) -> list[int]:

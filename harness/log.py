@@ -7,8 +7,8 @@ bytes. Reals are spelled with the fewest digits that read back to the same bits.
 infinities: they are the strings "NaN", "Infinity" and "-Infinity" (as in protobuf's JSON), and every NaN
 reads back as the one quiet NaN.
 
-A chunk is flushed after the first tick and then every second of trial time: whatever ends the process, all
-but the last second is on disk.
+A chunk is flushed after the first tick, then with the last tick of every second of trial time (the last of a
+batch as the loop hands them over): whatever ends the process, all but the last second is on disk.
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ class LogWriter:
         self._rows = [(c.component, _Rows(self._writer, c, texts)) for c in channels]
         signals = {channel.component: channel.names for channel in channels}
         self._views = Views(self._writer, signals, origin, Route.of(metadata.get("parameters", {})))
-        self._flush_due = 0  # ns
+        self._last, self._flush_due = 0, 0  # ns
         self._open = True
 
     def write(self, time: float, rows: Mapping[str, Sequence[float]]) -> None:
@@ -182,9 +182,11 @@ class LogWriter:
             for component, writer in self._rows:
                 writer.write(nanoseconds, rows[component])
             self._views.write(nanoseconds, rows)
-            if nanoseconds >= self._flush_due:
+            following = 2 * nanoseconds - self._last  # when the next tick will be
+            if following >= self._flush_due:
                 self._writer.flush()
-                self._flush_due = nanoseconds + SECOND
+                self._flush_due = (following // SECOND + 1) * SECOND
+            self._last = nanoseconds
         except OSError as error:
             raise self._failure(error) from error
 

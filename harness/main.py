@@ -21,11 +21,11 @@ from harness import trial
 from harness.fmu import FmuDescription, describe
 from harness.loop import Simulation
 from harness.roles import find_role, fit, read_adapter
-from harness.scenario import DEFAULT, ScenarioError
+from harness.scenario import DEFAULT, MAX_SEED
 from harness.ssp import Description, Member
 from harness.summary import show
 from harness.wiring import Order, wire
-from models.errors import CanineError, ParameterError, nearest
+from models.errors import CanineError, UsageError, nearest
 
 FAULT, USAGE = 1, 2  # and 130 for Ctrl-C, from typer
 LONG_S = 60.0  # s of trial time, from which on a run shows its progress
@@ -89,7 +89,7 @@ def build(
 def run(
     target: Target = DEFAULT,
     *,
-    seed: Annotated[int | None, typer.Option(min=0, max=2**31 - 1, help="the trial's number")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, max=MAX_SEED, help="the trial's number")] = None,
     settings: Annotated[
         list[str] | None, typer.Option("--set", metavar="block.name=value", help="a parameter; angles in deg")
     ] = None,
@@ -98,7 +98,10 @@ def run(
     order: Stepping = None,
     fmi: Fmi = None,
     folder: Annotated[
-        Path | None, typer.Option("--out", file_okay=False, help="by default out/<scenario>-<seed>")
+        Path | None,
+        typer.Option(
+            "--out", file_okay=False, help="by default out/<scenario>-<seed>, or <folder of the log>-again"
+        ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="print the summary as JSON")] = False,
 ) -> None:
@@ -119,7 +122,7 @@ def run(
         with trial.prepared(request) as ready:
             for note in ready.notes:
                 err.print(f"note: {escape(note)}", style="dim", soft_wrap=True)
-            place = folder or trial.default_folder(request.scenario)
+            place = folder or trial.default_folder(request)
             duration = request.scenario.duration
             with _bar("trial [s]", duration, quiet=as_json or duration < LONG_S) as progress:
                 summary = trial.run(request, ready, place, progress)
@@ -174,11 +177,11 @@ def check(
     \b
     canine check dog.fmu --role plant             (dog.toml beside it may map names and units)
     """
+    wanted = None if role is None else find_role(role)
     description = describe(fmu)
     for warning in description.warnings:
         err.print(f"note: {escape(f'{fmu.name}: {warning}')}", style="dim", soft_wrap=True)
-    if role is not None:
-        wanted = find_role(role)
+    if wanted is not None:
         found = fit(description, wanted, read_adapter(fmu, wanted))
         for note in found.notes:
             err.print(f"note: {escape(note)}", style="dim", soft_wrap=True)
@@ -215,7 +218,7 @@ def replay_recording(
     from harness import replay  # noqa: PLC0415 - scipy.stats takes seconds, which other commands need not wait
 
     if estimator not in replay.ESTIMATORS:
-        raise ParameterError(f'no estimator "{estimator}"{nearest(estimator, replay.ESTIMATORS)}')
+        raise UsageError(f'no estimator "{estimator}"{nearest(estimator, replay.ESTIMATORS)}')
     source = replay.open_source(recording)
     chosen = source.windows(outage, every)
     with _bar("outages", len(chosen), quiet=as_json) as progress:
@@ -277,8 +280,7 @@ def main() -> None:
             raise
         for line in str(error).splitlines():
             print(f"canine: {line}", file=sys.stderr)
-        wrong_usage = isinstance(error, ScenarioError | ParameterError)
-        sys.exit(USAGE if wrong_usage else FAULT)
+        sys.exit(USAGE if isinstance(error, UsageError) else FAULT)
 
 
 if __name__ == "__main__":

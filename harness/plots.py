@@ -63,29 +63,9 @@ def trial_figure(log: Log) -> Figure:
     return figure
 
 
-def path_figure(log: Log) -> Figure:
-    """The path alone (as Figure 5.1)."""
-    figure = _figure(7.5, 8)
-    handles = draw_path(figure.add_subplot(), log)
-    figure.legend(handles=handles, loc="outside lower center", ncols=4, **BELOW)
-    return figure
-
-
-def time_figure(log: Log) -> Figure:
-    """Speed, orientation deviation and controller output over time (as Figure 5.2)."""
-    figure = _figure(8, 8)
-    _draw_over_time(figure, list(figure.subplots(3, 1)), log)
-    return figure
-
-
 def trial_png(log: Log) -> bytes:
     """The picture of the trial as a PNG; the same log gives the same bytes."""
     return _png(trial_figure(log))
-
-
-def trial_picture(log: Log, path: Path) -> None:
-    """Write trial.png. Raises LogError if it cannot be written."""
-    write_whole(path, trial_png(log))
 
 
 def draw_path(axes: Axes, log: Log) -> list[Line2D | Patch]:

@@ -20,6 +20,7 @@ import numpy.typing as npt
 from pyubx2 import UBX_PROTOCOL, UBXReader, calc_checksum
 
 from harness.attitude import TICK_S, Array, align_heading, anti_alias, euler_angles
+from harness.geodesy import TangentPlane
 from models.errors import CanineError
 
 Mask = npt.NDArray[np.bool_]
@@ -28,13 +29,13 @@ Index = npt.NDArray[np.int64]
 STANDARD_GRAVITY = 9.80665  # m/s2, the accelerometer's unit of 1 g
 WEEK_S = 604_800
 GPS_EPOCH_S = 315_964_800  # 1980-01-06 from 1970-01-01: the tags count GPS time from the latter
-WGS84_A, WGS84_E2 = 6_378_137.0, 6.694_379_990_14e-3  # m, 1
 NAV_PVT, NAV_POSLLH, NAV_VELNED = b"\x01\x07", b"\x01\x02", b"\x01\x12"
 
 # Forward, right and down in the axes of the IMU: roll, pitch, yaw = 180, 0, -90 deg.
 MOUNTING = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
 MOVING_M_S = 0.5  # m/s, above it the course over ground is used
+ALIGNING_S = 10.0  # s, in which the heading's offset forgets older courses
 MIN_OVERLAP_S = 20.0  # s of both sensors: one outage of 10 s and as much before it
 MAX_RECEIVER_LATENCY_S = 0.5  # s from the epoch of a fix to its arrival
 MAX_CLOCK_DRIFT_S = 0.05  # s, of the IMU's clock against the computer's over the recording
@@ -159,20 +160,16 @@ def read_recording(folder: Path) -> Recording:
     )
 
 
-def signals(
-    recording: Recording,
-    outages: Sequence[tuple[float, float]] = (),
-    moving: float = MOVING_M_S,
-    time_constant: float = 10.0,
-) -> Signals:
+def signals(recording: Recording, outages: Sequence[tuple[float, float]] = ()) -> Signals:
     """The estimator's signals, with the fixes at start <= t <= end (s) of each outage withheld.
 
-    A fix counts at the first tick at or after it. Fixes faster than `moving` (m/s) align the heading with a
-    `time_constant` (s). An outage starts after 0, for the fix at 0 is the origin; else RecordingError.
+    A fix counts at the first tick at or after it. Fixes faster than MOVING_M_S align the heading with the
+    time constant ALIGNING_S. An outage starts after 0, for the fix at 0 is the origin; else RecordingError.
     """
     fixes = recording.fixes
     origin = int(np.searchsorted(fixes.t, 0.0))
-    north, east = _local_position(fixes, origin)
+    plane = TangentPlane(*(float(field[origin]) for field in (fixes.latitude, fixes.longitude, fixes.height)))
+    north, east = plane.to_plane(fixes.latitude, fixes.longitude)
     speed = np.hypot(fixes.velocity_north, fixes.velocity_east)
     course = np.arctan2(fixes.velocity_east, fixes.velocity_north)
 
@@ -189,7 +186,7 @@ def signals(
         return field[among][np.searchsorted(tick[among], clock, side="right") - 1]
 
     accel_x, accel_y, accel_z, gyro_x, gyro_y, gyro_z, roll, pitch, heading = recording.on_ticks.T
-    aligning = used & (speed > moving)
+    aligning = used & (speed > MOVING_M_S)
     zeros = np.zeros(recording.ticks)
     return Signals(
         t=np.asarray(clock * TICK_S),
@@ -204,7 +201,7 @@ def signals(
         mag_z=zeros,
         roll_meas=roll,
         pitch_meas=pitch,
-        heading_meas=align_heading(heading, tick[aligning], course[aligning], time_constant),
+        heading_meas=align_heading(heading, tick[aligning], course[aligning], ALIGNING_S),
         gps_fix=np.isin(clock, tick[used]),
         gps_north=held(used, north),
         gps_east=held(used, east),
@@ -220,15 +217,6 @@ def signals(
         origin_latitude=float(fixes.latitude[origin]),
         origin_longitude=float(fixes.longitude[origin]),
     )
-
-
-def _local_position(fixes: Fixes, origin: int) -> tuple[Array, Array]:
-    """North and east in m on the plane tangent to WGS84 at the fix `origin`, at its height."""
-    latitude, height = fixes.latitude[origin], fixes.height[origin]
-    flattening = 1 - WGS84_E2 * np.sin(latitude) ** 2
-    meridian = WGS84_A * (1 - WGS84_E2) / flattening**1.5 + height
-    parallel = (WGS84_A / np.sqrt(flattening) + height) * np.cos(latitude)
-    return (fixes.latitude - latitude) * meridian, (fixes.longitude - fixes.longitude[origin]) * parallel
 
 
 def _only_file(folder: Path, pattern: str) -> Path:

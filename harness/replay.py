@@ -50,20 +50,32 @@ class Source:
 
     Attributes:
         signals: what the estimator gets when the fixes within some windows are withheld.
+        broken: why the recording is not whole, "" if it is.
     """
 
     name: str
     signals: Callable[[Sequence[Window]], Signals]
+    broken: str = ""
+
+    @property
+    def folder(self) -> Path:
+        """Where the results go if nobody says."""
+        return Path("out") / f"replay-{self.name}"
 
     def windows(self, length: float, every: float, settle: float = SETTLE) -> list[Window]:
         """Outages of `length` [s], every `every` [s], from `settle` [s] after the first moving fix."""
         given = self.signals([])
         moving = given.t[given.reference_fix & (given.reference_speed > MOVING_M_S)]
-        last = given.t[given.reference_fix][-1]
         if not len(moving):
             return []
-        starts = np.arange(np.ceil(moving[0] + settle), last - length + 1e-9, every)
-        return [(float(start), float(start + length)) for start in starts]
+        fixes = given.t[given.reference_fix]
+        starts = np.arange(np.ceil(moving[0] + settle), fixes[-1] - length + 1e-9, every)
+        # without a fix inside, there is nothing to judge by
+        return [
+            (float(start), float(start + length))
+            for start in starts
+            if ((fixes >= start) & (fixes <= start + length)).any()
+        ]
 
 
 def open_source(path: Path) -> Source:
@@ -80,7 +92,8 @@ def open_source(path: Path) -> Source:
 
 def _of_log(path: Path) -> Source:
     log = read_log(path)
-    missing = [s for s in ("sensors.gps_fix", "sensors.accel_x") if s not in log]
+    needed = {name for block in ESTIMATORS.values() for name in block.flat_names("input")} | {"gps_course"}
+    missing = [s for s in (f"sensors.{name}" for name in sorted(needed)) if s not in log]
     if missing:
         raise RecordingError(
             f'{path}: the log has no signal "{missing[0]}"; expected a trial with sensors, such as '
@@ -92,15 +105,20 @@ def _of_log(path: Path) -> Source:
         used = fixed.copy()
         for start, end in chosen:
             used &= (log.time < start) | (log.time > end)
-        given: dict[str, Any] = {
-            f.name: log[f"sensors.{f.name}"] for f in fields(Signals) if f"sensors.{f.name}" in log
-        }
+        latest = np.maximum.accumulate(np.where(used, np.arange(len(used)), 0))  # fix that is held
+        given: dict[str, Any] = {}
+        for name in (f.name for f in fields(Signals)):
+            recorded = log[f"sensors.{name}"] if f"sensors.{name}" in log else np.zeros(len(used))
+            given[name] = recorded[latest] if name.startswith("gps_") else recorded
         for name in ("north", "east", "speed", "course"):
             given[f"reference_{name}"] = log[f"sensors.gps_{name}"]
         given |= {"t": log.time, "gps_fix": used, "reference_fix": fixed}
-        return Signals(**given, origin_latitude=log.origin[0], origin_longitude=log.origin[1])
+        given |= {"origin_latitude": log.origin[0], "origin_longitude": log.origin[1]}
+        return Signals(**given)
 
-    return Source(path.stem, masked)
+    scenario = log.metadata.get("scenario", {})
+    name = f"{scenario.get('name', path.stem)}-{scenario.get('seed', '')}".strip("-")
+    return Source(name, masked, log.broken)
 
 
 def run_fmu(path: Path, given: Signals, ticks: int, parameters: Mapping[str, float]) -> dict[str, Array]:
@@ -150,10 +168,11 @@ def hold_speed(given: Signals, ticks: int) -> dict[str, Array]:
     steps = speed[last] * TICK_S * np.exp(1j * given.heading_meas[last + 1 : ticks])
     way = np.cumsum(steps)
     north[last + 1 :], east[last + 1 :] = north[last] + way.real, east[last] + way.imag
+    speed[last + 1 :] = speed[last]
     return {"north": north, "east": east, "speed": speed}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Outage:
     """One simulated outage: what each configuration was off by at the fix that ends it."""
 
@@ -175,7 +194,10 @@ def replay(
         RecordingError: there is no outage to run through.
     """
     if not chosen:
-        raise RecordingError(f"{source.name}: no outage fits; expected a longer recording or shorter outages")
+        raise RecordingError(
+            f"{source.name}: no outage fits; expected fixes, {SETTLE:g} s of motion before the first outage, and "
+            "its length after that; record longer or take shorter outages"
+        )
     path = build_fmu(ESTIMATORS[estimator], BUILD / "fmi2", 2)
     found = []
     for number, window in enumerate(chosen):
@@ -214,7 +236,10 @@ def replay(
 
 
 def statistics(found: Sequence[Outage]) -> dict[str, Any]:
-    """Mean, standard deviation, median and 90th percentile of the errors, and paired two-tailed t-tests."""
+    """Mean, standard deviation, median and 90th percentile of the errors, and paired two-tailed t-tests.
+
+    The tests are of outages that do not overlap: others share what they are judged by.
+    """
     names = list(found[0].errors)
     table = np.array([[outage.errors[name] for name in names] for outage in found])  # (n, configurations, 2)
     of: dict[str, dict[str, Any]] = {}
@@ -228,18 +253,29 @@ def statistics(found: Sequence[Outage]) -> dict[str, Any]:
                 "median": float(np.median(values)),
                 "p90": float(np.percentile(values, 90)),
             }
+    separate = disjoint(found)
+    apart = [i for i, outage in enumerate(found) if outage in separate]
     pairs = []
     for i, first in enumerate(names):
         for k in range(i + 1, len(names)):
-            pair: dict[str, Any] = {"first": first, "second": names[k]}
+            pair: dict[str, Any] = {"first": first, "second": names[k], "n": len(apart)}
             for j, column in enumerate(COLUMNS):
-                if len(found) > 1:
-                    test = stats.ttest_rel(table[:, i, j], table[:, k, j])
+                if len(apart) > 1:
+                    test = stats.ttest_rel(table[apart, i, j], table[apart, k, j])
                     pair[column] = {"t": _number(test.statistic), "p": _number(test.pvalue)}
                 else:
                     pair[column] = None
             pairs.append(pair)
     return {"configurations": of, "paired_t_tests": pairs}
+
+
+def disjoint(found: Sequence[Outage]) -> list[Outage]:
+    """Those of the outages, by time, that do not overlap with one before."""
+    chosen: list[Outage] = []
+    for outage in found:
+        if not chosen or outage.start >= chosen[-1].end:
+            chosen.append(outage)
+    return chosen
 
 
 def _number(value: float) -> float | None:
@@ -268,11 +304,7 @@ def report(source: Source, estimator: str, found: Sequence[Outage], out: Path) -
     write_whole(out / "outages.json", (json.dumps(result, indent=2) + "\n").encode())
     given = source.signals([])
     fixes = given.reference_fix
-    # outages may overlap: the picture shows those that do not
-    shown: list[Outage] = []
-    for outage in found:
-        if not shown or outage.start >= shown[-1].end:
-            shown.append(outage)
+    shown = disjoint(found)  # overlapping ones would hide each other
     replay_picture(
         out / "replay.png",
         (given.t[fixes], given.reference_north[fixes], given.reference_east[fixes]),
@@ -308,6 +340,6 @@ def show(result: Mapping[str, Any], console: Console) -> None:
         if test and test["t"] is not None:
             console.print(
                 f"position, {pair['first']} against {pair['second']}: "
-                f"t = {test['t']:+.2f}, p = {test['p']:.2g} (paired)",
+                f"t = {test['t']:+.2f}, p = {test['p']:.2g} (paired, n = {pair['n']})",
                 style="dim",
             )

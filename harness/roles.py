@@ -7,6 +7,8 @@ It fits if it gives the outputs that others consume, by name or through a mappin
     speed = { name = "v", factor = 0.2777777777777778 }      # m/s = factor * km/h + offset
     [inputs]
     command = "cmd"                                          # the FMU's = factor * the role's + offset
+    [parameters]                                             # those that a scenario states by its own keys
+    start_heading = { name = "psi0", factor = 57.29577951308232 }    # deg = factor * rad
 
 `dog.toml` beside `dog.fmu` is its mapping file. Units are never converted without it; an output that
 declares no unit is taken to have the role's. Inputs of the role that the FMU lacks are not given to it.
@@ -22,12 +24,18 @@ from typing import Any
 
 from harness.fmu import FmuDescription, Quantity, Unit
 from harness.ssp import Description, Link, Member, Value
-from models.errors import CanineError, nearest
-from models.kit.declaration import Input, Output, Variable, flatten
+from models.errors import CanineError, UsageError, nearest
+from models.kit.declaration import Input, Output, Parameter, Type, Variable, flatten
 from models.kit.units import UNITS
 from models.system import SYSTEMS
 
 OPTIONAL = {"plant": frozenset({"acceleration", "pitch", "roll", "yaw_rate"})}
+# parameters that a scenario sets by keys of its own: seed, waypoints, start
+MISSION = {
+    "plant": frozenset({"seed", "start_north", "start_east", "start_heading", "start_heading_deviation"}),
+    "sensors": frozenset({"seed"}),
+    "controller": frozenset({"waypoint_count", "waypoint_north", "waypoint_east", "home_north", "home_east"}),
+}
 BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 
@@ -37,12 +45,20 @@ class RoleError(CanineError):
 
 @dataclass(frozen=True)
 class Role:
-    """What a role is: outputs that others consume, those of them that may be absent, and inputs."""
+    """What a role is: outputs that others consume, those of them that may be absent, inputs, parameters.
+
+    Attributes:
+        parameters: those that a scenario sets by keys of its own.
+        block: our block's name, and `own` all its parameters: an FMU that bears the name has to mean them.
+    """
 
     name: str
     needs: Mapping[str, Variable]
     optional: frozenset[str]
     inputs: Mapping[str, Variable]
+    parameters: Mapping[str, Variable]
+    block: str
+    own: Mapping[str, Variable]
 
 
 @dataclass(frozen=True)
@@ -62,6 +78,7 @@ class Adapter:
     path: Path
     outputs: Mapping[str, Rename] = field(default_factory=dict)
     inputs: Mapping[str, Rename] = field(default_factory=dict)
+    parameters: Mapping[str, Rename] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -70,6 +87,7 @@ class Fit:
 
     outputs: Mapping[str, Rename]
     inputs: Mapping[str, Rename]
+    parameters: Mapping[str, Rename]
     problems: tuple[str, ...]
     notes: tuple[str, ...]
 
@@ -79,12 +97,17 @@ def roles() -> dict[str, Role]:
     system = SYSTEMS["full"]
     found = {}
     for name, block in system.components.items():
+        parameters = dict(flatten(list(block.variables(Parameter).values())))
+        mission = MISSION.get(name, frozenset())
         consumed = {link.source_variable for link in system.connections if link.source == name}
         found[name] = Role(
             name,
             {n: v for n, v in flatten(list(block.variables(Output).values())) if v.name in consumed},
             OPTIONAL.get(name, frozenset()),
             dict(flatten(list(block.variables(Input).values()))),
+            {n: v for n, v in parameters.items() if v.name in mission},
+            block.title(),
+            parameters,
         )
     return found
 
@@ -93,11 +116,11 @@ def find_role(name: str) -> Role:
     """The role of this name.
 
     Raises:
-        RoleError: there is none.
+        UsageError: there is none.
     """
     known = roles()
     if name not in known:
-        raise RoleError(f'there is no role "{name}"{nearest(name, known)}')
+        raise UsageError(f'there is no role "{name}"{nearest(name, known)}')
     return known[name]
 
 
@@ -114,10 +137,16 @@ def read_adapter(fmu: Path, role: Role) -> Adapter:
         table = tomllib.loads(path.read_text())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as reason:
         raise RoleError(f"{path.name}: {reason}") from None
-    known: dict[str, Iterable[str]] = {"outputs": role.needs, "inputs": role.inputs}
+    known: dict[str, Iterable[str]] = {
+        "outputs": role.needs,
+        "inputs": role.inputs,
+        "parameters": role.parameters,
+    }
     for key, value in table.items():
         if key not in known or not isinstance(value, dict):
-            raise RoleError(f'{path.name}: unknown key "{key}"; expected the tables [outputs] and [inputs]')
+            raise RoleError(
+                f'{path.name}: unknown key "{key}"; expected the tables [outputs], [inputs], [parameters]'
+            )
         for name in value:
             if name not in known[key]:
                 raise RoleError(
@@ -152,6 +181,8 @@ def fit(fmu: FmuDescription, role: Role, adapter: Adapter, consumed: Iterable[st
     needs = role.needs if consumed is None else {n: v for n, v in role.needs.items() if n in set(consumed)}
     outputs = {name: found for name, v in needs.items() if (found := checker.output(name, v))}
     inputs = {name: found for name, v in role.inputs.items() if (found := checker.input(name, v))}
+    parameters, wrong = _parameters(checker)
+    checker.problems += wrong.values()
     absent = [name for name in needs if name in role.optional and name not in outputs]
     ignored = [name for name in role.inputs if name not in inputs]
     if absent and not checker.problems:
@@ -162,12 +193,32 @@ def fit(fmu: FmuDescription, role: Role, adapter: Adapter, consumed: Iterable[st
         checker.note(
             "says that its outputs depend on its inputs within a step; it is stepped last all the same"
         )
-    return Fit(outputs, inputs, tuple(checker.problems), tuple(checker.notes))
+    return Fit(outputs, inputs, parameters, tuple(checker.problems), tuple(checker.notes))
+
+
+def misfits(fmu: FmuDescription, role: Role) -> dict[str, str]:
+    """What is wrong with the parameters that a package's FMU has by the role's names, by name."""
+    return _parameters(_Checker(fmu, role, Adapter(fmu.path), "give it a value in the package"))[1]
+
+
+def _parameters(checker: _Checker) -> tuple[dict[str, Rename], dict[str, str]]:
+    """The role's parameters that the FMU has, and what is wrong with the others that it has."""
+    fmu, role = checker.fmu, checker.role
+    wanted = {**role.own, **role.parameters} if fmu.model == role.block else role.parameters
+    found, wrong = {}, {}
+    for name, declared in wanted.items():
+        checking = _Checker(fmu, role, checker.adapter, checker.cure)
+        if rename := checking.parameter(name, declared):
+            found[name] = rename
+        elif checking.problems:
+            wrong[name] = checking.problems[0]
+    return found, wrong
 
 
 class _Checker:
-    def __init__(self, fmu: FmuDescription, role: Role, adapter: Adapter) -> None:
+    def __init__(self, fmu: FmuDescription, role: Role, adapter: Adapter, cure: str = "") -> None:
         self.fmu, self.role, self.adapter = fmu, role, adapter
+        self.cure = cure or f"map it in {adapter.path.name}"
         self.problems: list[str] = []
         self.notes: list[str] = []
 
@@ -188,6 +239,12 @@ class _Checker:
         if not rename.mapped and name not in self.fmu.inputs:
             return None
         return self._checked("input", rename, given)
+
+    def parameter(self, name: str, declared: Variable) -> Rename | None:
+        rename = self.adapter.parameters.get(name, Rename(name))
+        if not rename.mapped and name not in self.fmu.parameters:
+            return None
+        return self._checked("parameter", rename, declared)
 
     def _is_there(self, name: str) -> bool:
         return name in self.fmu.quantities or name in self.fmu.refused
@@ -213,9 +270,13 @@ class _Checker:
             return (
                 f'has no {kind} "{rename.name}" ({what}), which {need}{hint}; map it in {toml} or export it'
             )
-        if quantity.causality != kind:
+        if self.fmu.group(*_CAUSALITIES.get(kind, (kind,))).get(rename.name) is None:
             return f'"{rename.name}" has causality {quantity.causality}; {need} {kind}, export it as such'
-        if quantity.type is not needed.type:
+        whole_as_real = kind == "parameter" and (quantity.type, needed.type) == (
+            Type.REAL,
+            Type.INTEGER,
+        )  # a seed, say: nothing is lost
+        if quantity.type is not needed.type and not whole_as_real:
             return (
                 f'{kind} "{rename.name}" is {quantity.type.value}, {need} {needed.type.value}; '
                 f"export it as {needed.type.value}"
@@ -235,8 +296,11 @@ class _Checker:
             return False
         if (rename.factor, rename.offset) != (1.0, 0.0) or unit.equals(ours):
             return True
-        self.wrong(f"{got}; map it in {self.adapter.path.name} or export it in {ours.name}")
+        self.wrong(f"{got}; {self.cure} or export it in {ours.name}")
         return False
+
+
+_CAUSALITIES = {"parameter": ("parameter", "structuralParameter")}
 
 
 def _near(name: str, known: Iterable[str]) -> str:
@@ -250,11 +314,12 @@ def replace_component(
     """The system with an FMU in a role's place, and how it fits.
 
     Raises:
-        RoleError: the FMU does not fit, or the system has no such component.
+        RoleError: the FMU does not fit.
+        UsageError: the system has no such component.
     """
     if role_name not in system.components:
         hint = nearest(role_name, system.components)
-        raise RoleError(f'system "{system.name}" has no component "{role_name}"{hint}')
+        raise UsageError(f'system "{system.name}" has no component "{role_name}"{hint}')
     consumed = {link.source_variable for link in system.links if link.source == role_name}
     found = fit(fmu, find_role(role_name), adapter, consumed)
     if found.problems:

@@ -17,6 +17,9 @@
     until = 12.0
     "controller.override" = "STOP"
 
+Of several `[[set]]` for one input, the one that started last holds, of those that started together the last
+listed; where none does, the input is what it was at the start.
+
 Whatever has rad in its unit is in degrees here, and in rad everywhere else. What wins: the reading, over it
 the mission (seed, start, waypoints), over it what the package binds, over it `parameters`.
 """
@@ -28,12 +31,15 @@ import tomllib
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
+from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 from harness.fmu import FmuDescription, Quantity
 from harness.loop import DURATION, Event
-from models.errors import CanineError, nearest
+from harness.roles import Fit, Rename, Role
+from models.canine import Canine
+from models.cmec import MAX_WAYPOINTS
+from models.errors import UsageError, nearest
 from models.kit.declaration import Type, Variable, flatten
 from models.kit.units import UNITS
 from models.readings import READINGS, start_heading_deviation
@@ -41,15 +47,14 @@ from models.system import SYSTEMS, System
 
 Written = bool | int | float | str | list[Any]
 SHIPPED = Path(__file__).parent / "scenarios"
-MAX_SEED = 2**31 - 1
+MAX_SEED = int(Canine.seed.max or 0)
 MAX_DURATION = 86_400.0  # s: a day
-MAX_COORDINATE = 1e5  # m
-MAX_WAYPOINTS = 16
+MAX_COORDINATE = Canine.start_north.max or 0.0  # m
 ORIGIN = (32.6062, -85.4877)  # deg: Auburn, Alabama, where the trials were
 DEFAULT = "three_waypoint"
 
 
-class ScenarioError(CanineError):
+class ScenarioError(UsageError):
     """A scenario that cannot be read, or asks for what is not there."""
 
 
@@ -184,7 +189,7 @@ def parse(text: str, where: str, default_name: str = "scenario", folder: Path = 
     origin = table.table("origin")
     start = table.table("start")
     scenario = Scenario(
-        name=table.word("name", default_name),
+        name=table.plain("name", default_name),
         system=table.word("system", "full"),
         reading=table.word("reading", "calibrated", READINGS),
         seed=int(table.number("seed", 1, 0, MAX_SEED, whole=True)),
@@ -235,6 +240,14 @@ class _Table:
         if known and value not in known:
             raise self.fail(key, value, f"one of {', '.join(sorted(known))}{nearest(value, known)}")
         return value
+
+    def plain(self, key: str, default: str) -> str:
+        """A name that is one part of a path: results lie in a folder of that name."""
+        name = self.word(key, default)
+        is_one = name == PurePosixPath(name).name == PureWindowsPath(name).name
+        if not is_one or name == ".." or not name.isprintable():
+            raise self.fail(key, name, "a plain name, without / and \\")
+        return name
 
     def number(self, key: str, default: float, low: float, high: float, whole: bool = False) -> float:
         value = self.take(key, default)
@@ -300,9 +313,11 @@ class Part:
 
     Attributes:
         block: the block's or the FMU's model name.
-        parameters, inputs: by flat name.
+        parameters, inputs: by flat name; what a mapping file renames, by the role's name too.
         label: how messages call it, `plant dog.fmu`.
-        foreign: swapped in: what it lacks of its role's parameters is noted, not refused.
+        foreign: swapped in.
+        renames: for the role's names, what the FMU has.
+        misfits: the role's parameters that it has otherwise than the role means them, to what is wrong.
     """
 
     block: str
@@ -310,6 +325,28 @@ class Part:
     inputs: Mapping[str, Variable]
     label: str
     foreign: bool = False
+    renames: Mapping[str, Rename] = field(default_factory=dict)
+    misfits: Mapping[str, str] = field(default_factory=dict)
+
+    def own(self, name: str) -> str:
+        """The component's own name of a variable."""
+        return self.renames[name].name if name in self.renames else name
+
+    def start(self, name: str, variable: Variable, values: Mapping[str, float]) -> float:
+        """The value (as the role has it) with which a variable starts, given the component's own values."""
+        rename = self.renames.get(name, Rename(name))
+        own = (self.parameters if rename.name in self.parameters else self.inputs).get(rename.name, variable)
+        value = values.get(rename.name, _start(own, rename.name))
+        return (value - rename.offset) / rename.factor if rename.mapped else value
+
+    def converted(self, name: str, value: float) -> tuple[str, float]:
+        """The component's own name and value for a variable's name and value (SI)."""
+        rename = self.renames.get(name, Rename(name))
+        if not rename.mapped:
+            return name, value
+        variable = self.parameters.get(rename.name) or self.inputs[rename.name]
+        converted = rename.factor * value + rename.offset
+        return rename.name, converted if variable.type is Type.REAL else float(round(converted))
 
 
 def parts_of_system(system: System) -> dict[str, Part]:
@@ -325,15 +362,23 @@ def parts_of_system(system: System) -> dict[str, Part]:
     }
 
 
-def part_of_fmu(name: str, fmu: FmuDescription, foreign: bool = False) -> Part:
-    """An FMU as a part, by what it declares."""
-    return Part(
-        fmu.model,
-        {n: _variable(fmu, q) for n, q in fmu.parameters.items()},
-        {n: _variable(fmu, q) for n, q in fmu.inputs.items()},
-        f"{name} {fmu.path.name}",
-        foreign,
-    )
+def part_of_fmu(
+    name: str,
+    fmu: FmuDescription,
+    role: Role | None = None,
+    fit: Fit | None = None,
+    misfits: Mapping[str, str] | None = None,
+) -> Part:
+    """An FMU as a part, by what it declares; swapped in if it is known how it fits the role."""
+    parameters = {n: _variable(fmu, q) for n, q in fmu.parameters.items()}
+    inputs = {n: _variable(fmu, q) for n, q in fmu.inputs.items()}
+    renames: dict[str, Rename] = {}
+    if role is not None and fit is not None:
+        renames = {n: r for n, r in {**fit.inputs, **fit.parameters}.items() if r.mapped}
+        parameters |= {n: role.parameters[n] for n in fit.parameters if n in renames}
+        inputs |= {n: role.inputs[n] for n in fit.inputs if n in renames}
+    label = f"{name} {fmu.path.name}"
+    return Part(fmu.model, parameters, inputs, label, fit is not None, renames, misfits or {})
 
 
 def _variable(fmu: FmuDescription, quantity: Quantity) -> Variable:
@@ -360,24 +405,32 @@ class Plan:
 
 
 def plan(
-    scenario: Scenario, parts: Mapping[str, Part], bound: Mapping[str, Collection[str]] | None = None
+    scenario: Scenario,
+    parts: Mapping[str, Part],
+    bound: Mapping[str, Mapping[str, float]] | None = None,
+    fed: Mapping[str, Collection[str]] | None = None,
 ) -> Plan:
     """Resolve a scenario's addresses and values against a system.
 
     Args:
-        bound: what the package itself gives values for, which the reading and the mission leave alone.
+        bound: the values that the package itself gives, which the reading and the mission leave alone.
+        fed: inputs that are connected.
 
     Raises:
         ScenarioError: an unknown component, block, parameter or input, a wrong type, or a value out of range.
     """
-    return _Planner(scenario, parts, bound or {}).plan()
+    return _Planner(scenario, parts, bound or {}, fed or {}).plan()
 
 
 class _Planner:
     def __init__(
-        self, scenario: Scenario, parts: Mapping[str, Part], bound: Mapping[str, Collection[str]]
+        self,
+        scenario: Scenario,
+        parts: Mapping[str, Part],
+        bound: Mapping[str, Mapping[str, float]],
+        fed: Mapping[str, Collection[str]],
     ) -> None:
-        self.scenario, self.parts, self.bound = scenario, parts, bound
+        self.scenario, self.parts, self.bound, self.fed = scenario, parts, bound, fed
         self.values: dict[str, dict[str, float]] = {name: {} for name in parts}
         self.notes: list[str] = []
 
@@ -385,19 +438,16 @@ class _Planner:
         for address, value in READINGS[self.scenario.reading].items():
             block, _, name = address.partition(".")
             for component, part in self.parts.items():
-                if (
-                    part.block == block
-                    and name in part.parameters
-                    and name not in self.bound.get(component, ())
-                ):
-                    self.values[component][name] = float(value)
+                if part.block == block and name in part.parameters:
+                    self.put(component, name, float(value))
         for component, values in self.mission.items():
             self.give(component, values)
         for address, written in self.scenario.parameters.items():
             where = f"{self.scenario.name}: {address}"
             for component, name in self.find(address, "parameters"):
                 known = self.parts[component].parameters
-                self.values[component] |= _converted(name, written, known, where)
+                for flat, value in _converted(name, written, known, where).items():
+                    self.values[component] |= [self.parts[component].converted(flat, value)]
         return Plan(self.values, tuple(self.events()), tuple(self.notes))
 
     @cached_property
@@ -425,17 +475,30 @@ class _Planner:
 
     def give(self, role: str, values: Mapping[str, float]) -> None:
         """Set what the component of a role has, and note what it lacks."""
-        if role not in self.parts:
+        part = self.parts.get(role)
+        lacking = [name for name in values if part is None or name not in part.parameters]
+        names = ", ".join(dict.fromkeys(name.partition("[")[0] for name in lacking))
+        if part is None:
+            if self.scenario.package is not None:
+                self.notes.append(f"{self.scenario.system}: has no component {role}; {names} not set")
             return
-        part = self.parts[role]
-        if "start" in part.inputs:
-            self.values[role]["start"] = 1.0  # the trial is on from the first tick
-        lacking = [name for name in values if name not in part.parameters]
-        left = {*lacking, *self.bound.get(role, ())}
-        self.values[role] |= {name: value for name, value in values.items() if name not in left}
-        if lacking and part.foreign:
-            names = list(dict.fromkeys(name.partition("[")[0] for name in lacking))
-            self.notes.append(f"{part.label}: has no parameter {', '.join(names)}; not set")
+        if role == "controller" and "start" in part.inputs:
+            self.put(role, "start", 1.0)  # the trial is on from the first tick
+        for name in values:
+            if name in part.parameters:
+                self.put(role, name, values[name])
+        if lacking:
+            self.notes.append(f"{part.label}: has no parameter {names}; not set")
+
+    def put(self, component: str, name: str, value: float) -> None:
+        """Give a parameter or free input its value (SI), unless the package has one for it."""
+        part = self.parts[component]
+        own, converted = part.converted(name, value)
+        if own in self.bound.get(component, ()) or own in self.fed.get(component, ()):
+            return
+        if name in part.misfits:
+            raise ScenarioError(f"{self.scenario.name}: {part.misfits[name]}")
+        self.values[component][own] = converted
 
     def find(self, address: str, kind: str) -> list[tuple[str, str]]:
         """The components that an address names by their name or their block's, with the variable's name."""
@@ -466,15 +529,22 @@ class _Planner:
         return ""
 
     def events(self) -> Iterable[Event]:
+        """The changes of inputs: at each time holds the entry that started last, of those the last listed."""
+        entries: dict[tuple[str, str], list[tuple[float, float, float]]] = {}
         for setting in self.scenario.sets:
             where = f"{self.scenario.name}: [[set]] {setting.variable}"
+            until = math.inf if setting.until is None else setting.until
             for component, name in self.find(setting.variable, "inputs"):
-                known = self.parts[component].inputs
-                for flat, value in _converted(name, setting.value, known, where).items():
-                    yield Event(setting.at, component, flat, value)
-                    if setting.until is not None:
-                        before = self.values[component].get(flat, _start(known[flat], flat))
-                        yield Event(setting.until, component, flat, before)
+                part = self.parts[component]
+                for flat, value in _converted(name, setting.value, part.inputs, where).items():
+                    own, converted = part.converted(flat, value)
+                    entries.setdefault((component, own), []).append((setting.at, until, converted))
+        for (component, own), spans in entries.items():
+            values = {**self.bound.get(component, {}), **self.values[component]}
+            at_rest = values.get(own, _start(self.parts[component].inputs[own], own))
+            for time in sorted({t for at, until, _ in spans for t in (at, until)} - {math.inf}):
+                active = [(at, i) for i, (at, until, _) in enumerate(spans) if at <= time < until]
+                yield Event(time, component, own, spans[max(active)[1]][2] if active else at_rest)
 
 
 def _converted(name: str, written: Written, known: Mapping[str, Variable], where: str) -> dict[str, float]:
@@ -536,7 +606,7 @@ def _expected(variable: Variable, scale: float) -> str:
 def values_of(parts: Mapping[str, Part], values: Mapping[str, Mapping[str, float]]) -> dict[str, str]:
     """Every parameter of every part as `component.name`: value (SI), for the log."""
     return {
-        f"{component}.{name}": repr(float(values.get(component, {}).get(name, _start(variable, name))))
+        f"{component}.{name}": repr(float(part.start(name, variable, values.get(component, {}))))
         for component, part in parts.items()
         for name, variable in part.parameters.items()
     }

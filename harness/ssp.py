@@ -8,8 +8,9 @@ Whatever else an SSD can hold is refused by name: a system that is not what it s
 from __future__ import annotations
 
 import math
+import posixpath
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -81,12 +82,13 @@ class Link:
 
 @dataclass(frozen=True)
 class Description:
-    """A wired system of FMUs: what the harness runs."""
+    """A wired system of FMUs: what the harness runs; `files` are its package's, by their names there."""
 
     name: str
     components: dict[str, Member]
     links: tuple[Link, ...]
     stop_time: float | None = None
+    files: Mapping[str, Path] = field(default_factory=dict)
 
 
 @contextmanager
@@ -116,6 +118,7 @@ class _Reader:
     def __init__(self, path: Path, folder: Path) -> None:
         self.path, self.folder = path, folder
         self.components: dict[str, Member] = {}
+        self.files: dict[str, Path] = {}
 
     def fail(self, text: str) -> SspError:
         return SspError(f"{self.path}: {text}")
@@ -147,6 +150,7 @@ class _Reader:
         return found
 
     def read(self, structure: Path) -> Description:
+        self.files["SystemStructure.ssd"] = structure
         root = parse_xml(structure, f"{self.path}: {structure.name}")
         if root.tag != f"{SSD}SystemStructureDescription":
             raise self.fail(f"the root is {root.tag}; expected an SSP 1.0 SystemStructureDescription")
@@ -178,7 +182,7 @@ class _Reader:
         for target, value in self.bindings(parts.get("ParameterBindings"), "the system").items():
             for component_name, variable in through.get(target) or [self.address(target)]:
                 self.components[component_name].values[variable] = value
-        return Description(name, self.components, links, stop)
+        return Description(name, self.components, links, stop, self.files)
 
     def address(self, name: str) -> tuple[str, str]:
         component, _, variable = name.partition(".")
@@ -211,6 +215,7 @@ class _Reader:
             raise self.fail(f'{what} has source "{source}"; expected a path inside the package')
         if not path.is_file():
             raise self.fail(f'{what} has source "{source}", which is not in the package')
+        self.files[posixpath.normpath(source)] = path
         return path
 
     def connectors(self, parent: Element | None, what: str) -> dict[str, Connector]:

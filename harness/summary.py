@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import base64
-import contextlib
 import json
 import math
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,6 +15,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from codegen import files
 from harness.foxglove import named
 from harness.log import Array, Log, LogError
 from models.cmec import Anomaly
@@ -116,22 +115,17 @@ def _position_error(log: Log) -> dict[str, float] | None:
 
 
 def write_whole(path: Path, data: bytes) -> None:
-    """Write a file whole or not at all: beside it first, then in its place.
+    """Write a file whole or not at all.
 
     Raises:
         LogError: it cannot be written; what was there before still is.
     """
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        beside.write_bytes(data)
-        beside.replace(path)
+        files.write_whole(path, data)
     except OSError as error:
         raise LogError(
             f"{path}: cannot be written ({error.strerror}); make room, or choose another folder"
         ) from error
-    finally:
-        with contextlib.suppress(OSError):
-            beside.unlink()
 
 
 def write_summary(summary: Mapping[str, Any], path: Path) -> None:

@@ -13,12 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from fmus.archive import pack
 from fmus.build import BUILD, build_all, is_current
 from harness.fmu import FmuDescription, describe
 from harness.log import Channel, Log, LogWriter, read_log
 from harness.loop import Array, Simulation, Stop
 from harness.plots import trial_png
-from harness.roles import Adapter, Rename, find_role, read_adapter, replace_component
+from harness.roles import Adapter, Fit, Rename, find_role, misfits, read_adapter, replace_component, roles
 from harness.scenario import (
     DEFAULT,
     Part,
@@ -36,6 +37,7 @@ from harness.ssp import Description, open_ssp
 from harness.summary import summarize, write_page, write_summary, write_whole
 from harness.wiring import Order
 from models.commands import Status
+from models.errors import UsageError
 from models.system import SYSTEMS
 
 ENDS = frozenset({int(Status.SUCCESS), int(Status.FAILED), int(Status.STOPPED)})
@@ -54,6 +56,7 @@ class Request:
         fmi: version of our FMUs.
         swaps: FMUs that take a role's place.
         package: the .ssp if it is not the one of `scenario.system` (that of a log, say).
+        log: that it is taken from.
     """
 
     scenario: Scenario
@@ -61,6 +64,7 @@ class Request:
     fmi: int = 2
     swaps: Mapping[str, Path] = field(default_factory=dict)
     package: Path | None = None
+    log: Path | None = None
 
     @property
     def ssp(self) -> Path:
@@ -85,18 +89,21 @@ def requested(target: str, changes: Changes) -> Iterator[Request]:
     """What a scenario's file or name, a package, or a log asks for, as long as it is used.
 
     Raises:
-        ScenarioError, LogError: the target cannot be read, or a setting is none.
+        UsageError, LogError: the target cannot be read, or a setting makes no sense.
     """
     with tempfile.TemporaryDirectory(prefix="canine-") as folder:
         if target.endswith(".mcap"):
             request = _of_log(Path(target), Path(folder))
-        elif target.endswith(".ssp") or (Path(target) / "SystemStructure.ssd").is_file():
-            package = Path(target).resolve()
-            scenario = replace(load(DEFAULT), name=package.stem, system=package.name, folder=package.parent)
-            request = Request(scenario)
+        elif target.endswith((".ssp", ".ssd")) or (Path(target) / "SystemStructure.ssd").is_file():
+            request = _of_package(Path(target).resolve())
         else:
             request = Request(load(target))
-        if changes.fmi and request.scenario.system in SYSTEMS:
+        if changes.fmi and request.scenario.system not in SYSTEMS:
+            raise UsageError(
+                f"--fmi {changes.fmi}: {request.scenario.system} is run with the FMUs that it holds; "
+                "leave --fmi out"
+            )
+        if changes.fmi:
             request = replace(request, fmi=int(changes.fmi), package=None)
         given = {role: path for role, path in changes.swaps.items() if path is not None}
         yield replace(
@@ -107,8 +114,17 @@ def requested(target: str, changes: Changes) -> Iterator[Request]:
         )
 
 
+def _of_package(package: Path) -> Request:
+    """The default trial with a package: an .ssp, a folder, or a folder's .ssd."""
+    name = package.parent.name if package.suffix == ".ssd" else package.stem
+    scenario = replace(load(DEFAULT), name=name, system=f"{name}.ssp", folder=package.parent)
+    return Request(scenario, package=package)
+
+
 def _of_log(path: Path, folder: Path) -> Request:
     """The trial of a log, with its order, FMI version, package and swapped FMUs, unpacked into a folder."""
+    if not path.is_file():
+        raise UsageError(f'there is no log "{path}"; expected the path of a trial.mcap')
     log = read_log(path)
     records, run = log.metadata.get("scenario", {}), log.metadata.get("run", {})
     if "toml" not in records or PACKAGE not in log.attachments:
@@ -118,7 +134,7 @@ def _of_log(path: Path, folder: Path) -> Request:
         (folder / Path(name).name).write_bytes(content)
     swaps = {role: folder / name for role, name in log.metadata.get("swaps", {}).items()}
     order: Order = "jacobi" if run.get("order") == "jacobi" else "sequential"
-    return Request(scenario, order, int(run.get("fmi", "2")), swaps, folder / PACKAGE)
+    return Request(scenario, order, int(run.get("fmi", "2")), swaps, folder / PACKAGE, path)
 
 
 @dataclass(frozen=True)
@@ -155,22 +171,28 @@ def prepared(request: Request) -> Iterator[Prepared]:
     with open_ssp(request.ssp) as system:
         fmus = {name: describe(part.fmu) for name, part in system.components.items()}
         notes: list[str] = []
-        renames = {}
+        fits: dict[str, Fit] = {}
         for role, path in request.swaps.items():
             fmus[role] = describe(path)
             adapter = read_adapter(path, find_role(role))
-            system, fit = replace_component(system, role, fmus[role], adapter)  # noqa: PLW2901
-            notes += fit.notes
-            renames[role] = {rename.name: (name, rename) for name, rename in fit.outputs.items()}
-        own = parts_of_system(SYSTEMS[request.scenario.system]) if request.scenario.system in SYSTEMS else {}
-        parts = {
-            name: own[name]
-            if name in own and name not in request.swaps
-            else part_of_fmu(name, fmu, foreign=name in request.swaps)
-            for name, fmu in fmus.items()
+            system, fits[role] = replace_component(system, role, fmus[role], adapter)  # noqa: PLW2901
+            notes += fits[role].notes
+        renames = {
+            role: {rename.name: (name, rename) for name, rename in fit.outputs.items()}
+            for role, fit in fits.items()
         }
-        bound = {name: set(part.values) for name, part in system.components.items()}
-        found = plan(request.scenario, parts, bound)
+        own = parts_of_system(SYSTEMS[request.scenario.system]) if request.scenario.system in SYSTEMS else {}
+        known = roles()
+        parts = {}
+        for name, fmu in fmus.items():
+            if name in own and name not in fits:
+                parts[name] = own[name]
+            else:
+                wrong = misfits(fmu, known[name]) if name in known and name not in fits else {}
+                parts[name] = part_of_fmu(name, fmu, known.get(name), fits.get(name), wrong)
+        bound = {n: {v: x.value for v, x in part.values.items()} for n, part in system.components.items()}
+        fed = {name: {k.target_variable for k in system.links if k.target == name} for name in fmus}
+        found = plan(request.scenario, parts, bound, fed)
         yield Prepared(system, fmus, parts, found, renames, (*notes, *found.notes))
 
 
@@ -183,9 +205,12 @@ def run(
     """Run a trial; its summary. The log is kept up to where a fault or the user ends it.
 
     Raises:
+        UsageError: it would overwrite the log that it is taken from.
         CanineError: a fault in what was run, with its name.
         KeyboardInterrupt: the user ended it.
     """
+    if request.log is not None and (out / LOG).resolve() == request.log.resolve():
+        raise UsageError(f"--out {out}: holds the log that is read, {request.log}; choose another folder")
     out.mkdir(parents=True, exist_ok=True)
     for name in SHOWN:  # of an earlier trial: they would not belong to this log
         with suppress(FileNotFoundError):
@@ -198,7 +223,7 @@ def run(
             table.channels,
             origin=scenario.origin,
             metadata=_metadata(request, ready),
-            attachments=_attachments(request),
+            attachments=_attachments(request, ready),
         ) as log:
             started = time.perf_counter()
             outcome = simulation.run(
@@ -297,9 +322,9 @@ def _all_values(ready: Prepared) -> dict[str, dict[str, float]]:
     }
 
 
-def _attachments(request: Request) -> dict[str, bytes]:
+def _attachments(request: Request, ready: Prepared) -> dict[str, bytes]:
     """The package and the swapped FMUs with their mapping files: what it takes to run the trial again."""
-    files = {PACKAGE: request.ssp.read_bytes()} if request.ssp.is_file() else {}
+    files = {PACKAGE: _package(request, ready)}
     for role, path in request.swaps.items():
         files[f"{role}.fmu"] = path.read_bytes()
         adapter = Adapter(path.with_suffix(".toml")).path
@@ -308,6 +333,18 @@ def _attachments(request: Request) -> dict[str, bytes]:
     return files
 
 
-def default_folder(scenario: Scenario) -> Path:
-    """Where a trial's files go if nobody says: out/<scenario>-<seed>."""
-    return Path("out") / f"{scenario.name}-{scenario.seed}"
+def _package(request: Request, ready: Prepared) -> bytes:
+    """The package, packed if it lies unpacked in a folder: the .ssd and the files that it names."""
+    if request.ssp.is_file() and request.ssp.suffix == ".ssp":
+        return request.ssp.read_bytes()
+    files = {name: path.read_bytes() for name, path in ready.system.files.items()}
+    with tempfile.TemporaryDirectory(prefix="canine-") as folder:
+        return pack(Path(folder) / PACKAGE, files).read_bytes()
+
+
+def default_folder(request: Request) -> Path:
+    """Where a trial's files go if nobody says: out/<scenario>-<seed>; a log's, to <its folder>-again."""
+    if request.log is not None:
+        folder = request.log.resolve().parent
+        return folder.with_name(f"{folder.name}-again")
+    return Path("out") / f"{request.scenario.name}-{request.scenario.seed}"

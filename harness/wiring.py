@@ -57,6 +57,7 @@ def wire(
     Raises:
         WiringError: types or units that do not fit, an input fed twice or not at all, a cycle without a
             plant, steps that do not agree.
+        SspError: the package declares a variable otherwise than its FMU.
         FmuError: a link or value names a variable that the FMU lacks.
     """
     fed: dict[tuple[str, str], Link] = {}
@@ -69,6 +70,7 @@ def wire(
             )
         fed[target] = link
     _check_values(system, fmus, fed)
+    _check_connectors(system, fmus)
     free = {name: tuple(v for v in fmu.inputs if (name, v) not in fed) for name, fmu in fmus.items()}
     for name, variables in free.items():
         for variable in variables:
@@ -132,6 +134,28 @@ def _check_values(
                 )
 
 
+def _check_connectors(system: Description, fmus: Mapping[str, FmuDescription]) -> None:
+    """What the package says of its FMUs' variables: an end that declares no type or unit fits any."""
+    for name, component in system.components.items():
+        for connector in component.connectors.values():
+            quantity = fmus[name].quantities.get(connector.name)
+            if quantity is None:
+                continue
+            unit = fmus[name].unit(quantity)
+            of_fmu = quantity.type.value
+            declared = {"Enumeration": "Integer"}.get(connector.type or of_fmu, connector.type or of_fmu)
+            if declared != of_fmu:
+                got, expected = f"type {connector.type}", f"type {of_fmu}"
+            elif connector.unit and unit is not None and connector.unit != unit.name:
+                got, expected = f'unit "{connector.unit}"', f'unit "{unit.name}"'
+            else:
+                continue
+            raise SspError(
+                f"connector {name}.{connector.name} has {got}, {component.fmu.name} declares {expected}; "
+                "write into the package what the FMU declares"
+            )
+
+
 def _data_flow(names: list[str], links: list[Link]) -> list[str]:
     """The names so that every source comes before its targets, as listed where it does not matter."""
     done: list[str] = []
@@ -161,18 +185,16 @@ def _cycle(left: list[str], links: list[Link]) -> str:
 
 
 def _common_step(fmus: Mapping[str, FmuDescription]) -> float:
-    """The communication step: the largest that an FMU insists on; all others' are whole fractions of it."""
+    """The communication step: the one that FMUs insist on, or else the largest that one states."""
     fixed = {name: fmu.step for name, fmu in fmus.items() if fmu.step and fmu.fixed}
     wished = [fmu.step for fmu in fmus.values() if fmu.step]
     if not fixed:
         return max(wished, default=DEFAULT_STEP)
-    slowest = max(fixed, key=lambda name: fixed[name])
-    step = fixed[slowest]
+    first, step = next(iter(fixed.items()))
     for name, own in fixed.items():
-        ratio = step / own
-        if not math.isclose(ratio, round(ratio), rel_tol=STEP_TOLERANCE):
+        if not math.isclose(step, own, rel_tol=STEP_TOLERANCE):
             raise WiringError(
-                f"{name} has a fixed step of {own:g} s, {slowest} of {step:g} s; "
-                "one must be a whole multiple of the other"
+                f"{first} has a fixed step of {step:g} s, {name} of {own:g} s; "
+                "all components take one step: export one of them with the other's"
             )
     return step

@@ -36,10 +36,13 @@ class Plant(Block):
     start_east = Parameter("m", "position at the start", start=0, min=-1e5, max=1e5)
     start_heading = Parameter("rad", "heading at the start", start=0, min=-4, max=4)
 
+    recall_turn_rate = Parameter("rad/s", "how fast the body turns home on recall", start=270 * DEG, min=0)
+
     position_north = State("m", "position")
     position_east = State("m", "position")
     velocity = State("m/s", "ground speed")
     course = State("rad", "heading")
+    bearing = State("rad", "on recall: direction to the start, in which the animal moves")
     past_velocity = State("m/s", "ground speed a tick ago")
     past_course = State("rad", "heading a tick ago")
 
@@ -55,17 +58,25 @@ class Plant(Block):
 
     @triggered(lambda m: m.command == Command.RECALL)
     def turn_home(m) -> None:
-        """On recall the animal homes straight to the start (5.3.2)."""
-        m.course = ca.atan2(m.start_east - m.position_east, m.start_north - m.position_north)
+        """On recall the animal homes straight to the start (5.3.2); its body turns there as fast as it can.
+
+        The text has no turn on recall. Turning the body takes no time from the trial, and keeps the yaw rate
+        within what an animal can do and a gyroscope can measure.
+        """
+        m.bearing = ca.atan2(m.start_east - m.position_east, m.start_north - m.position_north)
+        most = m.recall_turn_rate * m.sample_time
+        m.course = wrap(m.course + clip(wrap(m.bearing - m.course), -most, most))
 
     def _move(m, acceleration: SX, top_speed: SX, turn_rate: SX) -> None:
         """Kinematics of a tick."""
         m.velocity = clip(m.velocity + acceleration * m.sample_time, 0.0, top_speed)  # eq. D.9
         turned = wrap(m.course + turn_rate * m.sample_time)  # eq. D.10
-        m.course = either(m.command == Command.RECALL, m.course, turned)
+        homing = m.command == Command.RECALL
+        m.course = either(homing, m.course, turned)
+        direction = either(homing, m.bearing, m.course)
         step = 0.5 * (m.past_velocity + m.velocity) * m.sample_time
-        m.position_north = m.position_north + step * ca.cos(m.course)  # eq. B.5, D.11
-        m.position_east = m.position_east + step * ca.sin(m.course)
+        m.position_north = m.position_north + step * ca.cos(direction)  # eq. B.5, D.11
+        m.position_east = m.position_east + step * ca.sin(direction)
 
 
 class Canine(Plant):
@@ -196,7 +207,10 @@ class Canine(Plant):
         m.jerk_due = 0
 
     def output(m) -> None:
-        """The animal's motion, and what the pack on its back makes of it."""
+        """The animal's motion, and what the pack on its back makes of it.
+
+        The heading is the animal's: the pack's swing about it, which the gyroscope sees, is not in it (B.4).
+        """
         m.north, m.east = m.position_north, m.position_east
         m.speed, m.heading = m.velocity, m.course
         walk, run = m._gait()

@@ -106,12 +106,16 @@ class Cmec(Block):
     stop_hold = Parameter("s", "DELAYTHRESH: least time a stop command is on", start=1.5, min=0, max=1e4)
     turn_timeout = Parameter("s", "DELTHRESH2: longest time a turn command is on", start=3, min=0, max=1e4)
     forward_timeout = Parameter(
-        "s", "DELTHRESH3: time in which the animal must move", start=3, min=0, max=1e4
+        "s", "DELTHRESH3: time in which the animal must move", start=3, min=0.04, max=1e4
     )
     forward_distance = Parameter("m", "DISTTHRESH: how far it must move in that time", start=1, min=0)
     dead_time = Parameter("s", "HEADCOUNTTHRESH: length of a no-command period", start=1, min=0, max=1e4)
     max_turns = Parameter(
-        Integer, "MAXTURN: directional commands allowed per waypoint", start=2, min=0, max=1000
+        Integer,
+        "MAXTURN: directional commands allowed per waypoint (per trial without reset_turns)",
+        start=2,
+        min=0,
+        max=1000,
     )
     # what the text leaves open: the two readings
     turn_end_deviation = Parameter(
@@ -146,6 +150,8 @@ class Cmec(Block):
     route_east = State("m", "waypoints, latched", size=MAX_WAYPOINTS)
     base_north = State("m", "home, latched")
     base_east = State("m", "home, latched")
+    last_distance = State("m", "d by the last good input")
+    last_deviation = State("rad", "h by the last good input")
     anomalies = State(Integer, "how often each anomaly was reported", size=len(Anomaly) - 1)
 
     def watch(m) -> None:
@@ -199,13 +205,15 @@ class Cmec(Block):
         m.target_east = either(last, m.base_east, _element(m.route_east, m.reached))
 
     def aim(m) -> None:
-        """Distance to the target and orientation deviation from it."""
+        """Distance to the target and orientation deviation from it; the last good ones on bad input."""
         good = m.within("north", "east", "heading")
         north_difference = either(good, m.target_north - m.north, 0)  # eq. 4.1
         east_difference = either(good, m.target_east - m.east, 0)
-        m.distance = ca.sqrt(north_difference**2 + east_difference**2)  # eq. 4.2
+        distance = ca.sqrt(north_difference**2 + east_difference**2)  # eq. 4.2
+        m.distance = m.last_distance = either(good, distance, m.last_distance)
         desired = ca.atan2(east_difference, north_difference)  # eq. 4.3
-        m.deviation = either(good, wrap(desired - m.heading), 0)  # eq. 4.4
+        deviation = wrap(desired - m.heading)  # eq. 4.4
+        m.deviation = m.last_deviation = either(good, deviation, m.last_deviation)
 
     @triggered(lambda m: every(m.now > Mode.IDLE, ca.logic_not(m._blocked())))
     @table("now")

@@ -8,16 +8,16 @@ from pathlib import Path
 from models.cmec import Cmec
 from models.kit.block import Block, Table
 from models.kit.declaration import Parameter, Type, Variable
-from models.pedestrian import Pedestrian
 from models.readings import READINGS
-from models.system import SYSTEMS
+from models.system import BLOCKS
 
 README = Path(__file__).with_name("README.md")
 INTRODUCTION = """# The models
 
 One file per block, in the order of the dissertation's equations; each line names the equation it comes from.
 `kit/` is what blocks are declared with, `system.py` wires them, `readings.py` holds the two readings of what
-the text leaves open. Angles are in rad here and in the FMUs, in degrees at the command line and in scenarios.
+the text leaves open. Where the text errs or is silent, [CHOICES.md](CHOICES.md) says what is done. Angles are
+in rad here and in the FMUs, in degrees at the command line and in scenarios.
 
 A block is a class whose variables are declared one to a line, and whose public methods are the updates of a
 tick, in their order. From the class come the C, the FMUs, the log's schema, this page, and the reference:
@@ -42,9 +42,8 @@ This page is made by `python -m models.document`.
 
 def readme() -> str:
     """The page: every block's variables, the controller's diagram, the readings."""
-    blocks = [block for system in SYSTEMS.values() for block in system.components.values()]
     parts = [INTRODUCTION]
-    for block in dict.fromkeys([*blocks, Pedestrian]):
+    for block in BLOCKS:
         parts.append(_block(block))
         if block is Cmec:
             parts.append(_diagram(block))
@@ -55,7 +54,7 @@ def _block(block: type[Block]) -> str:
     lines = [
         f"## {block.title()}",
         "",
-        (block.__doc__ or "").splitlines()[0],
+        block.summary(),
         "",
         f"Source: {block.source}.",
         "",

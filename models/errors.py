@@ -18,7 +18,11 @@ class WiringError(CanineError):
     """Outputs and inputs do not fit together."""
 
 
-class ParameterError(CanineError):
+class UsageError(CanineError):
+    """What was asked for is not there or makes no sense: wrong usage, not a fault of what was run."""
+
+
+class ParameterError(UsageError):
     """A parameter is unknown, of the wrong type or out of its range."""
 
 

@@ -53,6 +53,7 @@ class FourState(Block):
     initial_speed_variance = Parameter("1", "of P0, in (m/s)^2 (eq. 3.17)", start=0.1, min=1e-9)
     initial_bias_variance = Parameter("1", "of P0, in (m/s2)^2 (eq. 3.17)", start=1, min=1e-9)
     initial_position_variance = Parameter("1", "of P0, in m^2 (eq. 3.17)", start=0.01, min=1e-9)
+    # the gate and the recovery are ours: the text accepts every fix
     gate = Parameter("1", "a fix farther off than this many nominal deviations is rejected", start=5, min=0)
     gate_speed_growth = Parameter("m/s2", "nominal growth of the speed's deviation", start=4, min=0)
     gate_position_growth = Parameter("m/s", "nominal growth of the position's deviation", start=1.5, min=0)
@@ -145,7 +146,11 @@ class FourState(Block):
         )
     )
     def recover(m) -> None:
-        """Begin (anew) at the fix; the bias is kept if there is one."""
+        """Begin (anew) at the fix; the bias is kept if there is one.
+
+        Eq. 3.9 begins with zeros at a known start, with P0 of eq. 3.17. A state taken from a fix is as
+        uncertain as the fix, so its variance is added.
+        """
         bias_variance = Factors.unpack(m.covariance, 4).variance(BIAS)
         position_variance = m.initial_position_variance + (0.5 * m.gps_h_acc) ** 2
         m.x = ca.vertcat(m.gps_speed, m.x[BIAS], m.gps_north, m.gps_east)

@@ -34,11 +34,10 @@ def control_system(
         return model.state.copy()
 
     if block.moore:
-        observe = model._initialize[-1]
 
         def output(t: float, x: Array, u: Array, params: Mapping[str, Any]) -> Array:
             model.state[:] = x
-            observe()
+            model.observe()
             return model.output.copy()
     else:
 

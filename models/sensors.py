@@ -51,6 +51,7 @@ class Sensors(Block):
     seed = Parameter(Integer, "trial number: selects the random streams", start=1, min=0, max=2147483647)
     noisy = Parameter(Boolean, "noise, biases and saturation; off: the sensors return the truth", start=1)
     gps_period = Parameter("s", "time between fixes (4 Hz)", start=0.25, min=0.04, max=1e3)
+    # ours: D.12's white 0.1 m is the motion simulator's; a receiver that states 3.5 m (B.11) wanders
     gps_wander = Parameter("m", "slowly varying position error, standard deviation", start=1.0, min=0)
     gps_wander_time = Parameter("s", "correlation time of that error", start=60, min=0)
     gps_position_noise = Parameter("m", "white position noise, standard deviation", start=0.3, min=0)

@@ -13,6 +13,7 @@ from models.errors import WiringError, nearest
 from models.four_state import FourState
 from models.kit.block import Block
 from models.kit.declaration import Input, Output, Variable, flatten
+from models.pedestrian import Pedestrian
 from models.sensors import Sensors
 
 
@@ -136,3 +137,8 @@ def trial_simulator(plant: type[Block] = Canine) -> System:
 
 
 SYSTEMS: dict[str, System] = {"full": full_system(), "cts": trial_simulator()}
+BLOCKS: tuple[type[Block], ...] = tuple(
+    dict.fromkeys(
+        [*(block for system in SYSTEMS.values() for block in system.components.values()), Pedestrian]
+    )
+)

@@ -26,6 +26,11 @@ Method = Callable[[Any], Any]
 GROUPS = ("state", "input", "parameter", "output")  # the arguments of every traced function, in this order
 
 
+def first_line(documented: type) -> str:
+    """The first line of a class's docstring, "" without one."""
+    return (documented.__doc__ or "").strip().partition("\n")[0]
+
+
 def triggered(guard: Guard) -> Callable[[Method], Method]:
     """Run an update only on ticks on which the guard holds: a Boolean variable's name, or an expression."""
 
@@ -85,7 +90,6 @@ class Transition:
     writes: tuple[str, ...]
     function: Any
     anomaly: int
-    guard_text: str
 
 
 @dataclass(frozen=True)
@@ -195,6 +199,11 @@ class Block:
     def title(cls) -> str:
         """The block's name outside of Python: `FourState` is `four_state`."""
         return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", cls.__name__).lower()
+
+    @classmethod
+    def summary(cls) -> str:
+        """What the block is: the first line of its docstring, "" without one."""
+        return first_line(cls)
 
     @classmethod
     def variables(cls, *kinds: type[Variable]) -> dict[str, Variable]:
@@ -328,7 +337,6 @@ class _Tracer:
                     names,
                     self.close(f"{name}_{index}", arguments, values),
                     int(row.anomaly),
-                    str(ca.SX(row.guard)),
                 )
             )
         return Table(name, (method.__doc__ or "").strip(), mode, tuple(rows), self.guard(name, method))

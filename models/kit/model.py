@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from models.errors import ParameterError, nearest
+from models.errors import DeclarationError, ParameterError, nearest
 from models.kit.block import GROUPS, Block, Table, Transition, Update
 from models.kit.declaration import Stream, flatten
 from models.kit.random import start_state
@@ -84,6 +84,16 @@ class Model:
         """One tick: from the inputs of t_k, a plant goes to t_{k+1}, every other block answers for t_k."""
         for run in self._tick:
             run()
+
+    def observe(self) -> None:
+        """Set the outputs of a plant for its states as they are.
+
+        Raises:
+            DeclarationError: the block is none; its outputs depend on its inputs.
+        """
+        if not self.block.moore:
+            raise DeclarationError(f"{self.block.title()} is no moore block: its outputs need a step")
+        self._initialize[-1]()
 
     def _call(self, function: Any) -> tuple[Callable[[], None], Array]:
         """A call without copies: (run, where the result will be)."""

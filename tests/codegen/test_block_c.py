@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from enum import IntEnum
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from codegen.expressions import MEMBERS
 from models.cmec import Cmec
 from models.command_module import CommandModule
 from models.kit.block import GROUPS, Block
-from models.kit.declaration import Type
+from models.kit.declaration import Input, Output, Type
 
 Golden = Callable[[str, str], None]
 each = pytest.mark.parametrize(
@@ -106,6 +107,45 @@ def test_guards_are_real_ifs_and_tables_switches() -> None:
     assert re.search(r"if \(.*m->in\.start.*\) \{\n        cmec_begin\(m\);", step)
     assert text.count("switch (m->state.now)") == 1
     assert all(f"case CMEC_MODE_{mode}:" in text for mode in ("FORWARD", "DEAD", "STOP_AT_WAYPOINT"))
+
+
+class Tone(IntEnum):
+    LOW = 0
+    HIGH = 1
+
+
+class Bare(Block):
+    tone = Input(Tone, "an enumeration")
+    y = Output("1", "its number")
+
+    def answer(m) -> None:
+        m.y = m.tone
+
+
+def test_a_block_and_an_enumeration_without_docstrings_are_generated() -> None:
+    files = generate(Bare)
+    assert files["bare.c"].startswith("/* bare\n")
+    assert "enum {\n    BARE_TONE_LOW = 0," in files["bare.h"]
+
+
+def test_no_line_ends_in_a_blank() -> None:
+    class Wordy(Block):
+        """Has a comment of two paragraphs."""
+
+        source = "none"
+
+        y = Output("1", "one")
+
+        def answer(m) -> None:
+            """First.
+
+            Second.
+            """
+            m.y = 1
+
+    text = generate(Wordy)["wordy.c"]
+    assert "/* First.\n *\n * Second. */\n" in text
+    assert not re.search(r" $", text, flags=re.MULTILINE)
 
 
 def test_written_files_are_whole(tmp_path: Path) -> None:

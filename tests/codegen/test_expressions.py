@@ -179,6 +179,43 @@ def test_a_value_used_twice_has_one_name() -> None:
     assert sum("sqrt(" in line for line in lines) == 1
 
 
+@pytest.mark.parametrize("links", [400, 5000])
+def test_a_chain_of_operations_may_be_longer_than_python_calls_are_deep(links: int) -> None:
+    # given x halved and raised by x, over and over
+    def chain(m: Any) -> Any:
+        value = m.x
+        for _ in range(links):
+            value = 0.5 * value + m.x
+        return value
+
+    function = traced(chain)
+    # when it is written
+    lines, operations = statements(function, Sample, ["y"], writer())
+    # then no line is long, and the lines, read as Python, give the traced function's bits
+    assert operations == 2 * links
+    assert max(map(len, lines)) < 120
+    script = "\n".join(line.removeprefix("const double ") for line in lines)
+    values: dict[str, float] = {}
+    exec(script.replace("m->in.x", "1.1").replace("m->out.y", "y").replace(";", ""), values)
+    inputs = [1.1 if name == "x" else 0.0 for name in Sample.flat_names("input")]
+    blank = [[0.0] * len(Sample.flat_names(kind)) for kind in GROUPS]
+    blank[GROUPS.index("input")] = inputs
+    assert values["y"] == float(function(*blank))
+
+
+def test_a_chain_of_choices_may_be_as_long() -> None:
+    def chain(m: Any) -> Any:
+        value = ca.SX(Colour.RED)
+        for limit in range(1500):
+            value = ca.if_else(m.x > limit, Colour.GREEN if limit % 2 else Colour.RED, value)
+        return value
+
+    lines = printed(chain, target="shown")
+    # the first choice is between RED and RED, which is none
+    assert sum(line.count("?") for line in lines) == 1499
+    assert sum(line.count("COLOUR_GREEN") for line in lines) == 750
+
+
 def test_operations_are_counted() -> None:
     assert read(traced(lambda m: m.x * 3 + 1), Sample)[1] == 2
 

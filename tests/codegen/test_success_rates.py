@@ -89,7 +89,7 @@ def test_success_rate_lies_within_the_99_percent_interval(
 
 
 def test_trials_take_as_long_as_expected(simulated: Mapping[str, Outcomes]) -> None:
-    """errata.md: mean time of the successful three-waypoint trials at 49 deg 37.6 s."""
+    """CHOICES.md: mean time of the successful three-waypoint trials at 49 deg 37.6 s."""
     ticks = np.concatenate([o[o[:, 0] == Status.SUCCESS, 1] for o in simulated.values()])
     assert ticks.mean() * 0.04 == pytest.approx(37.6, abs=4 * ticks.std() * 0.04 / np.sqrt(len(ticks)) + 0.05)
 
@@ -102,7 +102,7 @@ def test_success_rate_through_sensors_and_estimator(
     estimated = success(run(library, "full", scenario, range(1, TRIALS + 1), shaking=True))
     true = success(simulated[scenario])
     print(f"{scenario}: {100 * estimated:.1f} % through sensors and estimator, {100 * true:.1f} % without")
-    assert abs(estimated - true) < 0.10
+    assert abs(estimated - true) < 0.04  # of the same seeds
 
 
 @pytest.mark.parametrize("scenario", EXPECTED)

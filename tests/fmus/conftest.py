@@ -12,14 +12,12 @@ from pulse import Pulse, Slide
 from fmus.build import build_fmu
 from fmus.description import FmiVersion
 from models.kit.block import Block
-from models.pedestrian import Pedestrian
-from models.system import SYSTEMS
+from models.system import BLOCKS
 
-BLOCKS = [Pulse, Slide, *dict.fromkeys([*SYSTEMS["full"].components.values(), Pedestrian])]
 Fmu = Callable[[type[Block]], Path]
 
 
-@pytest.fixture(params=BLOCKS, ids=lambda block: block.title())
+@pytest.fixture(params=[Pulse, Slide, *BLOCKS], ids=lambda block: block.title())
 def block(request: pytest.FixtureRequest) -> type[Block]:
     return request.param
 

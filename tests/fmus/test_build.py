@@ -29,6 +29,7 @@ from models.errors import DeclarationError
 from models.kit.block import Block
 from models.kit.declaration import Output, State, Type, flatten
 from models.kit.units import UNITS
+from models.system import System
 
 Fmu = Callable[[type[Block]], Path]
 
@@ -161,8 +162,84 @@ def test_two_builds_at_once_do_not_collide(tmp_path: Path) -> None:
 def test_unknown_platforms_and_precisions_are_refused(tmp_path: Path) -> None:
     with pytest.raises(CompileError, match='platform "linux46" is not known; did you mean "linux64"'):
         build_fmu(Slide, tmp_path, 2, ["linux46"])
-    with pytest.raises(DeclarationError, match="slide comes in double precision only, got float"):
+    with pytest.raises(DeclarationError, match="slide comes in double precision, not in float"):
         build_fmu(Slide, tmp_path, 2, precision="float")
+
+
+def test_an_fmu_for_more_machines_stays_as_it_is(
+    tmp_path: Path, version: FmiVersion, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given an FMU for this machine and another, and no compiler from now on
+    other = "darwin64" if this_platform() != "darwin64" else "linux64"
+    path = build_fmu(Slide, tmp_path, version, [this_platform(), other])
+    written = path.read_bytes()
+    monkeypatch.setattr("fmus.build.build_library", lambda *a, **k: pytest.fail("compiled again"))
+    # when it is asked for on this machine, then both binaries are still there
+    build_fmu(Slide, tmp_path, version)
+    assert path.read_bytes() == written
+    # but one machine more is built
+    with pytest.raises(pytest.fail.Exception, match="compiled again"):
+        build_fmu(Slide, tmp_path, version, [this_platform(), "win64"])
+
+
+@pytest.mark.skipif(not this_platform().endswith("linux64"), reason="the two share a folder on Linux alone")
+def test_a_binary_for_arm_does_not_pass_for_this_machines(tmp_path: Path) -> None:
+    # given an FMU whose binaries/linux64 is for ARM, as FMI 2.0 has no other place for it
+    arm = build_fmu(Slide, tmp_path, 2, ["aarch64-linux"]).read_bytes()
+    # then it is built for this machine when that is asked for
+    assert build_fmu(Slide, tmp_path, 2, ["linux64"]).read_bytes() != arm
+
+
+@pytest.fixture
+def only_slide(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One small block instead of all."""
+    components: dict[str, type[Block]] = {"plant": Slide}
+    monkeypatch.setattr("fmus.build.BLOCKS", (Slide,))
+    monkeypatch.setattr("fmus.build.SYSTEMS", {"one": System("one", components, ())})
+
+
+@pytest.mark.usefixtures("only_slide")
+@pytest.mark.parametrize("name", ["aarch64-linux", "aarch64-darwin", "darwin64"])
+def test_what_is_built_for_another_machine_runs_here_too(tmp_path: Path, name: str) -> None:
+    # when everything is built for another machine
+    build_all(tmp_path, [name])
+    # then this machine can load the FMUs, also those in the package
+    assert is_current(tmp_path)
+    for version in (2, 3):
+        with zipfile.ZipFile(tmp_path / f"one.fmi{version}.ssp") as package:
+            package.extractall(tmp_path / "package")
+        folder = tmp_path / f"unpacked{version}"
+        fmpy.extract(str(tmp_path / "package" / "resources" / "slide.fmu"), str(folder))
+        ctypes.CDLL(str(library(folder, version, "slide")))
+    # and the FMI 3.0 FMU has the other's binary beside it
+    other = PLATFORMS[name]
+    assert (tmp_path / "unpacked3" / "binaries" / other.fmi3 / f"slide{other.suffix}").is_file()
+
+
+@pytest.mark.usefixtures("only_slide")
+@pytest.mark.parametrize("lost", ["platform", "file"])
+def test_a_folder_that_does_not_run_here_is_not_current(tmp_path: Path, lost: str) -> None:
+    # given a folder that is current until one of its FMUs is for another machine alone, or gone
+    build_all(tmp_path)
+    assert is_current(tmp_path)
+    (tmp_path / "fmi2" / "slide.fmu").unlink()
+    if lost == "platform":
+        build_fmu(Slide, tmp_path / "fmi2", 2, ["win64" if this_platform() != "win64" else "linux64"])
+    # then it is no longer, and a build mends it
+    assert not is_current(tmp_path)
+    build_all(tmp_path)
+    assert is_current(tmp_path)
+
+
+@pytest.mark.usefixtures("only_slide")
+def test_an_edit_during_the_build_leaves_the_folder_out_of_date(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given models that change while they are built
+    monkeypatch.setattr("fmus.build._origin", lambda: "before")
+    build_all(tmp_path, done=lambda path: monkeypatch.setattr("fmus.build._origin", lambda: "after"))
+    # then what was built is of the models as they were
+    assert not is_current(tmp_path)
 
 
 def test_two_machines_in_one_folder_are_refused(tmp_path: Path) -> None:

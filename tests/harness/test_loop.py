@@ -8,7 +8,7 @@ from tiny_fmu import V, tiny_fmu
 
 from harness.fmu import describe
 from harness.loop import Event, Simulation, Stop
-from harness.ssp import Description, Link, Member, Value
+from harness.ssp import Connector, Description, Link, Member, SspError, Value
 from harness.wiring import wire
 from models.errors import ParameterError, WiringError
 
@@ -196,14 +196,46 @@ def test_an_input_fed_twice_is_refused(tmp_path: Path) -> None:
 
 
 def test_steps_must_agree(tmp_path: Path) -> None:
-    # given steps of 0.04 s and 0.1 s that cannot be varied: 2.5 of one in the other
+    # given steps of 0.04 s and 0.08 s that cannot be varied: the first takes no step of 0.08 s
     paths = {
         name: tiny_fmu(tmp_path / f"{name}.fmu", [V("y")], step_size=size, fixed=True)
-        for name, size in (("a", 0.04), ("b", 0.1))
+        for name, size in (("a", 0.04), ("b", 0.08))
     }
     members = {name: Member(name, path) for name, path in paths.items()}
     with pytest.raises(WiringError) as caught:
         wire(Description("toy", members, ()), {name: describe(path) for name, path in paths.items()})
     assert str(caught.value) == (
-        "a has a fixed step of 0.04 s, b of 0.1 s; one must be a whole multiple of the other"
+        "a has a fixed step of 0.04 s, b of 0.08 s; "
+        "all components take one step: export one of them with the other's"
     )
+
+
+@pytest.mark.parametrize(
+    ("connector", "text"),
+    [
+        (
+            Connector("y", "output", "Real", "km/h"),
+            'connector a.y has unit "km/h", a.fmu declares unit "m/s"; '
+            "write into the package what the FMU declares",
+        ),
+        (
+            Connector("y", "output", "Integer"),
+            "connector a.y has type Integer, a.fmu declares type Real; "
+            "write into the package what the FMU declares",
+        ),
+        (Connector("y", "output", "Real", "m/s"), ""),
+        (Connector("y", "output"), ""),
+        (Connector("n", "output", "Enumeration"), ""),
+    ],
+)
+def test_what_the_package_says_of_a_variable_is_compared(
+    tmp_path: Path, connector: Connector, text: str
+) -> None:
+    path = tiny_fmu(tmp_path / "a.fmu", [V("y", unit="m/s"), V("n", type="Integer")])
+    description = Description("toy", {"a": Member("a", path, {connector.name: connector})}, ())
+    if not text:
+        assert wire(description, {"a": describe(path)}).step == 0.04
+        return
+    with pytest.raises(SspError) as caught:
+        wire(description, {"a": describe(path)})
+    assert str(caught.value) == text

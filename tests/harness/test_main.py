@@ -2,6 +2,7 @@
 
 import json
 import sys
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -133,7 +134,10 @@ def test_ctrl_c_keeps_the_log(
     [
         (["run", "three"], 2, 'canine: there is no scenario "three"'),
         (["run", "two_waypoint", "--set", "cmec.max_turn=1"], 2, 'did you mean "max_turns"?'),
-        (["run", "nowhere.mcap"], 1, "canine: log nowhere.mcap"),
+        (["run", "nowhere.mcap"], 2, 'canine: there is no log "nowhere.mcap"'),
+        (["run", "nowhere.toml"], 2, 'canine: there is no scenario "nowhere.toml"'),
+        (["check", __file__, "--role", "plnat"], 2, 'there is no role "plnat"; did you mean "plant"?'),
+        (["build", "--platform", "foo"], 2, 'canine: platform "foo" is not known'),
         (["run", "nowhere.ssp"], 2, "canine: nowhere: there is no package"),
         (["run", "--order", "backwards"], 2, "backwards"),
         (["run", "--plant", "nowhere.fmu"], 2, "nowhere.fmu"),
@@ -201,3 +205,105 @@ def test_help_shows_examples(capsys: pytest.CaptureFixture[str]) -> None:
         status, text, _ = canine(capsys, command, "--help")
         assert status == 0
         assert f"\n  canine {command}" in text
+
+
+def test_a_log_runs_again_beside_its_folder_and_is_never_overwritten(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given a trial where it lies by default
+    monkeypatch.chdir(tmp_path)
+    canine(capsys, *RUN)
+    log = tmp_path / "out" / "two_waypoint-1" / "trial.mcap"
+    content = log.read_bytes()
+    # when it is run again, and then into its own folder
+    status, text, _ = canine(capsys, "run", "out/two_waypoint-1/trial.mcap")
+    refused, _, error = canine(capsys, "run", log, "--out", log.parent / ".." / "two_waypoint-1", "--seed", 2)
+    # then
+    assert status == 0
+    assert "out/two_waypoint-1-again/: " in text
+    assert (tmp_path / "out" / "two_waypoint-1-again" / "trial.mcap").read_bytes() == content
+    assert refused == 2
+    assert "holds the log that is read" in error
+    assert log.read_bytes() == content
+    assert (log.parent / "summary.json").exists()
+
+
+def test_a_controller_with_names_of_its_own_is_started_and_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # given a controller that ends the trial 1 s after go, unless it is told otherwise, and waypoints in km
+    outputs = [V("command", type="Integer"), V("status", type="Integer")]
+    inputs = [V("go", "input", "Boolean", start="false"), V("order", "input", "Integer")]
+    variables = [*outputs, *inputs, V("w", "parameter", start="0"), V("seen")]
+    step = "v[0] = 1; v[5] = v[4]; if (v[2] != 0 && t >= 0.99) v[1] = v[3] == 2 ? 4 : 2;"
+    ctl = tiny_fmu(tmp_path / "ctl.fmu", variables, step)
+    ctl.with_suffix(".toml").write_text(
+        '[inputs]\nstart = "go"\noverride = "order"\n'
+        '[parameters]\n"waypoint_north[1]" = { name = "w", factor = 0.001 }'
+    )
+    scenario = tmp_path / "told.toml"
+    scenario.write_text(
+        'system = "cts"\nduration = 3\nwaypoints = [[25, 0]]\n'
+        '[[set]]\nat = 0.5\n"controller.override" = "STOP"'
+    )
+    for target, outcome in (("two_waypoint", "success"), (scenario, "stopped")):
+        # when
+        status, text, _ = canine(
+            capsys, "run", target, "--controller", ctl, "--out", tmp_path / "out", "--json"
+        )
+        # then
+        assert status == 0
+        assert json.loads(text)["outcome"] == outcome
+        log = read_log(tmp_path / "out" / "trial.mcap")
+        assert log["controller.seen"][-1] == pytest.approx(0.025)
+        assert log.parameter("controller.waypoint_north[1]") == pytest.approx(25.0)
+
+
+SSD = """<?xml version="1.0"?><SystemStructureDescription version="1.0" name="toy"
+xmlns="http://ssp-standard.org/SSP1/SystemStructureDescription"
+xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues"><System name="toy"><Elements>
+<Component name="plant" source="dog.fmu">{}</Component></Elements></System></SystemStructureDescription>"""
+BOUND = """<ParameterBindings><ParameterBinding><ParameterValues><ssv:ParameterSet version="1.0" name="s">
+<ssv:Parameters><ssv:Parameter name="start_heading"><ssv:Real value="30"/></ssv:Parameter></ssv:Parameters>
+</ssv:ParameterSet></ParameterValues></ParameterBinding></ParameterBindings>"""
+
+
+def test_a_package_in_a_folder_runs_and_runs_again_from_its_log(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # given a plant with a heading in deg in a folder that holds other things too
+    folder = tmp_path / "toy"
+    folder.mkdir()
+    heading = V("start_heading", "parameter", unit="deg")
+    tiny_fmu(folder / "dog.fmu", [V("heading", unit="rad"), heading], "v[0] = v[1];", depends=False)
+    (folder / "SystemStructure.ssd").write_text(SSD.format(""))
+    (folder / "notes.txt").write_text("x")
+    # when nobody converts the heading, then it is refused by name
+    status, _, error = canine(capsys, "run", folder, "--out", tmp_path / "a")
+    assert status == 2
+    assert 'parameter "start_heading" has unit "deg", the plant role needs "rad"' in error
+    # when the package gives it
+    (folder / "SystemStructure.ssd").write_text(SSD.format(BOUND))
+    first = tmp_path / "first" / "trial.mcap"
+    for target in (folder, folder / "SystemStructure.ssd"):
+        status, _, error = canine(capsys, "run", target, "--out", first.parent)
+        assert status == 0
+        assert "note: plant dog.fmu: has no parameter seed, start_north" in error
+    # then the log holds the package, and runs again without the folder
+    log = read_log(first)
+    assert log["plant.heading"][-1] == 30.0
+    (tmp_path / "system.ssp").write_bytes(log.attachments["system.ssp"])
+    with zipfile.ZipFile(tmp_path / "system.ssp") as archive:
+        assert set(archive.namelist()) == {"SystemStructure.ssd", "dog.fmu"}
+    for path in folder.iterdir():
+        if path.is_file():
+            path.unlink()
+    status, _, _ = canine(capsys, "run", first)
+    assert status == 0
+    assert (tmp_path / "first-again" / "trial.mcap").read_bytes() == first.read_bytes()
+
+
+def test_fmi_is_refused_where_the_package_holds_the_fmus(capsys: pytest.CaptureFixture[str]) -> None:
+    status, _, error = canine(capsys, "run", BUILD / "cts.fmi2.ssp", "--fmi", "3")
+    assert status == 2
+    assert "canine: --fmi 3: cts.fmi2.ssp is run with the FMUs that it holds; leave --fmi out" in error

@@ -71,15 +71,14 @@ def segments(axes: Axes, label: str) -> tuple[str, list[list[list[float]]]]:
     return to_hex(found.get_color()[0]), [piece.tolist() for piece in found.get_segments()]
 
 
-def test_the_picture_is_a_png_of_its_size_and_repeats(tmp_path: Path) -> None:
-    plots.trial_picture(trial(), tmp_path / "trial.png")
-    png = (tmp_path / "trial.png").read_bytes()
+def test_the_picture_is_a_png_of_its_size_and_repeats() -> None:
+    png = plots.trial_png(trial())
     assert size(png) == (14 * 150, 7.6 * 150)
     assert png == plots.trial_png(trial())
 
 
 def test_the_path_is_coloured_by_command() -> None:
-    [axes] = plots.path_figure(trial()).axes
+    axes, *_ = plots.trial_figure(trial()).axes
     # forward on ticks 0-2 and 11-12, each drawn on to where the next command begins; (east, north)
     assert segments(axes, "FORWARD") == (
         "#00a06d",
@@ -93,13 +92,13 @@ def test_the_path_is_coloured_by_command() -> None:
 
 
 def test_directional_commands_are_triangles_where_they_were_given() -> None:
-    [axes] = plots.path_figure(trial()).axes
+    axes, *_ = plots.trial_figure(trial()).axes
     triangles = {l.get_marker(): l.get_xydata().tolist() for l in axes.lines if l.get_marker() in ("<", ">")}  # noqa: E741
     assert triangles == {"<": [[10, 5]], ">": [[18, 9]]}
 
 
 def test_waypoints_have_circles_of_the_capture_radius() -> None:
-    [axes] = plots.path_figure(trial()).axes
+    axes, *_ = plots.trial_figure(trial()).axes
     circles = [(p.center, p.radius) for p in axes.patches if isinstance(p, Circle)]
     assert circles == [((20.0, 10.0), 7.0), ((30.0, 0.0), 7.0), ((1.0, 0.0), 7.0)]
     assert [text.get_text() for text in axes.texts] == ["1", "2", "home"]
@@ -109,7 +108,7 @@ def test_waypoints_have_circles_of_the_capture_radius() -> None:
 
 
 def test_over_time_there_are_speed_deviation_and_commands() -> None:
-    speed, deviation, commands = plots.time_figure(trial()).axes
+    _, speed, deviation, commands = plots.trial_figure(trial()).axes
     assert [axes.get_ylabel() for axes in (speed, deviation, commands)] == [
         "speed [m/s]",
         "deviation [deg]",
@@ -134,7 +133,7 @@ def test_over_time_there_are_speed_deviation_and_commands() -> None:
 
 
 def test_a_system_without_sensors_has_its_picture() -> None:
-    [axes] = plots.path_figure(trial(sensors=False)).axes
+    axes, *_ = plots.trial_figure(trial(sensors=False)).axes
     assert "estimate" not in [text.get_label() for text in axes.lines]
     assert size(plots.trial_png(trial(sensors=False))) == (2100, 1140)
 
@@ -142,7 +141,7 @@ def test_a_system_without_sensors_has_its_picture() -> None:
 def test_a_wrap_of_the_deviation_is_no_line_across() -> None:
     log = trial()
     log.values["controller"][:, 3] = [3.1] * 7 + [-3.1] * 8
-    deviation = plots.time_figure(log).axes[1]
+    deviation = plots.trial_figure(log).axes[2]
     assert np.flatnonzero(np.isnan(line(deviation, "h")[:, 1])).tolist() == [7]
 
 

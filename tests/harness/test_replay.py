@@ -40,8 +40,8 @@ def walk():
     return open_source(WALK)
 
 
-def outage(errors: dict[str, tuple[float, float]]) -> Outage:
-    return Outage(0.0, 10.0, 12.0, errors, {}, np.zeros(0))
+def outage(errors: dict[str, tuple[float, float]], start: float = 0.0) -> Outage:
+    return Outage(start, start + 10.0, 12.0, errors, {}, np.zeros(0))
 
 
 @walk_is_there
@@ -142,6 +142,25 @@ def test_the_log_of_a_trial_replays_as_the_trial_went(tmp_path):
     (window,) = source.windows(5, 20)
     without = run_fmu(build_fmu(FourState, BUILD / "fmi2", 2), source.signals([window]), len(log.time), {})
     assert not np.array_equal(without["north"], again["north"])
+    # and the baseline, which holds the speed of the last fix, is off where the dog's speed has changed
+    (judged,) = replay(source, "four_state", [(10.0, 14.0)])
+    given = source.signals([(10.0, 14.0)])
+    last = given.gps_speed[np.flatnonzero(given.gps_fix & (given.t < 10.0))[-1]]
+    then = given.reference_speed[np.flatnonzero(given.reference_fix & (given.t <= 14.0))[-1]]
+    assert judged.errors[HELD][1] == pytest.approx(abs(last - then)) != 0.0
+    assert judged.errors["pitch"][1] != 0.0
+
+
+def test_a_log_without_fixes_has_no_outages(tmp_path):
+    parameters = {"sensors.outage_end": [1000.0]}
+    request = trial.Request(replace(load("three_waypoint"), duration=3.0, parameters=parameters))
+    trial.build_missing(request)
+    with trial.prepared(request) as ready:
+        trial.run(request, ready, tmp_path)
+    source = open_source(tmp_path / "trial.mcap")
+    assert source.windows(1, 1) == []
+    with pytest.raises(RecordingError, match="no outage fits"):
+        replay(source, "four_state", [])
 
 
 def test_the_log_of_a_trial_without_sensors_is_refused(tmp_path):
@@ -149,7 +168,7 @@ def test_the_log_of_a_trial_without_sensors_is_refused(tmp_path):
     trial.build_missing(request)
     with trial.prepared(request) as ready:
         trial.run(request, ready, tmp_path)
-    with pytest.raises(RecordingError, match=r'no signal "sensors.gps_fix"; expected a trial with sensors'):
+    with pytest.raises(RecordingError, match=r'no signal "sensors.accel_x"; expected a trial with sensors'):
         open_source(tmp_path / "trial.mcap")
 
 
@@ -157,7 +176,7 @@ def test_statistics_by_hand():
     # given two outages with errors of 1 and 3 m against 2 and 6 m
     found = [
         outage({"a": (1.0, 0.0), "b": (2.0, 0.0)}),
-        outage({"a": (3.0, 0.0), "b": (6.0, 0.0)}),
+        outage({"a": (3.0, 0.0), "b": (6.0, 0.0)}, start=10.0),
     ]
     result = statistics(found)
     # then mean 2, sd sqrt(2), median 2, p90 = 1 + 0.9 * 2
@@ -166,8 +185,19 @@ def test_statistics_by_hand():
     # differences -1 and -3: mean -2, sd sqrt(2), so t = -2 / (sqrt(2) / sqrt(2)) = -2
     (pair,) = result["paired_t_tests"]
     assert pair["position_error_m"]["t"] == pytest.approx(-2.0)
+    assert pair["n"] == 2
     # velocities that never differ have no t
     assert pair["velocity_error_m_s"] == {"t": None, "p": None}
+
+
+def test_overlapping_outages_are_tested_once():
+    # given three outages of which the second shares half of the first
+    errors = [{"a": (e, 0.0), "b": (2 * e, 0.0)} for e in (1.0, 50.0, 3.0)]
+    found = [outage(e, start) for e, start in zip(errors, (0.0, 5.0, 10.0), strict=True)]
+    # then the test is of the first and the third, as by hand above, and the mean of all
+    result = statistics(found)
+    assert result["paired_t_tests"][0]["position_error_m"]["t"] == pytest.approx(-2.0)
+    assert result["configurations"]["a"]["position_error_m"]["mean"] == pytest.approx(18.0)
 
 
 def test_a_single_outage_has_no_spread_and_no_test(capsys):

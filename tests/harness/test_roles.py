@@ -7,8 +7,9 @@ from tiny_fmu import V, tiny_fmu
 
 from harness.fmu import describe
 from harness.loop import Simulation
-from harness.roles import Fit, Rename, RoleError, find_role, fit, read_adapter, replace_component
+from harness.roles import MISSION, Fit, Rename, RoleError, find_role, fit, read_adapter, replace_component
 from harness.ssp import Description, Link, Member, Value
+from models.errors import UsageError
 
 DOG = [V("command", "input", "Integer"), V("north", unit="m"), V("east", unit="m"), V("speed", unit="m/s")]
 HEADING = V("heading", unit="rad")
@@ -79,7 +80,7 @@ def test_a_mapping_file_renames_and_converts(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("toml", "text"),
     [
-        ("[output]", 'dog.toml: unknown key "output"; expected the tables [outputs] and [inputs]'),
+        ("[output]", 'dog.toml: unknown key "output"; expected the tables [outputs], [inputs], [parameters]'),
         (
             '[outputs]\nsped = "v"',
             'dog.toml: [outputs] the plant role has no "sped"; did you mean "speed"?',
@@ -127,5 +128,36 @@ def test_it_takes_the_place_of_the_plant(tmp_path: Path) -> None:
 
 
 def test_a_role_that_is_none_is_missed_by_name() -> None:
-    with pytest.raises(RoleError, match=r'there is no role "plnt"; did you mean "plant"\?'):
+    with pytest.raises(UsageError, match=r'there is no role "plnt"; did you mean "plant"\?'):
         find_role("plnt")
+
+
+PARAMETERS = [V("start_heading", "parameter", unit="deg"), V("seed", "parameter")]
+
+
+def test_a_parameter_in_another_unit_is_refused_by_name(tmp_path: Path) -> None:
+    found = fitted(tmp_path, [*DOG, HEADING, *PARAMETERS])
+    assert found.problems == (
+        'plant dog.fmu: parameter "start_heading" has unit "deg", the plant role needs "rad"; '
+        "map it in dog.toml or export it in rad",
+    )
+
+
+def test_a_mapping_file_converts_a_parameter(tmp_path: Path) -> None:
+    toml = "[parameters]\nstart_heading = { factor = 57.29577951308232 }"
+    found = fitted(tmp_path, [*DOG, HEADING, *PARAMETERS], toml)
+    assert found.problems == ()
+    assert found.parameters == {
+        "start_heading": Rename("start_heading", 57.29577951308232, 0.0, mapped=True),
+        "seed": Rename("seed"),
+    }
+
+
+def test_a_mapped_parameter_must_be_there(tmp_path: Path) -> None:
+    found = fitted(tmp_path, [*DOG, HEADING, *PARAMETERS[1:]], '[parameters]\nstart_heading = "psi"')
+    assert found.problems == ('plant dog.fmu: has no parameter "psi", which dog.toml names',)
+
+
+def test_the_parameters_of_the_roles_are_declared_by_our_blocks() -> None:
+    for name, parameters in MISSION.items():
+        assert {n.partition("[")[0] for n in find_role(name).parameters} == parameters

@@ -5,7 +5,20 @@ import math
 import pytest
 
 from harness.loop import Event
-from harness.scenario import Scenario, ScenarioError, load, parse, parts_of_system, plan, shipped
+from harness.roles import MISSION, Rename
+from harness.scenario import (
+    Part,
+    Scenario,
+    ScenarioError,
+    load,
+    parse,
+    parts_of_system,
+    plan,
+    shipped,
+)
+from models.canine import Canine
+from models.cmec import Cmec
+from models.kit.declaration import Boolean, Integer, Variable
 from models.system import SYSTEMS
 
 FULL, CTS = parts_of_system(SYSTEMS["full"]), parts_of_system(SYSTEMS["cts"])
@@ -71,7 +84,7 @@ def test_vectors_take_lists_and_single_elements() -> None:
 
 
 def test_the_text_reads_back_to_the_same_scenario() -> None:
-    scenario = parse(WHOLE, "my.toml", 'a "name"\n')
+    scenario = parse(WHOLE, "my.toml", 'a "name"').override(['cmec.override="a\\n"'])
     assert parse(scenario.text(), "text") == scenario
     assert parse(scenario.text(), "text").text() == scenario.text()
 
@@ -90,6 +103,12 @@ def test_settings_of_the_command_line_win_over_the_file() -> None:
         ("seed = 1.5", "my.toml: seed is 1.5; expected a whole number from 0 to 2147483647"),
         ("seed = true", "my.toml: seed is true; expected a whole number from 0 to 2147483647"),
         ("seed = -1", "my.toml: seed is -1; expected a whole number from 0 to 2147483647"),
+        (
+            'name = "../../outside"',
+            'my.toml: name is "../../outside"; expected a plain name, without / and \\',
+        ),
+        ('name = ".."', 'my.toml: name is ".."; expected a plain name, without / and \\'),
+        ('name = "a\\\\b"', 'my.toml: name is "a\\\\b"; expected a plain name, without / and \\'),
         ("duration = nan", "my.toml: duration is nan; expected a number from 0 to 86400"),
         ("system = 3", "my.toml: system is 3; expected a text"),
         ('system = "ful"', 'my.toml: system is "ful"; expected the path of an .ssp, or did you mean "full"?'),
@@ -171,3 +190,122 @@ def test_a_scenario_that_is_not_there_is_missed_by_name() -> None:
     with pytest.raises(ScenarioError) as caught:
         load("three_waypoints")
     assert str(caught.value) == 'there is no scenario "three_waypoints"; did you mean "three_waypoint"?'
+
+
+@pytest.mark.parametrize(
+    ("entries", "expected"),
+    [
+        # a value that starts when another ends, listed before it
+        ([(10, 12, "STOP"), (12, None, "RECALL")], [(10, 2), (12, 3)]),
+        ([(12, None, "RECALL"), (10, 12, "STOP")], [(10, 2), (12, 3)]),
+        # one inside another: what was before it comes back
+        ([(5, 20, "STOP"), (10, 12, "FORWARD")], [(5, 2), (10, 1), (12, 2), (20, 0)]),
+        ([(10, 12, "FORWARD"), (5, 20, "STOP")], [(5, 2), (10, 1), (12, 2), (20, 0)]),
+        # both from the same time on: the last listed
+        ([(5, 20, "STOP"), (5, 8, "LEFT")], [(5, 4), (8, 2), (20, 0)]),
+        # one that starts within and outlasts the other
+        ([(5, 10, "STOP"), (8, 15, "LEFT")], [(5, 2), (8, 4), (10, 4), (15, 0)]),
+    ],
+)
+def test_the_entry_that_started_last_holds(
+    entries: list[tuple[float, float | None, str]], expected: list[tuple[float, float]]
+) -> None:
+    text = "".join(
+        f"[[set]]\nat = {at}\n{'' if until is None else f'until = {until}'}\n'cmec.override' = '{value}'\n"
+        for at, until, value in entries
+    )
+    events = plan(parse(text, "my.toml"), FULL).events
+    assert [(e.time, e.value) for e in events] == expected
+
+
+def variable(kind: type | str, name: str, start: float = 0.0) -> Variable:
+    made = Variable(kind, name, start=start)
+    made.name = name
+    return made
+
+
+def test_what_a_mapping_file_renames_is_set_by_the_roles_name() -> None:
+    # given a controller whose start is called go, whose override counts in tens, and whose home is in km
+    cmec = FULL["controller"]
+    renames = {
+        "start": Rename("go", mapped=True),
+        "override": Rename("cmd", 10.0, 1.0, mapped=True),
+        "home_north": Rename("hn", 0.001, mapped=True),
+    }
+    inputs = {n: cmec.inputs[n] for n in ("start", "override")}
+    inputs |= {"go": variable(Boolean, "go"), "cmd": variable(Integer, "cmd", start=1)}
+    home = {"home_north": cmec.parameters["home_north"], "hn": variable("m", "hn")}
+    part = Part("ctl", home, inputs, "controller ctl.fmu", foreign=True, renames=renames)
+    text = """start = { north = 500 }
+    [[set]]
+    at = 1
+    until = 2
+    "controller.override" = "STOP"
+    [[set]]
+    at = 3
+    "controller.start" = false"""
+    # when
+    found = plan(parse(text, "my.toml"), {"controller": part})
+    # then
+    assert found.values["controller"] == {"go": 1.0, "hn": 0.5}
+    assert found.events == (
+        Event(1.0, "controller", "cmd", 21.0),
+        Event(2.0, "controller", "cmd", 1.0),
+        Event(3.0, "controller", "go", 0.0),
+    )
+
+
+def test_start_is_given_to_a_controller_only_and_only_if_nothing_else_gives_it() -> None:
+    part = Part("x", {}, {"start": variable(Boolean, "start")}, "x x.fmu")
+    parts = {"controller": part, "plant": part}
+    for bound, fed, expected in (
+        ({}, {}, {"start": 1.0}),
+        ({"controller": {"start": 0.0}}, {}, {}),
+        ({}, {"controller": {"start"}}, {}),
+    ):
+        values = plan(Scenario("my"), parts, bound, fed).values
+        assert values == {"controller": expected, "plant": {}}
+
+
+def test_an_input_falls_back_to_what_the_package_binds() -> None:
+    text = "[[set]]\nat = 1\nuntil = 2\n'controller.override' = 'STOP'"
+    events = plan(parse(text, "my.toml"), FULL, {"controller": {"override": 3.0}}).events
+    assert [e.value for e in events] == [2.0, 3.0]
+
+
+def test_what_a_package_lacks_is_noted() -> None:
+    part = Part("x", {n: v for n, v in FULL["plant"].parameters.items() if n != "seed"}, {}, "plant x.fmu")
+    assert plan(Scenario("my", system="x.ssp"), {"plant": part}).notes == (
+        "plant x.fmu: has no parameter seed; not set",
+        "x.ssp: has no component sensors; seed not set",
+        "x.ssp: has no component controller; home_north, home_east not set",
+    )
+
+
+def test_a_parameter_that_does_not_fit_is_refused_unless_the_package_gives_it() -> None:
+    known = {"start_heading": FULL["plant"].parameters["start_heading"]}
+    part = Part("x", known, {}, "plant x.fmu", misfits={"start_heading": "plant x.fmu: in deg"})
+    with pytest.raises(ScenarioError) as caught:
+        plan(Scenario("my"), {"plant": part})
+    assert str(caught.value) == "my: plant x.fmu: in deg"
+    assert plan(Scenario("my"), {"plant": part}, {"plant": {"start_heading": 9.0}}).values == {"plant": {}}
+
+
+def test_the_keys_of_a_scenario_are_the_roles_parameters_and_their_ranges() -> None:
+    values = plan(load("three_waypoint"), FULL).values
+    for role, names in MISSION.items():
+        assert names <= {n.partition("[")[0] for n in values[role]}
+    seed, north = int(Canine.seed.max or 0), Canine.start_north.max
+    for text, good in (
+        (f"seed = {seed}", True),
+        (f"seed = {seed + 1}", False),
+        (f"start = {{ north = {north} }}", True),
+        (f"start = {{ north = {north}1 }}", False),
+        (f"waypoints = {[[0, 0]] * (Cmec.waypoint_north.size or 0)}", True),
+        (f"waypoints = {[[0, 0]] * ((Cmec.waypoint_north.size or 0) + 1)}", False),
+    ):
+        if good:
+            assert parse(text, "my.toml").name == "scenario"
+        else:
+            with pytest.raises(ScenarioError):
+                parse(text, "my.toml")

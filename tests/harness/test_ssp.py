@@ -56,6 +56,7 @@ def test_reads_components_links_and_conversion(tmp_path: Path) -> None:
         # then
         assert system.name == "toy"
         assert system.components["a"].fmu.name == "a.fmu"
+        assert set(system.files) == {"SystemStructure.ssd", "resources/a.fmu", "resources/b.fmu"}
         assert system.components["a"].connectors["y"].unit == "m"
         assert system.links == (Link("a", "y", "b", "u", 0.001, 3.0),)
 

@@ -15,6 +15,7 @@ from codegen.compiler import build_library, find_platform, this_platform
 UNITS = {
     "m": 'm="1"',
     "rad": 'rad="1"',
+    "deg": 'rad="1" factor="0.017453292519943295"',
     "kg": 'kg="1"',
     "m/s": 'm="1" s="-1"',
     "km/h": 'm="1" s="-1" factor="0.2777777777777778"',

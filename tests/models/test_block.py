@@ -74,6 +74,22 @@ def test_title_groups_and_order() -> None:
     assert len(list(program.functions)) == 1 + 1 + 2 + 4 + 1
 
 
+def test_a_summary_is_the_first_line_of_the_docstring() -> None:
+    class Long(Block):
+        """
+        Says much.
+
+        And more.
+        """
+
+    class Silent(Long):
+        pass
+
+    assert LongName.summary() == "Updates, a table, a trigger, in order."
+    assert Long.summary() == "Says much."
+    assert Silent.summary() == ""
+
+
 def test_a_program_is_traced_once_per_precision() -> None:
     double = LongName.program()
     count = traced.count("double")

@@ -224,7 +224,7 @@ def test_a_turn_ends_below_its_end_deviation(parameters: dict[str, Any], end: fl
 
 @pytest.mark.parametrize(("limited", "command"), [(1, Command.RIGHT), (0, Command.FORWARD)])
 def test_a_stop_threshold_above_the_moving_one_may_be_limited_to_it(limited: int, command: Command) -> None:
-    """errata.md: h'' in force is min(h'', h') in the calibrated reading; literally it livelocks."""
+    """CHOICES.md: h'' in force is min(h'', h') in the calibrated reading; literally it livelocks."""
     trial = Trial(moving_deviation=15 * DEG, limit_stop_deviation=limited)
     trial.tick(39, h=17, speed=0)
     assert trial.commands[-1] == command

@@ -29,7 +29,7 @@ def test_table_4_1(command: Command, tone: float, left: int, right: int) -> None
 
 
 def test_tones_of_appendix_a_by_parameters() -> None:
-    """errata.md: App. A has 3500, 9500 and 1500 Hz for forward, stop and recall."""
+    """CHOICES.md: App. A has 3500, 9500 and 1500 Hz for forward, stop and recall."""
     model = Model(CommandModule, {"forward_tone": 3500, "stop_tone": 9500, "recall_tone": 1500})
     model.initialize()
     tones = []

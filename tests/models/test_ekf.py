@@ -296,7 +296,7 @@ def test_one_component_after_the_other_is_all_of_them_at_once(seed: int) -> None
     assert np.abs((dense(packed, 4) - expected_P) / scale).max() < 1e-7
 
 
-# The covariance over a step (errata row 2)
+# The covariance over a step (CHOICES.md 2)
 
 
 def lyapunov(P: Array, heading: float, q_b: float, steps: int) -> Array:
@@ -332,7 +332,7 @@ def test_the_transition_carries_p_as_its_differential_equation_does(heading: flo
 
 @pytest.mark.skipif(not LONG_DOUBLE_IS_WIDER, reason="the term is at double's rounding")
 def test_with_noise_on_the_bias_runge_kutta_misses_t5_qb_over_20() -> None:
-    """Errata row 2: the only term of P that one RK4 step lacks, in N and E along the heading."""
+    """CHOICES.md 2: the only term of P that one RK4 step lacks, in N and E along the heading."""
     heading, q_b = 0.6, 1e3
     P = np.diag([0.1, 1.0, 0.01, 0.01])
     missing = (lyapunov(P, heading, q_b, 60) - lyapunov(P, heading, q_b, 1)).astype(float)

@@ -105,7 +105,7 @@ def covariances(out: Columns, rows: Any) -> list[Array]:
 
 
 def transition(heading: float) -> Array:
-    """exp(F T) with F of eq. 3.12 in the order of eq. 3.9 (errata row 1); F^3 = 0."""
+    """exp(F T) with F of eq. 3.12 in the order of eq. 3.9 (CHOICES.md 1); F^3 = 0."""
     F = np.zeros((4, 4))
     F[0, 1], F[2, 0], F[3, 0] = -1, math.cos(heading), math.sin(heading)
     return np.eye(4) + F * T + F @ F * T**2 / 2
@@ -140,7 +140,7 @@ def textbook(
 
 
 def test_the_first_fix_sets_the_state_and_p0() -> None:
-    """P0 of eq. 3.17 with 1 for the bias (errata row 1), and the fix's own variance (eq. 3.15)."""
+    """P0 of eq. 3.17 with 1 for the bias (CHOICES.md 1), and the fix's own variance (eq. 3.15)."""
     m = Model(FourState)
     m.initialize()
     m.step()
@@ -198,7 +198,7 @@ def test_heading_is_wrapped() -> None:
 
 
 def test_sigma_is_tuned_by_the_speed_before_the_tick_and_has_a_floor(native: Make) -> None:
-    """Errata row 6's values; at rest the tuner says 0 and the floor holds."""
+    """CHOICES.md 6's values; at rest the tuner says 0 and the floor holds."""
     for speed, sigma in ((0.0, 0.01), (1.0, 1.0667), (4.86, 151.70)):
         inputs = motion(np.full(60, speed), np.zeros(60))
         out = native(FourState).run(**inputs)
@@ -312,11 +312,16 @@ def test_without_noise_the_estimate_of_a_dogs_trial_is_the_truth(native: Make, p
     assert np.ptp(truth["heading"]) > 2
     out = native(FourState, precision).run(**estimator_inputs(said))
     tolerance = 1e-9 if precision == "double" else 2e-4
+    way_out = slice(0, round(25.7 / T))  # on recall the body turns while it moves: it slips, for a while
     for name in ("north", "east", "speed"):
-        assert np.abs(out[name] - truth[name]).max() < tolerance, name
-    assert np.abs(out["accel_bias"]).max() < tolerance
+        assert np.abs(out[name] - truth[name])[way_out].max() < tolerance, name
+    assert np.abs(out["accel_bias"])[way_out].max() < tolerance
     assert out["heading"] == pytest.approx(truth["heading"], abs=1e-6)
     assert out["valid"].all()
+    # and what the slip has left goes away by itself
+    off = np.hypot(out["north"] - truth["north"], out["east"] - truth["east"])
+    assert off.max() > 0.1
+    assert off[-1] < 0.5 * off.max()
 
 
 def profile(seconds: float, incline: float = math.radians(10)) -> tuple[Columns, Array]:
@@ -337,7 +342,7 @@ def test_without_noise_the_profile_is_tracked_exactly_on_the_flat(
     out = native(FourState, "double", {"use_pitch": use_pitch, "fuzzy": fuzzy}).run(**inputs)
     for name in ("north", "east", "speed"):
         assert np.abs(out[name] - inputs[f"gps_{name}"]).max() < 1e-9
-    assert inputs["gps_speed"][-1] == 2  # errata row 12
+    assert inputs["gps_speed"][-1] == 2  # CHOICES.md 12
 
 
 def test_with_pitch_the_incline_changes_nothing(native: Make) -> None:
@@ -394,13 +399,13 @@ SETTLED = 0.1 + G * math.sin(math.radians(10))  # 1.803 m/s2
 def test_on_an_incline_the_bias_takes_up_gravity_unless_pitch_takes_it_out(
     native: Make, use_pitch: int, bias: float
 ) -> None:
-    """D.6.4 and errata row 13: the asymptote, over 600 s with the Q of D.7."""
+    """D.6.4 and CHOICES.md 13: the asymptote, over 600 s with the Q of D.7."""
     out = incline_trial(native, 600, 7, use_pitch=use_pitch)
     assert pytest.approx(1.803, abs=5e-4) == SETTLED
     assert out["accel_bias"][-5000:].mean() == pytest.approx(bias, abs=0.02)
 
 
-def test_within_the_trial_the_bias_settles_with_the_q_that_errata_row_13_names(native: Make) -> None:
+def test_within_the_trial_the_bias_settles_with_the_q_that_choice_13_names(native: Make) -> None:
     """sigma_A = 0.04 and sigma_b = 0.03 per step; ours is per square root of a second: 0.04 / sqrt(0.04)."""
     fast = {"sigma_constant": 0.2, "sigma_bias": 0.03, "use_pitch": 0}
     means = [incline_trial(native, 15, seed, **fast)["accel_bias"][-125:].mean() for seed in range(20)]

@@ -113,7 +113,7 @@ def test_the_closed_form_is_the_printed_sum_anywhere(v: float) -> None:
     ],
 )  # fmt: skip
 def test_values_of_the_printed_tables(v: float, sigma: float) -> None:
-    """Errata row 6."""
+    """CHOICES.md 6."""
     digits = 5e-3 if sigma > 100 else 5e-4 if sigma in (1.081, 1.133) else 5e-5
     assert float(SIGMA(v)) == pytest.approx(sigma, abs=digits)
     assert float(SIGMA(-v)) == float(SIGMA(v))

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from models.canine import Canine
-from models.errors import ParameterError
+from models.errors import DeclarationError, ParameterError
 from models.four_state import FourState
 from models.interconnect import control_system
 from models.kit.block import Block, Row, table, triggered
@@ -205,3 +205,18 @@ def test_a_control_system_is_the_model_step_by_step(block: type[Block]) -> None:
     if block.moore:  # of the state that is asked for, not of the last one
         model.initialize()
         assert np.array_equal(system.output(0.0, system.initial_state, u), model.output)
+
+
+def test_a_plant_is_observed_without_a_step() -> None:
+    # given a dog that is put elsewhere
+    plant = Model(Canine)
+    plant.initialize()
+    before = plant.state.copy()
+    plant["position_north"] = before[Canine.flat_names("state").index("position_north")] + 3.0
+    # when it is observed, then its outputs are of the states as they are, and time stands still
+    plant.observe()
+    assert plant["north"] == plant["position_north"]
+    assert np.count_nonzero(plant.state != before) == 1
+    # but what answers to its inputs cannot be
+    with pytest.raises(DeclarationError, match="four_state is no moore block: its outputs need a step"):
+        Model(FourState).observe()

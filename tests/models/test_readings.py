@@ -1,4 +1,4 @@
-"""The two readings name what exists, in ranges, and say what errata.md says."""
+"""The two readings name what exists, in ranges, and say what CHOICES.md says."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_both_readings_set_the_same_parameters() -> None:
     assert READINGS["calibrated"].keys() == READINGS["literal"].keys()
 
 
-def test_values_are_those_of_the_errata() -> None:
+def test_values_are_those_of_the_page_of_choices() -> None:
     in_degrees = {
         reading: {
             n.partition(".")[2]: round(math.degrees(v), 9) if "end" in n else v for n, v in values.items()

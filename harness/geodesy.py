@@ -1,0 +1,42 @@
+"""Geographic positions and metres north and east of an origin."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+Position = TypeVar("Position", float, npt.NDArray[np.float64])
+
+SEMI_MAJOR_AXIS, ECCENTRICITY_SQUARED = 6_378_137.0, 6.694_379_990_14e-3  # m, 1: WGS 84
+
+
+@dataclass(frozen=True)
+class TangentPlane:
+    """The plane that touches WGS 84, raised by `height` (m), at `latitude`, `longitude` (rad)."""
+
+    latitude: float
+    longitude: float
+    height: float = 0.0
+
+    @cached_property
+    def radii(self) -> tuple[float, float]:
+        """Metres per radian of latitude and of longitude."""
+        flattening = 1 - ECCENTRICITY_SQUARED * math.sin(self.latitude) ** 2
+        meridian = SEMI_MAJOR_AXIS * (1 - ECCENTRICITY_SQUARED) / flattening**1.5 + self.height
+        normal = SEMI_MAJOR_AXIS / math.sqrt(flattening) + self.height
+        return meridian, normal * math.cos(self.latitude)
+
+    def to_plane(self, latitude: Position, longitude: Position) -> tuple[Position, Position]:
+        """North and east in m of latitudes and longitudes in rad, numbers or arrays of any shape."""
+        meridian, parallel = self.radii
+        return (latitude - self.latitude) * meridian, (longitude - self.longitude) * parallel
+
+    def from_plane(self, north: Position, east: Position) -> tuple[Position, Position]:
+        """Latitude and longitude in rad of `north` and `east` in m, numbers or arrays of any shape."""
+        meridian, parallel = self.radii
+        return self.latitude + north / meridian, self.longitude + east / parallel
