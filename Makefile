@@ -10,6 +10,7 @@ demo: .venv/ready
 	$(BIN)/canine run three_waypoint --seed 1 --out out/demo
 
 test: .venv/ready
+	@command -v gcc >/dev/null || { [ "$$(id -u)" = 0 ] && apt-get update -qq && apt-get install -y -qq gcc; } || true
 	$(BIN)/python -m pytest -n auto
 
 lint: .venv/ready

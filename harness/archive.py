@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import lzma
 import stat
 import zipfile
+import zlib
 from pathlib import Path, PurePosixPath
 from xml.etree import ElementTree
 from xml.parsers import expat
@@ -12,6 +14,9 @@ from models.errors import CanineError
 
 MAX_BYTES = 512 * 2**20  # unpacked; our largest package is 2 MiB, an FMU with a simulator inside 200 MiB
 MAX_MEMBERS = 10_000
+
+
+_DAMAGE = (zipfile.BadZipFile, zlib.error, lzma.LZMAError)
 
 
 class ArchiveError(CanineError):
@@ -31,9 +36,20 @@ def unpack(path: Path, folder: Path) -> None:
     try:
         with zipfile.ZipFile(path) as archive:
             _check(path, archive)
-            archive.extractall(folder)
-    except (zipfile.BadZipFile, EOFError, NotImplementedError, RuntimeError, ValueError) as reason:
+            for member in archive.infolist():
+                _extract(path, archive, member, folder)
+    except (*_DAMAGE, EOFError, NotImplementedError, RuntimeError, ValueError) as reason:
         raise ArchiveError(f"{path}: not a readable ZIP archive ({reason}); export it again") from None
+
+
+def _extract(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo, folder: Path) -> None:
+    try:
+        archive.extract(member, folder)
+    except OSError as reason:  # a file where a folder is needed, too long a name, a full disk, bad bzip2 data
+        raise ArchiveError(
+            f'{path}: member "{member.filename:.80}" cannot be unpacked ({reason.strerror or reason}); '
+            "export it again, or make room for temporary files"
+        ) from None
 
 
 def _check(path: Path, archive: zipfile.ZipFile) -> None:
@@ -72,5 +88,5 @@ def parse_xml(path: Path, what: str) -> ElementTree.Element:
     try:
         parser.Parse(data, True)
         return ElementTree.fromstring(data)
-    except (expat.ExpatError, ElementTree.ParseError, ValueError) as reason:
+    except (expat.ExpatError, ElementTree.ParseError, ValueError, LookupError) as reason:  # no such encoding
         raise XmlError(f"{what}: malformed XML ({reason})") from None

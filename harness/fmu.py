@@ -7,6 +7,7 @@ functions themselves with arguments that are prepared once (a `Call`). FMI 2.0 a
 from __future__ import annotations
 
 import ctypes
+import math
 import shutil
 import tempfile
 from collections import deque
@@ -16,6 +17,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element
 
 import fmpy
 import fmpy.fmi2
@@ -33,6 +35,8 @@ Call = tuple[Callable[..., int | None], tuple[Any, ...]]
 
 STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 WARNING, FATAL = 1, 4
+MIN_STEP = 1e-6  # s; shorter ones turn a trial into more ticks than anybody waits for
+REFERENCES = 2**32  # value references are unsigned integers of 32 bits
 FMI2_TYPES = {
     "Real": ("Real", np.float64, Type.REAL),
     "Integer": ("Integer", np.int32, Type.INTEGER),
@@ -191,6 +195,7 @@ def _describe(path: Path, folder: Path) -> FmuDescription:
         raise FmuError(f"{path}: is FMI {version}; expected 2.0 or 3.0")
     if root.find("CoSimulation") is None:
         raise FmuError(f"{path}: is not for co-simulation; export it as a co-simulation FMU")
+    step = _step(path, root)
     warnings: list[str] = []
     try:
         try:
@@ -207,8 +212,6 @@ def _describe(path: Path, folder: Path) -> FmuDescription:
             refused[variable.name] = quantity
         else:
             quantities[variable.name] = quantity
-    experiment = read.defaultExperiment
-    stated = read.coSimulation.fixedInternalStepSize or (experiment and experiment.stepSize)
     return FmuDescription(
         path=path,
         model=read.modelName,
@@ -217,11 +220,30 @@ def _describe(path: Path, folder: Path) -> FmuDescription:
         refused=refused,
         units={unit.name: _unit(unit) for unit in read.unitDefinitions},
         feedthrough=_feedthrough(read),
-        step=float(stated) if stated else None,
+        step=step,
         fixed=not _true(read.coSimulation.canHandleVariableCommunicationStepSize),
         warnings=tuple(warnings),
         fmpy=read,
     )
+
+
+def _step(path: Path, root: Element) -> float | None:
+    """The step size that the description states, s: the one that is fixed before the one that is wished."""
+    for element, attribute in (("CoSimulation", "fixedInternalStepSize"), ("DefaultExperiment", "stepSize")):
+        found = root.find(element)
+        text = None if found is None else found.get(attribute)
+        if text is not None:
+            try:
+                step = float(text)
+            except ValueError:
+                step = math.nan
+            if not MIN_STEP <= step < math.inf:
+                raise FmuError(
+                    f'{path}: {element} has {attribute}="{text}"; '
+                    f"expected a finite number of seconds, {MIN_STEP:g} or more; export it with one"
+                )
+            return step
+    return None
 
 
 def _one_line(reason: object) -> str:
@@ -243,6 +265,12 @@ def _unit(unit: Any) -> Unit:
 def _quantity(path: Path, read: Any, variable: Any) -> Quantity | str:
     """The variable as a quantity, or why it cannot be exchanged."""
     types = FMI2_TYPES if read.fmiMajorVersion == 2 else FMI3_TYPES
+    reference = int(variable.valueReference)
+    if not 0 <= reference < REFERENCES:
+        raise FmuError(
+            f'{path}: "{variable.name}" has valueReference="{reference}"; '
+            f"expected a whole number from 0 to {REFERENCES - 1}; export it again"
+        )
     if variable.type not in types:
         return f"has type {variable.type}; expected one of {', '.join(types)}"
     if variable.dimensions:
@@ -268,7 +296,7 @@ def _quantity(path: Path, read: Any, variable: Any) -> Quantity | str:
 
     return Quantity(
         variable.name,
-        int(variable.valueReference),
+        reference,
         kind,
         Access(fmi, dtype),
         variable.causality or "local",
@@ -396,7 +424,7 @@ class Component:
 
     def _said(self) -> str:
         said = _messages.get(self.name)
-        return f'; it says: "{said[-1][1]}"' if said else ""
+        return f'; it says: "{_one_line(said[-1][1])}"' if said else ""
 
     def _function(self, name: str) -> Callable[..., int]:
         """The C function that fmpy bound; without argument types ctypes does not look at each argument."""

@@ -17,6 +17,7 @@ import json
 import math
 from array import array
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -154,6 +155,26 @@ class LogWriter:
         except OSError as error:
             raise self._failure(error) from error
         self._writer: Any = Writer(self._file, chunk_size=CHUNK_SIZE)
+        try:
+            self._begin(channels, origin, metadata, attachments)
+        except OSError as error:
+            with suppress(OSError):
+                self._file.close()
+            with suppress(OSError):
+                if self.path.is_file():  # no device; and nothing of the run is in it yet
+                    self.path.unlink()
+            raise self._failure(error) from error
+        self._last, self._flush_due = 0, 0  # ns
+        self._open = True
+
+    def _begin(
+        self,
+        channels: Sequence[Channel],
+        origin: tuple[float, float],
+        metadata: Mapping[str, Mapping[str, str]],
+        attachments: Mapping[str, bytes],
+    ) -> None:
+        """Write what comes before the first tick, through to the file."""
         self._writer.start(PROFILE, PROFILE)
         own = {"format": FORMAT, "latitude": repr(origin[0]), "longitude": repr(origin[1])}
         for name, values in {OWN_RECORD: own, **metadata}.items():
@@ -168,8 +189,7 @@ class LogWriter:
         self._rows = [(c.component, _Rows(self._writer, c, texts)) for c in channels]
         signals = {channel.component: channel.names for channel in channels}
         self._views = Views(self._writer, signals, origin, Route.of(metadata.get("parameters", {})))
-        self._last, self._flush_due = 0, 0  # ns
-        self._open = True
+        self._file.flush()
 
     def write(self, time: float, rows: Mapping[str, Sequence[float]]) -> None:
         """Write the tick at `time` (s, 0 or more, growing): each component's values in its channel's order.
@@ -204,9 +224,11 @@ class LogWriter:
     def abort(self, reason: str) -> None:
         """Close a log whose run a fault has ended; `reason` is what a reader is told (`Log.broken`)."""
         if self._open:
-            self._writer.flush()
-            self._writer.add_metadata(END_RECORD, {"reason": reason})
-        self.close()
+            with suppress(OSError):  # a full disk must not hide the fault that ended the run
+                self._writer.flush()
+                self._writer.add_metadata(END_RECORD, {"reason": reason})
+        with suppress(LogError):
+            self.close()
 
     def __enter__(self) -> Self:
         return self

@@ -27,7 +27,7 @@ from harness.summary import show
 from harness.wiring import Order, wire
 from models.errors import CanineError, UsageError, nearest
 
-FAULT, USAGE = 1, 2  # and 130 for Ctrl-C, from typer
+FAULT, USAGE, INTERRUPTED = 1, 2, 130
 LONG_S = 60.0  # s of trial time, from which on a run shows its progress
 TRY_OUT_S = 1.0  # s for which an FMU that is checked is run alone
 
@@ -68,7 +68,7 @@ def canine() -> None:
 @app.command()
 def build(
     platform: Annotated[
-        list[str] | None, typer.Option(help=f"one of {', '.join(PLATFORMS)}; this machine's by default")
+        list[str] | None, typer.Option(help=f"one of {', '.join(PLATFORMS)}; beside this machine's")
     ] = None,
     more: Annotated[
         list[str] | None, typer.Argument(metavar="[PLATFORM]...", help="further platforms")
@@ -78,7 +78,7 @@ def build(
 
     \b
     canine build
-    canine build --platform linux64 win64
+    canine build --platform win64
     """
     with _telling("building") as done:
         paths = build_all(platforms=[*(platform or []), *(more or [])], done=done)
@@ -120,12 +120,17 @@ def run(
         with _telling("building the FMUs") as done:
             trial.build_missing(request, done)
         with trial.prepared(request) as ready:
-            for note in ready.notes:
+            broken = [f"{request.log}: the log is not whole, {request.broken}"] if request.broken else []
+            for note in [*broken, *ready.notes]:
                 err.print(f"note: {escape(note)}", style="dim", soft_wrap=True)
             place = folder or trial.default_folder(request)
             duration = request.scenario.duration
             with _bar("trial [s]", duration, quiet=as_json or duration < LONG_S) as progress:
-                summary = trial.run(request, ready, place, progress)
+                try:
+                    summary = trial.run(request, ready, place, progress)
+                except KeyboardInterrupt:
+                    err.print(f"canine: ended by Ctrl-C; the log up to there is {place / trial.LOG}")
+                    raise typer.Exit(INTERRUPTED) from None
     if as_json:
         typer.echo(json.dumps(summary, indent=2))
     else:
@@ -220,10 +225,12 @@ def replay_recording(
     if estimator not in replay.ESTIMATORS:
         raise UsageError(f'no estimator "{estimator}"{nearest(estimator, replay.ESTIMATORS)}')
     source = replay.open_source(recording)
+    if source.broken:
+        err.print(f"note: {recording}: the log is not whole, {escape(source.broken)}", soft_wrap=True)
     chosen = source.windows(outage, every)
     with _bar("outages", len(chosen), quiet=as_json) as progress:
         found = replay.replay(source, estimator, chosen, progress)
-    place = folder or Path("out") / f"replay-{source.name}"
+    place = folder or source.folder
     result = replay.report(source, estimator, found, place)
     if as_json:
         typer.echo(json.dumps(result, indent=2))

@@ -195,8 +195,8 @@ def replay(
     """
     if not chosen:
         raise RecordingError(
-            f"{source.name}: no outage fits; expected fixes, {SETTLE:g} s of motion before the first outage, and "
-            "its length after that; record longer or take shorter outages"
+            f"{source.name}: no outage fits; expected fixes, {SETTLE:g} s of motion before the first outage, "
+            "and its length after that; record longer or take shorter outages"
         )
     path = build_fmu(ESTIMATORS[estimator], BUILD / "fmi2", 2)
     found = []

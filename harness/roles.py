@@ -16,6 +16,7 @@ declares no unit is taken to have the role's. Inputs of the role that the FMU la
 
 from __future__ import annotations
 
+import sys
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -161,13 +162,16 @@ def _rename(path: Path, name: str, value: Any) -> Rename:
         return Rename(value, mapped=True)
     if isinstance(value, dict) and isinstance(value.get("name", name), str) and value:
         numbers = {key: value[key] for key in value.keys() - {"name"}}
-        good = all(isinstance(x, int | float) and not isinstance(x, bool) for x in numbers.values())
+        good = all(
+            isinstance(x, int | float) and not isinstance(x, bool) and abs(x) <= sys.float_info.max
+            for x in numbers.values()
+        )
         if good and numbers.keys() <= {"factor", "offset"} and numbers.get("factor", 1) != 0:
             factor, offset = float(numbers.get("factor", 1.0)), float(numbers.get("offset", 0.0))
             return Rename(value.get("name", name), factor, offset, mapped=True)
     raise RoleError(
         f'{path.name}: "{name}" is {value}; '
-        'expected a name, or { name = "...", factor = 1.0, offset = 0.0 }'
+        'expected a name, or { name = "...", factor = 1.0, offset = 0.0 } with finite numbers, factor not 0'
     )
 
 

@@ -173,7 +173,12 @@ def load(target: str) -> Scenario:
         raise ScenarioError(f'there is no scenario "{target}"{nearest(target, shipped())}') from None
     except (OSError, UnicodeDecodeError) as reason:
         raise ScenarioError(f"{target}: cannot be read ({reason})") from None
-    return parse(text, str(target), default_name=path.stem, folder=path.parent)
+    scenario = parse(text, str(target), default_name=path.stem, folder=path.parent)
+    if scenario.system in SYSTEMS and not scenario.waypoints:
+        raise ScenarioError(
+            f"{target}: waypoints is []; expected 1 to {MAX_WAYPOINTS} pairs [north, east] in m"
+        )
+    return scenario
 
 
 def parse(text: str, where: str, default_name: str = "scenario", folder: Path = Path()) -> Scenario:

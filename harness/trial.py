@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -57,6 +59,7 @@ class Request:
         swaps: FMUs that take a role's place.
         package: the .ssp if it is not the one of `scenario.system` (that of a log, say).
         log: that it is taken from.
+        broken: why that log is not whole, "" if it is.
     """
 
     scenario: Scenario
@@ -65,6 +68,7 @@ class Request:
     swaps: Mapping[str, Path] = field(default_factory=dict)
     package: Path | None = None
     log: Path | None = None
+    broken: str = ""
 
     @property
     def ssp(self) -> Path:
@@ -134,7 +138,7 @@ def _of_log(path: Path, folder: Path) -> Request:
         (folder / Path(name).name).write_bytes(content)
     swaps = {role: folder / name for role, name in log.metadata.get("swaps", {}).items()}
     order: Order = "jacobi" if run.get("order") == "jacobi" else "sequential"
-    return Request(scenario, order, int(run.get("fmi", "2")), swaps, folder / PACKAGE, path)
+    return Request(scenario, order, int(run.get("fmi", "2")), swaps, folder / PACKAGE, path, log.broken)
 
 
 @dataclass(frozen=True)
@@ -205,21 +209,46 @@ def run(
     """Run a trial; its summary. The log is kept up to where a fault or the user ends it.
 
     Raises:
-        UsageError: it would overwrite the log that it is taken from.
+        UsageError: it would overwrite the log that it is taken from, or one that is being written.
         CanineError: a fault in what was run, with its name.
         KeyboardInterrupt: the user ended it.
     """
     if request.log is not None and (out / LOG).resolve() == request.log.resolve():
         raise UsageError(f"--out {out}: holds the log that is read, {request.log}; choose another folder")
     out.mkdir(parents=True, exist_ok=True)
-    for name in SHOWN:  # of an earlier trial: they would not belong to this log
-        with suppress(FileNotFoundError):
-            (out / name).unlink()
+    with _alone_in(out):
+        for name in SHOWN:  # of an earlier trial: they would not belong to this log
+            with suppress(FileNotFoundError):
+                (out / name).unlink()
+        real_time_factor = _simulate(request, ready, out / LOG, progress)
+        return _report(read_log(out / LOG), out, real_time_factor)
+
+
+@contextmanager
+def _alone_in(folder: Path) -> Iterator[None]:
+    """Keep other trials from writing into a folder meanwhile; the lock ends with the process."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise UsageError(
+                f"{folder}: another trial is being written there; choose another folder with --out"
+            ) from None
+        yield
+    finally:
+        os.close(handle)
+
+
+def _simulate(
+    request: Request, ready: Prepared, path: Path, progress: Callable[[float], None] | None
+) -> float:
+    """Run the trial and write its log; how many times as fast as real time it ran."""
     scenario = request.scenario
     with Simulation(ready.system, ready.plan.values, request.order, plants=plants(ready)) as simulation:
         table = _Table(simulation, ready)
         with LogWriter(
-            out / LOG,
+            path,
             table.channels,
             origin=scenario.origin,
             metadata=_metadata(request, ready),
@@ -234,7 +263,7 @@ def run(
                 progress=progress,
             )
             elapsed = time.perf_counter() - started
-    return _report(read_log(out / LOG), out, (outcome.ticks - 1) * simulation.wiring.step / elapsed)
+    return (outcome.ticks - 1) * simulation.wiring.step / elapsed
 
 
 def plants(ready: Prepared) -> list[str]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ctypes
+import os
+import shutil
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -14,6 +16,21 @@ from codegen.compiler import NUMERICS, build_library
 from codegen.expressions import MEMBERS, c_name
 from models.kit.block import GROUPS, Block
 from models.kit.declaration import Type, flatten
+
+# second opinions beside pip's compiler: program -> Debian package
+MISSING = {
+    tool: package for tool, package in {"gcc": "gcc", "nm": "binutils"}.items() if not shutil.which(tool)
+}
+
+
+def pytest_configure() -> None:
+    if MISSING and os.environ.get("CI") == "true":
+        raise pytest.UsageError(f"tests would be left out: apt install {' '.join(MISSING.values())}")
+
+
+def pytest_report_header() -> list[str]:
+    left_out = f"left out: tests with {', '.join(MISSING)}; apt install {' '.join(MISSING.values())}"
+    return [left_out] if MISSING else []
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -136,6 +136,55 @@ def test_what_is_no_cosimulation_fmu_is_refused(tmp_path: Path, xml: str, text: 
     assert str(caught.value).startswith(str(path))
 
 
+def altered(folder: Path, old: str, new: str, version: int = 2) -> Path:
+    """An FMU with a step of 0.04 s whose description says `new` for `old`."""
+    made = tiny_fmu(folder / "made.fmu", GAIN, version=version, step_size=0.04, fixed=True)
+    path = folder / "dog.fmu"
+    with zipfile.ZipFile(made) as packed, zipfile.ZipFile(path, "w") as repacked:
+        xml = packed.read("modelDescription.xml").decode()
+        assert old in xml
+        repacked.writestr("modelDescription.xml", xml.replace(old, new, 1))
+    return path
+
+
+@pytest.mark.parametrize("text", ["1e-300", "9.9e-7", "0", "-0.04", "nan", "inf", "abc", ""])
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_step_that_is_none_is_refused(tmp_path: Path, version: int, text: str) -> None:
+    expected = "expected a finite number of seconds, 1e-06 or more; export it with one"
+    wished = altered(tmp_path, 'stepSize="0.04"', f'stepSize="{text}"', version)
+    with pytest.raises(FmuError) as caught:
+        describe(wished)
+    assert str(caught.value) == f'{wished}: DefaultExperiment has stepSize="{text}"; {expected}'
+    if version == 3:
+        fixed = altered(tmp_path, "<CoSimulation", f'<CoSimulation fixedInternalStepSize="{text}"', 3)
+        with pytest.raises(FmuError) as caught:
+            describe(fixed)
+        assert str(caught.value) == f'{fixed}: CoSimulation has fixedInternalStepSize="{text}"; {expected}'
+
+
+def test_the_fixed_step_comes_before_the_wished_one(tmp_path: Path) -> None:
+    fixed = altered(tmp_path, "<CoSimulation", '<CoSimulation fixedInternalStepSize="1e-6"', 3)
+    assert describe(fixed).step == 1e-6
+
+
+@pytest.mark.parametrize("reference", [-1, 2**32])
+def test_a_value_reference_that_is_none_is_refused(tmp_path: Path, reference: int) -> None:
+    path = altered(tmp_path, 'name="k" valueReference="1"', f'name="k" valueReference="{reference}"')
+    with pytest.raises(FmuError) as caught:
+        describe(path)
+    assert str(caught.value) == (
+        f'{path}: "k" has valueReference="{reference}"; '
+        "expected a whole number from 0 to 4294967295; export it again"
+    )
+
+
+def test_what_an_fmu_says_on_two_lines_is_one(tmp_path: Path) -> None:
+    path = tiny_fmu(tmp_path / "dog.fmu", GAIN, r'say("too short:\n\tthe leash"); return 3;')
+    with Simulation(alone(path)) as simulation, pytest.raises(FmuError) as caught:
+        simulation.run()
+    assert str(caught.value).endswith('; it says: "too short: the leash"')
+
+
 def test_an_fmu_for_another_machine_is_named_as_such(tmp_path: Path) -> None:
     path = tiny_fmu(tmp_path / "dog.fmu", GAIN)
     other = tmp_path / "other.fmu"

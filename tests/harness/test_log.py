@@ -4,6 +4,7 @@ import dataclasses
 import json
 import math
 import os
+import resource
 import signal
 import struct
 import subprocess
@@ -229,6 +230,27 @@ def test_what_is_no_log_is_refused(tmp_path: Path, make: object, expected: str) 
 def test_a_file_that_cannot_be_written_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(LogError, match=r"cannot be written \(No such file or directory\); make room, or"):
         LogWriter(tmp_path / "no" / "a.mcap", [PLANT], origin=ORIGIN, metadata={}, attachments={})
+
+
+@pytest.mark.parametrize("attached", [10, 100_000])
+def test_a_disk_that_is_full_before_the_first_tick_leaves_no_log(tmp_path: Path, attached: int) -> None:
+    # given room for 64 bytes, which the metadata exceed, be they small enough to wait in a buffer or not
+    path = tmp_path / "a.mcap"
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (64, before[1]))
+    # when
+    try:
+        with pytest.raises(LogError) as caught:
+            LogWriter(
+                path, [PLANT], origin=ORIGIN, metadata=METADATA, attachments={"full.ssp": bytes(attached)}
+            )
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    # then
+    assert str(caught.value) == (
+        f"log {path}: cannot be written (File too large); make room, or choose another folder with --out"
+    )
+    assert not path.exists()
 
 
 def test_an_unknown_signal_names_the_nearest(tmp_path: Path) -> None:

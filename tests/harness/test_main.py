@@ -122,9 +122,10 @@ def test_ctrl_c_keeps_the_log(
 
     monkeypatch.setattr(trial._Table, "write", interrupted)
     # when
-    status, _, _ = canine(capsys, *RUN, "--out", tmp_path)
+    status, _, said = canine(capsys, *RUN, "--out", tmp_path)
     # then
     assert status == 130
+    assert "ended by Ctrl-C; the log up to there is" in said
     assert len(read_log(tmp_path / "trial.mcap").time) == 25
     assert [p.name for p in tmp_path.iterdir()] == ["trial.mcap"]
 
@@ -307,3 +308,25 @@ def test_fmi_is_refused_where_the_package_holds_the_fmus(capsys: pytest.CaptureF
     status, _, error = canine(capsys, "run", BUILD / "cts.fmi2.ssp", "--fmi", "3")
     assert status == 2
     assert "canine: --fmi 3: cts.fmi2.ssp is run with the FMUs that it holds; leave --fmi out" in error
+
+
+def test_two_trials_do_not_write_into_one_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    # given a folder into which another trial is writing
+    with trial._alone_in(tmp_path):
+        # then a second one is refused, and leaves nothing there
+        status, _, said = canine(capsys, *RUN, "--out", tmp_path)
+    assert status == 2
+    assert f"{tmp_path}: another trial is being written there; choose another folder" in said
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_log_that_is_cut_is_used_with_a_note(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    # given the first nine tenths of a log
+    canine(capsys, "run", "three_waypoint", "--out", tmp_path / "a")
+    whole = (tmp_path / "a" / "trial.mcap").read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole[: len(whole) * 9 // 10])
+    for arguments in (("run", cut, "--out", tmp_path / "b"), ("replay", cut, "--out", tmp_path / "c")):
+        status, _, said = canine(capsys, *arguments)
+        assert status == 0
+        assert f"note: {cut}: the log is not whole, the file ends early" in said.replace("\n", "")

@@ -12,6 +12,9 @@ from harness.ssp import Description, Link, Member, Value
 from models.errors import UsageError
 
 DOG = [V("command", "input", "Integer"), V("north", unit="m"), V("east", unit="m"), V("speed", unit="m/s")]
+EXPECTED = (
+    'expected a name, or { name = "...", factor = 1.0, offset = 0.0 } with finite numbers, factor not 0'
+)
 HEADING = V("heading", unit="rad")
 
 
@@ -77,6 +80,11 @@ def test_a_mapping_file_renames_and_converts(tmp_path: Path) -> None:
     assert found.inputs == {"command": Rename("cmd", mapped=True)}
 
 
+def test_one_output_may_serve_for_two(tmp_path: Path) -> None:
+    found = fitted(tmp_path, [*DOG, V("a", unit="m")], '[outputs]\nnorth = "a"\neast = "a"')
+    assert found.outputs["north"] == found.outputs["east"] == Rename("a", mapped=True)
+
+
 @pytest.mark.parametrize(
     ("toml", "text"),
     [
@@ -87,7 +95,14 @@ def test_a_mapping_file_renames_and_converts(tmp_path: Path) -> None:
         ),
         (
             "[outputs]\nspeed = 3",
-            'dog.toml: "speed" is 3; expected a name, or { name = "...", factor = 1.0, offset = 0.0 }',
+            f'dog.toml: "speed" is 3; {EXPECTED}',
+        ),
+        ("[outputs]\nspeed = { factor = nan }", f"dog.toml: \"speed\" is {{'factor': nan}}; {EXPECTED}"),
+        ("[outputs]\nspeed = { offset = -inf }", f"dog.toml: \"speed\" is {{'offset': -inf}}; {EXPECTED}"),
+        ("[outputs]\nspeed = { factor = 0 }", f"dog.toml: \"speed\" is {{'factor': 0}}; {EXPECTED}"),
+        (
+            f"[outputs]\nspeed = {{ factor = 1{'0' * 400} }}",
+            f"dog.toml: \"speed\" is {{'factor': 1{'0' * 400}}}; {EXPECTED}",
         ),
     ],
 )

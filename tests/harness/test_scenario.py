@@ -1,6 +1,7 @@
 """Scenarios: what is read, what it means in SI, and what is refused."""
 
 import math
+from pathlib import Path
 
 import pytest
 
@@ -309,3 +310,10 @@ def test_the_keys_of_a_scenario_are_the_roles_parameters_and_their_ranges() -> N
         else:
             with pytest.raises(ScenarioError):
                 parse(text, "my.toml")
+
+
+def test_a_trial_to_nowhere_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "nowhere.toml"
+    path.write_text("seed = 1\n")
+    with pytest.raises(ScenarioError, match=r"nowhere.toml: waypoints is \[\]; expected 1 to 16 pairs"):
+        load(str(path))
