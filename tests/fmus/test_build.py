@@ -346,3 +346,10 @@ def test_what_was_built_from_other_models_is_not_current(tmp_path: Path) -> None
     stamp = tmp_path / STAMP
     stamp.write_text(stamp.read_text()[::-1])
     assert not is_current(tmp_path)
+
+
+def test_fmpys_defaults_run_it(block: type[Block], fmu: Fmu) -> None:
+    # given nothing but the file, as a newcomer to it would
+    result = fmpy.simulate_fmu(str(fmu(block)))
+    # then it runs to the end of its default experiment
+    assert result["time"][-1] == pytest.approx(40.0)
