@@ -12,7 +12,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import reduce
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar
 
 import casadi as ca
 
@@ -20,7 +20,6 @@ from models.errors import DeclarationError, ParameterError
 from models.kit.declaration import SX, Output, Parameter, State, Stream, Variable, flatten
 from models.kit.elementary import Precision, lower
 
-B = TypeVar("B", bound="Block")
 Guard = str | Callable[[Any], SX]
 Method = Callable[[Any], Any]
 GROUPS = ("state", "input", "parameter", "output")  # the arguments of every traced function, in this order

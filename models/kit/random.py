@@ -27,7 +27,7 @@ Matrix = tuple[tuple[int, ...], ...]
 
 
 def uniform(state: SX) -> tuple[SX, SX]:
-    """One draw from U(0, 1), within [2^-32, 1 - 2^-32]: (value, next state); `state` has 6 elements."""
+    """One draw from U(0, 1), at least 2^-32 and below 1: (value, next state); `state` has 6 elements."""
     first = 1403580.0 * state[1] - 810728.0 * state[0]
     first = first - M1 * ca.floor(first / M1)
     second = 527612.0 * state[5] - 1370589.0 * state[3]

@@ -16,15 +16,9 @@ import numpy as np
 
 from codegen.block_c import generate, write_files
 from codegen.expressions import MEMBERS
-from models.canine import Canine
-from models.cmec import Cmec
-from models.command_module import CommandModule
-from models.four_state import FourState
 from models.kit.block import Block
-from models.pedestrian import Pedestrian
-from models.sensors import Sensors
+from models.system import BLOCKS
 
-BLOCKS: list[type[Block]] = [Canine, Pedestrian, Sensors, FourState, Cmec, CommandModule]
 WARNINGS = (
     "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Wshadow", "-Werror",
 )  # fmt: skip
