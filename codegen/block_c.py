@@ -40,8 +40,13 @@ class Routine:
     guard: str = ""
 
 
-def generate(block: type[Block], precision: Precision = "double") -> dict[str, str]:
+def generate(
+    block: type[Block], precision: Precision = "double", keep: frozenset[str] | None = None
+) -> dict[str, str]:
     """The C of a block, file name to text; the same block gives the same bytes.
+
+    Args:
+        keep: the states and outputs that matter, all by default; the C leaves the others as they are.
 
     Raises:
         DeclarationError: the block does not come in this precision, or uses what C lacks without a library.
@@ -51,8 +56,8 @@ def generate(block: type[Block], precision: Precision = "double") -> dict[str, s
             f"{block.title()} comes in {' and '.join(block.precisions)} precision, not in {precision}"
         )
     program = block.program(precision)
-    generator = _Generator(program)
-    routines = [generator.routine(phase) for phase in program.tick]
+    generator = _Generator(program, keep)
+    routines = [generator.routine(phase) for phase in program.tick if generator.matters(phase)]
     start = [generator.routine(phase) for phase in program.initialize if phase.name == "initialize"]
     title = block.title()
     context: dict[str, Any] = {
@@ -67,7 +72,7 @@ def generate(block: type[Block], precision: Precision = "double") -> dict[str, s
         "enums": _enums(block),
         "routines": routines,
         "initialize": start,
-        "streams": block.streams(),
+        "streams": [v for v in block.streams() if keep is None or not keep.isdisjoint(v.flat_names)],
         "starts": [line for kind in GROUPS for line in _starts(kind, block, precision)],
         "state_starts": _starts("state", block, precision),
         "moore": block.moore,
@@ -86,7 +91,11 @@ def generate(block: type[Block], precision: Precision = "double") -> dict[str, s
 
 def streams_c() -> dict[str, str]:
     """The C that starts a random stream, shared by all blocks that draw."""
-    context = {"random": random, "jumps": random.jump_matrices()}
+    context = {
+        "random": random,
+        "streams": random.jumps(random.STREAM_BITS, random.STREAM_DIGITS),
+        "substreams": random.jumps(random.SUBSTREAM_BITS, random.SUBSTREAM_DIGITS),
+    }
     return {
         f"mrg32k3a.{kind}": TEMPLATES.get_template(f"mrg32k3a.{kind}.jinja").render(context) for kind in "hc"
     }
@@ -150,8 +159,13 @@ def _start_literal(variable: Variable, value: float, precision: Precision) -> st
 class _Generator:
     """Writes the routines of one program."""
 
-    def __init__(self, program: Program) -> None:
-        self.block, self.precision = program.block, program.precision
+    def __init__(self, program: Program, keep: frozenset[str] | None) -> None:
+        self.block, self.precision, self.keep = program.block, program.precision, keep
+
+    def matters(self, phase: Update | Table) -> bool:
+        """Does the phase set anything that is kept?"""
+        rows = phase.rows if isinstance(phase, Table) else (phase,)
+        return self.keep is None or any(not self.keep.isdisjoint(row.writes) for row in rows)
 
     def enum_name(self, variable: Variable, value: int) -> str:
         assert variable.choices
@@ -164,7 +178,7 @@ class _Generator:
         if isinstance(phase, Table):
             lines, operations = self._table(phase)
         else:
-            lines, operations = statements(phase.function, self.block, phase.writes, self.writer())
+            lines, operations = statements(phase.function, self.block, phase.writes, self.writer(), self.keep)
         guard = ""
         if phase.guard is not None:
             guard, guard_operations = condition(phase.guard, self.block, self.writer())
@@ -183,7 +197,9 @@ class _Generator:
             opening = "if"
             for row in rows:
                 guard, guard_operations = condition(row.guard, self.block, self.writer())
-                body, body_operations = statements(row.function, self.block, row.writes, self.writer())
+                body, body_operations = statements(
+                    row.function, self.block, row.writes, self.writer(), self.keep
+                )
                 operations += guard_operations + body_operations
                 lines.append(f"    {opening} ({guard}) {{")
                 lines += [f"        {line}" for line in body]

@@ -73,6 +73,18 @@ def this_platform() -> str:
     raise CompileError(f"this machine is {machine}-{system}; binaries are made for {', '.join(PLATFORMS)}")
 
 
+@cache
+def processor() -> str:
+    """What tells one processor from another: code built for this very one may not run on others."""
+    try:
+        told = Path("/proc/cpuinfo").read_text()
+    except OSError:
+        return f"{platform.machine()} {platform.processor()}"
+    return "\n".join(
+        sorted({x for x in told.splitlines() if x.startswith(("model name", "flags", "Features"))})
+    )
+
+
 def find_platform(name: str) -> Platform:
     """A platform by its name in PLATFORMS or in FMI 3.0.
 
@@ -94,8 +106,8 @@ def zig(arguments: Sequence[str], what: str, folder: Path | None = None) -> str:
     Raises:
         CompileError: with the compiler's own words.
     """
-    cache_folder = str(_cache())
-    environment = os.environ | {"ZIG_GLOBAL_CACHE_DIR": cache_folder, "ZIG_LOCAL_CACHE_DIR": cache_folder}
+    cache = str(cache_folder())
+    environment = os.environ | {"ZIG_GLOBAL_CACHE_DIR": cache, "ZIG_LOCAL_CACHE_DIR": cache}
     try:
         done = subprocess.run(
             [sys.executable, "-m", "ziglang", *arguments],
@@ -150,7 +162,7 @@ def build_library(
 
 
 @cache
-def _cache() -> Path:
+def cache_folder() -> Path:
     """Where the compiler keeps what it has built: the user's cache; a temporary one if that is read-only."""
     if "ZIG_GLOBAL_CACHE_DIR" in os.environ:
         return Path(os.environ["ZIG_GLOBAL_CACHE_DIR"])

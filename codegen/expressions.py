@@ -8,7 +8,7 @@ floating-point operation.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Collection, Generator, Sequence
 from typing import Any, Literal
 
 import casadi as ca
@@ -75,14 +75,17 @@ class Node:
         return "real"
 
 
-def read(function: Any, block: type[Block]) -> tuple[list[Node], int]:
+Leaf = Callable[[int, int], Node]  # (which of GROUPS, element) -> its node
+Make = Callable[[int, tuple[Node, ...]], Node]  # (operation, operands) -> its node
+
+
+def read(function: Any, leaf: Leaf, make: Make = Node) -> tuple[list[Node], int]:
     """The nodes of a traced function's results, and how many operations it takes.
 
     Raises:
         DeclarationError: an operation that C does not get from us (it would be a library call), or a
             constant that is not finite.
     """
-    fields = [list(flatten(block.group(kind))) for kind in GROUPS]
     work: dict[int, Node] = {}
     results: list[Node] = [Node(ca.OP_CONST)] * int(function.numel_out(0))
     operations = 0
@@ -98,21 +101,18 @@ def read(function: Any, block: type[Block]) -> tuple[list[Node], int]:
                 raise DeclarationError(f"{function.name()}: constant {value} has no C literal")
             work[into[0]] = Node(op, value=value)
         elif op == ca.OP_INPUT:
-            name, variable = fields[of[0]][of[1]]
-            field = f"m->{MEMBERS[GROUPS[of[0]]]}.{c_name(name)}"
-            work[into[0]] = Node(op, field=field, variable=variable)
+            work[into[0]] = leaf(of[0], of[1])
         elif op == ca.OP_OUTPUT:
             results[into[1]] = work[of[0]]
         else:
             operations += 1
-            work[into[0]] = _operation(op, tuple(work[i] for i in of), function.name())
-    _count_uses(results)
+            work[into[0]] = _operation(op, tuple(work[i] for i in of), make, function.name())
     return results, operations
 
 
-def _operation(op: int, operands: tuple[Node, ...], where: str) -> Node:
+def _operation(op: int, operands: tuple[Node, ...], make: Make, where: str) -> Node:
     if op == ca.OP_IF_ELSE_ZERO:
-        return Node(SELECT, (*operands, Node(ca.OP_CONST)))
+        return make(SELECT, (*operands, Node(ca.OP_CONST)))
     if op == ca.OP_ADD:  # if_else(c, a, b) is (c ? a : 0) + (!c ? b : 0)
         for first, second in (operands, operands[::-1]):
             if (
@@ -122,17 +122,29 @@ def _operation(op: int, operands: tuple[Node, ...], where: str) -> Node:
                 and second.operands[0].op == ca.OP_NOT
                 and second.operands[0].operands[0] is first.operands[0]
             ):
-                return Node(SELECT, (first.operands[0], first.operands[1], second.operands[1]))
+                return make(SELECT, (first.operands[0], first.operands[1], second.operands[1]))
     if op in BINARY or op in CALLS or op in (ca.OP_NEG, ca.OP_NOT, ca.OP_SQ, ca.OP_TWICE, ca.OP_INV):
-        return Node(op, operands)
+        return make(op, operands)
     raise DeclarationError(f"{where}: operation {op} has no C without a library")
+
+
+def fields(block: type[Block]) -> Leaf:
+    """The leaves of a block's functions: fields of its struct `m`."""
+    flat = [list(flatten(block.group(kind))) for kind in GROUPS]
+
+    def leaf(group: int, element: int) -> Node:
+        name, variable = flat[group][element]
+        return Node(ca.OP_INPUT, field=f"m->{MEMBERS[GROUPS[group]]}.{c_name(name)}", variable=variable)
+
+    return leaf
 
 
 def _is_zero(node: Node) -> bool:
     return node.op == ca.OP_CONST and node.value == 0.0
 
 
-def _count_uses(results: Sequence[Node]) -> None:
+def count_uses(results: Sequence[Node]) -> None:
+    """Count by how many operations and results each node is used."""
     used = list(results)
     while used:
         node = used.pop()
@@ -167,11 +179,21 @@ class Writer:
 
     An expression may be as deep as its function is long, deeper than Python calls go: what writes a node
     yields the operands that it needs, and `_run` keeps the stack.
+
+    Args:
+        enum_name: the C of a named value.
+        branchless: both sides of "and" and "or" are computed, as vectors do.
     """
 
-    def __init__(self, precision: Precision, enum_name: Callable[[Variable, int], str]) -> None:
+    def __init__(
+        self,
+        precision: Precision,
+        enum_name: Callable[[Variable, int], str] = lambda variable, value: str(value),
+        branchless: bool = False,
+    ) -> None:
         self.precision = precision
         self.enum_name = enum_name
+        self.binary = BINARY | {ca.OP_AND: "&", ca.OP_OR: "|"} if branchless else BINARY
         self.lines: list[str] = []
         self._names = 0
 
@@ -240,7 +262,7 @@ class Writer:
         if node.op == ca.OP_NOT:
             return _cast(f"!{(yield a[0], 'bool')}", "bool", want, self.real)
         if node.op in LOGIC:
-            text = f"({(yield a[0], 'bool')} {BINARY[node.op]} {(yield a[1], 'bool')})"
+            text = f"({(yield a[0], 'bool')} {self.binary[node.op]} {(yield a[1], 'bool')})"
             return _cast(text, "bool", want, self.real)
         if node.op == SELECT:
             yes = self._choice(node, a[1]) or (yield a[1], ctype)
@@ -314,10 +336,21 @@ def _parenthesized(text: str) -> str:
 
 
 def statements(
-    function: Any, block: type[Block], writes: Sequence[str], writer: Writer
+    function: Any,
+    block: type[Block],
+    writes: Sequence[str],
+    writer: Writer,
+    keep: Collection[str] | None = None,
 ) -> tuple[list[str], int]:
-    """The body of an update: C lines that compute every result, then store them; and its operation count."""
-    results, operations = read(function, block)
+    """The body of an update: C lines that compute every result, then store them; and its operation count.
+
+    Args:
+        keep: the variables that matter, all by default; others are neither computed nor stored.
+    """
+    results, operations = read(function, fields(block))
+    kept = [(name, node) for name, node in zip(writes, results, strict=True) if keep is None or name in keep]
+    writes, results = [name for name, _ in kept], [node for _, node in kept]
+    count_uses(results)
     declared = dict(flatten([v for kind in ("state", "output") for v in block.group(kind)]))
     stores = []
     for target, node in zip(writes, results, strict=True):
@@ -356,5 +389,6 @@ def _is_overwritten(field: str, writes: Sequence[str]) -> bool:
 
 def condition(function: Any, block: type[Block], writer: Writer) -> tuple[str, int]:
     """A guard as one C expression, and its operation count."""
-    (node,), operations = read(function, block)
+    (node,), operations = read(function, fields(block))
+    count_uses([node])
     return _bare(writer.write(node, "bool", locals_allowed=False)), operations

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -58,6 +59,8 @@ def canine() -> None:
     canine check dog.fmu --role plant             does it fit, and what is wrong if not
     canine wiring --order jacobi                  what is stepped when, and what delays
     canine replay out/demo/trial.mcap             the estimator over a recording, with GPS outages
+    canine fit out                                the dog's statistics from logged trials
+    canine sweep two                              many trials at each value of a parameter
 
     --debug anywhere shows where an error comes from.
     Exit status: 0 done (also when the dog failed its trial), 1 a fault in what was run, 2 wrong usage,
@@ -236,6 +239,117 @@ def replay_recording(
         typer.echo(json.dumps(result, indent=2))
     else:
         replay.show(result, out)
+        _say_where(place)
+
+
+@app.command("sweep")
+def sweep_parameters(
+    target: Annotated[str, typer.Argument(metavar="two|three|SCENARIO.toml")],
+    *,
+    thresholds: Annotated[
+        str | None,
+        typer.Option(metavar="a:b[:step]", help="h' [deg]; 15:90, or 15:65 with three waypoints and more"),
+    ] = None,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(metavar="block.name=a:b:step", help="any parameter, instead or beside; angles in deg"),
+    ] = None,
+    trials: Annotated[int, typer.Option(help="at each point")] = 1000,
+    system: Annotated[
+        Literal["cts", "full"],
+        typer.Option(help="cts: the true state into the controller; full: the estimate"),
+    ] = "cts",
+    reading: Annotated[
+        Literal["calibrated", "literal"] | None, typer.Option(help="by default the scenario's, calibrated")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, max=MAX_SEED, help="of the first trial at each point; 1 by default")
+    ] = None,
+    dask: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="of the scheduler of a Dask cluster")
+    ] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="block.name=value", help="a parameter; angles in deg")
+    ] = None,
+    folder: Annotated[
+        Path | None, typer.Option("--out", file_okay=False, help="by default out/sweep-<name>")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print the recommendation as JSON")] = False,
+) -> None:
+    """Run many trials at each value of a parameter: sweep.csv, sweep.png, recommendation.json.
+
+    \b
+    canine sweep two                              5.3.5: h' from 15 to 90 deg, 1000 trials each
+    canine sweep three --thresholds 15:65         5.3.6: four types of trials in turns
+    canine sweep my.toml --vary cmec.capture_radius=3:10:0.5 --trials 10000
+    canine sweep two --vary canine.drift=-3:3:0.5 --vary cmec.moving_deviation=15:60:5
+    canine sweep three --dask tcp://host:8786     on a cluster
+
+    The same command goes on where an earlier one was interrupted.
+    """
+    from harness import journal, sweep  # noqa: PLC0415 - pictures and statistics, which other commands need not wait for
+
+    wanted = sweep.wanted(
+        target, thresholds=thresholds, vary=vary or [], trials=trials, system=system, reading=reading,
+        seed=seed, settings=settings or [],
+    )  # fmt: skip
+    place = folder or sweep.default_folder(wanted)
+    with _bar("trials", wanted.job.total, quiet=as_json) as progress:
+        try:
+            table, result = sweep.run(wanted, place, dask, progress=progress, note=_note)
+        except KeyboardInterrupt:
+            kept = (place / journal.JOURNAL).exists()
+            then = (
+                f"what is done is kept in {place}: the same command goes on there"
+                if kept
+                else "nothing is done"
+            )
+            err.print(f"canine: ended by Ctrl-C; {escape(then)}", soft_wrap=True)
+            raise typer.Exit(INTERRUPTED) from None
+    if as_json:
+        typer.echo(json.dumps(result, indent=2))
+    else:
+        sweep.show(wanted, table, result, out)
+        _say_where(place)
+
+
+def _note(text: str) -> None:
+    err.print(f"note: {escape(text)}", style="dim", soft_wrap=True)
+
+
+@app.command("fit")
+def fit_animal(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG.mcap|FOLDER...")],
+    *,
+    source: Annotated[
+        Literal["plant", "estimator"] | None,
+        typer.Option(help="whose motion; by default the plant's where it is logged, else the estimator's"),
+    ] = None,
+    turned: Annotated[
+        float | None,
+        typer.Option(min=1e-3, max=90, help="deg/s from which on a LEFT or RIGHT was obeyed; see the README"),
+    ] = None,
+    folder: Annotated[Path | None, typer.Option("--out", file_okay=False, help="by default out/fit")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print the result as JSON")] = False,
+) -> None:
+    """Estimate the animal's statistics (Table 5.1): a table, fit.json, fit.toml for scenarios, fit.png.
+
+    \b
+    canine fit out                                every trial.mcap below out
+    canine fit field/*.mcap --source estimator    as without the truth
+    """
+    from harness import fit as statistics  # noqa: PLC0415 - scipy.stats takes seconds
+
+    paths = statistics.find_logs(logs)
+    with _bar("logs", len(paths), quiet=as_json) as progress:
+        reading = statistics.read_tracks(paths, source, progress)
+    result = statistics.estimate(reading, None if turned is None else math.radians(turned))
+    place = folder or statistics.FOLDER
+    statistics.report(result, place)
+    if as_json:
+        typer.echo(json.dumps(result, indent=2))
+    else:
+        statistics.show(result, out)
         _say_where(place)
 
 

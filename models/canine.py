@@ -38,6 +38,7 @@ class Plant(Block):
 
     recall_turn_rate = Parameter("rad/s", "how fast the body turns home on recall", start=270 * DEG, min=0)
 
+    obeyed = State(Command, "command that is being carried out")
     position_north = State("m", "position")
     position_east = State("m", "position")
     velocity = State("m/s", "ground speed")
@@ -52,11 +53,15 @@ class Plant(Block):
         m.velocity = m.past_velocity = 0
         m.course = m.past_course = wrap(m.start_heading)
 
+    def hear(m) -> None:
+        """Obey at once."""
+        m.obeyed = m.command
+
     def remember(m) -> None:
         """What accelerations and yaw rates are differences to."""
         m.past_velocity, m.past_course = m.velocity, m.course
 
-    @triggered(lambda m: m.command == Command.RECALL)
+    @triggered(lambda m: m.obeyed == Command.RECALL)
     def turn_home(m) -> None:
         """On recall the animal homes straight to the start (5.3.2); its body turns there as fast as it can.
 
@@ -71,7 +76,7 @@ class Plant(Block):
         """Kinematics of a tick."""
         m.velocity = clip(m.velocity + acceleration * m.sample_time, 0.0, top_speed)  # eq. D.9
         turned = wrap(m.course + turn_rate * m.sample_time)  # eq. D.10
-        homing = m.command == Command.RECALL
+        homing = m.obeyed == Command.RECALL
         m.course = either(homing, m.course, turned)
         direction = either(homing, m.bearing, m.course)
         step = 0.5 * (m.past_velocity + m.velocity) * m.sample_time
@@ -82,7 +87,7 @@ class Plant(Block):
 class Canine(Plant):
     """The guided dog: obeys tones always, vibrations by chance, drifts, and shakes its pack."""
 
-    source = "Miller 2010, 5.2-5.3, Table 5.1, eq. 5.1-5.5, B.5, D.9-D.11; motion: B.4, D.5"
+    source = "Miller 2010, 5.2-5.3, Table 5.1, eq. 5.1-5.5, B.5, D.9-D.11; motion: B.4, D.5; delays: 5.3.7.1"
 
     seed = Parameter(Integer, "trial number: selects the random streams", start=1, min=0, max=2147483647)
     start_heading_deviation = Parameter(
@@ -113,6 +118,23 @@ class Canine(Plant):
     drift_deviation = Parameter("rad/s", "Heading Drift, standard deviation", start=1.62 * DEG, min=0)
     left_success = Parameter("1", "Left Success Rate", start=0.64, min=0, max=1)
     right_success = Parameter("1", "Right Success Rate", start=0.6, min=0, max=1)
+    # why trials take longer in the field (5.3.7.1); off
+    response_delay = Parameter(
+        "s",
+        "how long a command is on before it is obeyed; the last one is till then",
+        start=0,
+        min=0,
+        max=1e4,
+    )
+    bumper_search_min = Parameter(
+        "s", "shortest search for the bumper before the first recall is obeyed (1)", start=0, min=0, max=1e4
+    )
+    bumper_search_max = Parameter(
+        "s", "longest search for it (5); if less than the shortest, that one", start=0, min=0, max=1e4
+    )
+    start_delay = Parameter(
+        "s", "hand timing: how long the watch runs before the first command acts", start=0, min=0, max=1e4
+    )
     # how it moves in detection mode (walking) and running: B.4, D.5
     shaking = Parameter(
         Boolean, "the pack shakes with the stride; off: it moves as the animal's centre", start=1
@@ -138,7 +160,11 @@ class Canine(Plant):
     trial_speeding_up = State("m/s2", "acceleration of this trial")
     trial_slowing_down = State("m/s2", "deceleration of this trial")
     past_command = State(Command, "command a tick ago")
-    obeys = State(Boolean, "the response drawn for the directional command")
+    told = State(Boolean, "a command has been given in this trial")
+    recalled = State(Boolean, "RECALL has been given in this trial")
+    wait = State(Integer, "ticks until the command given is obeyed", min=0)
+    obeys_right = State(Boolean, "the response drawn for RIGHT")
+    obeys_left = State(Boolean, "the response drawn for LEFT")
     stride = State("rad", "phase of the stride", min=0)
     jerk = State("m/s2", "jerk of the pack on this tick")
     jerk_due = State(Boolean, "a stride began on this tick")
@@ -146,6 +172,7 @@ class Canine(Plant):
     right_stream = Stream("responses to RIGHT", substream=1)
     left_stream = Stream("responses to LEFT", substream=2)
     jerk_stream = Stream("jerks of the pack", substream=3)
+    search_stream = Stream("search for the bumper", substream=4)
 
     def initialize(m) -> None:
         """Draw what holds for the whole trial (eq. 5.1, 5.2, 5.5)."""
@@ -167,25 +194,48 @@ class Canine(Plant):
             m.slowing_down, m.slowing_down_deviation, [next(rest) for _ in range(REDRAWS)]
         )
 
-    @triggered(lambda m: every(m.command == Command.RIGHT, m.past_command != Command.RIGHT))
+    @triggered(lambda m: m.command != m.past_command, seldom=True)
+    def hear(m) -> None:
+        """Set how long the command just given waits to be obeyed (5.3.7.1).
+
+        The dog searches for the bumper once, on the first RECALL. The watch is not the dog's: a hand that
+        starts it early enters as a delay of the first command.
+        """
+        searching = every(m.command == Command.RECALL, ca.logic_not(m.recalled))
+        draw, stream = uniform(m.search_stream)
+        m.search_stream = either(searching, stream, m.search_stream)
+        longest = either(m.bumper_search_max < m.bumper_search_min, m.bumper_search_min, m.bumper_search_max)
+        search = m.bumper_search_min + draw * (longest - m.bumper_search_min)
+        time = m.response_delay + either(m.told, 0, m.start_delay) + either(searching, search, 0)
+        m.wait = ca.floor(time / m.sample_time - 0.1) + 1  # ticks, with a tenth of a tick's tolerance
+        m.told, m.recalled = 1, some(m.recalled, searching)
+
+    def remember(m) -> None:
+        """Remember; then obey the command, once it has waited for its time."""
+        super().remember()
+        waiting = m.wait > 0
+        m.obeyed = either(waiting, m.obeyed, m.command)
+        m.wait = either(waiting, m.wait - 1, 0)
+
+    @triggered(lambda m: every(m.command == Command.RIGHT, m.past_command != Command.RIGHT), seldom=True)
     def hear_right(m) -> None:
         """Draw the response to a RIGHT just issued (eq. 5.3, 5.4)."""
         draw, m.right_stream = uniform(m.right_stream)
-        m.obeys = draw <= m.right_success
+        m.obeys_right = draw <= m.right_success
 
-    @triggered(lambda m: every(m.command == Command.LEFT, m.past_command != Command.LEFT))
+    @triggered(lambda m: every(m.command == Command.LEFT, m.past_command != Command.LEFT), seldom=True)
     def hear_left(m) -> None:
         """Draw the response to a LEFT just issued."""
         draw, m.left_stream = uniform(m.left_stream)
-        m.obeys = draw <= m.left_success
+        m.obeys_left = draw <= m.left_success
 
     def move(m) -> None:
         """Tones are always obeyed; the dog brakes on whatever does not tell it to run."""
         m.past_command = m.command
-        running = some(m.command == Command.FORWARD, m.command == Command.RECALL)
+        running = some(m.obeyed == Command.FORWARD, m.obeyed == Command.RECALL)
         drift = either(some(running, m.velocity > 0), m.trial_drift, 0)
-        turn = either(every(m.command == Command.RIGHT, m.obeys), m.trial_right_rate, 0)
-        turn = either(every(m.command == Command.LEFT, m.obeys), m.trial_left_rate, turn)
+        turn = either(every(m.obeyed == Command.RIGHT, m.obeys_right), m.trial_right_rate, 0)
+        turn = either(every(m.obeyed == Command.LEFT, m.obeys_left), m.trial_left_rate, turn)
         m._move(either(running, m.trial_speeding_up, -m.trial_slowing_down), m.trial_speed, drift + turn)
 
     @triggered("shaking")

@@ -150,8 +150,6 @@ class Cmec(Block):
     route_east = State("m", "waypoints, latched", size=MAX_WAYPOINTS)
     base_north = State("m", "home, latched")
     base_east = State("m", "home, latched")
-    last_distance = State("m", "d by the last good input")
-    last_deviation = State("rad", "h by the last good input")
     anomalies = State(Integer, "how often each anomaly was reported", size=len(Anomaly) - 1)
 
     def watch(m) -> None:
@@ -165,7 +163,7 @@ class Cmec(Block):
         m.overruled = cause
         m.ticks = counted(m.ticks)
 
-    @triggered(lambda m: every(m.start, m.now == Mode.IDLE, ca.logic_not(m._blocked())))
+    @triggered(lambda m: every(m.start, m.now == Mode.IDLE, ca.logic_not(m._blocked())), seldom=True)
     def begin(m) -> None:
         """Latch the mission; the first command is forward."""
         m.route_north, m.route_east, m.count = m.waypoint_north, m.waypoint_east, m.waypoint_count
@@ -181,7 +179,8 @@ class Cmec(Block):
             ca.logic_not(m.start),
             m.now > Mode.IDLE,
             some(m.now != Mode.STOPPED, m._lasted(m.stop_hold)),  # a stop is held, this one too
-        )
+        ),
+        seldom=True,
     )
     def end(m) -> None:
         """The start signal is withdrawn: a running trial is stopped, an ended one makes room for the next."""
@@ -189,13 +188,15 @@ class Cmec(Block):
         m.now = either(running, Mode.STOPPED, Mode.IDLE)
         m.ticks = 0
 
-    @triggered(lambda m: every(m._blocked(), m.now > Mode.IDLE, m.now <= Mode.STOP_AT_WAYPOINT))
+    @triggered(lambda m: every(m._blocked(), m.now > Mode.IDLE, m.now <= Mode.STOP_AT_WAYPOINT), seldom=True)
     def interrupt(m) -> None:
         """What the animal does meanwhile is not ours: afterwards begin again from a stop."""
         m.now = either(m.now == Mode.STOP_AT_WAYPOINT, m.now, Mode.STOP_TO_TURN)
         m.ticks = 0
 
-    @triggered(lambda m: every(m.now == Mode.STOP_AT_WAYPOINT, ca.logic_not(m._blocked()), m._at_rest()))
+    @triggered(
+        lambda m: every(m.now == Mode.STOP_AT_WAYPOINT, ca.logic_not(m._blocked()), m._at_rest()), seldom=True
+    )
     def advance(m) -> None:
         """Aim at the next waypoint once the animal has stopped at one, or home after the last (4.1.4.1)."""
         m.turns = either(m.reset_turns, 0, m.turns)
@@ -205,15 +206,14 @@ class Cmec(Block):
         m.target_east = either(last, m.base_east, _element(m.route_east, m.reached))
 
     def aim(m) -> None:
-        """Distance to the target and orientation deviation from it; the last good ones on bad input."""
+        """Distance to the target and orientation deviation from it; 0 on bad input."""
         good = m.within("north", "east", "heading")
         north_difference = either(good, m.target_north - m.north, 0)  # eq. 4.1
         east_difference = either(good, m.target_east - m.east, 0)
-        distance = ca.sqrt(north_difference**2 + east_difference**2)  # eq. 4.2
-        m.distance = m.last_distance = either(good, distance, m.last_distance)
+        m.distance = ca.sqrt(north_difference**2 + east_difference**2)  # eq. 4.2
         desired = ca.atan2(east_difference, north_difference)  # eq. 4.3
         deviation = wrap(desired - m.heading)  # eq. 4.4
-        m.deviation = m.last_deviation = either(good, deviation, m.last_deviation)
+        m.deviation = either(good, deviation, 0)
 
     @triggered(lambda m: every(m.now > Mode.IDLE, ca.logic_not(m._blocked())))
     @table("now")
@@ -283,7 +283,7 @@ class Cmec(Block):
         yield Row(Mode.RECALL, won, Mode.SUCCESS, {"ticks": 0})
         yield Row(Mode.FAILURE_RECALL, won, Mode.FAILED, {"ticks": 0})
 
-    @triggered(lambda m: m.anomaly > Anomaly.NONE)
+    @triggered(lambda m: m.anomaly > Anomaly.NONE, seldom=True)
     def report(m) -> None:
         """Count each anomaly by its kind."""
         m.anomalies = ca.vertcat(

@@ -30,11 +30,15 @@ def first_line(documented: type) -> str:
     return (documented.__doc__ or "").strip().partition("\n")[0]
 
 
-def triggered(guard: Guard) -> Callable[[Method], Method]:
-    """Run an update only on ticks on which the guard holds: a Boolean variable's name, or an expression."""
+def triggered(guard: Guard, *, seldom: bool = False) -> Callable[[Method], Method]:
+    """Run an update only on ticks on which the guard holds: a Boolean variable's name, or an expression.
+
+    `seldom` says that this is on less than one tick in about fifty. It changes no result: where many trials
+    run side by side, a trial leaves the others for that tick.
+    """
 
     def mark(method: Method) -> Method:
-        method.guard = guard  # type: ignore[attr-defined]
+        method.guard, method.seldom = guard, seldom  # type: ignore[attr-defined]
         return method
 
     return mark
@@ -77,6 +81,7 @@ class Update:
     writes: tuple[str, ...]
     function: Any  # ca.Function: 4 column vectors -> 1 column vector
     guard: Any = None  # ca.Function: 4 column vectors -> scalar; None: every tick
+    seldom: bool = False
 
 
 @dataclass(frozen=True)
@@ -308,6 +313,7 @@ class _Tracer:
             names,
             self.close(name, arguments, values),
             guard,
+            getattr(method, "seldom", False),
         )
         if guard is None:
             self.readable |= m._values.keys() & self.cls.variables(Output).keys()

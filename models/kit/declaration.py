@@ -110,7 +110,7 @@ class Variable:
         """Symbolic: is the value a number within the declared range? False for NaN and infinities."""
         low = self.min if self.min is not None else -LARGEST
         high = self.max if self.max is not None else LARGEST
-        return ca.logic_and(value >= low, value <= high)
+        return ca.fabs(value) <= high if low == -high else ca.logic_and(value >= low, value <= high)
 
     def check(self, value: float, what: str) -> None:
         """Refuse a value of the wrong type or out of the declared range.
@@ -185,6 +185,9 @@ class State(Variable):
     kind = "state"
 
 
+SUBSTREAMS = 256  # of a stream
+
+
 class Stream(State):
     """The six numbers of a random stream (MRG32k3a), one substream per purpose.
 
@@ -192,6 +195,10 @@ class Stream(State):
     """
 
     def __init__(self, meaning: str, *, substream: int) -> None:
+        if not 0 <= substream < SUBSTREAMS:
+            raise DeclarationError(
+                f'stream "{meaning}" has substream {substream}; expected 0 to {SUBSTREAMS - 1}'
+            )
         super().__init__("1", f"random stream: {meaning}", start=12345.0, size=6)
         self.substream = substream
 

@@ -14,7 +14,7 @@ COUNT_MAX = 2e9  # fits an int32; at 25 Hz it takes two and a half years
 
 def wrap(angle: SX) -> SX:
     """The same direction in (-pi, pi] [rad]."""
-    return angle + 2.0 * math.pi * ca.floor(0.5 - angle / (2.0 * math.pi))
+    return angle + 2.0 * math.pi * ca.floor(0.5 - angle * (0.5 / math.pi))
 
 
 def clip(value: SX, low: SX | float, high: SX | float) -> SX:

@@ -14,13 +14,17 @@ from functools import cache
 
 import casadi as ca
 
-from models.kit.declaration import SX
+from models.kit.declaration import SUBSTREAMS, SX
 
 M1, M2 = 4294967087, 4294944443
 A1 = ((0, 1, 0), (0, 0, 1), (-810728, 1403580, 0))
 A2 = ((0, 1, 0), (0, 0, 1), (-1370589, 0, 527612))
 BASE = 12345  # every component of stream 0's first state
 STREAM_BITS, SUBSTREAM_BITS = 127, 76
+STREAM_DIGITS, SUBSTREAM_DIGITS = (
+    31,
+    (SUBSTREAMS - 1).bit_length(),
+)  # binary digits of a stream's and a substream's number
 NORM = 1.0 / (M1 + 1)
 
 Matrix = tuple[tuple[int, ...], ...]
@@ -68,11 +72,12 @@ def start_state(seed: int, substream: int) -> tuple[int, ...]:
     return state
 
 
-def jump_matrices() -> tuple[tuple[Matrix, Matrix], tuple[Matrix, Matrix]]:
-    """What C starts a substream with: for each of the two recurrences, (stream jump, substream jump)."""
-    return tuple(  # type: ignore[return-value]
-        (_power(a, 1 << STREAM_BITS, m), _power(a, 1 << SUBSTREAM_BITS, m)) for a, m in ((A1, M1), (A2, M2))
+def jumps(bits: int, digits: int) -> tuple[tuple[Matrix, ...], tuple[Matrix, ...]]:
+    """What C jumps ahead with: of both recurrences, the matrices for 2^bits, 2^(bits+1), ... draws."""
+    first, second = (
+        tuple(_power(a, 1 << (bits + k), m) for k in range(digits)) for a, m in ((A1, M1), (A2, M2))
     )
+    return first, second
 
 
 def _multiply(a: Matrix, b: Matrix, modulus: int) -> Matrix:

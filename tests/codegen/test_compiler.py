@@ -38,9 +38,9 @@ def sources(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def fresh_cache() -> Iterator[None]:
-    compiler._cache.cache_clear()
+    compiler.cache_folder.cache_clear()
     yield
-    compiler._cache.cache_clear()
+    compiler.cache_folder.cache_clear()
 
 
 def test_a_library_exports_what_is_visible_and_nothing_else(sources: Path, tmp_path: Path) -> None:
@@ -122,17 +122,17 @@ def test_a_read_only_home_does_not_matter(tmp_path: Path, monkeypatch: pytest.Mo
     scratch.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(scratch))
     # then the cache is in the folder for temporary files, the same every time
-    first = compiler._cache()
+    first = compiler.cache_folder()
     assert first.parent == scratch
-    compiler._cache.cache_clear()
-    assert compiler._cache() == first
+    compiler.cache_folder.cache_clear()
+    assert compiler.cache_folder() == first
 
 
 @pytest.mark.usefixtures("fresh_cache")
 def test_the_users_cache_is_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("ZIG_GLOBAL_CACHE_DIR", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    assert compiler._cache() == tmp_path / "cache" / "guided-canine"
-    compiler._cache.cache_clear()
+    assert compiler.cache_folder() == tmp_path / "cache" / "guided-canine"
+    compiler.cache_folder.cache_clear()
     monkeypatch.setenv("ZIG_GLOBAL_CACHE_DIR", str(tmp_path / "zig"))
-    assert compiler._cache() == tmp_path / "zig"
+    assert compiler.cache_folder() == tmp_path / "zig"

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from codegen.block_c import generate
-from codegen.expressions import Writer, c_name, condition, literal, read, statements
+from codegen.expressions import Writer, c_name, condition, fields, literal, read, statements
 from models.errors import DeclarationError
 from models.kit.block import GROUPS, Block
 from models.kit.declaration import Boolean, Input, Integer, Output, Parameter, State, Variable
@@ -217,7 +217,7 @@ def test_a_chain_of_choices_may_be_as_long() -> None:
 
 
 def test_operations_are_counted() -> None:
-    assert read(traced(lambda m: m.x * 3 + 1), Sample)[1] == 2
+    assert read(traced(lambda m: m.x * 3 + 1), fields(Sample))[1] == 2
 
 
 def test_a_guard_is_one_condition() -> None:
@@ -228,7 +228,7 @@ def test_a_guard_is_one_condition() -> None:
 
 def test_an_operation_without_c_is_refused() -> None:
     with pytest.raises(DeclarationError, match=r"^f: operation \d+ has no C without a library$"):
-        read(traced(lambda m: ca.exp(m.x)), Sample)
+        read(traced(lambda m: ca.exp(m.x)), fields(Sample))
 
 
 @pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan])

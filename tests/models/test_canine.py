@@ -7,14 +7,19 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from models.canine import Canine
-from models.commands import Command
+from models.cmec import Cmec
+from models.commands import Command, Status
+from models.errors import ParameterError
 from models.kit.model import Model
+from models.kit.random import start_state, uniform
+from models.pedestrian import Pedestrian
 
 DEG = math.pi / 180
 TS = 0.04
@@ -157,12 +162,15 @@ def test_a_response_is_drawn_for_each_command_issued_and_not_otherwise() -> None
         assert (stream(model, "right") != right, stream(model, "left") != left) == (draws_right, draws_left)
 
 
-@pytest.mark.parametrize(("command", "rate"), [(Command.RIGHT, 0.6), (Command.LEFT, 0.64)])
-def test_response_rates(command: Command, rate: float, native: Callable[..., Any]) -> None:
+@pytest.mark.parametrize(
+    ("command", "response", "rate"),
+    [(Command.RIGHT, "obeys_right", 0.6), (Command.LEFT, "obeys_left", 0.64)],
+)
+def test_response_rates(command: Command, response: str, rate: float, native: Callable[..., Any]) -> None:
     """Table 5.1."""
     model = native(Canine, "double", {"seed": 5})
     n = 4000
-    obeys = model.run(command=np.tile([command, Command.NONE], n))["obeys"][::2]
+    obeys = model.run(command=np.tile([command, Command.NONE], n))[response][::2]
     assert obeys.mean() == pytest.approx(rate, abs=3.5 * math.sqrt(rate * (1 - rate) / n))
 
 
@@ -270,6 +278,196 @@ def test_speed_is_never_negative_nor_above_cruise(seed: int, commands: list[tupl
         assert outputs["speed"].max() <= model["trial_speed"]
         assert all(np.isfinite(column).all() for column in outputs.values())
         assert np.abs(outputs["heading"]).max() <= math.pi
+
+
+# Why trials take longer in the field (5.3.7.1)
+
+LATE = {"response_delay": 0.2}  # 5 ticks
+DELAYS = ["response_delay", "bumper_search_min", "bumper_search_max", "start_delay"]
+
+
+def search_ticks(seed: int, shortest: float, longest: float) -> int:
+    """By hand: the first tick at or after the time drawn, to a tenth of a tick."""
+    draw, _ = uniform(ca.DM(start_state(seed, 4)))
+    return math.ceil((shortest + (longest - shortest) * float(draw)) / TS - 0.1)
+
+
+def trial(plant: Model) -> np.ndarray[Any, Any]:
+    """Outputs after every tick of a closed loop to two waypoints and back, successful."""
+    mission = {"waypoint_count": 2, "waypoint_north[1]": 35.73, "waypoint_north[2]": 35.73}
+    controller = Model(Cmec, mission | {"waypoint_east[2]": 35.73})
+    controller.initialize()
+    controller["start"] = 1
+    rows: list[np.ndarray[Any, Any]] = []
+    while controller["status"] <= Status.RUNNING and len(rows) < 3000:
+        for name in ("north", "east", "speed", "heading"):
+            controller[name] = plant[name]
+        controller.step()
+        plant["command"] = controller["command"]
+        plant.step()
+        rows.append(plant.output.copy())
+    assert controller["status"] == Status.SUCCESS
+    return np.array(rows)
+
+
+def test_without_delays_it_obeys_as_the_pedestrian_does_at_once() -> None:
+    # given a dog without chance and drift, and a person of its speeds
+    calm = dog(**CALM | {"left_turn_rate": -1.0, "right_turn_rate": 1.0, "slowing_down": 1.78})
+    person = Model(Pedestrian, {"walking_speed": 4.86, "walking_acceleration": 1.78, "turning_rate": 1.0})
+    person.initialize()
+    # then both make the same trial, to the bit
+    assert np.array_equal(trial(calm), trial(person))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+def test_every_command_is_obeyed_later_by_the_response_delay(seed: int) -> None:
+    # given commands, each on for longer than the delay of 5 ticks
+    commands = [
+        (Command.FORWARD, 60), (Command.STOP, 60), (Command.RIGHT, 25), (Command.NONE, 6),
+        (Command.LEFT, 25), (Command.FORWARD, 9), (Command.STOP, 50), (Command.RECALL, 20),
+        (Command.LEFT, 8), (Command.FORWARD, 9), (Command.RECALL, 30), (Command.STOP, 6),
+    ]  # fmt: skip
+    prompt, late = dog(seed=seed, shaking=0), dog(seed=seed, shaking=0, **LATE)
+    rows = [
+        np.hstack([np.array(list(tell(model, *c).values())) for c in commands]) for model in (prompt, late)
+    ]
+    # then it stands for 5 ticks, and does the same 5 ticks later
+    assert rows[0][2, 0] == pytest.approx(1.78 * TS)
+    assert not rows[1][:2, :5].any()
+    assert not rows[1][2, :5].any()
+    assert np.array_equal(rows[1][:, 5:], rows[0][:, :-5])
+
+
+@pytest.mark.parametrize(
+    ("delay", "ticks"),
+    [(0.0, 0), (0.0039, 0), (0.0041, 1), (0.04, 1), (0.0439, 1), (0.0441, 2), (0.2, 5), (0.28, 7), (12, 300)],
+)
+def test_a_delay_ends_on_the_first_tick_after_it_to_a_tenth_of_a_tick(delay: float, ticks: int) -> None:
+    model = dog(**CALM, response_delay=delay)
+    assert np.count_nonzero(tell(model, Command.FORWARD, ticks + 2)["speed"]) == 2
+
+
+def test_it_brakes_and_turns_later_and_for_as_long_as_it_was_told() -> None:
+    # given a dog that runs, by hand
+    model = dog(**CALM, **LATE)
+    assert list(tell(model, Command.FORWARD, 7)["speed"]) == pytest.approx([0] * 5 + [0.0712, 0.1424])
+    tell(model, Command.FORWARD, 93)
+    # when told to stop: 5 ticks at cruise before the first of 4.86 - 2.72 * 0.04
+    assert list(tell(model, Command.STOP, 6)["speed"]) == pytest.approx([4.86] * 5 + [4.7512])
+    tell(model, Command.STOP, 60)
+    # when told to turn for 10 ticks: 5 of them, and 5 after
+    assert np.ptp(tell(model, Command.RIGHT, 5)["heading"]) == 0
+    assert tell(model, Command.RIGHT, 5)["heading"][-1] == pytest.approx(5 * TS * 57.92 * DEG)
+    assert tell(model, Command.NONE, 20)["heading"][-1] == pytest.approx(10 * TS * 57.92 * DEG)
+
+
+@pytest.mark.parametrize(("on", "run"), [(1, 0), (5, 0), (6, 6), (9, 9)])
+def test_a_command_withdrawn_before_its_time_is_never_obeyed(on: int, run: int) -> None:
+    model = dog(**CALM, **LATE)
+    go = tell(model, Command.FORWARD, on)
+    stop = tell(model, Command.NONE, 30)
+    accelerating = np.diff(np.concatenate([[0.0], go["speed"], stop["speed"]])) > 0
+    assert np.flatnonzero(accelerating).tolist() == list(range(5, 5 + run))
+
+
+def test_every_command_waits_its_own_time() -> None:
+    # given a stop for 3 ticks and a recall, while the dog runs north: it obeys but the second, after 5 ticks
+    model = dog(**CALM, **LATE)
+    tell(model, Command.FORWARD, 100)
+    speed = np.concatenate([tell(model, Command.STOP, 3)["speed"], tell(model, Command.RECALL, 5)["speed"]])
+    assert speed == pytest.approx(4.86)
+    assert tell(model, Command.RECALL)["heading"][0] == pytest.approx(270 * DEG * TS)
+
+
+def test_the_response_is_drawn_when_the_command_is_issued() -> None:
+    model = dog(**LATE)
+    for command, side in ((Command.RIGHT, "right"), (Command.LEFT, "left")):
+        changes = []
+        for _ in range(8):
+            before = stream(model, side)
+            tell(model, command)
+            changes.append(stream(model, side) != before)
+        assert changes == [True] + [False] * 7
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "rate"),
+    [(Command.RIGHT, Command.LEFT, 57.92), (Command.LEFT, Command.RIGHT, -77.67)],
+)
+@pytest.mark.parametrize("obeyed", [0, 1])
+def test_the_next_response_does_not_touch_a_turn_that_goes_on(
+    first: Command, second: Command, rate: float, obeyed: int
+) -> None:
+    # given a dog that obeys one side alone, told to turn to one side and then to the other
+    right = float((first == Command.RIGHT) == bool(obeyed))
+    model = dog(**CALM | {"right_success": right, "left_success": 1 - right}, **LATE)
+    tell(model, first, 10)
+    # then until 5 ticks after the first command it is that one it turns by, or does not
+    assert tell(model, second, 5)["heading"][-1] == pytest.approx(obeyed * 10 * TS * rate * DEG)
+
+
+@pytest.mark.parametrize("seed", range(1, 9))
+def test_it_searches_for_the_bumper_before_it_obeys_the_first_recall(seed: int) -> None:
+    # given a dog that has been stopped 20 m away, and finds the bumper in 1 to 5 s
+    model = dog(**CALM, seed=seed, bumper_search_min=1.0, bumper_search_max=5.0)
+    model["position_north"] = 20.0
+    ticks = search_ticks(seed, 1.0, 5.0)
+    assert 25 <= ticks <= 125
+    assert tell(model, Command.FORWARD)["speed"][0] > 0  # no other command waits
+    assert tell(model, Command.STOP)["speed"][0] == 0
+    # when recalled it stands till it has found it, then goes
+    searching = tell(model, Command.RECALL, ticks)
+    assert not searching["speed"].any()
+    assert not searching["heading"].any()
+    assert tell(model, Command.RECALL)["speed"][0] == pytest.approx(1.78 * TS)
+    # when recalled again it goes at once, and nothing is drawn
+    found = stream(model, "search")
+    tell(model, Command.STOP, 10)
+    assert tell(model, Command.RECALL)["speed"][0] == pytest.approx(1.78 * TS)
+    assert stream(model, "search") == found != start_state(seed, 4)
+
+
+def test_a_recall_withdrawn_in_the_search_is_not_searched_for_again() -> None:
+    model = dog(**CALM, bumper_search_min=2.0, bumper_search_max=2.0)
+    assert not tell(model, Command.RECALL, 20)["speed"].any()
+    assert not tell(model, Command.STOP)["speed"].any()
+    assert tell(model, Command.RECALL)["speed"][0] > 0
+
+
+@pytest.mark.parametrize("longest", [0.0, 1.9, 2.0])
+def test_a_longest_search_below_the_shortest_is_the_shortest(longest: float) -> None:
+    model = dog(**CALM, seed=6, bumper_search_min=2.0, bumper_search_max=longest)
+    assert np.flatnonzero(tell(model, Command.RECALL, 52)["speed"]).tolist() == [50, 51]
+
+
+def test_a_late_hand_delays_the_whole_trial_and_the_first_command_alone() -> None:
+    # given half a second on the watch, 12.5 ticks, before the dog is off
+    prompt, late = dog(**CALM), dog(**CALM, start_delay=0.5)
+    # then it stands for 13 ticks, and makes the same trial after them
+    rows = trial(late)
+    assert not rows[:13].any()
+    assert np.array_equal(rows[13:], trial(prompt))
+
+
+def test_the_delays_of_a_command_add_up() -> None:
+    # given 0.48 s on the watch, 0.2 s to respond and the search: 12 and 5 ticks, 1 to 3 s
+    slow = {"start_delay": 0.48, "bumper_search_min": 1.0, "bumper_search_max": 3.0}
+    model = dog(**CALM, **LATE, **slow, seed=4)
+    draw, _ = uniform(ca.DM(start_state(4, 4)))
+    ticks = math.ceil((0.48 + 0.2 + 1 + 2 * float(draw)) / TS - 0.1)
+    assert np.flatnonzero(tell(model, Command.RECALL, ticks + 1)["speed"]).tolist() == [ticks]
+
+
+@pytest.mark.parametrize("name", DELAYS)
+@pytest.mark.parametrize("value", [-0.01, 10001.0, math.nan, math.inf])
+def test_delays_out_of_range_are_refused(name: str, value: float) -> None:
+    with pytest.raises(ParameterError, match=rf"canine\.{name} is .*; expected a "):
+        dog(**{name: value})
+
+
+@pytest.mark.parametrize("name", DELAYS)
+def test_delays_are_off_by_default(name: str) -> None:
+    assert dog()[name] == 0
 
 
 # How it shakes its pack

@@ -1,0 +1,189 @@
+"""Pictures of a sweep, as Figures 5.3 and 5.5 show it: success rate and mean time over what was varied."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from decimal import Decimal
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, MaxNLocator
+from numpy.polynomial import Polynomial
+
+from harness.log import Array
+from harness.plots import BESIDE, GRID, _figure, _png
+from harness.sweep_table import Z_95, Point
+
+Varied = tuple[str, str, Sequence[Decimal]]  # label, unit, values
+SUCCESS, TIME, TREND, BEST = "#0072B2", "#7B3FB5", "#111111", "#00A06D"
+COURSES = ("#D55E00", "#E69F00", "#009E73", "#CC79A7")
+# The text does not say what its trend lines are. A polynomial of this degree, cut at 100 %, has the R2 of its
+# two-waypoint trials (89.1 %); that of its three-waypoint trials (95.4 %) is a straight line's.
+DEGREE = 4
+
+
+def sweep_png(axes: Sequence[Varied], table: Sequence[Point], result: Mapping[str, Any], title: str) -> bytes:
+    """The picture of a sweep over one or two parameters as a PNG.
+
+    Args:
+        axes: label, unit and values of what was varied.
+        table: what each point came to.
+        result: what is recommended, as `harness.recommend.recommend` gives it.
+    """
+    return _png(sweep_figure(axes, table, result, title))
+
+
+def sweep_figure(
+    axes: Sequence[Varied], table: Sequence[Point], result: Mapping[str, Any], title: str
+) -> Figure:
+    """The figure of `sweep_png`: curves over one parameter, maps over two."""
+    figure = _curves(axes[0], table, result) if len(axes) == 1 else _maps(axes, table, result)
+    figure.suptitle(title, fontsize=11)
+    return figure
+
+
+def trend(x: Array, rate: Array) -> tuple[Callable[[Array], Array], float] | None:
+    """The polynomial of least squares through success rates, within 0 and 1, and its R2.
+
+    None of too few points, or if all are equal.
+    """
+    spread = float(np.sum((rate - rate.mean()) ** 2))
+    if len(x) < DEGREE + 2 or spread == 0.0:
+        return None
+    fitted = Polynomial.fit(x, rate, DEGREE)
+
+    def line(at: Array) -> Array:
+        rates: Array = np.clip(fitted(at), 0.0, 1.0)
+        return rates
+
+    return line, 1 - float(np.sum((rate - line(x)) ** 2)) / spread
+
+
+def _curves(varied: Varied, table: Sequence[Point], result: Mapping[str, Any]) -> Figure:
+    """Success rate above, mean time below, over one parameter."""
+    label, unit, values = varied
+    x = np.array([float(value) for value in values])
+    figure = _figure(12, 8)
+    success, time = figure.subplots(2, 1, sharex=True, height_ratios=(1.25, 1))
+    _draw_success(success, x, table)
+    _draw_time(time, x, table)
+    for axes, key, words in (
+        (success, "success", "best for success"),
+        (time, "time", "shortest time"),
+        (time, "both", "fastest of the best for success"),
+    ):
+        _draw_range(axes, x, result[key], words, hatch="///" if key == "both" else "")
+        axes.grid(**GRID)
+        axes.set_axisbelow(True)
+        axes.legend(**BESIDE)
+    time.set_xlabel(f"{label} [{unit}]" if unit else label)
+    time.set_xlim(x[0] - (len(x) == 1), x[-1] + (len(x) == 1))
+    figure.align_ylabels([success, time])
+    return figure
+
+
+def _draw_success(axes: Axes, x: Array, table: Sequence[Point]) -> None:
+    """Rates with their intervals, the trend, and each type of trial."""
+    rate = np.array([point.success_rate for point in table])
+    low, high = np.array([point.interval for point in table]).T
+    axes.fill_between(x, low, high, color=SUCCESS, alpha=0.18, linewidth=0, label="95 % interval (Wilson)")
+    axes.plot(x, rate, "o-", color=SUCCESS, markersize=3.5, linewidth=1.2, label="success rate")
+    fitted = trend(x, rate)
+    if fitted is not None:
+        line, r_squared = fitted
+        fine = np.linspace(x[0], x[-1], 400)
+        label = f"trend (degree {DEGREE}),\n$R^2$ = {100 * r_squared:.1f} %"
+        axes.plot(fine, line(fine), color=TREND, linewidth=1.2, linestyle=(0, (5, 2)), label=label)
+    drawn = [low.min(), high.max()]
+    for color, course in zip(COURSES, table[0].courses, strict=False):
+        own = _numbers([point.rate_of(course) for point in table])
+        axes.plot(x, own, color=color, linewidth=1.1, label=course.replace("_", " "))
+        drawn += [np.nanmin(own), np.nanmax(own)] if np.isfinite(own).any() else []
+    margin = 0.05 * (max(drawn) - min(drawn)) + 0.005
+    axes.set_ylim(max(-0.02, min(drawn) - margin), min(1.02, max(drawn) + margin))
+    axes.yaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda rate, _: f"{100 * rate:.4g} %"))
+    axes.set_ylabel("success rate")
+
+
+def _draw_time(axes: Axes, x: Array, table: Sequence[Point]) -> None:
+    """Mean time of the successful trials with its interval."""
+    mean = _numbers([point.mean_time for point in table])
+    error = _numbers([None if p.sd_time is None else Z_95 * p.sd_time / p.successes**0.5 for p in table])
+    axes.fill_between(
+        x, mean - error, mean + error, color=TIME, alpha=0.18, linewidth=0, label="95 % interval"
+    )
+    axes.plot(
+        x, mean, "o-", color=TIME, markersize=3.5, linewidth=1.2, label="mean time of\nsuccessful trials"
+    )
+    axes.set_ylabel("time [s]")
+
+
+def _draw_range(axes: Axes, x: Array, found: Mapping[str, Any], words: str, hatch: str) -> None:
+    """Shade a recommended range."""
+    if "range" not in found or found["flat"]:
+        return
+    ((first, last),) = found["range"].values()
+    half = 0.5 * float(np.diff(x).mean()) if len(x) > 1 else 0.5
+    style: dict[str, Any] = {"facecolor": BEST, "alpha": 0.12, "linewidth": 0}
+    if hatch:
+        style = {"facecolor": "none", "edgecolor": BEST, "alpha": 0.5, "hatch": hatch, "linewidth": 0}
+    axes.axvspan(first - half, last + half, zorder=0, label=words, **style)
+
+
+def _maps(axes: Sequence[Varied], table: Sequence[Point], result: Mapping[str, Any]) -> Figure:
+    """Success rate and mean time over two parameters as maps; what is best is outlined."""
+    (label, unit, values), (other_label, other_unit, others) = axes
+    x, y = (np.array([float(v) for v in part]) for part in (values, others))
+    figure = _figure(14, 6.2)
+    rate = _numbers([point.success_rate for point in table])
+    time = _numbers([point.mean_time for point in table])
+    for panel, numbers, key, colours, words in zip(
+        figure.subplots(1, 2, sharey=True),
+        (100 * rate, time),
+        ("success", "time"),
+        ("cividis", "plasma_r"),
+        ("success rate [%]", "mean time of successful trials [s]"),
+        strict=True,
+    ):
+        field = numbers.reshape(len(x), len(y)).T
+        mesh = panel.pcolormesh(_edges(x), _edges(y), field, cmap=colours)
+        figure.colorbar(mesh, ax=panel, label=words, pad=0.02)
+        panel.set_facecolor("#E3E6EA")  # no trial succeeded
+        found = result[key]
+        if "points" in found and not found["flat"]:
+            named = {tuple(map(float, place)) for place in found["points"]}
+            mask = np.array([[(float(v), float(w)) in named for v in values] for w in others])
+            _outline(panel, _edges(x), _edges(y), mask)
+            best = [list(found["best"].values())[i] for i in range(2)]
+            panel.plot(*best, "*", color="white", markeredgecolor="black", markersize=15, clip_on=False)
+        panel.set_xlabel(f"{label} [{unit}]" if unit else label)
+        panel.xaxis.set_major_locator(MaxNLocator(8, steps=[1, 2, 5, 10]))
+        panel.set_title(
+            {"success": "outlined: best for success", "time": "outlined: shortest time"}[key], fontsize=10
+        )
+    figure.axes[0].set_ylabel(f"{other_label} [{other_unit}]" if other_unit else other_label)
+    return figure
+
+
+def _outline(axes: Axes, x: Array, y: Array, mask: Any) -> None:
+    """Draw the border of the cells in a mask (y, x), whose edges lie at x and y."""
+    padded = np.pad(mask, 1)
+    for row, column in zip(*np.nonzero(padded[:, 1:] != padded[:, :-1]), strict=True):
+        axes.plot([x[column]] * 2, [y[row - 1], y[row]], color="white", linewidth=2, solid_capstyle="butt")
+    for row, column in zip(*np.nonzero(padded[1:, :] != padded[:-1, :]), strict=True):
+        axes.plot([x[column - 1], x[column]], [y[row]] * 2, color="white", linewidth=2, solid_capstyle="butt")
+
+
+def _edges(centres: Array) -> Array:
+    """The borders of cells around values in equal steps."""
+    half = 0.5 * (centres[1] - centres[0]) if len(centres) > 1 else 0.5
+    edges: Array = np.append(centres - half, centres[-1] + half)
+    return edges
+
+
+def _numbers(values: Sequence[float | None]) -> Array:
+    """NaN where there is no number."""
+    return np.array([np.nan if value is None else value for value in values], dtype=float)

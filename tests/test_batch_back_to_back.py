@@ -1,0 +1,271 @@
+"""The native batch runner ends every trial as co-simulation of the FMUs does, bit for bit.
+
+Trials are drawn at random, as `canine run` would be asked for them: waypoints, start, parameters, changes of
+inputs. Counts of anomalies, which no FMU shows, are made here from the rows.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from codegen.batch import Batch, Change
+from harness import trial
+from harness.loop import Simulation
+from harness.scenario import Scenario, Setting
+from models.cmec import Anomaly, Mode
+from models.commands import Status
+from models.readings import READINGS
+from models.system import SYSTEMS
+
+STEP = 0.04  # s
+TRIALS = 50  # of each system and reading
+STOP = ("controller.status", trial.ENDS)
+NARROW = ("controller.status", "controller.directional_commands", "plant.north", "plant.east")
+DOG = {  # as users write them, angles in degrees
+    "cmec.capture_radius": (4, 10),
+    "cmec.stopped_speed": (0.1, 0.6),
+    "cmec.moving_deviation": (8, 90),
+    "cmec.stop_deviation": (8, 40),
+    "cmec.stop_hold": (0, 2.5),
+    "cmec.turn_timeout": (1, 5),
+    "cmec.forward_timeout": (0.5, 5),
+    "cmec.forward_distance": (0, 3),
+    "cmec.dead_time": (0, 2),
+    "cmec.turn_end_deviation": (1, 20),
+    "canine.start_heading_deviation": (0, 40),
+    "canine.cruise_speed": (2, 7),
+    "canine.cruise_speed_deviation": (0, 1.5),
+    "canine.speeding_up": (0.5, 3),
+    "canine.speeding_up_deviation": (0, 0.7),
+    "canine.slowing_down": (1, 4),
+    "canine.slowing_down_deviation": (0, 1.3),
+    "canine.right_turn_rate": (20, 80),
+    "canine.left_turn_rate": (-100, -20),
+    "canine.drift": (-5, 5),
+    "canine.drift_deviation": (0, 3),
+    "canine.left_success": (0.2, 1),
+    "canine.right_success": (0.2, 1),
+    "canine.response_delay": (0, 1),
+    "canine.bumper_search_min": (0, 2),
+    "canine.bumper_search_max": (0, 4),
+    "canine.start_delay": (0, 1),
+    "canine.run_stride": (1, 5),
+    "canine.jerk_rate": (0, 1),
+}
+WEARABLE = {
+    "sensors.gps_period": (0.1, 1),
+    "sensors.gps_wander": (0, 2),
+    "sensors.gps_wander_time": (0, 90),
+    "sensors.gps_position_noise": (0, 1),
+    "sensors.accel_noise": (0, 3),
+    "sensors.attitude_noise": (0, 2),
+    "sensors.heading_noise": (0, 5),
+    "sensors.mag_noise": (0, 1e-6),
+    "four_state.sigma_constant": (0.01, 2),
+    "four_state.gate": (2, 6),
+    "four_state.max_age": (1, 15),
+    "four_state.initial_bias_variance": (0.1, 2),
+}
+SWITCHES = {
+    "cts": ("cmec.limit_stop_deviation", "cmec.count_reissue", "cmec.reset_turns", "canine.shaking"),
+    "full": ("canine.shaking", "sensors.noisy", "four_state.fuzzy", "four_state.use_pitch"),
+}
+FREE = {  # inputs that change in some trials, with what they start with and may become
+    "cts": {"start": (1, [0, 1]), "override": (0, [0, 1, 2, 3, 4, 5]), "link_ok": (1, [0, 1]), "valid": (1, [0, 1])},
+    "full": {"start": (1, [0, 1]), "override": (0, [0, 1, 2, 3, 4, 5]), "link_ok": (1, [0, 1])},
+}  # fmt: skip
+
+
+def draw_trial(system: str, reading: str, number: int) -> Scenario:
+    """Any trial; two in five are short or have inputs that change."""
+    rng = np.random.default_rng([number, system == "full", reading == "literal"])
+    ranges = DOG | (WEARABLE if system == "full" else {})
+    parameters: dict[str, Any] = {n: float(rng.uniform(*r)) for n, r in ranges.items() if rng.random() < 0.3}
+    parameters |= {n: bool(rng.integers(2)) for n in SWITCHES[system] if rng.random() < 0.2}
+    if rng.random() < 0.3:
+        parameters["cmec.max_turns"] = int(rng.integers(0, 6))
+    if system == "full" and rng.random() < 0.5:
+        starts = np.sort(rng.uniform(0, 40, 2))
+        parameters["sensors.outage_start"] = starts.tolist()
+        parameters["sensors.outage_end"] = (starts + rng.uniform(0, 20, 2)).tolist()
+    changing = number % 5 == 0
+    return Scenario(
+        f"{system} {reading} {number}",
+        system,
+        reading,
+        seed=int(rng.integers(2**31)),
+        duration=float(rng.uniform(0, 20)) if number % 5 == 1 else 120.0,
+        waypoints=tuple(map(tuple, rng.uniform(-60, 60, (rng.integers(1, 6), 2)).tolist())),
+        start=(*rng.uniform(-20, 20, 2).tolist(), float(rng.uniform(-180, 180))),
+        parameters=parameters,
+        sets=tuple(_changes(system, rng)) if changing else (),
+    )
+
+
+def _changes(system: str, rng: np.random.Generator) -> Iterator[Setting]:
+    """Some before the trial, some at once, some after its end; each may end, or not."""
+    for _ in range(int(rng.integers(1, 7))):
+        name = rng.choice(list(FREE[system]))
+        value = int(rng.choice(FREE[system][name][1]))
+        at = float(rng.uniform(0, 40) if rng.random() < 0.9 else rng.uniform(100, 200))
+        until = at + float(rng.uniform(0, 10)) if rng.random() < 0.7 else None
+        yield Setting(f"controller.{name}", bool(value) if name != "override" else value, at, until)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A trial, and how co-simulation ended it.
+
+    Attributes:
+        ticks: index of the last tick.
+        last: every output on it, and the counts of anomalies, by `component.variable`.
+    """
+
+    scenario: Scenario
+    values: dict[str, dict[str, float]]
+    changes: tuple[Change, ...]
+    ticks: int
+    last: dict[str, float]
+
+    @property
+    def longest(self) -> int:
+        """Index of the tick with which it ends at the latest."""
+        return math.floor(self.scenario.duration / STEP + 1e-9)
+
+    def given(self, name: str) -> float | None:
+        """A parameter's value, if the trial sets it."""
+        component, _, variable = name.partition(".")
+        return self.values[component].get(variable)
+
+
+def co_simulated(scenario: Scenario) -> Trial:
+    """Run a scenario as `canine run` does."""
+    blocks: list[dict[str, Any]] = []
+    with trial.prepared(trial.Request(scenario)) as ready, Simulation(ready.system, ready.plan.values) as run:
+        columns = {name: [q.name for q in run.columns(name)] for name in run.components}
+        outputs = {name: run.fmus[name].outputs for name in run.components}
+        outcome = run.run(
+            ready.plan.events,
+            duration=scenario.duration,
+            stop=trial._stop(run),
+            record=lambda times, values: blocks.append({n: v.copy() for n, v in values.items()}),
+        )
+        last = {
+            f"{name}.{variable}": float(blocks[-1][name][-1, i])
+            for name, names in columns.items()
+            for i, variable in enumerate(names)
+            if variable in outputs[name]
+        }
+        controller = np.vstack([block["controller"] for block in blocks])
+        mode, anomaly = (controller[:, columns["controller"].index(n)] for n in ("mode", "anomaly"))
+        changes = tuple(
+            Change(math.ceil(e.time / STEP - 1e-9), e.component, e.variable, e.value) for e in ready.plan.events
+        )
+        return Trial(
+            scenario, ready.plan.values, changes, outcome.ticks - 1, last | count_anomalies(mode, anomaly)
+        )
+
+
+def count_anomalies(mode: np.ndarray[Any, Any], anomaly: np.ndarray[Any, Any]) -> dict[str, float]:
+    """How often each was reported since the mission began."""
+    counts = dict.fromkeys((a for a in Anomaly if a is not Anomaly.NONE), 0.0)
+    before = Mode.IDLE
+    for now, reported in zip(mode.astype(int), anomaly.astype(int), strict=True):
+        if before == Mode.IDLE and now != Mode.IDLE:
+            counts = dict.fromkeys(counts, 0.0)
+        if reported:
+            counts[Anomaly(reported)] += 1
+        before = now
+    return {f"controller.anomalies[{a}]": count for a, count in counts.items()}
+
+
+@pytest.fixture(scope="module", params=["cts", "full"])
+def trials(request: pytest.FixtureRequest) -> list[Trial]:
+    """The trials of a system, co-simulated."""
+    scenarios = [draw_trial(request.param, reading, i) for reading in READINGS for i in range(TRIALS)]
+    trial.build_missing(trial.Request(scenarios[0]))
+    return [co_simulated(scenario) for scenario in scenarios]
+
+
+def ended_as(trials: list[Trial], ticks: Any, values: Any, observed: tuple[str, ...]) -> None:
+    """Compare what a batch came to."""
+    for one, tick, row in zip(trials, ticks, values, strict=True):
+        expected = np.array([one.last[name] for name in observed])
+        different = [
+            f"{name}: {got!r}, co-simulation {want!r}"
+            for name, got, want in zip(observed, row, expected, strict=True)
+            if np.float64(got).tobytes() != np.float64(want).tobytes()
+        ]
+        assert (tick, different) == (one.ticks, []), one.scenario.text()
+
+
+def test_trials_are_of_all_kinds(trials: list[Trial]) -> None:
+    """Else the tests below show little."""
+    ended = [int(one.last["controller.status"]) for one in trials]
+    for status in (Status.RUNNING, Status.SUCCESS, Status.FAILED, Status.STOPPED):
+        assert ended.count(status) >= 4
+    happened = {name for one in trials for name, count in one.last.items() if "anomalies" in name and count}
+    missing = {f"controller.anomalies[{a}]" for a in Anomaly if a is not Anomaly.NONE} - happened
+    assert missing <= {f"controller.anomalies[{Anomaly.BAD_INPUT.value}]"}  # no plant of ours gives NaN
+    assert sum(one.ticks > 1000 for one in trials) > 10
+
+
+def test_all_outputs_at_the_end_of_any_trial_have_the_bits_of_co_simulation(trials: list[Trial]) -> None:
+    # given one runner for all trials: what any of them sets is varied, everything is observed
+    system = SYSTEMS[trials[0].scenario.system]
+    observed = tuple(trials[0].last)
+    names = {
+        f"{component}.{name}": start
+        for component, block in system.components.items()
+        for variable in block.group("parameter")
+        for name, start in zip(variable.flat_names, variable.start, strict=True)
+        if name != "seed" and any(name in one.values[component] for one in trials)
+    }
+    assert len(names) > 40
+    batch = Batch(system, tuple(names), observed, STOP)
+    free = {"controller": {"start": 1.0}}
+    # when trials that end at the same time at the latest, with the same changes of inputs, run side by side
+    groups: dict[tuple[int, tuple[Change, ...]], list[Trial]] = {}
+    for one in trials:
+        groups.setdefault((one.longest, one.changes), []).append(one)
+    assert max(map(len, groups.values())) > 50
+    for (longest, changes), group in groups.items():
+        points = np.array(
+            [[start if (v := one.given(n)) is None else v for n, start in names.items()] for one in group]
+        )
+        seeds = [one.scenario.seed for one in group]
+        # every free input is a changing one if any is, so that the runner is compiled once
+        first = tuple(
+            Change(0, "controller", name, float(start))
+            for name, (start, _) in FREE[system.name].items()
+            if changes and not any(c.tick == 0 and c.variable == name for c in changes)
+        )
+        done = batch.run(free, points, np.arange(len(group)), seeds, longest, (*sorted_inputs(first, changes),))
+        # then each ends on the same tick, with the same bits
+        ended_as(group, done.ticks, done.values, observed)
+
+
+def sorted_inputs(first: tuple[Change, ...], changes: tuple[Change, ...]) -> list[Change]:
+    """Changes by input, of one input as they come: whatever changes, the runner has the same source."""
+    return sorted((*first, *changes), key=lambda change: change.variable)
+
+
+def test_the_little_that_a_sweep_observes_has_the_bits_of_co_simulation(trials: list[Trial]) -> None:
+    # given a runner from which all that the outcome does not depend on is left out
+    batch = Batch(SYSTEMS[trials[0].scenario.system], ("controller.moving_deviation",), NARROW, STOP)
+    plain = [one for one in trials if not one.changes]
+    assert len(plain) > 70
+    for one in plain:
+        # when a trial runs, with what it sets common to the trials of a call
+        h = one.given("controller.moving_deviation")
+        point = np.array([[batch.start("controller.moving_deviation") if h is None else h]])
+        done = batch.run(one.values, point, [0] * 3, [one.scenario.seed] * 3, one.longest)
+        # then each of them ends as it does
+        ended_as([one] * 3, done.ticks, done.values, NARROW)
