@@ -23,7 +23,7 @@ from models.kit.block import Block, Table
 from models.kit.declaration import Type
 from models.system import System
 
-LANES = 8  # trials side by side: two vectors of 256 bit, whose latencies overlap
+WIDE = ("-mprefer-vector-width=512",)  # where a processor has such vectors
 FLIGHTS = 128  # trials under way at once in a thread
 WORTH = 0.8  # the tick is specialized by mode if that leaves less than this share of its operations
 SPEED = (
@@ -231,7 +231,7 @@ class Batch:
             "system": self.system.name,
             "version": VERSION,
             "flights": FLIGHTS,
-            "lanes": LANES,
+            "lanes": 16 if _is_wide() else 8,  # two vectors: while one waits for a result, the other goes on
             "blocks": [block.title() for block in dict.fromkeys(components.values())],
             "streams": "mrg32k3a.c" in files,
             "components": [{"name": c, "block": block.title()} for c, block in components.items()],
@@ -304,6 +304,14 @@ class Batch:
         return self._libraries[key]
 
 
+def _is_wide() -> bool:
+    return "avx512f" in processor()
+
+
+def _flags() -> tuple[str, ...]:
+    return (*FLAGS, *SPEED, *(WIDE if _is_wide() else ()))
+
+
 class _Job(ctypes.Structure):
     _fields_ = [
         ("values", ctypes.c_void_p), ("points", ctypes.c_void_p), ("trials", ctypes.c_int64),
@@ -319,7 +327,7 @@ class _Sources:
     def __init__(self, files: Mapping[str, str], what: str) -> None:
         self.files, self.what = files, what
         text = "".join(f"{name}\n{text}" for name, text in sorted(files.items()))
-        text += "".join((compiler_version(), processor(), *FLAGS, *SPEED))
+        text += "".join((compiler_version(), processor(), *_flags()))
         self.key = hashlib.sha256(text.encode()).hexdigest()[:20]
 
     def __eq__(self, other: object) -> bool:
@@ -340,6 +348,6 @@ def _load(sources: _Sources) -> ctypes.CDLL:
                 ["batch.c"],
                 library,
                 what=f"batch runner of {sources.what}",
-                flags=(*FLAGS, *SPEED),
+                flags=_flags(),
             )
     return ctypes.CDLL(str(library))

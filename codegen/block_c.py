@@ -58,7 +58,11 @@ def generate(
     program = block.program(precision)
     generator = _Generator(program, keep)
     routines = [generator.routine(phase) for phase in program.tick if generator.matters(phase)]
-    start = [generator.routine(phase) for phase in program.initialize if phase.name == "initialize"]
+    start = [
+        generator.routine(phase)
+        for phase in program.initialize
+        if phase.name.startswith("initialize") and generator.matters(phase)
+    ]
     title = block.title()
     context: dict[str, Any] = {
         "block": title,

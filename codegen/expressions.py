@@ -119,10 +119,12 @@ def _operation(op: int, operands: tuple[Node, ...], make: Make, where: str) -> N
                 first.op == second.op == SELECT
                 and _is_zero(first.operands[2])
                 and _is_zero(second.operands[2])
-                and second.operands[0].op == ca.OP_NOT
-                and second.operands[0].operands[0] is first.operands[0]
             ):
-                return make(SELECT, (first.operands[0], first.operands[1], second.operands[1]))
+                condition, other = first.operands[0], second.operands[0]
+                opposite = other.op == ca.OP_NOT and other.operands[0] is condition
+                known = condition.op == other.op == ca.OP_CONST and condition.value != other.value
+                if opposite or known:
+                    return make(SELECT, (condition, first.operands[1], second.operands[1]))
     if op in BINARY or op in CALLS or op in (ca.OP_NEG, ca.OP_NOT, ca.OP_SQ, ca.OP_TWICE, ca.OP_INV):
         return make(op, operands)
     raise DeclarationError(f"{where}: operation {op} has no C without a library")

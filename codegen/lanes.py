@@ -21,7 +21,7 @@ import casadi as ca
 
 from codegen.expressions import SELECT, Node, Writer, count_uses, read
 from models.kit.block import GROUPS, Phase, Table
-from models.kit.declaration import flatten
+from models.kit.declaration import Type, flatten
 from models.system import System
 
 Key = tuple[str, str]  # component, flat name
@@ -41,7 +41,8 @@ class Graph:
 
     def __init__(self) -> None:
         self._known: dict[tuple[object, ...], Node] = {}
-        self._assumed: dict[int, Node] = {}
+        self._assumed: dict[Node, Node] = {}
+        self._whole: set[Node] = set()
         self.true, self.false = self.constant(1.0), self.constant(0.0)
 
     def constant(self, value: float) -> Node:
@@ -50,9 +51,24 @@ class Graph:
             (ca.OP_CONST, value, math.copysign(1.0, value)), lambda: Node(ca.OP_CONST, value=value)
         )
 
-    def leaf(self, text: str) -> Node:
-        """What is read from memory, as C writes it."""
-        return self._once((ca.OP_INPUT, text), lambda: Node(ca.OP_INPUT, field=text))
+    def leaf(self, text: str, whole: bool = False) -> Node:
+        """What is read from memory, as C writes it; `whole` numbers have no -0.0."""
+        node = self._once((ca.OP_INPUT, text), lambda: Node(ca.OP_INPUT, field=text))
+        if whole:
+            self._whole.add(node)
+        return node
+
+    def trace(self, op: int, operands: tuple[Node, ...]) -> Node:
+        """`make` for `read`: half of a select is kept as it is until its other half is there."""
+        if op == SELECT and self.known(operands[0]).op == ca.OP_CONST:
+            return Node(SELECT, (self.known(operands[0]), *operands[1:]))
+        return self.make(op, tuple(map(self.settled, operands)))
+
+    def settled(self, node: Node) -> Node:
+        """The node, or what it comes to if it is a select whose condition is known."""
+        while node.op == SELECT and node.operands[0].op == ca.OP_CONST:
+            node = node.operands[1 if node.operands[0].value else 2]
+        return self.known(node)
 
     def make(self, op: int, operands: tuple[Node, ...]) -> Node:
         """An operation, or what it comes to."""
@@ -72,13 +88,13 @@ class Graph:
 
     def known(self, node: Node) -> Node:
         """The constant that a node is assumed to be, or the node."""
-        return self._assumed.get(id(node), node)
+        return self._assumed.get(node, node)
 
     def assume(self, node: Node, value: float) -> None:
         """From here on the node has this value, and what follows from that for its operands."""
         a = node.operands
-        if node.op != ca.OP_CONST:
-            self._assumed[id(node)] = self.constant(value)
+        if node.op != ca.OP_CONST and (value or self._is_whole(node)):  # what equals 0.0 may be -0.0
+            self._assumed[node] = self.constant(value)
         if node.op == ca.OP_NOT:
             self.assume(a[0], float(not value))
         elif (node.op == ca.OP_AND and value) or (node.op == ca.OP_OR and not value):
@@ -106,6 +122,13 @@ class Graph:
     def equal(self, a: Node, value: float) -> Node:
         return self.make(ca.OP_EQ, (a, self.constant(value)))
 
+    def _is_whole(self, node: Node) -> bool:
+        if node.op == SELECT:
+            return all(map(self._is_whole, node.operands[1:]))
+        if node.op == ca.OP_CONST:
+            return node.value != 0 or math.copysign(1.0, node.value) > 0
+        return node.ctype == "bool" or node in self._whole
+
     def _once(self, key: tuple[object, ...], make: Callable[[], Node]) -> Node:
         if key not in self._known:
             self._known[key] = make()
@@ -132,8 +155,6 @@ class Graph:
                         return self.constant(float(op == ca.OP_OR))
                     return other if other.ctype == "bool" else self.make(ca.OP_NE, (other, self.false))
             return a[0] if a[0] is a[1] and a[0].ctype == "bool" else None
-        if op == ca.OP_ADD:  # the branch not taken of a select whose condition is known
-            return a[0] if a[1] is self.false else a[1] if a[0] is self.false else None
         return None
 
 
@@ -287,7 +308,7 @@ class _Joining:
         def leaf(group: int, element: int) -> Node:
             return self.value(component, GROUPS[group], names[group][element])
 
-        return [self.graph.known(node) for node in read(function, leaf, self.graph.make)[0]]
+        return [self.graph.settled(node) for node in read(function, leaf, self.graph.trace)[0]]
 
     def value(self, component: str, kind: str, name: str) -> Node:
         """What a variable is now."""
@@ -308,7 +329,10 @@ class _Joining:
         return self.graph.leaf(_remember(self.shared, field_name(key), key))
 
     def lane(self, key: Key) -> Node:
-        return self.graph.leaf(_remember(self.leaves, field_name(key), key))
+        component, name = key
+        variables = self.wiring.system.components[component].variables().values()
+        whole = any(name in v.flat_names and v.type is not Type.REAL for v in variables)
+        return self.graph.leaf(_remember(self.leaves, field_name(key), key), whole)
 
     def writes(self) -> dict[Key, Node]:
         """The states that the tick changes."""

@@ -176,46 +176,48 @@ class Canine(Plant):
 
     def initialize(m) -> None:
         """Draw what holds for the whole trial (eq. 5.1, 5.2, 5.5)."""
-        draws, m.temper_stream = normals(m.temper_stream, 4 + 3 * REDRAWS)
+        draws, m.temper_stream = normals(m.temper_stream, 4)
         m._place()
         m.course = wrap(m.start_heading + m.start_heading_deviation * draws[0])  # eq. 5.1
         m.past_course = m.course
         m.trial_drift = m.drift + m.drift_deviation * draws[1]  # eq. 5.2
         m.trial_right_rate = m.right_turn_rate + m.right_turn_rate_deviation * draws[2]  # eq. 5.5
         m.trial_left_rate = m.left_turn_rate + m.left_turn_rate_deviation * draws[3]
-        rest = iter(draws[4:])
-        m.trial_speed = _redrawn(
-            m.cruise_speed, m.cruise_speed_deviation, [next(rest) for _ in range(REDRAWS)]
-        )
-        m.trial_speeding_up = _redrawn(
-            m.speeding_up, m.speeding_up_deviation, [next(rest) for _ in range(REDRAWS)]
-        )
-        m.trial_slowing_down = _redrawn(
-            m.slowing_down, m.slowing_down_deviation, [next(rest) for _ in range(REDRAWS)]
-        )
+        m.trial_speed = m.cruise_speed
+        m.trial_speeding_up, m.trial_slowing_down = m.speeding_up, m.slowing_down
 
-    @triggered(lambda m: m.command != m.past_command, seldom=True)
+    @triggered(
+        lambda m: some(
+            m.cruise_speed_deviation > 0, m.speeding_up_deviation > 0, m.slowing_down_deviation > 0
+        )
+    )
+    def initialize_speeds(m) -> None:
+        """Draw speed and accelerations of the trial, where they have a deviation."""
+        draws, m.temper_stream = normals(m.temper_stream, 3 * REDRAWS)
+        speeds, ups, downs = draws[:REDRAWS], draws[REDRAWS : 2 * REDRAWS], draws[2 * REDRAWS :]
+        m.trial_speed = _redrawn(m.cruise_speed, m.cruise_speed_deviation, speeds)
+        m.trial_speeding_up = _redrawn(m.speeding_up, m.speeding_up_deviation, ups)
+        m.trial_slowing_down = _redrawn(m.slowing_down, m.slowing_down_deviation, downs)
+
+    @triggered(lambda m: some(m.command != m.past_command, m.command != m.obeyed), seldom=True)
     def hear(m) -> None:
-        """Set how long the command just given waits to be obeyed (5.3.7.1).
+        """Obey a command once it has been on for its time (5.3.7.1).
 
         The dog searches for the bumper once, on the first RECALL. The watch is not the dog's: a hand that
         starts it early enters as a delay of the first command.
         """
-        searching = every(m.command == Command.RECALL, ca.logic_not(m.recalled))
+        given = m.command != m.past_command
+        searching = every(given, m.command == Command.RECALL, ca.logic_not(m.recalled))
         draw, stream = uniform(m.search_stream)
         m.search_stream = either(searching, stream, m.search_stream)
         longest = either(m.bumper_search_max < m.bumper_search_min, m.bumper_search_min, m.bumper_search_max)
         search = m.bumper_search_min + draw * (longest - m.bumper_search_min)
         time = m.response_delay + either(m.told, 0, m.start_delay) + either(searching, search, 0)
-        m.wait = ca.floor(time / m.sample_time - 0.1) + 1  # ticks, with a tenth of a tick's tolerance
+        ticks = ca.floor(time / m.sample_time - 0.1) + 1  # with a tenth of a tick's tolerance
+        wait = either(given, ticks, m.wait)
         m.told, m.recalled = 1, some(m.recalled, searching)
-
-    def remember(m) -> None:
-        """Remember; then obey the command, once it has waited for its time."""
-        super().remember()
-        waiting = m.wait > 0
-        m.obeyed = either(waiting, m.obeyed, m.command)
-        m.wait = either(waiting, m.wait - 1, 0)
+        m.obeyed = either(wait > 0, m.obeyed, m.command)
+        m.wait = either(wait > 0, wait - 1, 0)
 
     @triggered(lambda m: every(m.command == Command.RIGHT, m.past_command != Command.RIGHT), seldom=True)
     def hear_right(m) -> None:

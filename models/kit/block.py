@@ -2,8 +2,9 @@
 
 The public methods of a block are the updates of its tick, in the order in which they stand. An update may be
 `triggered`: it then runs only on ticks on which its guard holds, and is a function of its own, behind a real
-`if` in C. A `table` is a state machine. Two names are special: `initialize` runs once, when the parameters
-are known, and `output` of a `moore` block is its last update and depends on states and parameters alone.
+`if` in C. A `table` is a state machine. Two names are special: `initialize`, and what begins with it, runs
+once, when the parameters are known, and `output` of a `moore` block is its last update and depends on states
+and parameters alone.
 """
 
 from __future__ import annotations
@@ -357,7 +358,7 @@ _PROGRAMS: dict[tuple[type[Block], Precision], Program] = {}
 def _trace(cls: type[Block], precision: Precision) -> Program:
     tracer = _Tracer(cls, precision)
     methods = _methods(cls)
-    initialize = [tracer.update("initialize", methods.pop("initialize"))] if "initialize" in methods else []
+    initialize = [tracer.update(n, methods.pop(n)) for n in list(methods) if n.startswith("initialize")]
     tick = [tracer.phase(name, method) for name, method in methods.items()]
     missing = cls.variables(Output).keys() - tracer.readable
     if missing:

@@ -17,6 +17,7 @@ import numpy as np
 from codegen.block_c import generate, write_files
 from codegen.expressions import MEMBERS
 from models.kit.block import Block
+from models.kit.declaration import Type, flatten
 from models.system import BLOCKS
 
 WARNINGS = (
@@ -192,3 +193,25 @@ class CompiledModel:
         member = self.records[MEMBERS[kind]] if self.block.group(kind) else None
         parts = [np.ravel(member[v.name]).astype(np.float64) for v in self.block.group(kind)]  # type: ignore[index]
         return np.concatenate(parts) if parts else np.zeros(0)
+
+
+def random_states(block: type[Block], count: int, rng: np.random.Generator) -> dict[str, Any]:
+    """States, inputs and parameters anywhere in their ranges, and of the size that they have in trials."""
+    drawn: dict[str, Any] = {}
+    for kind in ("state", "input", "parameter"):
+        for name, v in flatten(block.group(kind)):
+            if v.type is Type.BOOLEAN:
+                drawn[name] = rng.integers(0, 2, count)
+            elif v.type is Type.INTEGER:
+                low, high = v.min or 0, 90 if v.max is None or v.max > 90 else v.max
+                drawn[name] = rng.integers(int(low), int(high) + 1, count)
+            elif name.partition("[")[0] in {s.name for s in block.streams()}:
+                drawn[name] = rng.integers(1, 4294944443, count).astype(float)
+            else:
+                low = -60.0 if v.min is None else max(v.min, -60.0)
+                high = 60.0 if v.max is None else min(v.max, 60.0)
+                size = rng.choice([1.0, 0.05], count)
+                drawn[name] = np.clip(rng.uniform(low, high, count) * size, low, high)
+    for name in {"covariance[1]", "covariance[2]", "covariance[3]", "covariance[4]"} & drawn.keys():
+        drawn[name] = np.abs(drawn[name]) + 1e-3
+    return drawn

@@ -6,6 +6,7 @@ with zero, C does not).
 
 from __future__ import annotations
 
+import ctypes
 import math
 import os
 import shutil
@@ -18,7 +19,18 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from compiled import BLOCKS, BUILDS, QUICKEST, Build, CompiledModel, Library, compile_c, get, put
+from compiled import (
+    BLOCKS,
+    BUILDS,
+    QUICKEST,
+    Build,
+    CompiledModel,
+    Library,
+    compile_c,
+    get,
+    put,
+    random_states,
+)
 from float32 import Lanes
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -29,7 +41,7 @@ from models.cmec import Cmec, Mode
 from models.command_module import CommandModule
 from models.four_state import FourState
 from models.kit.block import Block
-from models.kit.declaration import Type, flatten
+from models.kit.declaration import SUBSTREAMS, Type, flatten
 from models.kit.model import Model
 from models.kit.random import start_state
 from models.pedestrian import Pedestrian
@@ -242,28 +254,6 @@ def test_steps_with_any_input_have_the_same_bits(
             assert same(vector(machine), vector(model))
 
 
-def random_states(block: type[Block], count: int, rng: np.random.Generator) -> dict[str, Any]:
-    """States, inputs and parameters anywhere in their ranges, and of the size that they have in trials."""
-    drawn: dict[str, Any] = {}
-    for kind in ("state", "input", "parameter"):
-        for name, v in flatten(block.group(kind)):
-            if v.type is Type.BOOLEAN:
-                drawn[name] = rng.integers(0, 2, count)
-            elif v.type is Type.INTEGER:
-                low, high = v.min or 0, 90 if v.max is None or v.max > 90 else v.max
-                drawn[name] = rng.integers(int(low), int(high) + 1, count)
-            elif name.partition("[")[0] in {s.name for s in block.streams()}:
-                drawn[name] = rng.integers(1, 4294944443, count).astype(float)
-            else:
-                low = -60.0 if v.min is None else max(v.min, -60.0)
-                high = 60.0 if v.max is None else min(v.max, 60.0)
-                size = rng.choice([1.0, 0.05], count)
-                drawn[name] = np.clip(rng.uniform(low, high, count) * size, low, high)
-    for name in {"covariance[1]", "covariance[2]", "covariance[3]", "covariance[4]"} & drawn.keys():
-        drawn[name] = np.abs(drawn[name]) + 1e-3
-    return drawn
-
-
 @each_block
 def test_a_tick_from_any_state_has_the_same_bits(
     block: type[Block], build: Build, libraries: Libraries
@@ -354,11 +344,28 @@ def test_float_controller_and_estimator_over_a_whole_trial(
     assert {(1.0, 1500.0), (1.0, 3500.0)} <= statuses
 
 
-def test_streams_start_in_c_where_they_start_in_python(libraries: Libraries) -> None:
+def test_blocks_streams_start_in_c_where_they_start_in_python(libraries: Libraries) -> None:
     for seed in (0, 1, 77, 2**31 - 1):
         model = CompiledModel(libraries(QUICKEST, "double"), Canine, {"seed": seed})
-        state = tuple(int(model[f"left_stream[{i}]"]) for i in range(1, 7))
-        assert state == start_state(seed, Canine.left_stream.substream)
+        for stream in (Canine.right_stream, Canine.left_stream, Canine.jerk_stream, Canine.search_stream):
+            state = tuple(int(model[name]) for name in stream.flat_names)
+            assert state == start_state(seed, stream.substream)
+
+
+def test_any_stream_starts_in_c_where_it_starts_in_python(libraries: Libraries) -> None:
+    # given all substreams of some streams, and some substreams of streams from the whole range
+    c = libraries(QUICKEST, "double").c
+    rng = np.random.default_rng(3)
+    drawn = np.column_stack([rng.integers(2**31, size=150), rng.integers(SUBSTREAMS, size=150)]).tolist()
+    cases = [(seed, k) for seed in (0, 1, 2**31 - 1, drawn[0][0]) for k in range(SUBSTREAMS)] + drawn
+    for seed, substream in cases:
+        # when C makes their starts: that of the stream, then that of the substream from it
+        stream, state = (ctypes.c_uint32 * 6)(), (ctypes.c_double * 6)()
+        c.mrg32k3a_stream(ctypes.c_uint32(seed), stream)
+        c.mrg32k3a_substream(stream, ctypes.c_uint32(substream), state)
+        # then they are Python's
+        assert tuple(stream) == start_state(seed, 0)
+        assert tuple(state) == start_state(seed, substream), (seed, substream)
 
 
 @pytest.mark.skipif(not (shutil.which("gcc") and shutil.which("nm")), reason="needs gcc and nm")

@@ -1,0 +1,196 @@
+"""Sweeps at native speed beside their peers: the simulator by hand in C and in numpy, the loop over FMUs."""
+
+from __future__ import annotations
+
+import statistics
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from harness import trial
+from harness.chunks import LARGEST, Job, Outcomes, Pool, batch_of, cut, run_all, run_chunk
+from harness.chunks import program as this_program
+from harness.loop import Simulation
+from harness.sweep import wanted
+from models.kit.units import DEG
+from tests.bench.cts_numpy import EVERY_EQUATION, FAST, Compiled, Setting, by_hand, setting, simulate
+
+ROUNDS = 7
+NUMPY_TRIALS = 20_000
+LOOP_TICKS = 800
+FULL_TRIALS = 8  # at each point of the sweep with sensors and estimator
+BY_HAND, BOTH_CORES, FULL = 4.0, 1.8, 3e6  # what is asked for: ratios, and ticks/s on one core
+
+Row = tuple[str, str, str, str]
+
+
+def rows() -> tuple[list[Row], list[str]]:
+    """The table's rows, and what falls short of what is asked for."""
+    jobs = [wanted(target).job for target in ("two", "three")]
+    ticks = sum(map(ticks_of, jobs))
+    trials = sum(job.total for job in jobs)
+    with tempfile.TemporaryDirectory() as folder:
+        peers: list[tuple[str, Callable[[], float]]] = []
+        for name, flags in (("every equation on every tick", (EVERY_EQUATION,)), ("only what decides", ())):
+            place = Path(folder) / str(len(peers))
+            place.mkdir()
+            compiled = by_hand(place, (*FAST, *flags))
+            peers.append((name, lambda compiled=compiled: hand_seconds(compiled, jobs)))  # type: ignore[misc]
+        ours: list[float] = []
+        theirs: list[list[float]] = [[] for _ in peers]
+        for _ in range(ROUNDS):
+            ours.append(core_seconds_of(lambda: [run_alone(job) for job in jobs]))
+            for times, (_, peer) in zip(theirs, peers, strict=True):
+                times.append(peer())
+    found: list[Row] = []
+    short: list[str] = []
+    rate = ticks / statistics.median(ours)
+    for (name, _), times in zip(peers, theirs, strict=True):
+        ratio = statistics.median(t / o for t, o in zip(times, ours, strict=True))
+        found.append(
+            (
+                f"{trials:,} trials of sweep two + three on one core, against scalar C by hand: {name}",
+                million(rate),
+                million(ticks / statistics.median(times)),
+                f"{ratio:.2f}",
+            )
+        )
+        if ratio < BY_HAND:
+            short.append(f"the sweep is {ratio:.2f} times as fast as C by hand ({name}); expected {BY_HAND}")
+    numpy_rate = ticks_by_numpy()
+    found.append(("the same, against numpy", million(rate), million(numpy_rate), f"{rate / numpy_rate:.0f}"))
+    loop_rate = ticks_by_fmus("cts")
+    found.append(
+        (
+            "the same, against the loop over FMUs",
+            million(rate),
+            million(loop_rate),
+            f"{rate / loop_rate:,.0f}",
+        )
+    )
+    one, two, both = on_two_cores(jobs[1])
+    found.append(("sweep three on two cores, against one", f"{two:.2f} s", f"{one:.2f} s", f"{both:.2f}"))
+    if both < BOTH_CORES:
+        short.append(f"two cores are {both:.2f} times as fast as one; expected {BOTH_CORES}")
+    job = wanted("three", system="full", trials=FULL_TRIALS).job
+    full_ticks = ticks_of(job)
+    full_rate = full_ticks / min(core_seconds_of(lambda: run_alone(job)) for _ in range(ROUNDS))
+    loop_rate = ticks_by_fmus("full")
+    found.append(
+        (
+            "sensors and estimator in the loop, on one core, against the loop over FMUs",
+            million(full_rate),
+            million(loop_rate),
+            f"{full_rate / loop_rate:,.0f}",
+        )
+    )
+    if full_rate < FULL:
+        short.append(f"the full system does {million(full_rate)} on a core; expected {million(FULL)}")
+    return found, short
+
+
+def million(rate: float) -> str:
+    """Ticks per second."""
+    return f"{rate / 1e6:,.2f} M ticks/s"
+
+
+def seconds_of(work: Callable[[], object]) -> float:
+    """How long it takes."""
+    start = time.perf_counter()
+    work()
+    return time.perf_counter() - start
+
+
+def core_seconds_of(work: Callable[[], object]) -> float:
+    """How long it takes of the one core that it runs on, whoever else wants it."""
+    start = time.thread_time()
+    work()
+    return time.thread_time() - start
+
+
+def run_alone(job: Job) -> None:
+    """All chunks of a sweep, one after another, as a worker runs them."""
+    for start, stop in cut([(0, job.total)], LARGEST[job.system]):
+        run_chunk(job.of(start, stop), start, stop, this_program())
+
+
+def ticks_of(job: Job) -> int:
+    """How many ticks the sweep's trials take altogether."""
+    number = np.arange(job.total)
+    point, trial_number = np.divmod(number, job.trials)
+    total = 0
+    for turn, course in enumerate(job.courses):
+        mine = trial_number % len(job.courses) == turn
+        results = batch_of(job).run(
+            course.values,
+            np.array(job.points),
+            point[mine].astype(np.int32),
+            (job.seed + trial_number[mine]).astype(np.int32),
+            course.ticks,
+            changes=course.changes,
+        )
+        total += int(results.ticks.sum())
+    return total
+
+
+def settings_of(job: Job) -> list[tuple[Setting, list[tuple[float, float]], int]]:
+    """The same sweep for the peers: setting, route and trials of each point and type."""
+    found = []
+    for (threshold,) in job.points:
+        for course in job.courses:
+            controller = course.values["controller"]
+            count = int(controller["waypoint_count"])
+            route = [
+                (controller[f"waypoint_north[{i}]"], controller[f"waypoint_east[{i}]"])
+                for i in range(1, count + 1)
+            ]
+            spread = course.values["plant"]["start_heading_deviation"]
+            values = setting(moving_deviation=threshold, start_heading_deviation=spread)
+            found.append((values, route, job.trials // len(job.courses)))
+    return found
+
+
+def hand_seconds(compiled: Compiled, jobs: Sequence[Job]) -> float:
+    """The sweeps by the loop in C."""
+    work = [item for job in jobs for item in settings_of(job)]
+    return core_seconds_of(lambda: [compiled.run(*item, seed=i) for i, item in enumerate(work)])
+
+
+def ticks_by_numpy() -> float:
+    """Ticks per second of numpy, over many trials of one setting."""
+    route = [(35.73, 0.0), (35.73, 35.73)]
+    start = time.thread_time()
+    outcomes = simulate(setting(moving_deviation=49 * DEG), route, NUMPY_TRIALS, 1)
+    return float(outcomes["ticks"].sum()) / (time.thread_time() - start)
+
+
+def ticks_by_fmus(system: str) -> float:
+    """Ticks per second of the loop over FMUs, without a log."""
+    with trial.requested("three_waypoint", trial.Changes()) as request:
+        request = replace(request, scenario=replace(request.scenario, system=system))  # noqa: PLW2901
+        with trial.prepared(request) as ready:
+            rates = []
+            for _ in range(ROUNDS):
+                with Simulation(ready.system, ready.plan.values) as simulation:
+                    start = time.thread_time()
+                    simulation.run(ready.plan.events, duration=(LOOP_TICKS - 1) * 0.04)
+                    rates.append(LOOP_TICKS / (time.thread_time() - start))
+            return statistics.median(rates)
+
+
+def on_two_cores(job: Job) -> tuple[float, float, float]:
+    """Median seconds of a sweep on one core and on two, and the median of their ratios."""
+
+    def on(cores: int) -> float:
+        with ThreadPoolExecutor(cores) as executor:
+            return seconds_of(lambda: run_all(Outcomes(job), Pool(executor, cores), lambda chunk: None))
+
+    batch_of(job)
+    pairs = [(on(1), on(2)) for _ in range(ROUNDS)]
+    one, two = zip(*pairs, strict=True)
+    return statistics.median(one), statistics.median(two), statistics.median(a / b for a, b in pairs)
