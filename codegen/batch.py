@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import math
 import tempfile
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -113,8 +114,8 @@ class Batch:
             CompileError: the library cannot be built.
         """
         points = np.ascontiguousarray(points, dtype=np.float64)
+        self._check(points, np.asarray(point), np.asarray(seed), ticks)
         point, seed = (np.ascontiguousarray(a, dtype=np.int32) for a in (point, seed))
-        self._check(points, point, seed, ticks)
         free = self._free_inputs()
         changing = list(dict.fromkeys((change.component, change.variable) for change in changes))
         for component, variable in changing:
@@ -123,14 +124,17 @@ class Batch:
                     f'{self.system.name}: "{component}.{variable}" is no free input'
                     + nearest(f"{component}.{variable}", [f"{c}.{n}" for c, n in free])
                 )
-        given = {(c, n): float(v) for c, part in values.items() for n, v in part.items()}
+        given = self._given(values)
         library = self._library(
             tuple(changing),
             tuple((key, given.get(key, start)) for key, start in free.items() if key not in changing),
         )
         common = np.array([given.get(key, start) for key, start in self._common().items()])
         schedule = np.array(
-            sorted((c.tick, changing.index((c.component, c.variable)), c.value) for c in changes),
+            [
+                (c.tick, changing.index((c.component, c.variable)), c.value)
+                for c in sorted(changes, key=lambda c: c.tick)  # of those on one tick, the last one holds
+            ],
             dtype=[("tick", "i4"), ("input", "i4"), ("value", "f8")],
         )
         last, observed = np.empty(len(point), np.int32), np.empty((len(point), len(self.observed)))
@@ -157,10 +161,25 @@ class Batch:
             raise ParameterError(
                 f"point goes from {point.min()} to {point.max()}; expected indices of {len(points)} points"
             )
-        if seed.size and seed.min() < 0:
-            raise ParameterError(f"seed is {seed.min()}; expected at least 0")
+        for value in (seed.min(), seed.max()) if seed.size else ():
+            if not 0 <= value < 2**31:
+                raise ParameterError(f"seed is {value}; expected 0 to {2**31 - 1}")
         if not 0 <= ticks < 2**31:
             raise ParameterError(f"ticks is {ticks}; expected 0 to {2**31 - 1}")
+
+    def _given(self, values: Mapping[str, Mapping[str, float]]) -> dict[Key, float]:
+        """Start values by variable, of components that matter and of others."""
+        fed = {(link.target, link.target_variable) for link in self.system.connections}
+        given: dict[Key, float] = {}
+        for component, part in values.items():
+            for name, value in part.items():
+                key = self._key(f"{component}.{name}", "parameter", "input")
+                if key in fed:
+                    raise ParameterError(f'{self.system.name}: input "{component}.{name}" is connected')
+                if not math.isfinite(value):
+                    raise ParameterError(f"{component}.{name} is {value}; expected a finite number")
+                given[key] = float(value)
+        return given
 
     def _key(self, name: str, *kinds: str) -> Key:
         component, _, variable = name.partition(".")
@@ -285,15 +304,17 @@ class Batch:
     def _calls(self, components: Mapping[str, type[Block]], plants: bool) -> Iterable[str]:
         """The C of a tick up to the plants (whose outputs stand for their states), and of the plants."""
         for component, block in components.items():
-            if block.moore and not plants:
+            has_outputs = not self.keep[component].isdisjoint(block.flat_names("output"))
+            if block.moore and not plants and has_outputs:
                 yield f"{block.title()}_output(&f->{component});"
-        for component in self.system.order():
-            if component in components and components[component].moore is plants:
-                for link in self.system.connections:
-                    source = (link.source, link.source_variable)
-                    if link.target == component and link.source_variable in self.keep.get(link.source, ()):
-                        target = self._place((component, link.target_variable))["place"]
-                        yield f"f->{target} = f->{self._place(source)['place']};"
+        order = [c for c in self.system.order() if c in components and components[c].moore is plants]
+        for stage in [order] if plants else [[component] for component in order]:
+            for link in self.system.connections:
+                source = (link.source, link.source_variable)
+                if link.target in stage and link.source_variable in self.keep.get(link.source, ()):
+                    target = self._place((link.target, link.target_variable))["place"]
+                    yield f"f->{target} = f->{self._place(source)['place']};"
+            for component in stage:
                 yield f"{components[component].title()}_step(&f->{component});"
 
     def _library(self, changing: tuple[Key, ...], fixed: tuple[tuple[Key, float], ...]) -> ctypes.CDLL:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,8 +17,8 @@ import pytest
 from codegen.batch import Batch, Change
 from harness import trial
 from harness.loop import Simulation
-from harness.scenario import Scenario, Setting
-from models.cmec import Anomaly, Mode
+from harness.scenario import Plan, Scenario, Setting, plan
+from models.cmec import Anomaly, Cmec, Mode
 from models.commands import Status
 from models.readings import READINGS
 from models.system import SYSTEMS
@@ -78,8 +77,8 @@ SWITCHES = {
     "full": ("canine.shaking", "sensors.noisy", "four_state.fuzzy", "four_state.use_pitch"),
 }
 FREE = {  # inputs that change in some trials, with what they start with and may become
-    "cts": {"start": (1, [0, 1]), "override": (0, [0, 1, 2, 3, 4, 5]), "link_ok": (1, [0, 1]), "valid": (1, [0, 1])},
-    "full": {"start": (1, [0, 1]), "override": (0, [0, 1, 2, 3, 4, 5]), "link_ok": (1, [0, 1])},
+    "cts": {"start": (1, (0, 1)), "override": (0, range(6)), "link_ok": (1, (0, 1)), "valid": (1, (0, 1))},
+    "full": {"start": (1, (0, 1)), "override": (0, range(6)), "link_ok": (1, (0, 1))},
 }  # fmt: skip
 
 
@@ -145,32 +144,41 @@ class Trial:
         return self.values[component].get(variable)
 
 
-def co_simulated(scenario: Scenario) -> Trial:
-    """Run a scenario as `canine run` does."""
+def co_simulated(scenarios: list[Scenario]) -> Iterator[Trial]:
+    """Run scenarios of one system as `canine run` does."""
+    request = trial.Request(scenarios[0])
+    trial.build_missing(request)
+    with trial.prepared(request) as ready:
+        assert plan(scenarios[0], ready.parts) == ready.plan
+        for scenario in scenarios:
+            found = plan(scenario, ready.parts)
+            with Simulation(ready.system, found.values) as simulation:
+                yield run(scenario, found, simulation)
+
+
+def run(scenario: Scenario, found: Plan, simulation: Simulation) -> Trial:
+    """Run a trial whose FMUs are ready."""
     blocks: list[dict[str, Any]] = []
-    with trial.prepared(trial.Request(scenario)) as ready, Simulation(ready.system, ready.plan.values) as run:
-        columns = {name: [q.name for q in run.columns(name)] for name in run.components}
-        outputs = {name: run.fmus[name].outputs for name in run.components}
-        outcome = run.run(
-            ready.plan.events,
-            duration=scenario.duration,
-            stop=trial._stop(run),
-            record=lambda times, values: blocks.append({n: v.copy() for n, v in values.items()}),
-        )
-        last = {
-            f"{name}.{variable}": float(blocks[-1][name][-1, i])
-            for name, names in columns.items()
-            for i, variable in enumerate(names)
-            if variable in outputs[name]
-        }
-        controller = np.vstack([block["controller"] for block in blocks])
-        mode, anomaly = (controller[:, columns["controller"].index(n)] for n in ("mode", "anomaly"))
-        changes = tuple(
-            Change(math.ceil(e.time / STEP - 1e-9), e.component, e.variable, e.value) for e in ready.plan.events
-        )
-        return Trial(
-            scenario, ready.plan.values, changes, outcome.ticks - 1, last | count_anomalies(mode, anomaly)
-        )
+    outcome = simulation.run(
+        found.events,
+        duration=scenario.duration,
+        stop=trial._stop(simulation),
+        record=lambda times, values: blocks.append({n: v.copy() for n, v in values.items()}),
+    )
+    columns = {name: [q.name for q in simulation.columns(name)] for name in simulation.components}
+    last = {
+        f"{name}.{variable}": float(blocks[-1][name][-1, i])
+        for name, names in columns.items()
+        for i, variable in enumerate(names)
+        if variable in simulation.fmus[name].outputs
+    }
+    rows = np.vstack([block["controller"] for block in blocks])
+    mode, anomaly = (rows[:, columns["controller"].index(n)] for n in ("mode", "anomaly"))
+    changes = [
+        Change(math.ceil(e.time / STEP - 1e-9), e.component, e.variable, e.value) for e in found.events
+    ]
+    counts = count_anomalies(mode, anomaly)
+    return Trial(scenario, found.values, tuple(changes), outcome.ticks - 1, last | counts)
 
 
 def count_anomalies(mode: np.ndarray[Any, Any], anomaly: np.ndarray[Any, Any]) -> dict[str, float]:
@@ -190,8 +198,7 @@ def count_anomalies(mode: np.ndarray[Any, Any], anomaly: np.ndarray[Any, Any]) -
 def trials(request: pytest.FixtureRequest) -> list[Trial]:
     """The trials of a system, co-simulated."""
     scenarios = [draw_trial(request.param, reading, i) for reading in READINGS for i in range(TRIALS)]
-    trial.build_missing(trial.Request(scenarios[0]))
-    return [co_simulated(scenario) for scenario in scenarios]
+    return list(co_simulated(scenarios))
 
 
 def ended_as(trials: list[Trial], ticks: Any, values: Any, observed: tuple[str, ...]) -> None:
@@ -241,20 +248,16 @@ def test_all_outputs_at_the_end_of_any_trial_have_the_bits_of_co_simulation(tria
             [[start if (v := one.given(n)) is None else v for n, start in names.items()] for one in group]
         )
         seeds = [one.scenario.seed for one in group]
-        # every free input is a changing one if any is, so that the runner is compiled once
+        # every free input is a changing one, in the same order: the runner is compiled once
         first = tuple(
             Change(0, "controller", name, float(start))
             for name, (start, _) in FREE[system.name].items()
-            if changes and not any(c.tick == 0 and c.variable == name for c in changes)
+            if not any(c.tick == 0 and c.variable == name for c in changes)
         )
-        done = batch.run(free, points, np.arange(len(group)), seeds, longest, (*sorted_inputs(first, changes),))
+        every = sorted((*first, *changes), key=lambda change: change.variable)
+        done = batch.run(free, points, np.arange(len(group)), seeds, longest, changes=every)
         # then each ends on the same tick, with the same bits
         ended_as(group, done.ticks, done.values, observed)
-
-
-def sorted_inputs(first: tuple[Change, ...], changes: tuple[Change, ...]) -> list[Change]:
-    """Changes by input, of one input as they come: whatever changes, the runner has the same source."""
-    return sorted((*first, *changes), key=lambda change: change.variable)
 
 
 def test_the_little_that_a_sweep_observes_has_the_bits_of_co_simulation(trials: list[Trial]) -> None:
@@ -265,7 +268,7 @@ def test_the_little_that_a_sweep_observes_has_the_bits_of_co_simulation(trials: 
     for one in plain:
         # when a trial runs, with what it sets common to the trials of a call
         h = one.given("controller.moving_deviation")
-        point = np.array([[batch.start("controller.moving_deviation") if h is None else h]])
+        point = np.array([[Cmec.moving_deviation.start[0] if h is None else h]])
         done = batch.run(one.values, point, [0] * 3, [one.scenario.seed] * 3, one.longest)
         # then each of them ends as it does
         ended_as([one] * 3, done.ticks, done.values, NARROW)

@@ -11,7 +11,7 @@ import casadi as ca
 import pytest
 
 from codegen.batch import Batch
-from codegen.expressions import SELECT, Node
+from codegen.expressions import SELECT, Node, read
 from codegen.lanes import Graph, Tick, Wiring, field_name, ordinary_tick
 from models.cmec import COMMANDS, Anomaly, Mode
 from models.commands import Command
@@ -20,6 +20,9 @@ from models.system import SYSTEMS
 STOP = ("controller.status", (2, 3, 4))
 RUNNING = {("controller", "start"): 1.0, ("controller", "link_ok"): 1.0, ("controller", "valid"): 1.0}
 STILL = {("controller", "override"): 0.0}
+
+
+SYMBOLS = a, b, c, d = [ca.SX.sym(name) for name in "abcd"]
 
 
 @pytest.fixture
@@ -85,14 +88,35 @@ def test_a_known_condition_chooses(graph: Graph, x: Node, y: Node, condition: No
     assert graph.select(graph.false, x, y) is y
     assert graph.select(condition, x, x) is x
     assert graph.select(condition, x, y).op == SELECT
-    # and as CasADi writes it: (c ? x : 0) + (!c ? y : 0)
-    for known, chosen in ((graph.true, x), (graph.false, y)):
-        parts = [
-            graph.select(known, x, graph.false),
-            graph.select(graph.make(ca.OP_NOT, (known,)), y, graph.false),
-        ]
-        assert graph.make(ca.OP_ADD, tuple(parts)) is chosen
-        assert graph.make(ca.OP_ADD, tuple(parts[::-1])) is chosen
+
+
+def traced(graph: Graph, expression: Any, *leaves: Node) -> Node:
+    """What a CasADi expression of a, b, c, d comes to, given their nodes."""
+    function = ca.Function("f", [ca.vertcat(*SYMBOLS[: len(leaves)])], [ca.SX(expression)])
+    return graph.settled(read(function, lambda _, i: leaves[i], graph.trace)[0][0])
+
+
+def test_casadis_choice_is_a_choice(graph: Graph, x: Node, y: Node, condition: Node) -> None:
+    """CasADi writes it as (a ? b : 0) + (!a ? c : 0)."""
+    choice = ca.if_else(a, b, c)
+    assert "+" in str(choice)
+    assert traced(graph, choice, graph.true, x, y) is x
+    assert traced(graph, choice, graph.false, x, y) is y
+    assert traced(graph, choice, condition, x, y) is graph.select(condition, x, y)
+    graph.assume(condition, 0.0)
+    assert traced(graph, choice, condition, x, y) is y
+
+
+@pytest.mark.parametrize("conditions", list(product((0.0, 1.0, 3.0), repeat=2)))
+def test_the_sum_of_two_choices_is_no_choice(graph: Graph, conditions: tuple[float, float]) -> None:
+    # given (a ? x : 0) + (b ? y : 0), where both conditions are known
+    total = ca.if_else(a, b, 0) + ca.if_else(c, d, 0)
+    first, second = map(graph.constant, conditions)
+    node = traced(graph, total, first, graph.leaf("x"), second, graph.leaf("y"))
+    # then it is the sum, with its zeros
+    for x, y in product((-0.0, 0.0, 5.0), repeat=2):
+        expected = (x if conditions[0] else 0.0) + (y if conditions[1] else 0.0)
+        assert bits(evaluated(node, {"x": x, "y": y})) == bits(expected)
 
 
 def test_logic_with_a_constant(graph: Graph, x: Node, condition: Node) -> None:
