@@ -339,17 +339,18 @@ def fit_animal(
     canine fit field/*.mcap --source estimator    as without the truth
     """
     from harness import fit as statistics  # noqa: PLC0415 - scipy.stats takes seconds
+    from harness import fit_report  # noqa: PLC0415
 
     paths = statistics.find_logs(logs)
     with _bar("logs", len(paths), quiet=as_json) as progress:
         reading = statistics.read_tracks(paths, source, progress)
     result = statistics.estimate(reading, None if turned is None else math.radians(turned))
-    place = folder or statistics.FOLDER
-    statistics.report(result, place)
+    place = folder or fit_report.FOLDER
+    fit_report.report(result, place)
     if as_json:
         typer.echo(json.dumps(result, indent=2))
     else:
-        statistics.show(result, out)
+        fit_report.show(result, out)
         _say_where(place)
 
 

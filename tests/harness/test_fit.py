@@ -15,29 +15,19 @@ from scipy.stats import binom, truncnorm
 
 from harness import main, trial
 from harness.fit import (
-    RATES,
-    SOURCES,
-    STATISTICS,
     FitError,
-    Track,
-    Trial,
     before_redrawing,
-    edge,
     estimate,
-    figure,
     find_logs,
-    fragment,
     interval_of_deviation,
     interval_of_mean,
-    measure,
     pool,
     read_tracks,
-    show,
-    slope,
-    stretches,
 )
+from harness.fit_report import figure, fragment, show
 from harness.log import Channel, LogError, LogWriter
 from harness.scenario import SHIPPED, load, parts_of_system, plan
+from harness.tracks import RATES, SOURCES, STATISTICS, Track, Trial, edge, measure, slope, stretches
 from models.canine import Canine
 from models.commands import Command
 from models.kit.model import Model
