@@ -29,6 +29,7 @@ LOGIC = (ca.OP_AND, ca.OP_OR, ca.OP_NOT)
 MIRRORED = {"<": ">", "<=": ">=", "==": "==", "!=": "!="}  # to read constants on the right
 CALLS = {ca.OP_SQRT: "sqrt", ca.OP_FLOOR: "floor", ca.OP_FABS: "fabs"}
 SELECT = -1  # c ? a : b, for which CasADi has no instruction
+PRINTED = {SELECT, *BINARY, *CALLS, ca.OP_NEG, ca.OP_NOT, ca.OP_SQ, ca.OP_TWICE, ca.OP_INV}
 MEMBERS = {"state": "state", "input": "in", "parameter": "par", "output": "out"}  # group -> C struct member
 Asking = Generator[tuple["Node", "CType"], str, str]  # asks for operands' texts, returns its own
 WIDTH = 88  # an expression longer than this is given a name
@@ -88,6 +89,9 @@ def read(function: Any, leaf: Leaf, make: Make = Node) -> tuple[list[Node], int]
     """
     work: dict[int, Node] = {}
     results: list[Node] = [Node(ca.OP_CONST)] * int(function.numel_out(0))
+    made: dict[int, int] = {}  # which instruction has made what is in a register
+    negates: dict[int, int] = {}  # of a negation: the instruction that has made what it negates
+    halves: dict[int, tuple[int, Node, Node]] = {}  # of (c ? a : 0): what has made c, c, a
     operations = 0
     for k in range(function.n_instructions()):
         op, into, of = (
@@ -95,39 +99,34 @@ def read(function: Any, leaf: Leaf, make: Make = Node) -> tuple[list[Node], int]
             function.instruction_output(k),
             function.instruction_input(k),
         )
+        if op == ca.OP_OUTPUT:
+            results[into[1]] = work[of[0]]
+            continue
         if op == ca.OP_CONST:
             value = float(function.instruction_constant(k))
             if not math.isfinite(value):
                 raise DeclarationError(f"{function.name()}: constant {value} has no C literal")
-            work[into[0]] = Node(op, value=value)
+            node = Node(op, value=value)
         elif op == ca.OP_INPUT:
-            work[into[0]] = leaf(of[0], of[1])
-        elif op == ca.OP_OUTPUT:
-            results[into[1]] = work[of[0]]
+            node = leaf(of[0], of[1])
         else:
             operations += 1
-            work[into[0]] = _operation(op, tuple(work[i] for i in of), make, function.name())
+            operands = tuple(work[i] for i in of)
+            if op == ca.OP_IF_ELSE_ZERO:
+                halves[k] = (made[of[0]], operands[0], operands[1])
+                op, operands = SELECT, (*operands, Node(ca.OP_CONST))
+            elif op == ca.OP_NOT:
+                negates[k] = made[of[0]]
+            elif op == ca.OP_ADD:  # if_else(c, a, b) is (c ? a : 0) + (!c ? b : 0)
+                for i, j in (of, of[::-1]):
+                    one, other = halves.get(made[i]), halves.get(made[j])
+                    if one and other and negates.get(other[0]) == one[0]:
+                        op, operands = SELECT, (*one[1:], other[2])
+            if op not in PRINTED:
+                raise DeclarationError(f"{function.name()}: operation {op} has no C without a library")
+            node = make(op, operands)
+        work[into[0]], made[into[0]] = node, k
     return results, operations
-
-
-def _operation(op: int, operands: tuple[Node, ...], make: Make, where: str) -> Node:
-    if op == ca.OP_IF_ELSE_ZERO:
-        return make(SELECT, (*operands, Node(ca.OP_CONST)))
-    if op == ca.OP_ADD:  # if_else(c, a, b) is (c ? a : 0) + (!c ? b : 0)
-        for first, second in (operands, operands[::-1]):
-            if (
-                first.op == second.op == SELECT
-                and _is_zero(first.operands[2])
-                and _is_zero(second.operands[2])
-            ):
-                condition, other = first.operands[0], second.operands[0]
-                opposite = other.op == ca.OP_NOT and other.operands[0] is condition
-                known = condition.op == other.op == ca.OP_CONST and condition.value != other.value
-                if opposite or known:
-                    return make(SELECT, (condition, first.operands[1], second.operands[1]))
-    if op in BINARY or op in CALLS or op in (ca.OP_NEG, ca.OP_NOT, ca.OP_SQ, ca.OP_TWICE, ca.OP_INV):
-        return make(op, operands)
-    raise DeclarationError(f"{where}: operation {op} has no C without a library")
 
 
 def fields(block: type[Block]) -> Leaf:

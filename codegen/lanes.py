@@ -58,18 +58,6 @@ class Graph:
             self._whole.add(node)
         return node
 
-    def trace(self, op: int, operands: tuple[Node, ...]) -> Node:
-        """`make` for `read`: half of a select is kept as it is until its other half is there."""
-        if op == SELECT and self.known(operands[0]).op == ca.OP_CONST:
-            return Node(SELECT, (self.known(operands[0]), *operands[1:]))
-        return self.make(op, tuple(map(self.settled, operands)))
-
-    def settled(self, node: Node) -> Node:
-        """The node, or what it comes to if it is a select whose condition is known."""
-        while node.op == SELECT and node.operands[0].op == ca.OP_CONST:
-            node = node.operands[1 if node.operands[0].value else 2]
-        return self.known(node)
-
     def make(self, op: int, operands: tuple[Node, ...]) -> Node:
         """An operation, or what it comes to."""
         operands = tuple(self.known(self.constant(a.value) if a.op == ca.OP_CONST else a) for a in operands)
@@ -308,7 +296,7 @@ class _Joining:
         def leaf(group: int, element: int) -> Node:
             return self.value(component, GROUPS[group], names[group][element])
 
-        return [self.graph.settled(node) for node in read(function, leaf, self.graph.trace)[0]]
+        return [self.graph.known(node) for node in read(function, leaf, self.graph.make)[0]]
 
     def value(self, component: str, kind: str, name: str) -> Node:
         """What a variable is now."""

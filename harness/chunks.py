@@ -166,7 +166,7 @@ def cut(stretches: Iterable[tuple[int, int]], size: int) -> Iterator[tuple[int, 
             yield at, min(at + size, stop)
 
 
-_batches: dict[str, Batch] = {}
+_batches: dict[tuple[str, tuple[str, ...]], Batch] = {}
 _one_at_a_time = threading.Lock()
 
 
@@ -176,17 +176,15 @@ def batch_of(job: Job) -> Batch:
     Raises:
         CompileError: the compiler refuses it.
     """
-    key = repr((job.system, job.varied, job.courses))
+    key = (job.system, job.varied)
     with _one_at_a_time:
         if key not in _batches:
-            batch = Batch(SYSTEMS[job.system], job.varied, OBSERVED, ("controller.status", ENDS))
-            nobody = np.zeros(0, dtype=np.int32)
-            for course in job.courses:  # of no trials: it is compiled here, not in many threads at once
-                batch.run(
-                    course.values, _points(job)[:1], nobody, nobody, course.ticks, changes=course.changes
-                )
-            _batches[key] = batch
-        return _batches[key]
+            _batches[key] = Batch(SYSTEMS[job.system], job.varied, OBSERVED, ("controller.status", ENDS))
+        batch = _batches[key]
+        nobody = np.zeros(0, dtype=np.int32)
+        for course in job.courses:  # of no trials: it is compiled here, not in many threads at once
+            batch.run(course.values, _points(job)[:1], nobody, nobody, course.ticks, changes=course.changes)
+        return batch
 
 
 def _points(job: Job) -> npt.NDArray[np.float64]:

@@ -93,7 +93,7 @@ def test_a_known_condition_chooses(graph: Graph, x: Node, y: Node, condition: No
 def traced(graph: Graph, expression: Any, *leaves: Node) -> Node:
     """What a CasADi expression of a, b, c, d comes to, given their nodes."""
     function = ca.Function("f", [ca.vertcat(*SYMBOLS[: len(leaves)])], [ca.SX(expression)])
-    return graph.settled(read(function, lambda _, i: leaves[i], graph.trace)[0][0])
+    return graph.known(read(function, lambda _, i: leaves[i], graph.make)[0][0])
 
 
 def test_casadis_choice_is_a_choice(graph: Graph, x: Node, y: Node, condition: Node) -> None:
