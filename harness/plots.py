@@ -50,7 +50,7 @@ BELOW: Style = {"frameon": False, "columnspacing": 1.6, "handletextpad": 0.6}
 
 def trial_figure(log: Log) -> Figure:
     """The whole trial: its path on the left, speed, deviation and commands over time on the right."""
-    figure = _figure(14, 7.6)
+    figure = new_figure(14, 7.6)
     grid = figure.add_gridspec(3, 2, width_ratios=(1, 1.15), height_ratios=(1, 1, 1.1))
     handles = draw_path(figure.add_subplot(grid[:, 0]), log)
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), **BELOW)
@@ -65,7 +65,7 @@ def trial_figure(log: Log) -> Figure:
 
 def trial_png(log: Log) -> bytes:
     """The picture of the trial as a PNG; the same log gives the same bytes."""
-    return _png(trial_figure(log))
+    return png_of(trial_figure(log))
 
 
 def draw_path(axes: Axes, log: Log) -> list[Line2D | Patch]:
@@ -122,7 +122,7 @@ def _draw_commanded_path(axes: Axes, log: Log) -> list[Line2D | Patch]:
     for code, color in COLOURS.items():
         stretches = [
             np.column_stack([east[first : last + 1], north[first : last + 1]])
-            for first, last, value in _runs(command)
+            for first, last, value in equal_stretches(command)
             if value == code and last > first
         ]
         if not stretches:
@@ -196,7 +196,7 @@ def draw_commands(axes: Axes, log: Log) -> None:
     for code, color in COLOURS.items():
         held = [
             [(log.time[first], code), (log.time[last], code)]
-            for first, last, value in _runs(command)
+            for first, last, value in equal_stretches(command)
             if value == code
         ]
         axes.add_collection(LineCollection(held, colors=color, linewidths=5, zorder=3, label=code.name))
@@ -238,7 +238,7 @@ def replay_picture(
     Raises:
         LogError: the file cannot be written.
     """
-    write_whole(path, _png(replay_figure(gps, estimates, outages, title)))
+    write_whole(path, png_of(replay_figure(gps, estimates, outages, title)))
 
 
 def replay_figure(
@@ -248,7 +248,7 @@ def replay_figure(
     title: str = "",
 ) -> Figure:
     """The figure of `replay_picture`: paths on the left, distance from the GPS over time on the right."""
-    figure = _figure(14, 6.4)
+    figure = new_figure(14, 6.4)
     paths, errors = figure.subplots(1, 2, width_ratios=(1, 1.15))
     time, north, east = gps
     paths.plot(east, north, ".-", color=GPS, markersize=3, linewidth=0.8, label="GPS", zorder=2)
@@ -280,15 +280,17 @@ def replay_figure(
     return figure
 
 
-def _figure(width: float, height: float) -> Figure:
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure of a size [in] that needs no window; its layout makes room for what is drawn."""
     figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
-def _png(figure: Figure) -> bytes:
+def png_of(figure: Figure, dpi: float = DPI) -> bytes:
+    """A figure as a PNG; the same figure gives the same bytes."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
+    figure.savefig(buffer, format="png", dpi=dpi)
     return buffer.getvalue()
 
 
@@ -299,8 +301,8 @@ def _command(log: Log) -> Array:
     return np.zeros(len(log.time))
 
 
-def _runs(values: Array) -> list[tuple[int, int, float]]:
-    """Stretches of equal values: first tick, first tick of the next stretch (or the last), value."""
+def equal_stretches(values: Array) -> list[tuple[int, int, float]]:
+    """Stretches of equal values (ticks,): first tick, first tick of the next stretch (or the last), value."""
     starts = [0, *(np.flatnonzero(np.diff(values)) + 1)]
     ends = [*starts[1:], len(values) - 1]
     return [(int(first), int(last), float(values[first])) for first, last in zip(starts, ends, strict=True)]

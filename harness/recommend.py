@@ -99,11 +99,11 @@ def best_for_time(ticks: Ticks, among: Mask | None = None) -> Finding | None:
         return None
     means = np.array([row.sum(dtype=np.int64) for row in ticks]) / np.maximum(successes, 1)
     best = int(np.argmin(np.where(judged, means, np.inf)))
-    share = _shares(ticks[best], means[best])
+    share = error_shares(ticks[best], means[best])
     level = 1 - ALPHA / _pairs(int(judged.sum()))
     named = np.zeros(len(ticks), dtype=bool)
     for i in np.flatnonzero(judged):
-        error = math.sqrt(float(np.sum((_shares(ticks[i], means[i]) - share) ** 2)))
+        error = math.sqrt(float(np.sum((error_shares(ticks[i], means[i]) - share) ** 2)))
         least = min(successes[i], successes[best])
         named[i] = means[i] - means[best] <= t.ppf(level, least - 1) * error * math.sqrt(least / (least - 1))
     return Finding(best, named, asked & ~judged)
@@ -114,8 +114,12 @@ def _pairs(points: int) -> int:
     return max(1, points * (points - 1))
 
 
-def _shares(row: Ticks, mean: float) -> npt.NDArray[np.float64]:
-    """What each trial adds to the error of a mean over the successful ones."""
+def error_shares(row: Ticks, mean: float) -> npt.NDArray[np.float64]:
+    """What each trial adds to the error of a mean [ticks] over the successful ones: (trials,), as `row`.
+
+    The root of the sum of their squares is the mean's standard error; of the squares of two rows' paired
+    differences, that of the difference of the means.
+    """
     shares: npt.NDArray[np.float64] = np.where(row > 0, row - mean, 0.0) / np.count_nonzero(row)
     return shares
 

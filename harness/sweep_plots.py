@@ -13,7 +13,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.polynomial import Polynomial
 
 from harness.log import Array
-from harness.plots import BESIDE, GRID, _figure, _png
+from harness.plots import BESIDE, GRID, new_figure, png_of
 from harness.sweep_table import Z_95, Point
 
 Varied = tuple[str, str, Sequence[Decimal]]  # label, unit, values
@@ -32,7 +32,7 @@ def sweep_png(axes: Sequence[Varied], table: Sequence[Point], result: Mapping[st
         table: what each point came to.
         result: what is recommended, as `harness.recommend.recommend` gives it.
     """
-    return _png(sweep_figure(axes, table, result, title))
+    return png_of(sweep_figure(axes, table, result, title))
 
 
 def sweep_figure(
@@ -65,7 +65,7 @@ def _curves(varied: Varied, table: Sequence[Point], result: Mapping[str, Any]) -
     """Success rate above, mean time below, over one parameter."""
     label, unit, values = varied
     x = np.array([float(value) for value in values])
-    figure = _figure(12, 8)
+    figure = new_figure(12, 8)
     success, time = figure.subplots(2, 1, sharex=True, height_ratios=(1.25, 1))
     _draw_success(success, x, table)
     _draw_time(time, x, table)
@@ -137,7 +137,7 @@ def _maps(axes: Sequence[Varied], table: Sequence[Point], result: Mapping[str, A
     """Success rate and mean time over two parameters as maps; what is best is outlined."""
     (label, unit, values), (other_label, other_unit, others) = axes
     x, y = (np.array([float(v) for v in part]) for part in (values, others))
-    figure = _figure(14, 6.2)
+    figure = new_figure(14, 6.2)
     rate = _numbers([point.success_rate for point in table])
     time = _numbers([point.mean_time for point in table])
     for panel, numbers, key, colours, words in zip(

@@ -1,0 +1,94 @@
+"""The page and its pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import jinja2
+
+from harness.plots import png_of
+from harness.summary import write_whole
+from harness.sweep_table import wilson
+from harness.verification.pictures import (
+    story_figure,
+    three_field_figure,
+    three_figure,
+    two_field_figure,
+    two_figure,
+)
+from harness.verification.published import FIELD
+from harness.verification.runs import SAME_TURNS, Size, Story, simulate, story
+from harness.verification.tables import (
+    cause_table,
+    distance_table,
+    dog_table,
+    field_table,
+    late_table,
+    recommendation_table,
+    route_table,
+    seconds,
+    statements,
+    time_table,
+)
+from models.readings import READINGS
+
+FLOOR = Path(__file__).parents[1]
+RESULTS = FLOOR / "results"
+PAGE = "verification.md"
+TEMPLATES = jinja2.Environment(
+    loader=jinja2.FileSystemLoader(FLOOR / "templates"),
+    undefined=jinja2.StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+    keep_trailing_newline=True,
+)
+FULL = Size()
+SCREEN_DPI = 96  # pictures for a page, not for print
+
+
+def write(folder: Path = RESULTS, size: Size = FULL) -> None:
+    """Write the page and its pictures.
+
+    Raises:
+        LogError: they cannot be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    told = story(size.seeds)
+    pictures = {
+        "verification_two.png": two_figure(size),
+        "verification_three.png": three_figure(size),
+        "verification_two_field.png": two_field_figure(size),
+        "verification_three_field.png": three_field_figure(size),
+        "verification_trial.png": story_figure(told),
+    }
+    for name, figure in pictures.items():
+        write_whole(folder / name, png_of(figure, SCREEN_DPI))
+    write_whole(folder / PAGE, page(size, told).encode())
+
+
+def page(size: Size, told: Story) -> str:
+    """The page's text."""
+    dogs = (simulate("two", "49:49", size.rate, settings=settings).at(49) for settings in ((), SAME_TURNS))
+    failures = [point.trials - point.successes for point in dogs]
+    low, high = (simulate("three", "15:65", size.ranked).at(threshold) for threshold in (40, 65))
+    livelock = [p for p in simulate("three", "15:65", size.curve, "literal").table if p.written[0] < 20]
+    return TEMPLATES.get_template("verification.md.jinja").render(
+        size=size,
+        failures=failures[0],
+        same_turns=failures[1],
+        story=told,
+        statements=statements(size),
+        field=field_table(size),
+        times=time_table(size),
+        causes=cause_table(size),
+        late=late_table(size),
+        dogs={reading: dog_table(size, reading) for reading in READINGS},
+        distances=distance_table(size),
+        routes=route_table(size),
+        recommendations=recommendation_table(size),
+        three_times=[seconds(simulate("three", "37:49:12", size.rate, r).at(49)) for r in READINGS],
+        gain=100 * (high.success_rate - low.success_rate),
+        cost=(high.mean_time or 0.0) - (low.mean_time or 0.0),
+        wilson=100 * wilson(FIELD[0].successes, FIELD[0].trials)[1],
+        livelock=max(p.mean_time or 0.0 for p in livelock),
+    )

@@ -1,0 +1,185 @@
+"""The page's pictures, as the dissertation's Figures 5.1 to 5.8."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
+
+from harness.plots import BELOW, BESIDE, GRID, new_figure, trial_figure
+from harness.sweep import COURSES
+from harness.sweep_plots import COURSES as TYPE_COLOURS
+from harness.verification.published import (
+    ALL_FROM,
+    ALL_FROM_BY_TREND,
+    AT_15_ABOVE,
+    FIELD,
+    FIELD_LATER,
+    R_SQUARED,
+    TREND_AT_23,
+    Field,
+)
+from harness.verification.runs import ALL_CAUSES, CAUSES, Size, Story, mean_time_error, simulate
+from harness.verification.tables import TYPES, percent
+
+COLOURS = {"calibrated": "#0072B2", "literal": "#D55E00"}
+THEIRS, FIELD_COLOUR = "#C2338F", "#111111"
+
+
+def two_figure(size: Size) -> Figure:
+    """Figure 5.3."""
+    figure, success, _ = _curves("two", "15:90", size.curve)
+    style: dict[str, Any] = {"color": THEIRS, "linestyle": "", "zorder": 6}
+    success.plot([15], [AT_15_ABOVE], marker="^", markersize=9, label="above 85 % at 15 deg", **style)
+    success.plot([23], [TREND_AT_23], marker="D", markersize=6, label="95 % at 23 deg (trend)", **style)
+    success.plot([ALL_FROM, 90], [1, 1], color=THEIRS, alpha=0.3, linewidth=6, label="100 % from 23 deg on")
+    label = f"by trend from 26 deg on;\n$R^2$ = {percent(R_SQUARED['two'])}"
+    success.plot([ALL_FROM_BY_TREND], [1], marker="|", markersize=16, markeredgewidth=2, label=label, **style)
+    success.legend(**BESIDE)
+    figure.suptitle(
+        "Two waypoints, as Figure 5.3: ours in both readings; pink: the dissertation's statements"
+    )
+    return figure
+
+
+def three_figure(size: Size) -> Figure:
+    """Figure 5.5, with the field trials of Figure 5.8 and of Table 4.4."""
+    figure, success, time = _curves("three", "15:65", size.curve)
+    for field in FIELD:
+        if field.waypoints == "three":
+            _draw_field(success, field.threshold, field)
+    success.plot([], [], linestyle="", label=f"dissertation: $R^2$ = {percent(R_SQUARED['three'])}")
+    success.legend(**BESIDE)
+    time.set_ylim(28, 42)
+    time.text(20.3, 41.5, "literal, 15 to 19 deg: off the scale (see the text)", va="top", fontsize=9)
+    figure.suptitle("Three waypoints, as Figure 5.5: ours in both readings, and the field trials")
+    return figure
+
+
+def _curves(target: str, thresholds: str, trials: int) -> tuple[Figure, Axes, Axes]:
+    """Success rate above, mean time below, over h', in both readings."""
+    figure = new_figure(12, 7.5)
+    success, time = figure.subplots(2, 1, sharex=True, height_ratios=(1.4, 1))
+    for reading, colour in COLOURS.items():
+        found = simulate(target, thresholds, trials, reading)
+        x, table = found.thresholds, found.table
+        low, high = np.array([point.interval for point in table]).T
+        success.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0)
+        success.plot(x, found.rates, "o", color=colour, markersize=3.5, label=f"ours, {reading}")
+        line, r_squared = found.trend
+        fine = np.linspace(x[0], x[-1], 400)
+        label = f"trend, $R^2$ = {percent(r_squared)}"
+        success.plot(fine, line(fine), color=colour, linewidth=1.2, linestyle=(0, (5, 2)), label=label)
+        mean = np.array([point.mean_time or np.nan for point in table])
+        error = np.array([mean_time_error(point) for point in table])
+        time.fill_between(x, mean - error, mean + error, color=colour, alpha=0.18, linewidth=0)
+        time.plot(x, mean, "o-", color=colour, markersize=3.5, linewidth=1.0, label=f"ours, {reading}")
+    _percents(success)
+    time.set_ylabel("mean time of successful trials [s]")
+    time.set_xlabel("orientation deviation threshold h' [deg]")
+    time.set_xlim(x[0] - 1, x[-1] + 1)
+    time.legend(**BESIDE)
+    for axes in (success, time):
+        axes.grid(**GRID)
+        axes.set_axisbelow(True)
+    figure.align_ylabels([success, time])
+    return figure, success, time
+
+
+def _percents(axes: Axes) -> None:
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda rate, _: f"{100 * rate:.4g} %"))
+    axes.set_ylabel("success rate")
+
+
+def _draw_field(axes: Axes, x: float, field: Field) -> None:
+    """A field rate with its interval."""
+    rate, (low, high) = field.successes / field.trials, field.interval
+    axes.errorbar(
+        x, rate, [[rate - low], [high - rate]], color=FIELD_COLOUR, marker="s", markersize=6, capsize=4,
+        linestyle="", zorder=5, label=f"field, {field.threshold} deg: {field.successes}/{field.trials}",
+    )  # fmt: skip
+
+
+def two_field_figure(size: Size) -> Figure:
+    """Figures 5.6 and 5.7."""
+    figure = new_figure(12, 5)
+    success, time = figure.subplots(1, 2)
+    thresholds = np.array([23.0, 30.0, 37.0])
+    for shift, (reading, colour) in zip((-0.7, 0.7), COLOURS.items(), strict=True):
+        table = simulate("two", "23:37:7", size.rate, reading).table
+        rates = [point.success_rate for point in table]
+        success.plot(thresholds + shift, rates, "o", color=colour, markersize=8, label=f"ours, {reading}")
+        means = np.array([point.mean_time for point in table], dtype=float)
+        time.plot(thresholds, means, "o-", color=colour, markersize=8, label=f"ours, {reading}")
+        if reading == "calibrated":
+            low, high = FIELD_LATER
+            label = "field: 3 to 3.5 s above\nsimulated (on calibrated)"
+            time.fill_between(
+                thresholds, means + low, means + high, color=FIELD_COLOUR, alpha=0.2, label=label
+            )
+    for cause, marker in (("search for the bumper, 1 to 5 s", "v"), (ALL_CAUSES, "^")):
+        found = simulate("two", "23:37:7", size.rate, settings=CAUSES[cause])
+        means = np.array([point.mean_time for point in found.table], dtype=float)
+        label = "calibrated, all causes" if cause == ALL_CAUSES else "calibrated, search for the bumper"
+        time.plot(thresholds, means, marker, color="#009E73", markersize=8, label=label)
+    for field in FIELD[:3]:
+        _draw_field(success, field.threshold, field)
+    success.plot(thresholds, [1, 1, 1], "_", color=THEIRS, markersize=22, markeredgewidth=3,
+                 label="dissertation's simulation")  # fmt: skip
+    success.plot([23], [TREND_AT_23], "D", color=THEIRS, label="its trend")
+    _percents(success)
+    time.set_ylabel("mean time of successful trials [s]")
+    for axes in (success, time):
+        axes.set_xticks(thresholds)
+        axes.set_xlim(20, 40)
+        axes.set_xlabel("h' [deg]")
+        axes.grid(**GRID)
+        axes.set_axisbelow(True)
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2, **BELOW)
+    figure.suptitle("Two waypoints against the field, as Figures 5.6 and 5.7")
+    return figure
+
+
+def three_field_figure(size: Size) -> Figure:
+    """Figure 5.8, and what it does not show: the types."""
+    figure = new_figure(12, 5)
+    whole, types = figure.subplots(1, 2, sharey=True, width_ratios=(1, 1.6))
+    names = list(COURSES["three"])
+    for shift, (reading, colour) in zip((-0.2, 0.2), COLOURS.items(), strict=True):
+        found = simulate("three", "37:49:12", size.rate, reading)
+        whole.plot(
+            np.arange(2) + shift, found.rates, "o", color=colour, markersize=8, label=f"ours, {reading}"
+        )
+        point = found.at(49)
+        rates = [point.rate_of(name) or 0.0 for name in names]
+        hatch = "" if reading == "calibrated" else "//"
+        types.bar(np.arange(4) + shift, rates, 0.36, color=TYPE_COLOURS, alpha=0.85 if not hatch else 0.4,
+                  hatch=hatch, edgecolor="white")  # fmt: skip
+        for x, rate in zip(np.arange(4) + shift, rates, strict=True):
+            types.text(x, rate + 0.01, percent(rate), ha="center", fontsize=9)
+    for x, field in enumerate(field for field in FIELD if field.waypoints == "three"):
+        _draw_field(whole, x, field)
+    whole.set_xticks([0, 1], ["37 deg,\nfield non-structured", "49 deg,\nfield structured (Figure 5.8)"])
+    whole.set_xlim(-0.6, 1.6)
+    types.set_xticks(np.arange(4), TYPES)
+    types.set_title("by type at 49 deg; full: calibrated, hatched: literal", fontsize=10)
+    _percents(whole)
+    whole.set_ylim(0, 1)
+    for axes in (whole, types):
+        axes.grid(**GRID)
+        axes.set_axisbelow(True)
+    whole.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2, **BELOW)
+    figure.suptitle("Three waypoints against the field, as Figure 5.8")
+    return figure
+
+
+def story_figure(told: Story) -> Figure:
+    """Figures 5.1 and 5.2."""
+    figure = trial_figure(told.log)
+    for axes in figure.axes[1:]:
+        axes.axvspan(told.given, told.silenced, color=THEIRS, alpha=0.15, linewidth=0, zorder=0)
+    figure.suptitle(f"right_90, seed {told.seed}, as Figures 5.1 and 5.2; pink: the right command is ignored")
+    return figure

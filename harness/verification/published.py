@@ -1,0 +1,44 @@
+"""What the dissertation says of its trials, in the field and simulated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from scipy.stats import binomtest
+
+
+@dataclass(frozen=True)
+class Field:
+    """Field trials (Table 4.4) with so many waypoints at a threshold h' [deg]."""
+
+    waypoints: str
+    threshold: int
+    successes: int
+    trials: int
+    environment: str
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % confidence interval of the success rate (Clopper and Pearson 1934)."""
+        found = binomtest(self.successes, self.trials).proportion_ci(method="exact")
+        return float(found.low), float(found.high)
+
+    def p_value(self, rate: float) -> float:
+        """How likely a count at least as unlikely as this one is if `rate` is true (exact, two-sided)."""
+        return float(binomtest(self.successes, self.trials, rate).pvalue)
+
+
+FIELD = (  # Table 4.4; 35 trials at each of 23, 30 and 37 deg by 5.3.7.1, the other numbers by Table 4.4's n
+    Field("two", 23, 33, 35, "non-structured"),
+    Field("two", 30, 34, 35, "non-structured"),
+    Field("two", 37, 35, 35, "non-structured"),
+    Field("two", 49, 24, 24, "structured"),
+    Field("three", 37, 27, 35, "non-structured"),
+    Field("three", 49, 34, 52, "structured"),
+)
+AT_15_ABOVE = 0.85  # 5.3.5, two waypoints
+ALL_FROM, ALL_FROM_BY_TREND = 23, 26  # deg, 5.3.5: 100 %
+TREND_AT_23 = 0.95  # 5.3.7.1
+R_SQUARED = {"two": 0.891, "three": 0.954}  # 5.3.5, 5.3.6: of the trend through the success rates
+FIELD_LATER = (3.0, 3.5)  # s, 5.3.7.1: field times above simulated ones, two waypoints
+OPTIMUM = (40, 50)  # deg, 5.3.8

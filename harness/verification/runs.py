@@ -1,0 +1,189 @@
+"""What is run: the trials of `canine sweep`, and one as Figure 5.2 tells it."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from harness import trial
+from harness.chunks import ANOMALIES, Outcomes, batch_of, pool_at, run_all
+from harness.log import Array, Log, read_log
+from harness.plots import equal_stretches
+from harness.recommend import Ticks, error_shares
+from harness.scenario import load
+from harness.sweep import Sweep, wanted
+from harness.sweep_plots import trend
+from harness.sweep_table import TICK_S, Z_95, Point, table_of
+from models.cmec import Cmec
+from models.commands import Command, Status
+
+
+@dataclass(frozen=True)
+class Size:
+    """How many trials are run.
+
+    Attributes:
+        curve: at each threshold of the curves; 1000 in 5.3.5 and 5.3.6.
+        rate: for each rate that is compared with the field's.
+        ranked: at each of the thresholds of which the best are sought.
+        long: over each distance.
+        seeds: among which Figure 5.2's trial is sought.
+    """
+
+    curve: int = 1000
+    rate: int = 40_000
+    ranked: int = 10_000
+    long: int = 10_000
+    seeds: int = 1000
+
+
+SEARCH = ("canine.bumper_search_min=1", "canine.bumper_search_max=5")
+WATCH = ("canine.start_delay=0.5",)
+CAUSES = {  # 5.3.7.1
+    "search for the bumper, 1 to 5 s": SEARCH,
+    "each response 0.1 s late": ("canine.response_delay=0.1",),
+    "each response 0.2 s late": ("canine.response_delay=0.2",),
+    "each response 0.3 s late": ("canine.response_delay=0.3",),
+    "watch started 0.5 s early": WATCH,
+    "search, responses 0.1 s late": (*SEARCH, "canine.response_delay=0.1"),
+    "all: search, 0.2 s late, watch 0.5 s early": (*SEARCH, "canine.response_delay=0.2", *WATCH),
+}
+ALL_CAUSES = list(CAUSES)[-1]
+OBEDIENT = ("canine.right_success=1", "canine.left_success=1")
+SAME_DRIFT = ("canine.drift_deviation=0",)
+SAME_TURNS = ("canine.right_turn_rate_deviation=0", "canine.left_turn_rate_deviation=0")
+SAME_DOG = (*SAME_DRIFT, *SAME_TURNS, "canine.start_heading_deviation=0")
+STRAIGHT = ("canine.drift=0", *SAME_DRIFT)
+DOGS = {
+    "Table 5.1": (),
+    "turn success rates 1 and 1": OBEDIENT,
+    "turn success rates halved, 0.30 and 0.32": ("canine.right_success=0.3", "canine.left_success=0.32"),
+    "turn rates always their means": SAME_TURNS,
+    "drift always its mean": SAME_DRIFT,
+    "no drift": STRAIGHT,
+    "drift at its mean, no deviations": SAME_DOG,
+    "drift at its mean, no deviations, rates 1": (*SAME_DOG, *OBEDIENT),
+    "no drift, no deviations, rates 1": ("canine.drift=0", *SAME_DOG, *OBEDIENT),
+}
+DISTANCES = (25, 50, 100, 200, 500)  # m
+NO_LIMIT = ("cmec.max_turns=1000",)
+ROUTES = {3: "right_90", 4: "four_waypoint", 5: "five_waypoint"}
+STORY = (Command.RIGHT, Command.NONE, Command.RIGHT, Command.FORWARD)  # Figure 5.2: ignored, silence, obeyed
+
+
+@dataclass(frozen=True, eq=False)
+class Simulated:
+    """What the trials at some thresholds came to; ticks (thresholds, trials) as in `chunks.Outcomes`."""
+
+    asked: Sweep
+    table: list[Point]
+    ticks: Ticks
+
+    @property
+    def thresholds(self) -> Array:
+        """h' in deg."""
+        return np.array([float(point.written[0]) for point in self.table])
+
+    @property
+    def rates(self) -> Array:
+        """Success rates."""
+        return np.array([point.success_rate for point in self.table])
+
+    def at(self, threshold: float) -> Point:
+        """The point of this h' [deg]."""
+        return self.table[int(np.flatnonzero(self.thresholds == threshold)[0])]
+
+    @property
+    def trend(self) -> tuple[Callable[[Array], Array], float]:
+        """The trend line through the success rates and its R2, as `canine sweep` draws it.
+
+        Raises:
+            ValueError: all rates are equal, or there are too few points.
+        """
+        fitted = trend(self.thresholds, self.rates)
+        if fitted is None:
+            raise ValueError("all success rates are equal, or there are too few; run more trials")
+        return fitted
+
+
+@cache
+def simulate(
+    target: str, thresholds: str, trials: int, reading: str = "calibrated", settings: tuple[str, ...] = ()
+) -> Simulated:
+    """The trials of `canine sweep TARGET --thresholds ... --reading ... --set ...`."""
+    asked = wanted(target, thresholds=thresholds, trials=trials, reading=reading, settings=settings)
+    outcomes = Outcomes(asked.job)
+    with pool_at(None, asked.job) as pool:
+        a_core = -(-asked.job.total // pool.width)  # nobody waits for a part, and larger chunks run faster
+        run_all(outcomes, pool, keep=lambda chunk: None, size=a_core)
+    return Simulated(asked, table_of(asked.points, outcomes), outcomes.ticks)
+
+
+def mean_time_error(point: Point) -> float:
+    """Half the 95 % interval of a mean time, s."""
+    return Z_95 * (point.sd_time or 0.0) / math.sqrt(max(point.successes, 1))
+
+
+def time_difference(ticks: Ticks, other: Ticks) -> tuple[float, float]:
+    """How much longer [s] a row's successful trials last on average than another's, and its standard error.
+
+    The rows are of the same seeds, so what both share drops out.
+    """
+    means = [float(row[row > 0].mean()) for row in (ticks, other)]
+    shares = error_shares(ticks, means[0]) - error_shares(other, means[1])
+    return TICK_S * (means[0] - means[1]), TICK_S * float(np.sqrt(np.sum(shares**2)))
+
+
+@dataclass(frozen=True)
+class Story:
+    """A trial as Figure 5.2 tells it: when the turn was given, was silenced, given again, and obeyed [s]."""
+
+    seed: int
+    given: float
+    silenced: float
+    again: float
+    obeyed: float
+    end: float
+    log: Log
+
+
+def story(seeds: int) -> Story:
+    """The first trial of right_90, of the seeds from 1 on, that goes as Figure 5.2's: a success with one TURN
+    FAILURE and no other anomaly, whose RIGHT is obeyed when it is given again.
+
+    Seeds are searched by the batch runner; the trial is run through the FMUs, as `canine run` does.
+
+    Raises:
+        LookupError: there is none.
+    """
+    job = wanted("right_90").job
+    (course,) = job.courses
+    numbers = np.arange(1, seeds + 1, dtype=np.int32)
+    threshold = np.array([[Cmec.moving_deviation.start[0]]])
+    results = batch_of(job).run(course.values, threshold, np.zeros_like(numbers), numbers, course.ticks)
+    anomalies = results.values[:, 2:]
+    failure = anomalies[:, ANOMALIES.index("turn_failure")]
+    fits = (results.values[:, 0] == Status.SUCCESS) & (failure == 1) & (anomalies.sum(axis=1) == 1)
+    for seed in numbers[fits]:
+        log = _run_trial("right_90", int(seed))
+        held = equal_stretches(log["controller.command"])
+        for k in range(len(held) - 3):
+            if tuple(value for _, _, value in held[k : k + 4]) == STORY:
+                given, silenced, again, obeyed = (float(log.time[first]) for first, _, _ in held[k : k + 4])
+                return Story(int(seed), given, silenced, again, obeyed, float(log.time[-1]), log)
+    raise LookupError(f"right_90: none of the seeds 1 to {seeds} gives the trial of Figure 5.2")
+
+
+def _run_trial(name: str, seed: int) -> Log:
+    """A trial through the FMUs, the true state into the controller."""
+    request = trial.Request(replace(load(name), system="cts", seed=seed))
+    trial.build_missing(request)
+    with trial.prepared(request) as ready, tempfile.TemporaryDirectory(prefix="canine-") as folder:
+        trial.run(request, ready, Path(folder))
+        return read_log(Path(folder) / trial.LOG)

@@ -1,0 +1,266 @@
+"""The page's tables, in Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from harness.recommend import recommend
+from harness.sweep import COURSES
+from harness.sweep_table import Point
+from harness.verification.published import (
+    ALL_FROM,
+    ALL_FROM_BY_TREND,
+    AT_15_ABOVE,
+    FIELD,
+    R_SQUARED,
+    TREND_AT_23,
+    Field,
+)
+from harness.verification.runs import (
+    CAUSES,
+    DISTANCES,
+    DOGS,
+    NO_LIMIT,
+    OBEDIENT,
+    ROUTES,
+    Simulated,
+    Size,
+    mean_time_error,
+    simulate,
+    time_difference,
+)
+from models.readings import READINGS
+
+TYPES = [name.replace("_", " ") for name in COURSES["three"]]
+
+
+def markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table of the page; every column but the first is set to the right."""
+    lines = [header, ["---", *["---:"] * (len(header) - 1)], *rows]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+
+
+def percent(rate: float) -> str:
+    """With one digit after the point; what is not all or nothing does not look like it."""
+    text = f"{100 * rate:.1f}"
+    if 0 < rate < 1 and text in ("0.0", "100.0"):
+        return "< 0.1 %" if rate < 0.5 else "> 99.9 %"
+    return f"{text} %"
+
+
+def seconds(point: Point) -> str:
+    """Mean time of the successful trials."""
+    return "-" if point.mean_time is None else f"{point.mean_time:.2f} s"
+
+
+def _p(value: float) -> str:
+    """A probability with two digits."""
+    return f"{value:.2g}".replace("e-0", "e-")
+
+
+def statements(size: Size) -> str:
+    """What 5.3.5 to 5.3.7.1 say of the simulation, and what ours says."""
+    two = {reading: simulate("two", "15:90", size.curve, reading) for reading in READINGS}
+    three = {reading: simulate("three", "15:65", size.curve, reading) for reading in READINGS}
+
+    def line(what: str, theirs: str, ours: Iterable[str]) -> list[str]:
+        return [what, theirs, *ours]
+
+    return markdown(
+        ["what", "dissertation", *READINGS],
+        [
+            line(
+                "two waypoints, success at 15 deg",
+                f"above {100 * AT_15_ABOVE:.0f} %",
+                (percent(two[r].at(15).success_rate) for r in READINGS),
+            ),
+            line(
+                f"two waypoints, lowest success from {ALL_FROM} deg on",
+                "100 %",
+                (percent(two[r].rates[two[r].thresholds >= ALL_FROM].min()) for r in READINGS),
+            ),
+            line(
+                "two waypoints, h' from which the trend is at 100 %",
+                f"{ALL_FROM_BY_TREND} deg",
+                (_whole_from(two[r]) for r in READINGS),
+            ),
+            line(
+                "two waypoints, trend at 23 deg",
+                f"{100 * TREND_AT_23:.0f} %",
+                (percent(float(two[r].trend[0](np.array([23.0]))[0])) for r in READINGS),
+            ),
+            line(
+                "two waypoints, R² of the trend",
+                percent(R_SQUARED["two"]),
+                (percent(two[r].trend[1]) for r in READINGS),
+            ),
+            line(
+                "three waypoints, R² of the trend",
+                percent(R_SQUARED["three"]),
+                (
+                    f"{percent(three[r].trend[1])} (straight line {percent(straight_line(three[r]))})"
+                    for r in READINGS
+                ),
+            ),
+        ],
+    )
+
+
+def _whole_from(found: Simulated) -> str:
+    """The first threshold at which the trend is cut at 100 %."""
+    at = found.thresholds[found.trend[0](found.thresholds) >= 1.0]
+    return f"{at[0]:.0f} deg" if at.size else "none"
+
+
+def straight_line(found: Simulated) -> float:
+    """R2 of a straight line through the success rates."""
+    return float(np.corrcoef(found.thresholds, found.rates)[0, 1] ** 2)
+
+
+def our_rate(field: Field, reading: str, size: Size) -> float:
+    """Success rate of our trials as those in the field."""
+    thresholds = "37:49:12" if field.waypoints == "three" else "49:49" if field.threshold == 49 else "23:37:7"
+    return simulate(field.waypoints, thresholds, size.rate, reading).at(field.threshold).success_rate
+
+
+def field_table(size: Size) -> str:
+    """Field success rates with their intervals, ours, and how likely the field's counts are under ours."""
+    rows = []
+    for waypoints in ("two", "three"):
+        mine = [field for field in FIELD if field.waypoints == waypoints]
+        trials = sum(field.trials for field in mine)
+        for field in mine:
+            what = f"{waypoints}, {field.threshold} deg, {field.environment}"
+            rows += [
+                [what, *_compared(field, reading, our_rate(field, reading, size))] for reading in READINGS
+            ]
+        whole = Field(waypoints, 0, sum(field.successes for field in mine), trials, "")
+        for reading in READINGS:
+            rate = sum(field.trials * our_rate(field, reading, size) for field in mine) / trials
+            rows.append([f"{waypoints}, all {trials}", *_compared(whole, reading, rate)])
+    return markdown(
+        ["waypoints, h', environment", "field", "95 % interval", "reading", "ours", "inside?", "p", ""], rows
+    )
+
+
+def _compared(field: Field, reading: str, rate: float) -> list[str]:
+    low, high = field.interval
+    p = field.p_value(rate)
+    return [
+        f"{field.successes}/{field.trials} = {percent(field.successes / field.trials)}",
+        f"{100 * low:.1f} to {100 * high:.1f} %",
+        reading,
+        percent(rate),
+        "yes" if low <= rate <= high else "no",
+        _p(p),
+        "agrees" if p >= 0.05 else "**differs**",
+    ]
+
+
+def time_table(size: Size) -> str:
+    """Mean times of two-waypoint trials, with 95 % intervals."""
+    rows = []
+    for threshold in (23, 30, 37):
+        cells = [f"{threshold} deg"]
+        for reading in READINGS:
+            point = simulate("two", "23:37:7", size.rate, reading).at(threshold)
+            cells += [percent(point.success_rate), f"{point.mean_time:.2f} ± {mean_time_error(point):.2f} s"]
+        rows.append(cells)
+    return markdown(["h'", *(f"{r} {what}" for r in READINGS for what in ("success", "time"))], rows)
+
+
+def cause_table(size: Size) -> str:
+    """What each cause adds to the time, and what success is with it."""
+    plain = simulate("two", "23:37:7", size.rate)
+    rows = [["none", *(f"{seconds(p)}, {percent(p.success_rate)}" for p in plain.table)]]
+    for cause, settings in CAUSES.items():
+        found = simulate("two", "23:37:7", size.rate, settings=settings)
+        cells = [cause]
+        for ticks, other, point in zip(found.ticks, plain.ticks, found.table, strict=True):
+            later, error = time_difference(ticks, other)
+            cells.append(f"{later:+.2f} ± {error:.2f} s, {percent(point.success_rate)}")
+        rows.append(cells)
+    return markdown(["cause", *(f"{threshold:.0f} deg" for threshold in plain.thresholds)], rows)
+
+
+def late_table(size: Size) -> str:
+    """Three waypoints at 49 deg when the dog responds late."""
+    rows = []
+    for delay in (0.0, 0.1, 0.2, 0.3):
+        point = simulate("three", "49:49", size.rate, settings=(f"canine.response_delay={delay}",)).at(49)
+        rows.append([f"{delay:.1f} s", percent(point.success_rate), *_by_type(point), seconds(point)])
+    return markdown(["late by", "success", *TYPES, "time"], rows)
+
+
+def _by_type(point: Point) -> list[str]:
+    return [percent(point.rate_of(name) or 0.0) for name in COURSES["three"]]
+
+
+def dog_table(size: Size, reading: str) -> str:
+    """What of the dog makes trials fail: three waypoints at 49 deg."""
+    rows = []
+    for dog, settings in DOGS.items():
+        point = simulate("three", "49:49", size.rate, reading, settings).at(49)
+        rows.append([dog, percent(point.success_rate), *_by_type(point), seconds(point)])
+    return markdown(["dog", "success", *TYPES, "time"], rows)
+
+
+def distance_table(size: Size) -> str:
+    """Two waypoints farther and farther apart."""
+    rows = []
+    for distance in DISTANCES:
+        there = (f"controller.waypoint_north[1]={distance}",)
+        points = [simulate("distance_100", "49:49", size.long, r, there).at(49) for r in READINGS]
+        free = simulate("distance_100", "29:89:20", size.long, settings=(*there, *NO_LIMIT))
+        rows.append(
+            [f"{distance} m"]
+            + [f"{percent(p.success_rate)}, {seconds(p)}" for p in points]
+            + [percent(free.at(49).success_rate), *(seconds(p) for p in free.table)]
+        )
+    thresholds = [f"{h} deg" for h in (29, 49, 69, 89)]
+    return markdown(["distance", *READINGS, "no limit: success", *thresholds], rows)
+
+
+def route_table(size: Size) -> str:
+    """Three, four and five waypoints round 122 m, by what MAXTURN counts."""
+    budgets: dict[str, tuple[str, tuple[str, ...]]] = {
+        "calibrated: 2 a trial": ("calibrated", ("cmec.reset_turns=false",)),
+        "2 a waypoint": ("calibrated", ("cmec.reset_turns=true",)),
+        "literal: 2 a waypoint, re-issues count": ("literal", ("cmec.reset_turns=true",)),
+        "literal, rates 1": ("literal", ("cmec.reset_turns=true", *OBEDIENT)),
+    }
+    rows = []
+    for waypoints, scenario in ROUTES.items():
+        points = (simulate(scenario, "49:49", size.rate, *budget).at(49) for budget in budgets.values())
+        rows.append([str(waypoints), *(f"{percent(p.success_rate)}, {seconds(p)}" for p in points)])
+    return markdown(["waypoints", *budgets], rows)
+
+
+def recommendation_table(size: Size) -> str:
+    """What `canine sweep` recommends."""
+    rows = []
+    for target, thresholds in (("two", "15:90"), ("three", "15:65")):
+        for reading in READINGS:
+            found = simulate(target, thresholds, size.ranked, reading)
+            axes = [(axis.column, axis.unit, axis.written) for axis in found.asked.axes]
+            said = recommend(axes, found.table, found.ticks)
+            rows.append([f"{target}, {reading}", *(_said(said[key]) for key in ("success", "time", "both"))])
+    return markdown(["waypoints, reading", "best success", "shortest time", "fastest of the best"], rows)
+
+
+def _said(found: Mapping[str, Any]) -> str:
+    """The range, the best point, and whether the range ends where the sweep does."""
+    if "range" not in found:
+        return str(found["text"])
+    ((low, high),) = found["range"].values()
+    best = found["best"]
+    (end,) = found["range_ends"].values()
+    beyond = {"start": ", to the sweep's start", "end": ", to the sweep's end", "both": ", everywhere"}
+    span = f"{low} to {high}" if low != high else f"{low}"
+    return (
+        f"{span} deg{beyond.get(end, '')} (best at {best['threshold_deg']}: "
+        f"{percent(best['success_rate'])}, {best['mean_time_s']:.2f} s)"
+    )
