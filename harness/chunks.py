@@ -43,8 +43,8 @@ OBSERVED = (
 ENDS = frozenset({int(Status.SUCCESS), int(Status.FAILED), int(Status.STOPPED)})
 SUMS = ("commands", "timeouts", *ANOMALIES)  # commands: of successful trials
 LARGEST = {"cts": 32_768, "full": 4_096}  # trials in a chunk: some tenths of a second
-SMALLEST = 512
-ROUNDS = 8  # chunks that a core gets at least, if they are not too small: none waits long for another
+SMALLEST = 2048  # the last trials of a chunk have lanes to themselves
+ROUNDS = 4  # chunks that a core gets at least, if they are not too small: none waits long for another
 ANSWER_S = 5.0  # s in which a scheduler, and its workers, must answer
 ALONE_S = 60.0  # s that a sweep waits for a cluster that has lost all its workers
 ATTEMPTS = 3  # times that a chunk is handed in again after the scheduler gave it up: its workers died
@@ -67,6 +67,11 @@ class Course:
     changes: tuple[Change, ...]
     ticks: int
 
+    @property
+    def flat(self) -> dict[str, float]:
+        """The start values by `component.name`."""
+        return {f"{c}.{n}": value for c, values in self.values.items() for n, value in values.items()}
+
 
 @dataclass(frozen=True)
 class Job:
@@ -76,7 +81,7 @@ class Job:
         system: name of one of SYSTEMS.
         varied: what differs between the points, `component.parameter`.
         points: (points, varied), SI.
-        courses: the types of trials, which take turns.
+        courses: the types of trials, which take turns; they set the same, and differ in its values alone.
         trials: of each point.
         seed: of the first trial of each point.
         first: index of `points[0]`, if they are some out of more.
@@ -90,10 +95,29 @@ class Job:
     seed: int
     first: int = 0
 
+    def __post_init__(self) -> None:
+        first, *others = self.courses
+        for course in others:
+            alike = (course.changes, course.ticks, course.flat.keys())
+            if alike != (first.changes, first.ticks, first.flat.keys()):
+                raise ValueError(f"{course.name} sets other things, or at other times, than {first.name}")
+
     @property
     def total(self) -> int:
         """Number of trials."""
         return len(self.points) * self.trials
+
+    @property
+    def by_course(self) -> tuple[str, ...]:
+        """What differs between the courses, `component.name`."""
+        flat = [course.flat for course in self.courses]
+        return tuple(name for name in flat[0] if len({values[name] for values in flat}) > 1)
+
+    def rows(self) -> npt.NDArray[np.float64]:
+        """(points * courses, varied + by_course) the values of each point for each course."""
+        own = [[course.flat[name] for name in self.by_course] for course in self.courses]
+        width = len(self.varied) + len(self.by_course)
+        return np.array([(*p, *v) for p in self.points for v in own]).reshape(-1, width)
 
     @property
     def dtype(self) -> type[np.unsignedinteger[Any]]:
@@ -176,19 +200,15 @@ def batch_of(job: Job) -> Batch:
     Raises:
         CompileError: the compiler refuses it.
     """
-    key = (job.system, job.varied)
+    varied = (*job.varied, *job.by_course)
+    key = (job.system, varied)
     with _one_at_a_time:
         if key not in _batches:
-            _batches[key] = Batch(SYSTEMS[job.system], job.varied, OBSERVED, ("controller.status", ENDS))
-        batch = _batches[key]
-        nobody = np.zeros(0, dtype=np.int32)
-        for course in job.courses:  # of no trials: it is compiled here, not in many threads at once
-            batch.run(course.values, _points(job)[:1], nobody, nobody, course.ticks, changes=course.changes)
-        return batch
-
-
-def _points(job: Job) -> npt.NDArray[np.float64]:
-    return np.array(job.points, dtype=np.float64).reshape(len(job.points), len(job.varied))
+            _batches[key] = Batch(SYSTEMS[job.system], varied, OBSERVED, ("controller.status", ENDS))
+        nobody = np.zeros(0, dtype=np.int32)  # of no trials: compiled here, not in many threads at once
+        course = job.courses[0]
+        _batches[key].run(course.values, job.rows(), nobody, nobody, course.ticks, changes=course.changes)
+        return _batches[key]
 
 
 @cache
@@ -218,27 +238,21 @@ def run_chunk(job: Job, start: int, stop: int, made_for: str) -> Chunk:
     if made_for != program():
         raise ClusterError(f"a worker runs another version of this program, {program()[:12]}")
     point, number = np.divmod(np.arange(start, stop), job.trials)
-    ticks = np.zeros(stop - start, dtype=job.dtype)
-    counts = np.zeros((stop - start, len(SUMS)), dtype=np.int64)
-    runner = batch_of(job)
-    for turn, course in enumerate(job.courses):
-        mine = np.flatnonzero(number % len(job.courses) == turn)
-        if not mine.size:
-            continue
-        results = runner.run(
-            course.values,
-            _points(job),
-            (point[mine] - job.first).astype(np.int32),
-            (job.seed + number[mine]).astype(np.int32),
-            course.ticks,
-            changes=course.changes,
-        )
-        status = results.values[:, 0]
-        success = status == Status.SUCCESS
-        ticks[mine] = np.where(success, results.ticks, 0)
-        counts[mine, 0] = np.where(success, results.values[:, 1], 0)
-        counts[mine, 1] = ~np.isin(status, list(ENDS))
-        counts[mine, 2:] = results.values[:, 2:]
+    course, courses = job.courses[0], len(job.courses)
+    results = batch_of(job).run(
+        course.values,
+        job.rows(),
+        ((point - job.first) * courses + number % courses).astype(np.int32),
+        (job.seed + number).astype(np.int32),
+        course.ticks,
+        changes=course.changes,
+    )
+    status = results.values[:, 0]
+    success = status == Status.SUCCESS
+    ticks = np.where(success, results.ticks, 0).astype(job.dtype)
+    counts = results.values.astype(np.int64)
+    counts[:, 0] = np.where(success, results.values[:, 1], 0)
+    counts[:, 1] = ~np.isin(status, list(ENDS))
     sums = np.add.reduceat(counts, np.flatnonzero(np.diff(point, prepend=-1)))
     return Chunk(start, stop, ticks, sums)
 

@@ -121,21 +121,16 @@ def run_alone(job: Job) -> None:
 
 def ticks_of(job: Job) -> int:
     """How many ticks the sweep's trials take altogether."""
-    number = np.arange(job.total)
-    point, trial_number = np.divmod(number, job.trials)
-    total = 0
-    for turn, course in enumerate(job.courses):
-        mine = trial_number % len(job.courses) == turn
-        results = batch_of(job).run(
-            course.values,
-            np.array(job.points),
-            point[mine].astype(np.int32),
-            (job.seed + trial_number[mine]).astype(np.int32),
-            course.ticks,
-            changes=course.changes,
-        )
-        total += int(results.ticks.sum())
-    return total
+    point, number = np.divmod(np.arange(job.total), job.trials)
+    course, courses = job.courses[0], len(job.courses)
+    results = batch_of(job).run(
+        course.values,
+        job.rows(),
+        (point * courses + number % courses).astype(np.int32),
+        (job.seed + number).astype(np.int32),
+        course.ticks,
+    )
+    return int(results.ticks.sum())
 
 
 def settings_of(job: Job) -> list[tuple[Setting, list[tuple[float, float]], int]]:
