@@ -43,6 +43,7 @@ class Graph:
         self._known: dict[tuple[object, ...], Node] = {}
         self._assumed: dict[Node, Node] = {}
         self._whole: set[Node] = set()
+        self._truths: set[Node] = set()
         self.true, self.false = self.constant(1.0), self.constant(0.0)
 
     def constant(self, value: float) -> Node:
@@ -51,11 +52,13 @@ class Graph:
             (ca.OP_CONST, value, math.copysign(1.0, value)), lambda: Node(ca.OP_CONST, value=value)
         )
 
-    def leaf(self, text: str, whole: bool = False) -> Node:
-        """What is read from memory, as C writes it; `whole` numbers have no -0.0."""
+    def leaf(self, text: str, type: Type = Type.REAL) -> Node:
+        """What is read from memory, as C writes it."""
         node = self._once((ca.OP_INPUT, text), lambda: Node(ca.OP_INPUT, field=text))
-        if whole:
-            self._whole.add(node)
+        if type is not Type.REAL:
+            self._whole.add(node)  # has no -0.0
+        if type is Type.BOOLEAN:
+            self._truths.add(node)  # 0 or 1
         return node
 
     def make(self, op: int, operands: tuple[Node, ...]) -> Node:
@@ -78,25 +81,37 @@ class Graph:
         """The constant that a node is assumed to be, or the node."""
         return self._assumed.get(node, node)
 
-    def assume(self, node: Node, value: float) -> None:
-        """From here on the node has this value, and what follows from that for its operands."""
-        a = node.operands
-        if node.op != ca.OP_CONST and (value or self._is_whole(node)):  # what equals 0.0 may be -0.0
-            self._assumed[node] = self.constant(value)
-        if node.op == ca.OP_NOT:
-            self.assume(a[0], float(not value))
-        elif (node.op == ca.OP_AND and value) or (node.op == ca.OP_OR and not value):
+    def assume(self, condition: Node, holds: bool) -> None:
+        """From here on the condition holds, or does not, and what follows from that for its operands."""
+        a = condition.operands
+        if condition.ctype == "bool" or condition in self._truths:
+            self._assumed[condition] = self.constant(float(holds))
+        elif not holds:  # a number that is no truth is not 0, or is
+            self.assume_value(condition, 0.0)
+        if condition.op == ca.OP_NOT:
+            self.assume(a[0], not holds)
+        elif condition.op == (ca.OP_AND if holds else ca.OP_OR):
             for operand in a:
-                self.assume(operand, value)
-        elif node.op in (ca.OP_EQ, ca.OP_NE) and bool(value) is (node.op == ca.OP_EQ):
+                self.assume(operand, holds)
+        elif condition.op == (ca.OP_EQ if holds else ca.OP_NE):
             for x, other in (a, a[::-1]):
                 if other.op == ca.OP_CONST:
-                    self.assume(x, other.value)
-        elif node.op == SELECT:
-            for taken, one, other in ((1.0, a[1], a[2]), (0.0, a[2], a[1])):
+                    self.assume_value(x, other.value)
+
+    def assume_value(self, node: Node, value: float) -> None:
+        """From here on the node has this value, and what follows from that for its operands."""
+        if node.ctype == "bool":
+            if value in (0.0, 1.0):
+                self.assume(node, bool(value))
+            return
+        if node.op != ca.OP_CONST and (value or self._is_whole(node)):  # what equals 0.0 may be -0.0
+            self._assumed[node] = self.constant(value)
+        if node.op == SELECT:
+            condition, yes, no = node.operands
+            for holds, one, other in ((True, yes, no), (False, no, yes)):
                 if other.op == ca.OP_CONST and other.value != value:
-                    self.assume(a[0], taken)
-                    self.assume(one, value)
+                    self.assume(condition, holds)
+                    self.assume_value(one, value)
 
     def select(self, condition: Node, yes: Node, no: Node) -> Node:
         return self.make(SELECT, (condition, yes, no))
@@ -155,7 +170,7 @@ class Tick:
         reads: the lane's fields that it reads.
         writes: those that it changes.
         common: what it reads of what all trials have in common.
-        lines: its C, with the fields of lane `l` of `v` and what is common to all trials in locals.
+        lines: its C, from locals to lane `l` of `to` and the local `departs`.
         operations: how many there are.
         departs: it never is the ordinary one.
     """
@@ -253,7 +268,7 @@ class _Joining:
             self.departs = Node(
                 ca.OP_OR, (self.departs, condition)
             )  # not by the graph, which assumes neither
-        self.graph.assume(condition, 0.0)
+        self.graph.assume(condition, False)
 
     def phase(self, component: str, phase: Phase) -> None:
         graph, keep = self.graph, self.wiring.keep[component]
@@ -319,8 +334,8 @@ class _Joining:
     def lane(self, key: Key) -> Node:
         component, name = key
         variables = self.wiring.system.components[component].variables().values()
-        whole = any(name in v.flat_names and v.type is not Type.REAL for v in variables)
-        return self.graph.leaf(_remember(self.leaves, field_name(key), key), whole)
+        variable = next(v for v in variables if name in v.flat_names)
+        return self.graph.leaf(_remember(self.leaves, field_name(key), key), variable.type)
 
     def writes(self) -> dict[Key, Node]:
         """The states that the tick changes."""

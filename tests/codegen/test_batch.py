@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -312,6 +313,39 @@ def test_plants_that_feed_each_other_see_where_the_others_are_now(names: str) ->
         "followers", dict.fromkeys(names, Walker), (Connection("a", "at", "b", "push"),)
     )  # fmt: skip
     compare(system, {"a": {"pace": 1.0}}, ["a.at", "b.at", "b.place", "b.rests"], 30)
+
+
+class Beats(Block):
+    """Counts up to a period and begins again; a beat now and then."""
+
+    source = "none"
+    moore = True
+
+    beat = Output("1", "a hundred a beat, and all counts")
+    count = State(Integer, "ticks since the last beat")
+    counts = State("1", "all counts")
+    beats = State("1", "a hundred a beat")
+
+    def go(m) -> None:
+        """Count."""
+        m.count = ca.if_else(m.count >= 3, 0, m.count + 1)
+
+    @triggered(lambda m: ca.logic_not(m.count), seldom=True)
+    def strike(m) -> None:
+        """A number that is not 0 is no truth: it may be more than 1."""
+        m.beats = m.beats + 100
+
+    def gather(m) -> None:
+        """Sum up."""
+        m.counts = m.counts + m.count
+
+    def output(m) -> None:
+        """Both."""
+        m.beat = m.counts + m.beats
+
+
+def test_a_number_used_as_a_condition_keeps_its_value() -> None:
+    compare(System("beats", {"plant": Beats}, ()), {}, ["plant.beat", "plant.count"], 30)
 
 
 class Signs(Block):

@@ -220,13 +220,13 @@ def test_a_choice_that_is_not_the_other_number_is_the_one(
 ) -> None:
     # given c ? x : 2, or c ? 2 : x
     options = (graph.constant(2.0), x) if taken == 0 else (x, graph.constant(2.0))
-    graph.assume(graph.select(condition, *options), 5.0)
+    graph.assume_value(graph.select(condition, *options), 5.0)
     assert is_constant(graph.known(condition), float(taken))
     assert is_constant(graph.known(x), 5.0)
 
 
 def test_a_choice_that_may_be_either_stays_open(graph: Graph, x: Node, condition: Node) -> None:
-    graph.assume(graph.select(condition, x, graph.constant(2.0)), 2.0)
+    graph.assume_value(graph.select(condition, x, graph.constant(2.0)), 2.0)
     assert graph.known(condition) is condition
     assert graph.known(x) is x
 
