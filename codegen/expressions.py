@@ -140,10 +140,6 @@ def fields(block: type[Block]) -> Leaf:
     return leaf
 
 
-def _is_zero(node: Node) -> bool:
-    return node.op == ca.OP_CONST and node.value == 0.0
-
-
 def count_uses(results: Sequence[Node]) -> None:
     """Count by how many operations and results each node is used."""
     used = list(results)

@@ -41,4 +41,3 @@ ALL_FROM, ALL_FROM_BY_TREND = 23, 26  # deg, 5.3.5: 100 %
 TREND_AT_23 = 0.95  # 5.3.7.1
 R_SQUARED = {"two": 0.891, "three": 0.954}  # 5.3.5, 5.3.6: of the trend through the success rates
 FIELD_LATER = (3.0, 3.5)  # s, 5.3.7.1: field times above simulated ones, two waypoints
-OPTIMUM = (40, 50)  # deg, 5.3.8
