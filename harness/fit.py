@@ -35,6 +35,7 @@ from models.kit.units import DEG
 CONFIDENCE = 0.95
 REDRAWN = ("cruise_speed", "speeding_up", "slowing_down")  # which the model draws again below
 FLOOR = 0.2  # of their means
+ROUND_OFF = 1e-9  # of the mean, and in what a scenario states; less is no deviation of an animal
 DISTURBING = 0.01  # share of turns under the threshold, from which on a note is due
 
 
@@ -195,9 +196,9 @@ def _parameters(found: Mapping[str, Any], rates: Mapping[str, Any]) -> dict[str,
         mean, deviation = row["mean"], row["sd"]
         if key in REDRAWN and deviation is not None:
             mean, deviation = before_redrawing(mean, deviation) or (mean, deviation)
-        parameters[f"canine.{key}"] = mean
+        parameters[f"canine.{key}"] = settled(mean)
         if deviation is not None:
-            parameters[f"canine.{key}_deviation"] = deviation
+            parameters[f"canine.{key}_deviation"] = settled(deviation, mean)
     for name, row in rates.items():
         if row["rate"] is not None:
             parameters[f"canine.{name}"] = row["rate"]
@@ -206,6 +207,11 @@ def _parameters(found: Mapping[str, Any], rates: Mapping[str, Any]) -> dict[str,
 
 def rounded(value: float) -> float:
     return float(f"{value:.6g}")
+
+
+def settled(value: float, mean: float = 0.0) -> float:
+    """Zero for what is round-off: beside the mean, or in m/s, m/s2, deg/s and deg as such."""
+    return 0.0 if abs(value) < ROUND_OFF * max(1.0, abs(mean)) else value
 
 
 def read_track(log: Log, source: Source) -> Track:
@@ -284,7 +290,7 @@ def read_tracks(
         if progress:
             progress(number)
         try:
-            digest = sha256(path.read_bytes()).digest()
+            digest = sha256(_content(path)).digest()
             if digest in content:
                 notes.append(f"{path}: the same log as {content[digest]}; counted once")
                 continue
@@ -300,6 +306,13 @@ def read_tracks(
         raise failures[0]
     notes += [f"{failure}; left out" for failure in failures]
     return Reading(tracks, [*notes, *_mixed(tracks)])
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise FitError(f"{path}: cannot be read ({error.strerror}); expected the log of a trial") from error
 
 
 def _mixed(tracks: Sequence[tuple[Track, Source]]) -> Iterable[str]:

@@ -14,7 +14,7 @@ from rich.markup import escape
 from rich.table import Table
 from scipy import stats
 
-from harness.fit import reasons, rounded
+from harness.fit import FitError, reasons, rounded, settled
 from harness.log import Array
 from harness.plots import BELOW, DPI, ESTIMATES, GRID, TRUTH
 from harness.summary import write_whole
@@ -41,7 +41,7 @@ def fragment(result: Mapping[str, Any]) -> str:
     if start["sd"] is not None:
         lines += [
             f"# The handler's: the start was {start['mean']:.3g} deg off the first waypoint on average.",
-            f'# "canine.start_heading_deviation" = {rounded(start["sd"])!r}',
+            f'# "canine.start_heading_deviation" = {rounded(settled(start["sd"], start["mean"]))!r}',
         ]
     return "\n".join(lines) + "\n"
 
@@ -50,9 +50,15 @@ def report(result: Mapping[str, Any], out: Path) -> None:
     """Write fit.json, fit.toml and fit.png.
 
     Raises:
+        FitError: the folder cannot be made.
         LogError: they cannot be written.
     """
-    out.mkdir(parents=True, exist_ok=True)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FitError(
+            f"--out {out}: the folder cannot be made ({error.strerror}); choose another folder"
+        ) from error
     write_whole(out / "fit.json", (json.dumps(result, indent=2) + "\n").encode())
     write_whole(out / "fit.toml", fragment(result).encode())
     buffer = io.BytesIO()

@@ -6,7 +6,8 @@ Read is what the model of the animal (models/canine.py) draws, as that model mea
   value of each: the least-squares line that all its stretches share, each with an intercept of its own.
 - Speed under one command is constant, then a line, then constant: a trapezoid's edge, found by least squares.
   After FORWARD from rest the line is the acceleration, after STOP the deceleration; what follows the line
-  of FORWARD or RECALL is cruising.
+  of FORWARD or RECALL is cruising. An animal that reacts late first goes on as it was told before: the edge
+  is looked for from where that ends, its highest speed under STOP, its lowest when told to run.
 - Drift turns the animal while it is told to run or still moves. Its rate is read under FORWARD; on RECALL the
   body turns home. In a turn, what drift adds while the animal still moves is subtracted.
 - It draws a response for each LEFT or RIGHT issued. Obeyed is a command under which the heading changes at
@@ -45,7 +46,7 @@ class Source:
 
     Attributes:
         component: of the log.
-        rest: m/s, speed up to which it stands still.
+        rest: m/s, speed up to which it stands still, and loss of speed up to which it does not brake.
         moving: m/s, speed below which neither braking nor a run tells anything.
         shortest: s, least time of a turn; one tick where that is longer.
         turned: rad/s, turn rate from which on a command counts as obeyed.
@@ -203,6 +204,23 @@ def edge(x: Array, y: Array, least: int, most: int) -> tuple[int, int]:
     return int(first[i, 0]), int(stop[0, j]) - 1
 
 
+def ramp(time: Array, speed: Array, *, rising: bool) -> tuple[int, int]:
+    """First and last row of the line along which an animal speeds up or slows down, however late it does.
+
+    The rows before the extreme speed are left out where the edge begins by going the other way. The extreme
+    is that up to the line's end: a stray fix later on, at the new speed, is none.
+
+    Args:
+        time, speed: (n,), n > 1; s, m/s.
+    """
+    most = round(EDGE_S / float(np.median(np.diff(time))))
+    begin, end = edge(time, speed, 1, most)
+    gone_on = int(np.argmin(speed[: end + 1] if rising else -speed[: end + 1]))
+    if 0 < gone_on < len(speed) - 1:
+        begin, end = (gone_on + row for row in edge(time[gone_on:], speed[gone_on:], 1, most))
+    return begin, end
+
+
 def measure(track: Track, source: Source) -> Trial:
     """What a trial tells about its animal."""
     trial = Trial(track.name)
@@ -247,14 +265,15 @@ def _speed(track: Track, known: Sequence[tuple[Command, slice]], source: Source,
         time, speed = track.time[rows][fresh], track.speed[rows][fresh]
         if len(speed) < 2 or not (running or (command == Command.STOP and speed[0] > AT_REST_M_S)):
             continue  # nothing to see, or to brake
-        if not running and speed[0] < source.moving:
-            trial.left_out["slowing_down", f"from less than {source.moving:g} m/s"] += 1
-            continue
-        step = float(np.median(np.diff(time)))
-        begin, end = edge(time, speed, 1, round(EDGE_S / step))
+        begin, end = ramp(time, speed, rising=running)
         line = time[begin : end + 1], speed[begin : end + 1]
         if not running:
-            lines["slowing_down"].append(line)
+            if speed[: end + 1].max() < source.moving:
+                trial.left_out["slowing_down", f"from less than {source.moving:g} m/s"] += 1
+            elif speed[begin] - speed[end] <= source.rest:
+                trial.left_out["slowing_down", "ended before it slowed down"] += 1
+            else:
+                lines["slowing_down"].append(line)
             continue
         steadily = speed[end:].mean()
         if steadily < MOVING_M_S:

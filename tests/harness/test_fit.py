@@ -124,6 +124,40 @@ def test_a_dog_that_takes_its_time_is_read_the_same() -> None:
     assert told.responses == prompt.responses
 
 
+def later(command: np.ndarray, dog: dict[str, float], delay: float) -> Track:
+    """A dog that obeys each command a while after it is given, s."""
+    late = round(delay / TICK)
+    moved = motion(np.concatenate([np.zeros(late), command[: len(command) - late]]), dog)
+    return track(command, moved.speed, moved.heading)
+
+
+@pytest.mark.parametrize("delay", [0.32, 0.52, 1.0])
+@pytest.mark.parametrize("run", [2.0, 2.3, 6.0])  # s: STOP comes while it speeds up, shortly before, after
+def test_a_late_dog_that_still_speeds_up_on_stop_is_read_exactly(run: float, delay: float) -> None:
+    command = commands([(Command.FORWARD, run), (Command.STOP, 4.0)])
+    told = measure(later(command, DOG, delay), PLANT)
+    assert told.values["slowing_down"] == pytest.approx(2.9, rel=1e-9)
+    assert told.values["speeding_up"] == pytest.approx(1.7, rel=1e-9)
+
+
+def test_a_late_dog_that_still_slows_down_when_told_to_run_is_read_exactly() -> None:
+    # given a dog at 0.4 m/s as FORWARD comes, which stands 0.14 s later and starts after 0.52 s
+    program = [(Command.FORWARD, 4.0), (Command.STOP, 1.8), (Command.FORWARD, 4.0)]
+    late = later(commands(program), DOG, 0.52)
+    assert 0.1 < late.speed[145] < 0.5
+    told = measure(late, PLANT)
+    assert told.values["speeding_up"] == pytest.approx(1.7, rel=1e-9)
+    assert told.values["cruise_speed"] == pytest.approx(4.1, rel=1e-9)
+
+
+def test_a_stop_that_ends_before_a_late_dog_brakes_tells_no_deceleration() -> None:
+    # given STOP for 0.4 s and dogs that obey after 0.52 s: one still speeds up, the other cruises
+    for run in (2.0, 6.0):
+        told = measure(later(commands([(Command.FORWARD, run), (Command.STOP, 0.4)]), DOG, 0.52), PLANT)
+        assert "slowing_down" not in told.values
+        assert told.left_out["slowing_down", "ended before it slowed down"] == 1
+
+
 def test_what_was_not_obeyed_and_what_turned_the_wrong_way() -> None:
     # given three LEFTs: ignored, turned to the right, turned by 3 deg/s
     program = [(Command.LEFT, 2.0), (Command.NONE, 1.0)]
@@ -248,6 +282,28 @@ def test_noise_of_the_estimate_is_averaged_out() -> None:
         rms = math.sqrt(np.mean(np.square(off)))
         assert rms < 2 * expected[key], key  # the edges are found from the same noise
         assert abs(np.mean(off)) < 1.0 * expected[key], key
+
+
+def test_noise_does_not_bias_the_braking_of_a_late_dog() -> None:
+    # given 100 dogs that speed up for 0.52 s of STOP; the speed is good to 0.05 m/s at fixes every 0.24 s
+    draw = np.random.default_rng(7)
+    late = later(commands([(Command.FORWARD, 2.0), (Command.STOP, 4.0)]), DOG, 0.52)
+    ticks = np.arange(len(late.time))
+    off = []
+    for k in range(100):
+        speed = late.speed + 0.05 * draw.standard_normal(len(ticks))
+        given = track(late.command, speed, late.heading, fresh=ticks % 6 == k % 6)
+        off.append(measure(given, ESTIMATOR).values["slowing_down"] - 2.9)
+    # then the mean is off by no more than 3 of its errors: s sqrt(12 / n) / T of 4 fixes, by the root of 100
+    expected = 0.05 * math.sqrt(12 / 4) / 0.96
+    assert math.sqrt(np.mean(np.square(off))) < 2 * expected
+    assert abs(np.mean(off)) < 3 * expected / math.sqrt(100)
+
+
+def test_a_stray_fix_while_the_dog_stands_is_not_where_it_brakes_from() -> None:
+    moved = motion(commands([(Command.FORWARD, 6.0), (Command.STOP, 6.0)]), DOG)
+    moved.speed[250] = 6.0  # 4 s after STOP; it stands since 2.6 s
+    assert measure(moved, ESTIMATOR).values["slowing_down"] == pytest.approx(2.9, rel=1e-2)
 
 
 # many trials of a known animal
@@ -442,6 +498,23 @@ def test_the_fragment_says_what_it_lacks_and_what_is_the_handlers() -> None:
     assert "the start was 2 deg off the first waypoint on average" in text
 
 
+def test_round_off_is_written_as_zero() -> None:
+    # given values that differ in their last digits: 4.1 m/s, no drift; and decelerations that do vary
+    told = [
+        Trial("t", {"cruise_speed": 4.1 + d, "drift": d, "slowing_down": 2.9 + 1e7 * d, "start_heading": d})
+        for d in (0.0, 2e-15, -2e-15)
+    ]
+    text = fragment(pool(told, PLANT.turned))
+    parameters = tomllib.loads(text)["parameters"]
+    # then
+    assert parameters["canine.cruise_speed"] == pytest.approx(4.1)
+    assert parameters["canine.cruise_speed_deviation"] == 0.0
+    assert parameters["canine.drift"] == 0.0
+    assert parameters["canine.drift_deviation"] == 0.0
+    assert '# "canine.start_heading_deviation" = 0.0' in text
+    assert parameters["canine.slowing_down_deviation"] == pytest.approx(2e-8, rel=1e-3)
+
+
 # logs
 
 
@@ -533,6 +606,24 @@ def test_notes_say_what_is_odd_about_the_logs(tmp_path: Path) -> None:
         steps == "the logs have different sample times: 0.04 s in 3, 0.05 s in 1; each is read with its own"
     )
     assert seeds.startswith("2 of the simulated logs have the seed of another, and so the same draws")
+
+
+def test_what_cannot_be_opened_is_left_out_with_a_note(tmp_path: Path) -> None:
+    # given a log among a folder and a broken link, both named as logs are
+    good = write(tmp_path / "good.mcap", columns())
+    (tmp_path / "folder.mcap").mkdir()
+    (tmp_path / "link.mcap").symlink_to(tmp_path / "nowhere")
+    reading = read_tracks(find_logs([tmp_path]))
+    # then the good one counts
+    assert [track.name for track, _ in reading.tracks] == [f"{tmp_path.name}/{good.name}"]
+    assert list(reading.notes) == [
+        f"{tmp_path}/folder.mcap: cannot be read (Is a directory); expected the log of a trial; left out",
+        f"{tmp_path}/link.mcap: cannot be read (No such file or directory); expected the log of a trial; "
+        "left out",
+    ]
+    # and alone it is an error
+    with pytest.raises(FitError, match=r"folder\.mcap: cannot be read \(Is a directory\)"):
+        read_tracks([tmp_path / "folder.mcap"])
 
 
 def test_a_log_that_ends_early_is_used_up_to_there(tmp_path: Path) -> None:
@@ -678,3 +769,13 @@ def test_wrong_use_ends_with_status_2(tmp_path: Path, capsys: pytest.CaptureFixt
     )
     assert canine(capsys, "fit")[0] == 2
     assert canine(capsys, "fit", tmp_path, "--source", "gps")[0] == 2
+
+
+def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = write(tmp_path / "t.mcap", columns())
+    (tmp_path / "file").touch()
+    status, _, error = canine(capsys, "fit", log, "--out", tmp_path / "file" / "x")
+    assert status == 2
+    assert error.splitlines()[-1] == (
+        f"canine: --out {tmp_path}/file/x: the folder cannot be made (Not a directory); choose another folder"
+    )
