@@ -220,19 +220,18 @@ def ordinary_tick(wiring: Wiring, mode: Mapping[Key, float]) -> Tick:
     """The ordinary tick, given the values of some states.
 
     A state with named values that an ordinary tick would set is held as well: at the value that it is set to,
-    if there is but one, else at its start value. A change of it departs from the ordinary.
+    if there is but one, else at its start value. So is one that can have but one value in an ordinary tick.
+    A change of it departs from the ordinary.
     """
     holds = dict(mode)
     enumerated = wiring.enumerated() if mode else {}
     while True:
         joining = _Joining(wiring, holds)
         joining.join()
-        set_now = {k: n for k, n in joining.writes().items() if k in enumerated and k not in holds}
-        if not set_now:
+        more = joining.settled(enumerated)
+        if not more:
             return joining.tick()
-        key, node = next(iter(set_now.items()))  # one at a time: the next may follow from it
-        settles = _outcomes(node) - {joining.lane(key)}
-        holds[key] = next(iter(settles)).value if len(settles) == 1 else enumerated[key]
+        holds |= more
 
 
 class _Joining:
@@ -336,6 +335,22 @@ class _Joining:
         variables = self.wiring.system.components[component].variables().values()
         variable = next(v for v in variables if name in v.flat_names)
         return self.graph.leaf(_remember(self.leaves, field_name(key), key), variable.type)
+
+    def settled(self, enumerated: Mapping[Key, float]) -> dict[Key, float]:
+        """One more state that can be held, if there is one; the next may follow from it.
+
+        Args:
+            enumerated: the states that may be held, with their start values.
+        """
+        for key, node in self.writes().items():
+            if key in enumerated:
+                outcomes = _outcomes(node) - {self.lane(key)}
+                return {key: next(iter(outcomes)).value if len(outcomes) == 1 else enumerated[key]}
+        for key in enumerated:
+            known = self.graph.known(self.lane(key))
+            if key not in self.holds and known.op == ca.OP_CONST:
+                return {key: known.value}
+        return {}
 
     def writes(self) -> dict[Key, Node]:
         """The states that the tick changes."""
