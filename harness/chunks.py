@@ -42,8 +42,9 @@ OBSERVED = (
 )
 ENDS = frozenset({int(Status.SUCCESS), int(Status.FAILED), int(Status.STOPPED)})
 SUMS = ("commands", "timeouts", *ANOMALIES)  # commands: of successful trials
-LARGEST = {"cts": 32_768, "full": 4_096}  # trials in a chunk: some tenths of a second
+LARGEST = {"cts": 32_768, "full": 4_096}  # trials of up to USUAL in a chunk: some tenths of a second
 SMALLEST = 2048  # the last trials of a chunk have lanes to themselves
+USUAL = 7500  # ticks, 300 s; chunks of longer trials have fewer: Ctrl-C is answered, little is lost
 ROUNDS = 4  # chunks that a core gets at least, if they are not too small: none waits long for another
 ANSWER_S = 5.0  # s in which a scheduler, and its workers, must answer
 ALONE_S = 60.0  # s that a sweep waits for a cluster that has lost all its workers
@@ -257,6 +258,20 @@ def run_chunk(job: Job, start: int, stop: int, made_for: str) -> Chunk:
     return Chunk(start, stop, ticks, sums)
 
 
+def chunk_size(job: Job, left: int, width: int) -> int:
+    """Trials in a chunk: some tenths of a second's, and so few that each core gets ROUNDS chunks at least.
+
+    But not fewer than are worth the call: of little that is left, a core may get fewer chunks, or none.
+
+    Args:
+        left: trials to be run.
+        width: cores.
+    """
+    longest = max(USUAL, *(course.ticks for course in job.courses))
+    largest, smallest = (max(1, trials * USUAL // longest) for trials in (LARGEST[job.system], SMALLEST))
+    return max(smallest, min(largest, -(-left // (ROUNDS * width))))
+
+
 @dataclass(frozen=True)
 class Pool:
     """Who runs chunks: an executor, how many it runs at a time, and what tells that it is all gone."""
@@ -278,7 +293,7 @@ def run_all(
     Args:
         keep: is given each chunk that is done, before it is taken in.
         progress: is told the number of trials done.
-        size: trials in a chunk; by default some tenths of a second's, and at least eight for each core.
+        size: trials in a chunk; by default as `chunk_size` says.
 
     Raises:
         ClusterError: chunks cannot be run on the cluster.
@@ -286,8 +301,7 @@ def run_all(
     """
     job, made_for = outcomes.job, program()
     left = job.total - outcomes.done
-    size = size or max(SMALLEST, min(LARGEST[job.system], -(-left // (ROUNDS * pool.width))))
-    pieces = cut(outcomes.missing(), size)
+    pieces = cut(outcomes.missing(), size or chunk_size(job, left, pool.width))
     waiting: dict[Future[Chunk], tuple[int, int, int]] = {}
 
     def submit(start: int, stop: int, attempts: int = ATTEMPTS) -> None:
@@ -346,7 +360,8 @@ def _here(job: Job) -> Iterator[Pool]:
 def _cluster(address: str) -> Iterator[Pool]:
     from distributed import Client  # noqa: PLC0415 - it takes a second, which other sweeps need not wait
 
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is said as an error
+    for name in ("distributed", "distributed.client"):  # which has a level of its own
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters is said as an error
     try:
         asyncio.run(_greet(address))
         client: Any = Client(  # type: ignore[no-untyped-call]

@@ -1,7 +1,7 @@
 """The journal of a sweep: a line for every chunk that is done, so that an interrupted sweep goes on there.
 
-The first line says whose it is. A line that is not whole, the last of a killed process or a full disk, is
-cut off.
+The first line says whose it is. Each line begins with its CRC-32, so that one that a killed process, a full
+disk or a bad one has left is not believed; those around it are.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -31,13 +32,15 @@ class Journal:
     """The journal in a folder, open and locked.
 
     Attributes:
-        found: the chunks that an earlier process has left.
+        found: the chunks that an earlier process has left; none has a trial of another.
+        dropped: how many lines are damaged, or have trials that another line has.
         empty: it holds no chunk.
     """
 
     def __init__(self, path: Path, handle: int, job: Job) -> None:
         self.path, self._handle, self._job = path, handle, job
         self.found: list[Chunk] = []
+        self.dropped = 0
         self.empty = True
 
     def append(self, chunk: Chunk) -> None:
@@ -53,33 +56,40 @@ class Journal:
             "sums": chunk.sums.tolist(),
             "ticks": packed.decode(),
         }
+        try:
+            self._write(_line(line))
+        except OSError as reason:
+            then = (
+                "make room, and give the command again"
+                if self.empty
+                else "the chunks before are kept: make room, and the same command goes on there"
+            )
+            raise JournalError(f"{self.path}: cannot be written ({reason.strerror}); {then}") from reason
         self.empty = False
-        self._write(line)
 
     def remove(self) -> None:
         """The sweep is done, and its results are written."""
         self.path.unlink(missing_ok=True)
 
-    def _write(self, line: dict[str, object]) -> None:
-        rest = memoryview((json.dumps(line) + "\n").encode())
-        try:
-            while rest:
-                rest = rest[os.write(self._handle, rest) :]
-        except OSError as reason:
-            raise JournalError(
-                f"{self.path}: cannot be written ({reason.strerror}); the chunks before are kept: make room, "
-                "and the same command goes on there"
-            ) from reason
+    def _write(self, line: bytes) -> None:
+        rest = memoryview(line)
+        while rest:
+            rest = rest[os.write(self._handle, rest) :]
 
     def _start(self, fingerprint: str, about: str) -> None:
         """Read what is there, or begin."""
+        ours = _line({"sweep": fingerprint, "about": about})
         with os.fdopen(os.dup(self._handle), "rb") as lines:
             first = lines.readline()
+            if first != ours and ours.startswith(first):  # nothing, or all that there was room for
+                self._begin(ours)
+                return
             header = _parsed(first)
             if header is None or "sweep" not in header:
-                os.ftruncate(self._handle, 0)
-                self._write({"sweep": fingerprint, "about": about})
-                return
+                raise UsageError(
+                    f"{self.path}: is damaged in its first line, or no sweep's journal; remove it, or choose "
+                    "another folder with --out"
+                )
             if header["sweep"] != fingerprint:
                 raise UsageError(
                     f"{self.path.parent}: holds an unfinished sweep of something else "
@@ -87,17 +97,38 @@ class Journal:
                     "or choose another folder with --out"
                 )
             whole = len(first)
+            chunks: list[Chunk] = []
             for line in lines:
                 chunk = self._chunk(line)
                 if chunk is None:
-                    break
+                    self.dropped += 1
+                else:
+                    chunks.append(chunk)
+                if line.endswith(b"\n"):
+                    whole += len(line)
+        os.ftruncate(self._handle, whole)  # what is appended begins a line
+        at = 0
+        for chunk in sorted(chunks, key=lambda chunk: chunk.start):
+            if chunk.start < at:
+                self.dropped += 1
+            else:
                 self.found.append(chunk)
-                self.empty = False
-                whole += len(line)
-        os.ftruncate(self._handle, whole)
+                at = chunk.stop
+        self.empty = not self.found
+
+    def _begin(self, first: bytes) -> None:
+        os.ftruncate(self._handle, 0)
+        try:
+            self._write(first)
+        except OSError as reason:
+            self.remove()
+            raise JournalError(
+                f"{self.path}: cannot be written ({reason.strerror}); make room, or choose another folder "
+                "with --out"
+            ) from reason
 
     def _chunk(self, line: bytes) -> Chunk | None:
-        """The chunk of a line, None if it is not whole."""
+        """The chunk of a line, None if it is damaged."""
         known = _parsed(line)
         if known is None:
             return None
@@ -123,24 +154,12 @@ def open_journal(folder: Path, job: Job, fingerprint: str, about: str) -> Iterat
         about: the job in words, for whoever finds the journal.
 
     Raises:
-        UsageError: it is another job's, or another process is writing it.
+        UsageError: it is another job's or no journal, or another process is writing it.
         JournalError: it cannot be written.
     """
     path = folder / JOURNAL
+    handle = _locked(path)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
-    except OSError as reason:
-        raise JournalError(
-            f"{path}: cannot be written ({reason.strerror}); choose another folder with --out"
-        ) from reason
-    try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise UsageError(
-                f"{folder}: another sweep is being written there; choose another folder with --out"
-            ) from None
         journal = Journal(path, handle, job)
         journal._start(fingerprint, about)
         yield journal
@@ -148,10 +167,52 @@ def open_journal(folder: Path, job: Job, fingerprint: str, about: str) -> Iterat
         os.close(handle)
 
 
-def _parsed(line: bytes) -> dict[str, str] | None:
-    """A whole line's object, or None."""
+def _locked(path: Path) -> int:
+    """The file, made if need be, open and locked by this process."""
+    while True:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
+        except OSError as reason:
+            raise JournalError(
+                f"{path}: cannot be written ({reason.strerror}); choose another folder with --out"
+            ) from reason
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if _is_there(handle, path):
+                return handle
+        except BlockingIOError:
+            os.close(handle)
+            raise UsageError(
+                f"{path.parent}: another sweep is being written there; choose another folder with --out"
+            ) from None
+        except BaseException:
+            os.close(handle)
+            raise
+        os.close(handle)
+
+
+def _is_there(handle: int, path: Path) -> bool:
+    """Whether it is this file; a process that was done may have removed it before it was locked."""
     try:
-        known = json.loads(line) if line.endswith(b"\n") else None
+        return os.path.samestat(os.fstat(handle), os.stat(path))
+    except FileNotFoundError:
+        return False
+
+
+def _line(known: dict[str, object]) -> bytes:
+    """A line: the CRC-32 of what follows, and that as JSON."""
+    content = json.dumps(known).encode()
+    return b"%08x %b\n" % (zlib.crc32(content), content)
+
+
+def _parsed(line: bytes) -> dict[str, Any] | None:
+    """A line's object, None if it is damaged."""
+    checksum, _, content = line.partition(b" ")
+    if not line.endswith(b"\n") or checksum != b"%08x" % zlib.crc32(content[:-1]):
+        return None
+    try:
+        known = json.loads(content)
     except ValueError:
         return None
     return known if isinstance(known, dict) else None

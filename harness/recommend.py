@@ -44,10 +44,14 @@ RULE = (
 ENDS = {(False, False): "inside", (True, False): "start", (False, True): "end", (True, True): "both"}
 WORDS = {
     "inside": "",
-    "one value": "",
     "start": "; it begins where the range{} begins: no optimum inside is shown, smaller values may do better",
     "end": "; it goes on to where the range{} ends: no optimum inside is shown, larger values may do better",
     "both": "; it spans the whole range{}: no optimum inside is shown",
+}
+UNJUDGED = {
+    "start": "; below the stretch{} nothing could be judged: no optimum inside is shown",
+    "end": "; above the stretch{} nothing could be judged: no optimum inside is shown",
+    "both": "; below and above the stretch{} nothing could be judged: no optimum inside is shown",
 }
 MENTIONED = 6  # points that a text names one by one
 Mask = npt.NDArray[np.bool_]
@@ -175,6 +179,11 @@ def _time(point: Point) -> str:
     return f"{point.mean_time:.2f} s"
 
 
+def _reaches(places: Sequence[int], size: int) -> tuple[bool, bool]:
+    """Whether places along an axis begin where it begins, and end where it ends."""
+    return places[0] == 0, places[-1] == size - 1
+
+
 class _Describer:
     """Findings in words and as plain data."""
 
@@ -186,13 +195,19 @@ class _Describer:
         """What is best: its range, whether that is an optimum inside what was varied, and both in words."""
         region = self.around(finding.best, finding.named)
         open_region = self.around(finding.best, finding.named | finding.unjudged)
-        ranges, ends = {}, {}
+        ranges, ends, words = {}, {}, ""
         for axis, (column, _, values) in enumerate(self.axes):
             places = self.places(region, axis)
             ranges[column] = [number(values[places[0]]), number(values[places[-1]])]
-            open_places = self.places(open_region, axis)
-            at_start, at_end = open_places[0] == 0, open_places[-1] == len(values) - 1
-            ends[column] = ENDS[at_start, at_end] if len(values) > 1 else "one value"
+            ends[column], shown, unknown = "one value", "inside", "inside"
+            if len(values) > 1:
+                start, end = _reaches(places, len(values))
+                open_start, open_end = _reaches(self.places(open_region, axis), len(values))
+                ends[column] = ENDS[open_start, open_end]
+                shown = ENDS[start, end]
+                unknown = ENDS[open_start and not start, open_end and not end]
+            of = f" of {column}" if len(self.axes) > 1 else ""
+            words += WORDS[shown].format(of) + UNJUDGED.get(unknown, "").format(of)
         flat = bool(finding.named.all())
         interior = all(end in ("inside", "one value") for end in ends.values()) and not flat
         text = f"{what}: "
@@ -206,8 +221,7 @@ class _Describer:
         else:
             text += f"{self.ranges(region)} (best at {self.value(finding.best)}: "
             text += f"{said(self.table[finding.best])})"
-            for column, end in ends.items():
-                text += WORDS[end].format(f" of {column}" if len(ends) > 1 else "")
+            text += words
         text += self.rest("; besides ", finding.named & ~region)
         text += self.rest("; too few successes to judge ", finding.unjudged)
         return {

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from decimal import Decimal
@@ -341,20 +342,28 @@ def run(
 ) -> tuple[list[Point], dict[str, Any]]:
     """Run what an earlier process has not, and write the results; table and recommendation.
 
+    Results of an earlier sweep stay until these are there.
+
     Args:
         address: of a Dask scheduler, or None for this machine's cores.
         progress: is told the number of trials done.
         note: is told what the user should know.
 
     Raises:
-        UsageError: the folder is in use, or the address answers not.
+        UsageError: the folder is in use or has folders where results go, or the address answers not.
         CanineError: a fault in what was run, or on the disk; chunks that are done are kept.
         KeyboardInterrupt: the user ended it; chunks that are done are kept.
     """
+    for name in (CSV, PICTURE, RECOMMENDATION):
+        if os.path.isdir(folder / name):  # which raises nothing
+            raise SweepError(f"{folder / name}: is a folder; remove it, or choose another one with --out")
     with open_journal(folder, sweep.job, sweep.fingerprint, sweep.about) as journal:
         outcomes = Outcomes(sweep.job)
         for chunk in journal.found:
             outcomes.add(chunk)
+        if journal.dropped:
+            lines = f"{journal.dropped} damaged line{'s' * (journal.dropped > 1)}"
+            note(f"{journal.path}: {lines} left out; what was in there is run again")
         if outcomes.done:
             note(f"{outcomes.done} of {sweep.job.total} trials are there from before; going on")
             if progress:
@@ -362,8 +371,6 @@ def run(
         try:
             if outcomes.done < sweep.job.total:
                 with pool_at(address, sweep.job) as pool:
-                    for name in (CSV, PICTURE, RECOMMENDATION):  # of an earlier sweep: they would mislead
-                        (folder / name).unlink(missing_ok=True)
                     run_all(outcomes, pool, journal.append, progress)
         except BaseException:
             if journal.empty:
@@ -375,7 +382,7 @@ def run(
 
 
 def report(sweep: Sweep, outcomes: Outcomes, folder: Path) -> tuple[list[Point], dict[str, Any]]:
-    """Write sweep.csv, sweep.png and recommendation.json; table and recommendation.
+    """Write sweep.csv, sweep.png and recommendation.json over those of an earlier sweep, when all are made.
 
     Raises:
         LogError: they cannot be written.
@@ -400,12 +407,13 @@ def report(sweep: Sweep, outcomes: Outcomes, folder: Path) -> tuple[list[Point],
         },
         **recommend(axes, table, outcomes.ticks),
     }
-    write_whole(folder / CSV, csv_of([axis.column for axis in sweep.axes], table))
+    words = (json.dumps(result, indent=2, allow_nan=False) + "\n").encode()
     picture = sweep_png(
         [(axis.label, axis.unit, axis.written) for axis in sweep.axes], table, result, sweep.about
     )
-    write_whole(folder / PICTURE, picture)
-    write_whole(folder / RECOMMENDATION, (json.dumps(result, indent=2, allow_nan=False) + "\n").encode())
+    rows = csv_of([axis.column for axis in sweep.axes], table)
+    for name, content in ((CSV, rows), (PICTURE, picture), (RECOMMENDATION, words)):
+        write_whole(folder / name, content)
     return table, result
 
 

@@ -8,20 +8,41 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.polynomial import Polynomial
 
 from harness.log import Array
 from harness.plots import BESIDE, GRID, new_figure, png_of
-from harness.sweep_table import Z_95, Point
+from harness.sweep_table import Z_95, Point, plain
 
 Varied = tuple[str, str, Sequence[Decimal]]  # label, unit, values
-SUCCESS, TIME, TREND, BEST = "#0072B2", "#7B3FB5", "#111111", "#00A06D"
+SUCCESS, TIME, TREND, BEST, FRONTS = "#0072B2", "#7B3FB5", "#111111", "#00A06D", "#D7263D"
 COURSES = ("#D55E00", "#E69F00", "#009E73", "#CC79A7")
 # The text does not say what its trend lines are. A polynomial of this degree, cut at 100 %, has the R2 of its
 # two-waypoint trials (89.1 %); that of its three-waypoint trials (95.4 %) is a straight line's.
 DEGREE = 4
+FEW = 10  # values that get a tick each
+FRONT = "Pareto front"
+RINGS: dict[str, Any] = {
+    "linestyle": "none", "marker": "o", "markersize": 9, "markerfacecolor": "none", "markeredgecolor": FRONTS,
+    "markeredgewidth": 1.5, "clip_on": False, "path_effects": [withStroke(linewidth=3, foreground="white")],
+}  # fmt: skip
+STAR: dict[str, Any] = {
+    "linestyle": "none", "marker": "*", "color": "white", "markeredgecolor": "black", "markersize": 15,
+    "clip_on": False,
+}  # fmt: skip
+OUTLINE: dict[str, Any] = {
+    "label": "outlined",
+    "snap": False,
+    "color": "white",
+    "linewidth": 2.5,
+    "path_effects": [withStroke(linewidth=4, foreground="black")],
+}
+DASHES: dict[str, Any] = {"label": "dashed", "color": "#00D68F", "linewidth": 2.0, "linestyle": (0, (3, 1.5))}
 
 
 def sweep_png(axes: Sequence[Varied], table: Sequence[Point], result: Mapping[str, Any], title: str) -> bytes:
@@ -49,9 +70,9 @@ def trend(x: Array, rate: Array) -> tuple[Callable[[Array], Array], float] | Non
 
     None of too few points, or if all are equal.
     """
-    spread = float(np.sum((rate - rate.mean()) ** 2))
-    if len(x) < DEGREE + 2 or spread == 0.0:
+    if len(x) < DEGREE + 2 or np.ptp(rate) == 0.0:  # a mean of equal numbers need not equal them
         return None
+    spread = float(np.sum((rate - rate.mean()) ** 2))
     fitted = Polynomial.fit(x, rate, DEGREE)
 
     def line(at: Array) -> Array:
@@ -69,6 +90,10 @@ def _curves(varied: Varied, table: Sequence[Point], result: Mapping[str, Any]) -
     success, time = figure.subplots(2, 1, sharex=True, height_ratios=(1.25, 1))
     _draw_success(success, x, table)
     _draw_time(time, x, table)
+    for axes, measured in ((success, "success_rate"), (time, "mean_time_s")):
+        front = [(_place(point, 1), point[measured]) for point in result["pareto"]["points"]]
+        if front:
+            axes.plot([x for (x,), _ in front], [y for _, y in front], label=FRONT, zorder=3, **RINGS)
     for axes, key, words in (
         (success, "success", "best for success"),
         (time, "time", "shortest time"),
@@ -80,6 +105,7 @@ def _curves(varied: Varied, table: Sequence[Point], result: Mapping[str, Any]) -
         axes.legend(**BESIDE)
     time.set_xlabel(f"{label} [{unit}]" if unit else label)
     time.set_xlim(x[0] - (len(x) == 1), x[-1] + (len(x) == 1))
+    _set_ticks(time.xaxis, values)
     figure.align_ylabels([success, time])
     return figure
 
@@ -134,7 +160,7 @@ def _draw_range(axes: Axes, x: Array, found: Mapping[str, Any], words: str, hatc
 
 
 def _maps(axes: Sequence[Varied], table: Sequence[Point], result: Mapping[str, Any]) -> Figure:
-    """Success rate and mean time over two parameters as maps; what is best is outlined."""
+    """Success rate and mean time over two parameters as maps; what is best is outlined, the front ringed."""
     (label, unit, values), (other_label, other_unit, others) = axes
     x, y = (np.array([float(v) for v in part]) for part in (values, others))
     figure = new_figure(14, 6.2)
@@ -152,29 +178,57 @@ def _maps(axes: Sequence[Varied], table: Sequence[Point], result: Mapping[str, A
         mesh = panel.pcolormesh(_edges(x), _edges(y), field, cmap=colours)
         figure.colorbar(mesh, ax=panel, label=words, pad=0.02)
         panel.set_facecolor("#E3E6EA")  # no trial succeeded
-        found = result[key]
-        if "points" in found and not found["flat"]:
-            named = {tuple(map(float, place)) for place in found["points"]}
-            mask = np.array([[(float(v), float(w)) in named for v in values] for w in others])
-            _outline(panel, _edges(x), _edges(y), mask)
-            best = [list(found["best"].values())[i] for i in range(2)]
-            panel.plot(*best, "*", color="white", markeredgecolor="black", markersize=15, clip_on=False)
+        caption = []
+        for best_for, style, named in (
+            (key, OUTLINE, {"success": "best for success", "time": "shortest time"}[key]),
+            ("both", DASHES, "fastest of the best for success"),
+        ):
+            if not _is_shown(result[best_for]):
+                caption.append(f"{named}: no optimum shown")
+                continue
+            found = {tuple(map(float, place)) for place in result[best_for]["points"]}
+            mask = np.array([[(float(v), float(w)) in found for v in values] for w in others])
+            _outline(panel, _edges(x), _edges(y), mask, style)
+            caption.append(f"{style['label']}: {named}{', the star did best' if best_for == key else ''}")
+        if _is_shown(result[key]):
+            panel.plot(*_place(result[key]["best"], 2), **STAR)
+        front = [_place(point, 2) for point in result["pareto"]["points"]]
+        panel.plot([x for x, _ in front], [y for _, y in front], label=FRONT, **RINGS | {"markersize": 19})
         panel.set_xlabel(f"{label} [{unit}]" if unit else label)
-        panel.xaxis.set_major_locator(MaxNLocator(8, steps=[1, 2, 5, 10]))
-        panel.set_title(
-            {"success": "outlined: best for success", "time": "outlined: shortest time"}[key], fontsize=10
-        )
+        _set_ticks(panel.xaxis, values)
+        _set_ticks(panel.yaxis, others)
+        caption.append(f"rings: {FRONT}" if front else f"{FRONT}: empty")
+        panel.set_title("\n".join(caption), fontsize=9, loc="left")
     figure.axes[0].set_ylabel(f"{other_label} [{other_unit}]" if other_unit else other_label)
     return figure
 
 
-def _outline(axes: Axes, x: Array, y: Array, mask: Any) -> None:
+def _is_shown(found: Mapping[str, Any]) -> bool:
+    """Whether some points are shown to be better than others."""
+    return "points" in found and not found["flat"]
+
+
+def _place(point: Mapping[str, Any], axes: int) -> tuple[float, ...]:
+    """A recommended point's values of what was varied, which are its first."""
+    return tuple(map(float, list(point.values())[:axes]))
+
+
+def _set_ticks(axis: Axis, values: Sequence[Decimal]) -> None:
+    """A tick a value if they are few, as those of a switch are; else round numbers."""
+    if len(values) <= FEW:
+        axis.set_ticks([float(value) for value in values], [plain(value) for value in values])
+    else:
+        axis.set_major_locator(MaxNLocator(8, steps=[1, 2, 5, 10]))
+
+
+def _outline(axes: Axes, x: Array, y: Array, mask: Any, style: Mapping[str, Any]) -> None:
     """Draw the border of the cells in a mask (y, x), whose edges lie at x and y."""
     padded = np.pad(mask, 1)
-    for row, column in zip(*np.nonzero(padded[:, 1:] != padded[:, :-1]), strict=True):
-        axes.plot([x[column]] * 2, [y[row - 1], y[row]], color="white", linewidth=2, solid_capstyle="butt")
-    for row, column in zip(*np.nonzero(padded[1:, :] != padded[:-1, :]), strict=True):
-        axes.plot([x[column - 1], x[column]], [y[row]] * 2, color="white", linewidth=2, solid_capstyle="butt")
+    upright = zip(*np.nonzero(padded[:, 1:] != padded[:, :-1]), strict=True)
+    level = zip(*np.nonzero(padded[1:, :] != padded[:-1, :]), strict=True)
+    lines = [[(x[column], y[row - 1]), (x[column], y[row])] for row, column in upright]
+    lines += [[(x[column - 1], y[row]), (x[column], y[row])] for row, column in level]
+    axes.add_collection(LineCollection(lines, clip_on=False, **style), autolim=False)
 
 
 def _edges(centres: Array) -> Array:

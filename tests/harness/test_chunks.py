@@ -115,6 +115,24 @@ def test_a_bounded_number_of_chunks_is_under_way(runner: Runner):
     assert most == 4
 
 
+@pytest.mark.parametrize(
+    ("system", "ticks", "left", "expected"),
+    [
+        ("cts", 7500, 10**7, 32_768),
+        ("cts", 250, 10**7, 32_768),
+        ("cts", 7500, 40_000, 5_000),  # 4 for each of 2 cores
+        ("cts", 7500, 1_000, 2_048),
+        ("cts", 75_000, 10**7, 3_276),  # ten times as long
+        ("cts", 75_000, 1_000, 204),
+        ("full", 2_160_000, 10**7, 14),  # a day
+        ("full", 10**9, 10**7, 1),
+    ],
+)
+def test_chunks_of_longer_trials_have_fewer(system: str, ticks: int, left: int, expected: int):
+    job = replace(JOB, system=system, courses=(Course("a", {}, (), ticks),))
+    assert chunks.chunk_size(job, left, 2) == expected
+
+
 def test_a_chunk_whose_workers_die_is_handed_in_again_but_not_for_ever(runner: Runner):
     class KilledWorker(Exception):  # noqa: N818 - as distributed calls it
         pass
@@ -157,6 +175,17 @@ def test_the_journal_gives_back_what_it_was_given(runner: Runner, tmp_path: Path
             assert kept.ticks.dtype == chunk.ticks.dtype
             assert (kept.ticks == chunk.ticks).all()
             assert (kept.sums == chunk.sums).all()
+
+
+def test_the_journal_does_not_count_a_trial_twice(runner: Runner, tmp_path: Path):
+    # given chunks that overlap, of other sizes
+    with open_journal(tmp_path, JOB, "fingerprint", "about") as journal:
+        for start, stop in ((60, 90), (0, 30), (80, 110), (29, 40), (110, 120)):
+            journal.append(run_chunk(JOB, start, stop, chunks.program()))
+    # then no trial is taken from two of them
+    with open_journal(tmp_path, JOB, "fingerprint", "about") as journal:
+        assert [(c.start, c.stop) for c in journal.found] == [(0, 30), (60, 90), (110, 120)]
+        assert journal.dropped == 2
 
 
 KILLED = """

@@ -179,6 +179,26 @@ def test_a_few_lucky_trials_are_not_the_fastest():
     # then what lies beyond the best is not known: no optimum inside
     assert found["range_ends"] == {"x": "start"}
     assert "too few successes to judge 0" in found["text"]
+    assert (
+        "x 1 deg (best at 1: 16.00 s); below the stretch nothing could be judged: no optimum" in found["text"]
+    )
+    assert "begins" not in found["text"]
+
+
+def test_a_stretch_between_points_that_cannot_be_judged_does_not_span_the_range():
+    # given ten points of which 4 and 5 alone have successes enough, and are alike
+    ticks = np.zeros((10, 1000), dtype=np.uint16)
+    ticks[:, : LEAST - 1] = 10
+    ticks[4:6] = 500 + np.arange(1000) % 7
+    found = recommended(ticks)["time"]
+    assert (found["points"], found["range_ends"]) == ([4, 5], {"x": "both"})
+    assert "; below and above the stretch nothing could be judged: no optimum inside" in found["text"]
+    assert "spans" not in found["text"]
+    # when nothing below is judged, and it goes on to the end
+    ticks[4:] = ticks[4]
+    found = recommended(ticks)["time"]
+    assert "; it goes on to where the range ends: no optimum inside is shown, larger" in found["text"]
+    assert "; below the stretch nothing could be judged: no optimum" in found["text"]
 
 
 def test_what_nobody_masters_is_said():

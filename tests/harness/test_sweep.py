@@ -8,6 +8,7 @@ import math
 import sys
 from collections import Counter
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from matplotlib.image import imread
@@ -228,8 +229,8 @@ def test_types_take_turns_and_have_their_rates(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     # given dogs that never master left 90, and right 45 with even seeds div 4 only
-    def outcome(threshold: int, seed: int, values: dict) -> tuple:
-        east = values["controller"]["waypoint_east[2]"]
+    def outcome(threshold: int, seed: int, own: dict) -> tuple:
+        east = own["controller.waypoint_east[2]"]
         good = {35.73: True, -35.73: False, 22.4224: (seed // 4) % 2 == 0, -22.4224: True}[east]
         return (Status.SUCCESS if good else Status.FAILED), 500, 0, {}
 
@@ -359,7 +360,10 @@ def test_an_interrupted_sweep_goes_on_where_it_was(
     notes: list[str] = []
     sweep.run(asked, tmp_path / "s", note=notes.append)
     # then only what was not there is run
-    assert notes == [f"{10 * kept} of 330 trials are there from before; going on"]
+    assert notes == [
+        f"{path}: 1 damaged line left out; what was in there is run again",
+        f"{10 * kept} of 330 trials are there from before; going on",
+    ]
     assert len(runner.seeds) == 330 - 10 * kept
     for name in ("sweep.csv", "recommendation.json", "sweep.png"):
         assert (tmp_path / "s" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
@@ -418,19 +422,28 @@ def test_another_version_of_the_models_does_not_go_on(
         sweep.run(wanted("two", **ASKED), tmp_path)
 
 
-def test_a_damaged_journal_is_used_up_to_the_damage(runner: Runner, small_chunks: None, tmp_path: Path):
+def test_a_damaged_journal_is_used_but_for_the_damage(runner: Runner, small_chunks: None, tmp_path: Path):
     asked = wanted("two", **ASKED)
     sweep.run(asked, tmp_path / "whole")
     path = tmp_path / "s" / "sweep.journal"
-    for damage in (b"", b"{}\n", b"\0" * 5000, b'{"start": 0, "stop": 10, "sums": [[1]], "ticks": "?"}\n'):
+    for damage, dropped, lost in (
+        (lambda line: b"", 0, 1),
+        (lambda line: b"{}\n", 1, 1),
+        (lambda line: b"\0" * 5000, 1, 2),  # the next line is no line then
+        (lambda line: line[:-1] + b"\xff\n", 1, 1),
+        (lambda line: line.replace(b'"sums": [[', b'"sums": [[1'), 1, 1),  # JSON, and a count, but another
+        (lambda line: line + line, 1, 0),
+    ):
         path.unlink(missing_ok=True)
         with pytest.raises(KeyboardInterrupt):
             sweep.run(asked, tmp_path / "s", progress=interrupt_after(50))
         lines = path.read_bytes().splitlines(keepends=True)
-        path.write_bytes(b"".join(lines[:3]) + damage + b"".join(lines[4:]))
+        path.write_bytes(b"".join([*lines[:3], damage(lines[3]), *lines[4:]]))
         notes: list[str] = []
         sweep.run(asked, tmp_path / "s", note=notes.append)
-        assert int(notes[0].split()[0]) == (20 if damage else 10 * (len(lines) - 2))
+        words = f"{path}: {dropped} damaged line left out; what was in there is run again"
+        assert notes[:-1] == [words] * dropped
+        assert int(notes[-1].split()[0]) == 10 * (len(lines) - 1 - lost)
         assert (tmp_path / "s" / "sweep.csv").read_bytes() == (tmp_path / "whole" / "sweep.csv").read_bytes()
 
 
@@ -466,6 +479,60 @@ def test_a_full_disk_is_said_and_nothing_is_lost(
     assert (tmp_path / "s" / "sweep.csv").read_bytes() == (tmp_path / "whole" / "sweep.csv").read_bytes()
 
 
+def test_what_is_no_journal_is_left_alone(runner: Runner, tmp_path: Path):
+    path = tmp_path / "sweep.journal"
+    for content in (b"my notes of the cruise\n", b'{"sweep": "of an older version"}\n', b"\0" * 100):
+        path.write_bytes(content)
+        with pytest.raises(UsageError) as caught:
+            sweep.run(wanted("two", **ASKED), tmp_path)
+        assert str(caught.value) == (
+            f"{path}: is damaged in its first line, or no sweep's journal; remove it, or choose another "
+            "folder with --out"
+        )
+        assert path.read_bytes() == content
+
+
+def test_a_disk_without_any_room_leaves_nothing_behind(
+    runner: Runner, small_chunks: None, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+):  # fmt: skip
+    # given a disk on which nothing fits, and one on which the first line alone does
+    def full(handle: int, data: memoryview) -> int:
+        raise OSError(28, "No space left on device")
+
+    def one_line(handle: int, data: memoryview) -> int:
+        return write(handle, data) if b'"about"' in bytes(data) else full(handle, data)
+
+    write = journal.os.write
+    for little, then in (
+        (full, "make room, or choose another folder with --out"),
+        (one_line, "make room, and give the command again"),
+    ):
+        with monkeypatch.context() as patch:
+            patch.setattr(journal.os, "write", little)
+            status, _, error = canine(capsys, "two", "--thresholds", "20:29", "--out", tmp_path)
+        assert status == 1
+        assert error == (
+            f"canine: {tmp_path}/sweep.journal: cannot be written (No space left on device); {then}\n"
+        )
+        assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_cannot_take_the_results_is_refused_at_once(
+    runner: Runner, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    (tmp_path / "a" / "sweep.csv").mkdir(parents=True)
+    (tmp_path / "file").touch()
+    for folder, status, message in (
+        ("a", 2, f"{tmp_path}/a/sweep.csv: is a folder; remove it, or choose another one with --out"),
+        ("file/b", 1, f"{tmp_path}/file/b/sweep.journal: cannot be written (Not a directory)"),
+    ):
+        got, _, error = canine(capsys, "two", "--trials", 4, "--out", tmp_path / folder)
+        assert got == status
+        assert error.startswith(f"canine: {message}")
+    assert runner.seeds == []
+
+
 def test_results_that_cannot_be_written_wait_in_the_journal(
     runner: Runner, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
@@ -484,13 +551,50 @@ def test_results_that_cannot_be_written_wait_in_the_journal(
     assert error == "note: 8 of 8 trials are there from before; going on\n"
 
 
-def test_old_results_do_not_lie_beside_an_unfinished_sweep(
-    runner: Runner, small_chunks: None, tmp_path: Path
+def test_earlier_results_stay_until_there_are_new_ones(
+    runner: Runner, small_chunks: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
+    def results() -> dict[str, bytes]:
+        return {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.name != "sweep.journal"}
+
+    # given the results of a sweep
     sweep.run(wanted("two", thresholds="20:21", trials=20), tmp_path)
+    earlier = results()
+    assert sorted(earlier) == ["recommendation.json", "sweep.csv", "sweep.png"]
+    # when another one is interrupted, or no picture can be made of it
     with pytest.raises(KeyboardInterrupt):
         sweep.run(wanted("two", **ASKED), tmp_path, progress=interrupt_after(50))
-    assert [p.name for p in tmp_path.iterdir()] == ["sweep.journal"]
+    with monkeypatch.context() as patch:
+        patch.setattr(sweep, "sweep_png", Mock(side_effect=MemoryError))
+        with pytest.raises(MemoryError):
+            sweep.run(wanted("two", **ASKED), tmp_path)
+    # then they are still there, all of them
+    assert results() == earlier
+    sweep.run(wanted("two", **ASKED), tmp_path)
+    assert results()["sweep.csv"].count(b"\n") == 11
+
+
+def test_a_journal_that_was_removed_before_it_was_locked_is_made_anew(
+    runner: Runner, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    # given another process that is done, and removes its journal, between our opening and locking it
+    asked, lock = wanted("two", **ASKED), journal.fcntl.flock
+
+    def late(handle: int, how: int) -> None:
+        if late.first:
+            late.first = False
+            (tmp_path / "sweep.journal").unlink()
+        lock(handle, how)
+
+    for late.first in (False, True):
+        with monkeypatch.context() as patch:
+            patch.setattr(journal.fcntl, "flock", late)
+            # then the lock is on the file that is there
+            with (
+                journal.open_journal(tmp_path, asked.job, asked.fingerprint, asked.about),
+                pytest.raises(UsageError, match="another sweep is being written there"),
+            ):
+                sweep.run(asked, tmp_path)
 
 
 def test_two_sweeps_do_not_write_into_one_folder(runner: Runner, tmp_path: Path):

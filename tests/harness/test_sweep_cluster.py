@@ -11,9 +11,11 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from logging.handlers import BufferingHandler
 from pathlib import Path
 
 import pytest
+from distributed.client import logger as log_of_client
 
 from harness import chunks, sweep
 from harness.chunks import ClusterError
@@ -114,6 +116,8 @@ def test_a_cluster_that_goes_away_is_said_and_chunks_are_kept(
 ):
     asked = wanted("two", thresholds="20:29", trials=1000)
     monkeypatch.setitem(chunks.LARGEST, "cts", 512)
+    said = BufferingHandler(1000)
+    monkeypatch.setattr(log_of_client, "handlers", [said])
     with ExitStack() as stack:
         folder = tmp_path / "cluster"
         folder.mkdir()
@@ -126,6 +130,7 @@ def test_a_cluster_that_goes_away_is_said_and_chunks_are_kept(
 
         with pytest.raises(ClusterError, match="gone away"):
             sweep.run(asked, tmp_path / "s", cluster.address, progress=lose)
+    assert said.buffer == []  # no traceback of Dask's
     notes: list[str] = []
     sweep.run(asked, tmp_path / "s", note=notes.append)
     assert int(notes[0].split()[0]) >= 1024

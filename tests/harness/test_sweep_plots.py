@@ -34,6 +34,9 @@ def test_the_trend_is_the_polynomial_of_degree_4_within_100_percent():
 
 def test_there_is_no_trend_of_equal_rates_or_of_few():
     assert trend(X, np.ones(76)) is None
+    equal = np.full(76, 0.997)
+    assert equal.mean() != 0.997  # in floating point
+    assert trend(X, equal) is None
     assert trend(X[:5], X[:5] / 100) is None
 
 
@@ -69,6 +72,11 @@ def test_the_curves_show_rate_trend_types_time_and_ranges():
     assert np.isnan(mean[0])
     assert mean[1:] == pytest.approx(np.full(29, 20.0))
     assert time.get_xlabel() == "drift [deg/s]"
+    # and the front is the last point alone: the most successes, in the same time
+    for axes, value in ((success, 0.69), (time, 20.0)):
+        ring = next(line for line in axes.lines if line.get_label() == "Pareto front")
+        assert ring.get_xydata() == pytest.approx(np.array([[29.0, value]]))
+        assert "Pareto front" in axes.get_legend_handles_labels()[1]
 
 
 def test_the_maps_have_the_first_parameter_to_the_right():
@@ -86,3 +94,38 @@ def test_the_maps_have_the_first_parameter_to_the_right():
     assert (success.get_xlabel(), success.get_ylabel()) == ("a", "b [m]")
     time = np.ma.filled(figure.axes[1].collections[0].get_array(), np.nan)
     assert np.isnan(time[:, 0]).all()
+    # and each value of so few has its tick
+    assert [text.get_text() for text in success.get_xticklabels()] == ["0", "1", "2"]
+    assert [text.get_text() for text in success.get_yticklabels()] == ["0", "1"]
+    # 41 and 42 in 100 are not shown to differ, nor are times, but that none succeed at 0 is
+    assert success.get_title("left").splitlines() == [
+        "outlined: best for success, the star did best",
+        "dashed: fastest of the best for success",
+        "rings: Pareto front",
+    ]
+    # the borders of the 2 x 2 cells from 0.5 to 2.5 and from -0.5 to 1.5, in 8 pieces of length 1
+    for outline in success.collections[1:3]:
+        pieces = np.array(outline.get_segments())
+        assert len(pieces) == 8
+        assert np.hypot(*(pieces[:, 1] - pieces[:, 0]).T) == pytest.approx(np.ones(8))
+        assert (pieces[..., 0].min(), pieces[..., 0].max()) == (0.5, 2.5)
+        assert (pieces[..., 1].min(), pieces[..., 1].max()) == (-0.5, 1.5)
+    # the front has both points with the most successes
+    for panel in figure.axes[:2]:
+        rings = next(line for line in panel.lines if line.get_label() == "Pareto front")
+        assert rings.get_xydata() == pytest.approx(np.array([[2.0, 0.0], [2.0, 1.0]]))
+
+
+def test_a_map_of_what_is_flat_promises_no_outline():
+    places = list(product(range(1, 4), range(2)))
+    table = points(places, types=False)
+    ticks = np.array([[500] * p.successes + [0] * (100 - p.successes) for p in table], dtype=np.uint16)
+    axes = [("a", "", [Decimal(k) for k in range(1, 4)]), ("b", "m", [Decimal(k) for k in range(2)])]
+    success, time = sweep_figure(axes, table, recommend(axes, table, ticks), "title").axes[:2]
+    for panel, best_for in ((success, "best for success"), (time, "shortest time")):
+        assert panel.get_title("left").splitlines() == [
+            f"{best_for}: no optimum shown",
+            "fastest of the best for success: no optimum shown",
+            "rings: Pareto front",
+        ]
+        assert len(panel.collections) == 1  # the map
