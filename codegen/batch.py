@@ -8,7 +8,7 @@ import math
 import tempfile
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
@@ -116,7 +116,7 @@ class Batch:
         points = np.ascontiguousarray(points, dtype=np.float64)
         self._check(points, np.asarray(point), np.asarray(seed), ticks)
         point, seed = (np.ascontiguousarray(a, dtype=np.int32) for a in (point, seed))
-        free = self._free_inputs()
+        free = self._free_inputs
         changing = list(dict.fromkeys((change.component, change.variable) for change in changes))
         for component, variable in changing:
             if (component, variable) not in free:
@@ -129,7 +129,7 @@ class Batch:
             tuple(changing),
             tuple((key, given.get(key, start)) for key, start in free.items() if key not in changing),
         )
-        common = np.array([given.get(key, start) for key, start in self._common().items()])
+        common = np.array([given.get(key, start) for key, start in self._common.items()])
         schedule = np.array(
             [
                 (c.tick, changing.index((c.component, c.variable)), c.value)
@@ -169,16 +169,13 @@ class Batch:
 
     def _given(self, values: Mapping[str, Mapping[str, float]]) -> dict[Key, float]:
         """Start values by variable, of components that matter and of others."""
-        fed = {(link.target, link.target_variable) for link in self.system.connections}
-        given: dict[Key, float] = {}
-        for component, part in values.items():
-            for name, value in part.items():
-                key = self._key(f"{component}.{name}", "parameter", "input")
-                if key in fed:
-                    raise ParameterError(f'{self.system.name}: input "{component}.{name}" is connected')
-                if not math.isfinite(value):
-                    raise ParameterError(f"{component}.{name} is {value}; expected a finite number")
-                given[key] = float(value)
+        given = {(c, n): float(value) for c, part in values.items() for n, value in part.items()}
+        for (component, name), value in given.items():
+            if (component, name) not in self._settable:
+                self._key(f"{component}.{name}", "parameter", "input")  # which says what is wrong
+                raise ParameterError(f'{self.system.name}: input "{component}.{name}" is connected')
+            if not math.isfinite(value):
+                raise ParameterError(f"{component}.{name} is {value}; expected a finite number")
         return given
 
     def _key(self, name: str, *kinds: str) -> Key:
@@ -195,18 +192,26 @@ class Batch:
             )
         return component, variable
 
-    def _free_inputs(self) -> dict[Key, float]:
-        """The inputs that nothing feeds, with what they start with."""
+    @cached_property
+    def _settable(self) -> dict[Key, float]:
+        """All that may be set, with its start value: parameters, and inputs that nothing feeds."""
         fed = {(link.target, link.target_variable) for link in self.system.connections}
-        starts = {key: start for component in self.keep for key, start in self._starts(component, "input")}
+        components = self.system.components
+        starts = {
+            k: v for c in components for kind in ("parameter", "input") for k, v in self._starts(c, kind)
+        }
         return {key: start for key, start in starts.items() if key not in fed}
 
+    @cached_property
     def _common(self) -> dict[Key, float]:
-        """All that may be set for a trial, with what it starts with."""
-        parameters = {
-            key: start for component in self.keep for key, start in self._starts(component, "parameter")
-        }
-        return parameters | self._free_inputs()
+        """What of that matters."""
+        return {key: start for key, start in self._settable.items() if key[0] in self.keep}
+
+    @cached_property
+    def _free_inputs(self) -> dict[Key, float]:
+        """The inputs among them."""
+        inputs = {key for component in self.keep for key, _ in self._starts(component, "input")}
+        return {key: start for key, start in self._common.items() if key in inputs}
 
     def _starts(self, component: str, kind: str) -> Iterable[tuple[Key, float]]:
         for variable in self.system.components[component].group(kind):
@@ -243,7 +248,7 @@ class Batch:
             kept = frozenset().union(*(self.keep[c] for c, b in components.items() if b is block))
             files |= generate(block, keep=kept)
         ticks = self.ticks(changing, fixed)
-        common = list(self._common())
+        common = list(self._common)
         fields = sorted(frozenset().union(*(tick.reads | tick.writes for tick in ticks)))
         used = sorted(frozenset().union(*(tick.common for tick in ticks)))
         context = {
