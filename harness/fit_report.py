@@ -14,10 +14,10 @@ from rich.markup import escape
 from rich.table import Table
 from scipy import stats
 
-from harness.fit import FitError, reasons, rounded, settled
+from harness.fit import reasons, rounded, settled
 from harness.log import Array
 from harness.plots import BELOW, DPI, ESTIMATES, GRID, TRUTH
-from harness.summary import write_whole
+from harness.summary import make_folder, write_whole
 
 FOLDER = Path("out/fit")
 
@@ -50,15 +50,10 @@ def report(result: Mapping[str, Any], out: Path) -> None:
     """Write fit.json, fit.toml and fit.png.
 
     Raises:
-        FitError: the folder cannot be made.
+        UsageError: the folder cannot be made.
         LogError: they cannot be written.
     """
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FitError(
-            f"--out {out}: the folder cannot be made ({error.strerror}); choose another folder"
-        ) from error
+    make_folder(out)
     write_whole(out / "fit.json", (json.dumps(result, indent=2) + "\n").encode())
     write_whole(out / "fit.toml", fragment(result).encode())
     buffer = io.BytesIO()

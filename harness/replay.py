@@ -25,7 +25,7 @@ from harness.fmu import Component, FmuError
 from harness.log import read_log
 from harness.plots import replay_picture
 from harness.recording import MOVING_M_S, RecordingError, Signals, read_recording, signals
-from harness.summary import write_whole
+from harness.summary import make_folder, write_whole
 from models.four_state import FourState
 from models.kit.block import Block
 
@@ -283,8 +283,13 @@ def _number(value: float) -> float | None:
 
 
 def report(source: Source, estimator: str, found: Sequence[Outage], out: Path) -> dict[str, Any]:
-    """Write outages.json and replay.png; what the JSON holds."""
-    out.mkdir(parents=True, exist_ok=True)
+    """Write outages.json and replay.png; what the JSON holds.
+
+    Raises:
+        UsageError: the folder cannot be made.
+        LogError: they cannot be written.
+    """
+    make_folder(out)
     result = {
         "recording": source.name,
         "estimator": estimator,

@@ -20,6 +20,7 @@ from harness.foxglove import named
 from harness.log import Array, Log, LogError
 from models.cmec import Anomaly
 from models.commands import Status
+from models.errors import UsageError
 
 TEMPLATES = jinja2.Environment(
     loader=jinja2.FileSystemLoader(Path(__file__).parent / "templates"),
@@ -112,6 +113,20 @@ def _position_error(log: Log) -> dict[str, float] | None:
     if error is None or not np.isfinite(error).all():
         return None
     return {"mean": float(error.mean()), "max": float(error.max()), "final": float(error[-1])}
+
+
+def make_folder(out: Path) -> None:
+    """Make the folder for results.
+
+    Raises:
+        UsageError: it cannot be made.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(
+            f"--out {out}: the folder cannot be made ({error.strerror}); choose another folder"
+        ) from error
 
 
 def write_whole(path: Path, data: bytes) -> None:

@@ -36,7 +36,7 @@ from harness.scenario import (
     values_of,
 )
 from harness.ssp import Description, open_ssp
-from harness.summary import summarize, write_page, write_summary, write_whole
+from harness.summary import make_folder, summarize, write_page, write_summary, write_whole
 from harness.wiring import Order
 from models.commands import Status
 from models.errors import UsageError
@@ -209,13 +209,14 @@ def run(
     """Run a trial; its summary. The log is kept up to where a fault or the user ends it.
 
     Raises:
-        UsageError: it would overwrite the log that it is taken from, or one that is being written.
+        UsageError: it would overwrite the log that it is taken from, or one that is being written; the folder
+            cannot be made.
         CanineError: a fault in what was run, with its name.
         KeyboardInterrupt: the user ended it.
     """
     if request.log is not None and (out / LOG).resolve() == request.log.resolve():
         raise UsageError(f"--out {out}: holds the log that is read, {request.log}; choose another folder")
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     with _alone_in(out):
         for name in SHOWN:  # of an earlier trial: they would not belong to this log
             with suppress(FileNotFoundError):

@@ -330,3 +330,16 @@ def test_a_log_that_is_cut_is_used_with_a_note(tmp_path: Path, capsys: pytest.Ca
         status, _, said = canine(capsys, *arguments)
         assert status == 0
         assert f"note: {cut}: the log is not whole, the file ends early" in said.replace("\n", "")
+
+
+def test_a_folder_that_cannot_be_made_is_refused_by_its_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # given a file where a folder should be
+    (tmp_path / "file").write_text("")
+    # when
+    status, _, errors = canine(capsys, *RUN, "--out", tmp_path / "file" / "x")
+    # then
+    assert status == 2
+    reason = "the folder cannot be made (Not a directory); choose another folder"
+    assert errors == f"canine: --out {tmp_path}/file/x: {reason}\n"
