@@ -30,7 +30,7 @@ import numpy.typing as npt
 from codegen.batch import Batch, Change
 from codegen.compiler import compiler_version
 from models.cmec import Anomaly
-from models.commands import Status
+from models.commands import ENDS, Status
 from models.errors import CanineError, UsageError
 from models.system import SYSTEMS
 
@@ -40,7 +40,6 @@ OBSERVED = (
     "controller.directional_commands",
     *(f"controller.anomalies[{i + 1}]" for i in range(len(ANOMALIES))),
 )
-ENDS = frozenset({int(Status.SUCCESS), int(Status.FAILED), int(Status.STOPPED)})
 SUMS = ("commands", "timeouts", *ANOMALIES)  # commands: of successful trials
 LARGEST = {"cts": 32_768, "full": 4_096}  # trials of up to USUAL in a chunk: some tenths of a second
 SMALLEST = 2048  # the last trials of a chunk have lanes to themselves

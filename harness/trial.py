@@ -38,11 +38,10 @@ from harness.scenario import (
 from harness.ssp import Description, open_ssp
 from harness.summary import make_folder, summarize, write_page, write_summary, write_whole
 from harness.wiring import Order
-from models.commands import Status
+from models.commands import ENDS
 from models.errors import UsageError
 from models.system import SYSTEMS
 
-ENDS = frozenset({int(Status.SUCCESS), int(Status.FAILED), int(Status.STOPPED)})
 PACKAGE, LOG = "system.ssp", "trial.mcap"
 SHOWN = ("summary.json", "trial.html", "trial.png")
 VERSIONED = ("guided-canine", "fmpy", "casadi", "numpy")

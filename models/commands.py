@@ -27,3 +27,4 @@ class Status(IntEnum):
 
 
 GRAVITY = 9.81  # m/s2 (eq. 3.10)
+ENDS = frozenset({int(Status.SUCCESS), int(Status.FAILED), int(Status.STOPPED)})  # with which a trial is over

@@ -19,13 +19,13 @@ from harness import trial
 from harness.loop import Simulation
 from harness.scenario import Plan, Scenario, Setting, plan
 from models.cmec import Anomaly, Cmec, Mode
-from models.commands import Status
+from models.commands import ENDS, Status
 from models.readings import READINGS
 from models.system import SYSTEMS
 
 STEP = 0.04  # s
 TRIALS = 50  # of each system and reading
-STOP = ("controller.status", trial.ENDS)
+STOP = ("controller.status", ENDS)
 NARROW = ("controller.status", "controller.directional_commands", "plant.north", "plant.east")
 DOG = {  # as users write them, angles in degrees
     "cmec.capture_radius": (4, 10),

@@ -3,17 +3,17 @@
 import io
 import json
 import math
-import sys
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command import canine
 from rich.console import Console
 from scipy.stats import binom, truncnorm
 
-from harness import main, trial
+from harness import trial
 from harness.fit import (
     FitError,
     before_redrawing,
@@ -698,16 +698,6 @@ def test_the_picture_has_a_panel_for_each_statistic_and_one_for_the_responses() 
 
 
 # from trials to the command line
-
-
-def canine(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    """Exit status, standard output and error of the command."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["canine", *map(str, arguments)])
-        with pytest.raises(SystemExit) as caught:
-            main.main()
-    said = capsys.readouterr()
-    return int(caught.value.code or 0), said.out, said.err
 
 
 def test_trials_that_were_run_give_the_dogs_that_ran_them(

@@ -1,15 +1,15 @@
 """The command line: what a user types, sees, and finds on the disk."""
 
 import json
-import sys
 import zipfile
 from pathlib import Path
 
 import pytest
+from command import canine
 from tiny_fmu import V, tiny_fmu
 
 from fmus.build import BUILD
-from harness import main, trial
+from harness import trial
 from harness.log import read_log
 
 RUN = ["run", "two_waypoint", "--set", "canine.shaking=false"]
@@ -24,16 +24,6 @@ DOG = [
 MOVES = "v[4] = v[0] == 1 ? 18 : v[0] == 3 ? 18 : 0; v[3] = v[0] == 3 ? 3.141592653589793 : 0;"
 MOVES += "v[1] += (v[0] == 3 ? -1 : 1) * v[4] / 3.6 * h;"
 MAPPING = '[outputs]\nspeed = { name = "v", factor = 0.2777777777777778 }'
-
-
-def canine(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    """Exit status, standard output and error of the command."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["canine", *map(str, arguments)])
-        with pytest.raises(SystemExit) as caught:
-            main.main()
-    said = capsys.readouterr()
-    return int(caught.value.code or 0), said.out, said.err
 
 
 def test_a_trial_leaves_its_files_and_says_how_it_went(

@@ -5,17 +5,17 @@ from __future__ import annotations
 import csv
 import json
 import math
-import sys
 from collections import Counter
 from pathlib import Path
 from unittest.mock import Mock
 
+import command
 import pytest
 from matplotlib.image import imread
 from scipy.stats import binomtest
 from stand_in import Runner, dog, install
 
-from harness import chunks, journal, main, sweep
+from harness import chunks, journal, sweep
 from harness.sweep import SweepError, wanted
 from harness.sweep_table import wilson
 from models.commands import Status
@@ -37,12 +37,7 @@ def runner(monkeypatch: pytest.MonkeyPatch) -> Runner:
 
 def canine(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
     """Exit status, standard output and error of `canine sweep`."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["canine", "sweep", *map(str, arguments)])
-        with pytest.raises(SystemExit) as caught:
-            main.main()
-    said = capsys.readouterr()
-    return int(caught.value.code or 0), said.out, said.err
+    return command.canine(capsys, "sweep", *arguments)
 
 
 # what is asked for
