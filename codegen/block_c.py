@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Any
 
 import jinja2
 
-from codegen.expressions import MEMBERS, Writer, c_name, condition, literal, statements
+from codegen.expressions import MEMBERS, Writer, c_name, condition, constant_name, literal, statements
 from codegen.files import write_whole
 from models.errors import DeclarationError
 from models.kit import random
@@ -41,12 +42,16 @@ class Routine:
 
 
 def generate(
-    block: type[Block], precision: Precision = "double", keep: frozenset[str] | None = None
+    block: type[Block],
+    precision: Precision = "double",
+    keep: frozenset[str] | None = None,
+    constants: Mapping[str, float] | None = None,
 ) -> dict[str, str]:
     """The C of a block, file name to text; the same block gives the same bytes.
 
     Args:
         keep: the states and outputs that matter, all by default; the C leaves the others as they are.
+        constants: values of (scalar) parameters that are no fields of the struct but macros of the header.
 
     Raises:
         DeclarationError: the block does not come in this precision, or uses what C lacks without a library.
@@ -56,7 +61,8 @@ def generate(
             f"{block.title()} comes in {' and '.join(block.precisions)} precision, not in {precision}"
         )
     program = block.program(precision)
-    generator = _Generator(program, keep)
+    constants = constants or {}
+    generator = _Generator(program, keep, constants)
     routines = [generator.routine(phase) for phase in program.tick if generator.matters(phase)]
     start = [
         generator.routine(phase)
@@ -72,12 +78,21 @@ def generate(
         "precision": precision,
         "sample_time": block.sample_time,
         "sample_time_literal": literal(block.sample_time, precision),
-        "groups": [_Struct(kind, block, precision) for kind in GROUPS],
+        "groups": [_Struct(kind, block, precision, constants) for kind in GROUPS],
+        "constants": [
+            {
+                "name": constant_name(block, v.name),
+                "value": start_literal(v, constants[v.name], precision),
+                "comment": comment(v),
+            }
+            for v in block.group("parameter")
+            if v.name in constants
+        ],
         "enums": _enums(block),
         "routines": routines,
         "initialize": start,
         "streams": [v for v in block.streams() if keep is None or not keep.isdisjoint(v.flat_names)],
-        "starts": [line for kind in GROUPS for line in _starts(kind, block, precision)],
+        "starts": [line for kind in GROUPS for line in _starts(kind, block, precision, constants)],
         "state_starts": _starts("state", block, precision),
         "moore": block.moore,
         "operations": ", ".join(f"{r.name} {r.operations}" for r in [*start, *routines]),
@@ -108,16 +123,25 @@ def streams_c() -> dict[str, str]:
 class _Struct:
     """One struct of the header: a member for each variable."""
 
-    def __init__(self, kind: str, block: type[Block], precision: Precision) -> None:
+    def __init__(
+        self, kind: str, block: type[Block], precision: Precision, constants: Collection[str]
+    ) -> None:
         self.kind, self.member = kind, MEMBERS[kind]
         self.fields = [
             {
                 "type": {Type.REAL: precision, Type.INTEGER: "int32_t", Type.BOOLEAN: "bool"}[v.type],
                 "name": v.name + (f"[{v.size}]" if v.size else ""),
-                "comment": (f"{v.unit}: " if v.unit not in ("", "1") else "") + v.meaning,
+                "comment": comment(v),
             }
             for v in block.group(kind)
+            if v.name not in constants
         ]
+
+
+def comment(variable: Variable) -> str:
+    """Unit and meaning."""
+    unit = f"{variable.unit}: " if variable.unit not in ("", "1") else ""
+    return unit + variable.meaning
 
 
 def _enum_prefix(block: type[Block], choices: type[IntEnum]) -> str:
@@ -136,11 +160,15 @@ def _enums(block: type[Block]) -> list[dict[str, Any]]:
     ]
 
 
-def _starts(kind: str, block: type[Block], precision: Precision) -> list[str]:
+def _starts(
+    kind: str, block: type[Block], precision: Precision, constants: Collection[str] = ()
+) -> list[str]:
     """Assignments of the declared start values; equal elements of a vector in a loop."""
     lines = []
     for v in block.group(kind):
-        texts = [_start_literal(v, value, precision) for value in v.start]
+        if v.name in constants:
+            continue
+        texts = [start_literal(v, value, precision) for value in v.start]
         target = f"m->{MEMBERS[kind]}.{v.name}"
         if v.size and len(set(texts)) == 1:
             lines.append(f"for (int i = 0; i < {v.size}; i++) {{ {target}[i] = {texts[0]}; }}")
@@ -152,7 +180,8 @@ def _starts(kind: str, block: type[Block], precision: Precision) -> list[str]:
     return lines
 
 
-def _start_literal(variable: Variable, value: float, precision: Precision) -> str:
+def start_literal(variable: Variable, value: float, precision: Precision) -> str:
+    """A value of a variable as C."""
     if variable.type is Type.REAL:
         return literal(value, precision)
     if variable.type is Type.BOOLEAN:
@@ -163,8 +192,9 @@ def _start_literal(variable: Variable, value: float, precision: Precision) -> st
 class _Generator:
     """Writes the routines of one program."""
 
-    def __init__(self, program: Program, keep: frozenset[str] | None) -> None:
+    def __init__(self, program: Program, keep: frozenset[str] | None, constants: Collection[str]) -> None:
         self.block, self.precision, self.keep = program.block, program.precision, keep
+        self.constants = constants
 
     def matters(self, phase: Update | Table) -> bool:
         """Does the phase set anything that is kept?"""
@@ -176,7 +206,7 @@ class _Generator:
         return f"{_enum_prefix(self.block, variable.choices)}_{variable.choices(value).name}"
 
     def writer(self) -> Writer:
-        return Writer(self.precision, self.enum_name)
+        return Writer(self.precision, self.enum_name, constants=self.constants)
 
     def routine(self, phase: Update | Table) -> Routine:
         if isinstance(phase, Table):

@@ -129,12 +129,14 @@ def read(function: Any, leaf: Leaf, make: Make = Node) -> tuple[list[Node], int]
     return results, operations
 
 
-def fields(block: type[Block]) -> Leaf:
-    """The leaves of a block's functions: fields of its struct `m`."""
+def fields(block: type[Block], constants: Collection[str] = ()) -> Leaf:
+    """The leaves of a block's functions: fields of its struct `m`; parameters may be constants."""
     flat = [list(flatten(block.group(kind))) for kind in GROUPS]
 
     def leaf(group: int, element: int) -> Node:
         name, variable = flat[group][element]
+        if name in constants:
+            return Node(ca.OP_INPUT, field=constant_name(block, name), variable=variable)
         return Node(ca.OP_INPUT, field=f"m->{MEMBERS[GROUPS[group]]}.{c_name(name)}", variable=variable)
 
     return leaf
@@ -154,6 +156,11 @@ def c_name(flat_name: str) -> str:
     """`waypoint_north[1]` of a declaration is `waypoint_north[0]` in C."""
     name, bracket, index = flat_name.partition("[")
     return f"{name}[{int(index[:-1]) - 1}]" if bracket else name
+
+
+def constant_name(block: type[Block], name: str) -> str:
+    """The macro of a parameter that is a constant."""
+    return f"{block.title()}_{name}".upper()
 
 
 def literal(value: float, precision: Precision) -> str:
@@ -180,6 +187,7 @@ class Writer:
     Args:
         enum_name: the C of a named value.
         branchless: both sides of "and" and "or" are computed, as vectors do.
+        constants: parameters that are constants of the block's header, and no fields.
     """
 
     def __init__(
@@ -187,8 +195,10 @@ class Writer:
         precision: Precision,
         enum_name: Callable[[Variable, int], str] = lambda variable, value: str(value),
         branchless: bool = False,
+        constants: Collection[str] = (),
     ) -> None:
         self.precision = precision
+        self.constants = constants
         self.enum_name = enum_name
         self.binary = BINARY | {ca.OP_AND: "&", ca.OP_OR: "|"} if branchless else BINARY
         self.lines: list[str] = []
@@ -344,7 +354,7 @@ def statements(
     Args:
         keep: the variables that matter, all by default; others are neither computed nor stored.
     """
-    results, operations = read(function, fields(block))
+    results, operations = read(function, fields(block, writer.constants))
     kept = [(name, node) for name, node in zip(writes, results, strict=True) if keep is None or name in keep]
     writes, results = [name for name, _ in kept], [node for _, node in kept]
     count_uses(results)
@@ -386,6 +396,6 @@ def _is_overwritten(field: str, writes: Sequence[str]) -> bool:
 
 def condition(function: Any, block: type[Block], writer: Writer) -> tuple[str, int]:
     """A guard as one C expression, and its operation count."""
-    (node,), operations = read(function, fields(block))
+    (node,), operations = read(function, fields(block, writer.constants))
     count_uses([node])
     return _bare(writer.write(node, "bool", locals_allowed=False)), operations

@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -38,6 +38,27 @@ ROWS = 25  # rows that are handed over together: a second's at 25 Hz
 
 # memmove by its address, without argument types and as a function of nothing: no status, no checks
 _copy = ctypes.PYFUNCTYPE(None)(ctypes.cast(ctypes.memmove, ctypes.c_void_p).value or 0)
+
+
+class Stepped(Protocol):
+    """What the loop asks of a component: an instance of an FMU, or what stands in for one."""
+
+    label: str
+    description: FmuDescription
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def initialize(self, values: Mapping[str, float]) -> None: ...
+
+    def setting(self, quantities: Sequence[Quantity], address: int) -> Call: ...
+
+    def getting(self, quantities: Sequence[Quantity], address: int) -> Call: ...
+
+    def stepping(self, time: ctypes.c_double, step: float, ended: int) -> Call: ...
+
+    def check(self, status: int, what: str, time: float) -> None: ...
 
 
 @dataclass(frozen=True)
@@ -120,6 +141,7 @@ class Simulation:
         order: `sequential` or `jacobi`.
         plants: components to be stepped last whatever they declare.
         labels: how errors call a component, where not `component file.fmu`.
+        stand_ins: what runs in the place of a component's FMU.
 
     Raises:
         WiringError: the links do not fit (see `wire`).
@@ -133,14 +155,17 @@ class Simulation:
         order: Order = "sequential",
         plants: Iterable[str] = (),
         labels: Mapping[str, str] | None = None,
+        *,
+        stand_ins: Mapping[str, Stepped] | None = None,
     ) -> None:
         self._stack = ExitStack()
         self._time = ctypes.c_double(0.0)
         try:
-            self.components = {
-                name: self._stack.enter_context(Component(name, part.fmu, (labels or {}).get(name, "")))
-                for name, part in system.components.items()
-            }
+            self.components: dict[str, Stepped] = {}
+            for name, part in system.components.items():
+                stand_in = (stand_ins or {}).get(name)
+                component = stand_in or Component(name, part.fmu, (labels or {}).get(name, ""))
+                self.components[name] = self._stack.enter_context(component)
             self.fmus: dict[str, FmuDescription] = {n: c.description for n, c in self.components.items()}
             self.wiring: Wiring = wire(system, self.fmus, order, plants)
             self._start(system, values or {})
@@ -234,6 +259,10 @@ class Simulation:
         """A slot's values, where they lie."""
         end = slot.offset + slot.size * len(slot.quantities)
         return self._block[slot.offset : end].view(slot.access.dtype)
+
+    def outputs(self, name: str) -> list[tuple[list[str], npt.NDArray[Any]]]:
+        """A component's outputs: names, and the values where they lie, which change as it is stepped."""
+        return [([q.name for q in s.quantities], self.view(s)) for s in self._outputs if s.component == name]
 
     def _gather(self, transfer: _Transfer) -> Call | None:
         """What brings a transfer's values into its own slot."""

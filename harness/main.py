@@ -17,6 +17,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from codegen.compiler import PLATFORMS
+from codegen.firmware import TARGETS
 from fmus.build import BUILD, build_all
 from harness import trial
 from harness.fmu import FmuDescription, describe
@@ -100,6 +101,13 @@ def run(
     controller: Fmu = None,
     order: Stepping = None,
     fmi: Fmi = None,
+    onboard: Annotated[
+        str | None,
+        typer.Option(
+            metavar="fmu|pil:TARGET",
+            help=f"pil: firmware on a processor ({', '.join(TARGETS)}) for estimator and controller",
+        ),
+    ] = None,
     folder: Annotated[
         Path | None,
         typer.Option(
@@ -115,10 +123,12 @@ def run(
     canine run two_waypoint --seed 7 --set cmec.moving_deviation=37
     canine run my.toml --plant dog.fmu --order jacobi --fmi 3 --out out/dog
     canine run out/three_waypoint-1/trial.mcap    that trial again: the same log
+    canine run --onboard pil:cortex-m4f           the firmware in the loop, fed with its instruments' bytes
 
     It leaves trial.mcap, summary.json, trial.html and trial.png.
     """
-    wanted = trial.Changes(order, fmi, {"plant": plant, "controller": controller}, settings or [], seed)
+    swaps = {"plant": plant, "controller": controller}
+    wanted = trial.Changes(order, fmi, swaps, settings or [], seed, onboard)
     with trial.requested(target, wanted) as request:
         with _telling("building the FMUs") as done:
             trial.build_missing(request, done)

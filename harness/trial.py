@@ -7,7 +7,7 @@ import os
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -15,12 +15,15 @@ from typing import Any
 
 import numpy as np
 
+from codegen.firmware import BLOCKS, TARGETS, Values, settable
 from fmus.archive import pack
 from fmus.build import BUILD, build_all, is_current
 from harness.fmu import FmuDescription, describe
 from harness.log import Channel, Log, LogWriter, read_log
 from harness.loop import Array, Simulation, Stop
+from harness.onboard import ROLES, Onboard
 from harness.plots import trial_png
+from harness.processors import Processor, open_processor
 from harness.roles import Adapter, Fit, Rename, find_role, misfits, read_adapter, replace_component, roles
 from harness.scenario import (
     DEFAULT,
@@ -40,10 +43,12 @@ from harness.summary import make_folder, summarize, write_page, write_summary, w
 from harness.wiring import Order
 from models.commands import ENDS
 from models.errors import UsageError
+from models.kit.declaration import flatten
 from models.system import SYSTEMS
 
 PACKAGE, LOG = "system.ssp", "trial.mcap"
 SHOWN = ("summary.json", "trial.html", "trial.png")
+Start = Callable[[str, Values], Processor]
 VERSIONED = ("guided-canine", "fmpy", "casadi", "numpy")
 
 
@@ -59,6 +64,8 @@ class Request:
         package: the .ssp if it is not the one of `scenario.system` (that of a log, say).
         log: that it is taken from.
         broken: why that log is not whole, "" if it is.
+        onboard: the processor whose firmware takes the place of estimator, controller and command module; ""
+            runs their FMUs.
     """
 
     scenario: Scenario
@@ -68,6 +75,7 @@ class Request:
     package: Path | None = None
     log: Path | None = None
     broken: str = ""
+    onboard: str = ""
 
     @property
     def ssp(self) -> Path:
@@ -85,6 +93,7 @@ class Changes:
     swaps: Mapping[str, Path | None] = field(default_factory=dict)
     settings: Sequence[str] = ()
     seed: int | None = None
+    onboard: str | None = None
 
 
 @contextmanager
@@ -109,12 +118,48 @@ def requested(target: str, changes: Changes) -> Iterator[Request]:
         if changes.fmi:
             request = replace(request, fmi=int(changes.fmi), package=None)
         given = {role: path for role, path in changes.swaps.items() if path is not None}
-        yield replace(
-            request,
-            scenario=request.scenario.override(changes.settings, changes.seed),
-            order=changes.order or request.order,
-            swaps={**request.swaps, **given},
+        yield _checked(
+            replace(
+                request,
+                scenario=request.scenario.override(changes.settings, changes.seed),
+                order=changes.order or request.order,
+                swaps={**request.swaps, **given},
+                onboard=request.onboard if changes.onboard is None else _target(changes.onboard),
+            )
         )
+
+
+def _target(onboard: str) -> str:
+    """The processor that `--onboard` names, "" for the FMUs.
+
+    Raises:
+        UsageError: it names none.
+    """
+    choices = ["fmu", *(f"pil:{name}" for name in TARGETS)]
+    if onboard not in choices:
+        raise UsageError(f'--onboard "{onboard}": expected one of {", ".join(choices)}')
+    return onboard.removeprefix("pil:").removeprefix("fmu")
+
+
+def _checked(request: Request) -> Request:
+    """The request, if what is to be run on board fits the rest of it.
+
+    Raises:
+        UsageError: it does not.
+    """
+    if request.onboard:
+        option = f"--onboard pil:{request.onboard}"
+        taken = next((role for role in ROLES if role in request.swaps), None)
+        if taken:
+            raise UsageError(f"{option}: the firmware takes the place of the {taken}; leave --{taken} out")
+        if request.order != "sequential":
+            raise UsageError(f"{option}: the firmware answers within a tick; expected --order sequential")
+        if request.scenario.system != "full":
+            raise UsageError(
+                f'{option}: system "{request.scenario.system}" has not our sensors and estimator; '
+                'expected a scenario with system = "full"'
+            )
+    return request
 
 
 def _of_package(package: Path) -> Request:
@@ -137,7 +182,10 @@ def _of_log(path: Path, folder: Path) -> Request:
         (folder / Path(name).name).write_bytes(content)
     swaps = {role: folder / name for role, name in log.metadata.get("swaps", {}).items()}
     order: Order = "jacobi" if run.get("order") == "jacobi" else "sequential"
-    return Request(scenario, order, int(run.get("fmi", "2")), swaps, folder / PACKAGE, path, log.broken)
+    onboard = run.get("onboard", "")
+    return Request(
+        scenario, order, int(run.get("fmi", "2")), swaps, folder / PACKAGE, path, log.broken, onboard
+    )
 
 
 @dataclass(frozen=True)
@@ -154,6 +202,17 @@ class Prepared:
     plan: Plan
     renames: Mapping[str, Mapping[str, tuple[str, Rename]]]
     notes: tuple[str, ...]
+
+
+def parts_on_board() -> dict[str, Part]:
+    """What a scenario can set of the onboard program beside the components that it takes the place of."""
+    return {
+        member: Part(
+            block.title(), dict(flatten(list(settable(block).values()))), {}, f"{member} {block.title()}"
+        )
+        for member, block in BLOCKS.items()
+        if member not in ROLES.values()
+    }
 
 
 def build_missing(request: Request, done: Callable[[Path], None] = lambda path: None) -> None:
@@ -193,6 +252,8 @@ def prepared(request: Request) -> Iterator[Prepared]:
             else:
                 wrong = misfits(fmu, known[name]) if name in known and name not in fits else {}
                 parts[name] = part_of_fmu(name, fmu, known.get(name), fits.get(name), wrong)
+        if request.onboard:
+            parts |= parts_on_board()
         bound = {n: {v: x.value for v, x in part.values.items()} for n, part in system.components.items()}
         fed = {name: {k.target_variable for k in system.links if k.target == name} for name in fmus}
         found = plan(request.scenario, parts, bound, fed)
@@ -204,8 +265,12 @@ def run(
     ready: Prepared,
     out: Path,
     progress: Callable[[float], None] | None = None,
+    start: Start = open_processor,
 ) -> dict[str, Any]:
     """Run a trial; its summary. The log is kept up to where a fault or the user ends it.
+
+    Args:
+        start: makes the processor of `request.onboard` with the firmware's parameters.
 
     Raises:
         UsageError: it would overwrite the log that it is taken from, or one that is being written; the folder
@@ -220,7 +285,7 @@ def run(
         for name in SHOWN:  # of an earlier trial: they would not belong to this log
             with suppress(FileNotFoundError):
                 (out / name).unlink()
-        real_time_factor = _simulate(request, ready, out / LOG, progress)
+        real_time_factor = _simulate(request, ready, out / LOG, progress, start)
         return _report(read_log(out / LOG), out, real_time_factor)
 
 
@@ -240,13 +305,35 @@ def _alone_in(folder: Path) -> Iterator[None]:
         os.close(handle)
 
 
+def _onboard(request: Request, ready: Prepared, start: Start) -> Onboard:
+    """The onboard computer with the scenario's parameters in its firmware."""
+    values = ready.plan.values | _all_values(ready)
+    chosen = {
+        member: {n: x for n, x in values.get(component, {}).items() if n in settable(BLOCKS[member])}
+        for component, member in (ROLES | {name: name for name in parts_on_board()}).items()
+    }
+    return Onboard(start(request.onboard, chosen), request.scenario.origin, values)
+
+
 def _simulate(
-    request: Request, ready: Prepared, path: Path, progress: Callable[[float], None] | None
+    request: Request, ready: Prepared, path: Path, progress: Callable[[float], None] | None, start: Start
 ) -> float:
     """Run the trial and write its log; how many times as fast as real time it ran."""
     scenario = request.scenario
-    with Simulation(ready.system, ready.plan.values, request.order, plants=plants(ready)) as simulation:
-        table = _Table(simulation, ready)
+    with ExitStack() as stack:
+        onboard = _onboard(request, ready, start) if request.onboard else None
+        stand_ins = {}
+        if onboard is not None:
+            stack.callback(onboard.close)
+            stand_ins = onboard.stand_ins(ready.fmus)
+        simulation = stack.enter_context(
+            Simulation(
+                ready.system, ready.plan.values, request.order, plants=plants(ready), stand_ins=stand_ins
+            )
+        )
+        if onboard is not None:
+            onboard.connect(simulation.outputs("sensors"))
+        table = _Table(simulation, ready, onboard)
         with LogWriter(
             path,
             table.channels,
@@ -290,8 +377,9 @@ def _report(log: Log, out: Path, real_time_factor: float) -> dict[str, Any]:
 class _Table:
     """The rows of a simulation as the log's: a swapped component's outputs by its role's names and units."""
 
-    def __init__(self, simulation: Simulation, ready: Prepared) -> None:
+    def __init__(self, simulation: Simulation, ready: Prepared, onboard: Onboard | None) -> None:
         self.channels = []
+        self.onboard = onboard
         self.scales: dict[str, tuple[Array, Array]] = {}
         for name in simulation.components:
             columns = simulation.columns(name)
@@ -320,6 +408,8 @@ class _Table:
                     tuple(column.meaning for column in columns),
                 )
             )
+        if onboard is not None:
+            self.channels.append(onboard.channel())
 
     def write(self, log: LogWriter, times: Array, values: Mapping[str, Array]) -> None:
         """Write rows as `Simulation.run` hands them over."""
@@ -328,7 +418,10 @@ class _Table:
             factor, offset = self.scales.get(name, (None, None))
             lists[name] = (rows if factor is None or offset is None else rows * factor + offset).tolist()
         for i, moment in enumerate(times.tolist()):
-            log.write(moment, {name: rows[i] for name, rows in lists.items()})
+            row = {name: rows[i] for name, rows in lists.items()}
+            if self.onboard is not None:
+                row["telemetry"] = self.onboard.row(moment)
+            log.write(moment, row)
 
 
 def _metadata(request: Request, ready: Prepared) -> dict[str, dict[str, str]]:
@@ -337,7 +430,8 @@ def _metadata(request: Request, ready: Prepared) -> dict[str, dict[str, str]]:
         "scenario": {"name": scenario.name, "seed": str(scenario.seed), "toml": scenario.text()},
         "parameters": values_of(ready.parts, _all_values(ready)),
         "roles": {name: fmu.model for name, fmu in ready.fmus.items()},
-        "run": {"order": request.order, "fmi": str(request.fmi)},
+        "run": {"order": request.order, "fmi": str(request.fmi)}
+        | ({"onboard": request.onboard} if request.onboard else {}),
         "swaps": {role: f"{role}.fmu" for role in request.swaps},
         "versions": {name: version(name) for name in VERSIONED},
     }

@@ -13,8 +13,10 @@ from models.errors import WiringError, nearest
 from models.four_state import FourState
 from models.kit.block import Block
 from models.kit.declaration import Input, Output, Variable, flatten
+from models.local_plane import LocalPlane
 from models.pedestrian import Pedestrian
 from models.sensors import Sensors
+from models.watchdog import Watchdog
 
 
 @dataclass(frozen=True)
@@ -139,6 +141,11 @@ def trial_simulator(plant: type[Block] = Canine) -> System:
 SYSTEMS: dict[str, System] = {"full": full_system(), "cts": trial_simulator()}
 BLOCKS: tuple[type[Block], ...] = tuple(
     dict.fromkeys(
-        [*(block for system in SYSTEMS.values() for block in system.components.values()), Pedestrian]
+        [
+            *(block for system in SYSTEMS.values() for block in system.components.values()),
+            Pedestrian,
+            LocalPlane,  # these two work beside the estimator and the controller on board
+            Watchdog,
+        ]
     )
 )

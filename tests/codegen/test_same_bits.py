@@ -44,6 +44,7 @@ from models.kit.block import Block
 from models.kit.declaration import SUBSTREAMS, Type, flatten
 from models.kit.model import Model
 from models.kit.random import start_state
+from models.local_plane import LocalPlane
 from models.pedestrian import Pedestrian
 from models.sensors import Sensors
 from models.system import System, full_system, trial_simulator
@@ -173,7 +174,8 @@ def test_trials_exercise_every_triggered_update(reference: Reference) -> None:
     for name in TRIALS:
         reference(name)
     # then each has fired (else they show nothing), but for two that no plain trial needs
-    triggers = {f"{b.title()}.{p.name}" for b in BLOCKS for p in b.program().tick if p.guard is not None}
+    blocks = {block for system, _ in TRIALS.values() for block in system.components.values()}
+    triggers = {f"{b.title()}.{p.name}" for b in blocks for p in b.program().tick if p.guard is not None}
     assert triggers - reference.fired == {"cmec.end", "cmec.interrupt"}
 
 
@@ -281,7 +283,11 @@ def test_a_tick_from_any_state_has_the_same_bits(
         assert same(np.asarray(get(block, records, name), dtype=np.float64), column), name
 
 
-@pytest.mark.parametrize("block", [b for b in BLOCKS if "float" in b.precisions], ids=lambda b: b.title())
+# not the local plane: the reference keeps integers in float32, where its 32 bits have no room
+FLOAT = [b for b in BLOCKS if "float" in b.precisions and b is not LocalPlane]
+
+
+@pytest.mark.parametrize("block", FLOAT, ids=lambda b: b.title())
 def test_float_c_is_the_float_program_operation_by_operation(
     block: type[Block], build: Build, libraries: Libraries
 ) -> None:

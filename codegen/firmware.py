@@ -1,0 +1,173 @@
+"""The firmware bundle: the onboard program's sources for a microprocessor, from the models and the drivers.
+
+The blocks come from their declarations, in float32; drivers, main loop and arithmetic are written by hand, in
+`codegen/onboard`. What is made here is what depends on both: parameters, the record of the processor in the
+loop, Makefile and README.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from codegen.block_c import TEMPLATES, comment, generate, start_literal
+from codegen.expressions import c_name
+from models.cmec import Cmec
+from models.command_module import CommandModule
+from models.errors import UsageError, nearest
+from models.four_state import FourState
+from models.kit.block import Block
+from models.kit.declaration import Type, Variable, flatten
+from models.local_plane import LocalPlane
+from models.watchdog import Watchdog
+
+SOURCES = Path(__file__).parent / "onboard"
+# the members of `onboard` in onboard.h that are blocks
+BLOCKS: dict[str, type[Block]] = {
+    "plane": LocalPlane,
+    "estimator": FourState,
+    "guard": Watchdog,
+    "controller": Cmec,
+    "vest": CommandModule,
+}
+Values = Mapping[str, Mapping[str, float]]  # of parameters, by member and name
+
+
+@dataclass(frozen=True)
+class Target:
+    """A processor that firmware is made for.
+
+    Attributes:
+        folder: of its own sources in `codegen/onboard`.
+        code, ram: bytes that the onboard program may take.
+    """
+
+    name: str
+    folder: str
+    processor: str
+    compiler: str
+    code: int
+    ram: int
+
+
+TARGETS: dict[str, Target] = {
+    t.name: t
+    for t in (
+        Target("host", "host", "any 32- or 64-bit processor with a POSIX system", "cc", 48_000, 4_000),
+        Target("cortex-m4f", "cortex_m4f", "ARM Cortex-M4F", "zig cc or arm-none-eabi-gcc", 24_000, 4_000),
+        Target("rabbit4000", "rabbit4000", "Rabbit 4000 (RCM4100), 58.98 MHz", "SDCC 4.5", 48_000, 4_000),
+    )
+}
+# what the drivers remember, as the record tells it: C of a 32-bit word
+DRIVERS = {
+    "time_ms": "m->time_ms",
+    **{f"gps.fix.{n}": f"(uint32_t)m->gps.fix.{n}" for n in ("time_ms", "latitude", "longitude", "h_acc")},
+    **{f"gps.fix.{n}": f"(uint32_t)m->gps.fix.{n}" for n in ("speed", "course", "s_acc")},
+    "gps.refused": "m->gps.refused",
+    **{
+        f"imu.{n}[{i + 1}]": f"bits(m->imu.sample.{n}[{i}])"
+        for n in ("accel", "gyro", "mag")
+        for i in range(3)
+    },
+    **{f"imu.{n}": f"bits(m->imu.sample.{n})" for n in ("roll", "pitch", "heading")},
+    "imu.counter": "m->imu.sample.counter",
+    "imu.lost": "m->imu.lost",
+    "radio.mission.id": "m->radio.mission.id",
+    "radio.mission.count": "m->radio.mission.count",
+    "radio.override": "m->radio.override",
+    "radio.sequence": "m->radio.sequence",
+    "radio.refused": "m->radio.refused",
+    "radio.unknown": "m->radio.unknown",
+    **{
+        f"{driver}.{n}": f"m->{driver}.scanner.{n}"
+        for driver in ("gps", "imu", "radio")
+        for n in ("count", "frames", "errors", "skipped")
+    },
+    "start_wanted": "m->start_wanted ? 1U : 0U",
+    "pause": "m->pause",
+    "sequence": "m->sequence",
+}
+
+
+def find_target(name: str) -> Target:
+    """A target by its name.
+
+    Raises:
+        UsageError: there is none.
+    """
+    if name not in TARGETS:
+        raise UsageError(
+            f'firmware is made for {", ".join(TARGETS)}, not for "{name}"{nearest(name, TARGETS)}'
+        )
+    return TARGETS[name]
+
+
+def settable(block: type[Block]) -> dict[str, Variable]:
+    """A block's parameters that the firmware has: not the mission, which comes by radio."""
+    return {v.name: v for v in block.group("parameter") if not getattr(v, "latched", False) and not v.size}
+
+
+def recorded() -> dict[str, Type]:
+    """The words of the record: a name for each, `controller.distance` say, and what it is."""
+    words = {n: Type.REAL if word.startswith("bits(") else Type.INTEGER for n, word in DRIVERS.items()}
+    for member, block in BLOCKS.items():
+        for kind in ("state", "output"):
+            words |= {f"{member}.{kind}.{n}": v.type for n, v in flatten(block.group(kind))}
+    return words
+
+
+def library(values: Values | None = None, *, constants: bool = False) -> dict[str, str]:
+    """The sources that are the same for every target, file name to text.
+
+    Args:
+        values: of parameters (SI), over their start values.
+        constants: parameters are macros of the blocks' headers instead of fields that can be set.
+    """
+    files: dict[str, str] = {}
+    chosen = {
+        member: {n: (values or {}).get(member, {}).get(n, v.start[0]) for n, v in settable(block).items()}
+        for member, block in BLOCKS.items()
+    }
+    for member, block in BLOCKS.items():
+        files |= generate(block, "float", constants=chosen[member] if constants else None)
+    for source in sorted(SOURCES.glob("*.[ch]")):
+        if not source.name.startswith("pil"):
+            files[source.name] = source.read_text()
+    context = {"assignments": [] if constants else list(_assignments(chosen))}
+    files["parameters.c"] = TEMPLATES.get_template("parameters.c.jinja").render(context)
+    return files
+
+
+def _assignments(chosen: Values) -> Iterator[dict[str, str]]:
+    for member, block in BLOCKS.items():
+        for name, variable in settable(block).items():
+            yield {
+                "field": f"m->{member}.par.{name}",
+                "value": start_literal(variable, chosen[member][name], "float"),
+                "comment": comment(variable),
+            }
+
+
+def processor_in_the_loop() -> dict[str, str]:
+    """The sources that stand in for a board when the program is compared between processors."""
+    words = [*DRIVERS.values()]
+    for member, block in BLOCKS.items():
+        for kind, field in (("state", "state"), ("output", "out")):
+            for name, variable in flatten(block.group(kind)):
+                words.append(_word(f"m->{member}.{field}.{c_name(name)}", variable.type))
+    files = {source.name: source.read_text() for source in sorted(SOURCES.glob("pil*.c"))}
+    context = {"words": words}
+    for kind in "hc":
+        files[f"pil.{kind}" if kind == "h" else "pil_record.c"] = TEMPLATES.get_template(
+            f"pil.{kind}.jinja"
+        ).render(context)
+    return files
+
+
+def _word(field: str, type: Type) -> str:
+    return {
+        Type.REAL: f"bits({field})",
+        Type.INTEGER: f"(uint32_t){field}",
+        Type.BOOLEAN: f"{field} ? 1U : 0U",
+    }[type]

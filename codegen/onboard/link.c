@@ -1,0 +1,231 @@
+/* link: the radio between the operator's laptop and the vest
+ * Source: Miller 2010, 1.3 and 2.4 (what is sent); the frame is described in link.h. */
+#include "link.h"
+
+#include <string.h>
+
+#define SYNC_1 0xA5U
+#define SYNC_2 0x5AU
+#define TYPE 2U /* places in a frame */
+#define SEQUENCE 3U
+#define LENGTH 4U
+#define HEADER 5U
+#define CHECKSUM 2U
+
+#define POSITION 8U /* bytes of a latitude and a longitude */
+#define MAX_PAYLOAD (POSITION * (1U + LINK_MAX_WAYPOINTS))
+#define TELEMETRY (LINK_TELEMETRY_SIZE - HEADER - CHECKSUM)
+
+#define MAX_LATITUDE 900000000
+#define MAX_LONGITUDE 1800000000
+#define MAX_COMMAND 5U
+
+/* CRC-16/CCITT-FALSE: polynomial 0x1021, from 0xFFFF. A byte at a time without a table, and in bytes, since
+ * shifts of 16 bits are loops on a small processor. */
+static uint16_t crc16(const uint8_t *bytes, uint8_t count)
+{
+    uint8_t high = 0xFFU;
+    uint8_t low = 0xFFU;
+
+    for (uint8_t i = 0U; i < count; i++) {
+        uint8_t x = high ^ bytes[i];
+
+        x ^= (uint8_t)(x >> 4);
+        high = (uint8_t)(low ^ (uint8_t)(x << 4) ^ (x >> 3));
+        low = (uint8_t)(x ^ (uint8_t)(x << 5));
+    }
+    return (uint16_t)(((uint16_t)high << 8) | low);
+}
+
+static uint16_t big_u16(const uint8_t *bytes)
+{
+    return (uint16_t)(((uint16_t)bytes[0] << 8) | bytes[1]);
+}
+
+static int32_t big_i32(const uint8_t *bytes)
+{
+    const uint32_t value =
+        ((uint32_t)bytes[0] << 24) | ((uint32_t)bytes[1] << 16) | ((uint32_t)bytes[2] << 8) | bytes[3];
+
+    return (int32_t)value;
+}
+
+static uint8_t *put_u8(uint8_t *bytes, uint8_t value)
+{
+    bytes[0] = value;
+    return &bytes[1];
+}
+
+static uint8_t *put_u16(uint8_t *bytes, uint16_t value)
+{
+    bytes[0] = (uint8_t)(value >> 8);
+    bytes[1] = (uint8_t)(value & 0xFFU);
+    return &bytes[2];
+}
+
+static uint8_t *put_u32(uint8_t *bytes, uint32_t value)
+{
+    return put_u16(put_u16(bytes, (uint16_t)(value >> 16)), (uint16_t)(value & 0xFFFFU));
+}
+
+static uint8_t flags(const link_telemetry *telemetry)
+{
+    return (uint8_t)((telemetry->valid ? 0x01U : 0U) | (telemetry->imu_ok ? 0x02U : 0U) |
+                     (telemetry->link_ok ? 0x04U : 0U) | (telemetry->fixed ? 0x08U : 0U) |
+                     (telemetry->loaded ? 0x10U : 0U) | (telemetry->started ? 0x20U : 0U));
+}
+
+static uint8_t link_length(const uint8_t *header)
+{
+    const bool wanted = (header[1] == SYNC_2) && (header[LENGTH] <= MAX_PAYLOAD);
+
+    return wanted ? (uint8_t)(HEADER + header[LENGTH] + CHECKSUM) : 0U;
+}
+
+static bool link_intact(const uint8_t *frame, uint8_t length)
+{
+    const uint8_t end = (uint8_t)(length - CHECKSUM);
+
+    return crc16(&frame[TYPE], (uint8_t)(end - TYPE)) == big_u16(&frame[end]);
+}
+
+static link_position get_position(const uint8_t *bytes)
+{
+    link_position position;
+
+    position.latitude = big_i32(bytes);
+    position.longitude = big_i32(&bytes[4]);
+    return position;
+}
+
+static bool on_earth(const link_position *position)
+{
+    return (position->latitude >= -MAX_LATITUDE) && (position->latitude <= MAX_LATITUDE) &&
+           (position->longitude >= -MAX_LONGITUDE) && (position->longitude <= MAX_LONGITUDE);
+}
+
+/* A mission is taken whole or not at all: everything is looked at before anything is changed. */
+static bool take_mission(radio_link *m, const uint8_t *payload, uint8_t length)
+{
+    bool right = ((length % POSITION) == 0U) && (length >= (2U * POSITION));
+
+    for (uint8_t i = 0U; right && (i < length); i = (uint8_t)(i + POSITION)) {
+        const link_position position = get_position(&payload[i]);
+
+        right = on_earth(&position);
+    }
+    if (right) {
+        m->mission.home = get_position(payload);
+        m->mission.count = (uint8_t)((length / POSITION) - 1U);
+        for (uint8_t i = 0U; i < m->mission.count; i++) {
+            m->mission.waypoints[i] = get_position(&payload[POSITION * (i + 1U)]);
+        }
+        m->mission.id = crc16(payload, length);
+    }
+    return right;
+}
+
+static bool take_override(radio_link *m, const uint8_t *payload, uint8_t length)
+{
+    const bool right = (length == 1U) && (payload[0] <= MAX_COMMAND);
+
+    if (right) {
+        m->override = payload[0];
+    }
+    return right;
+}
+
+/* Carry out the message that the scanner holds. Returns its type, or LINK_NOTHING if it is not right. */
+static link_message take_message(radio_link *m)
+{
+    const uint8_t *const payload = &m->scanner.bytes[HEADER];
+    const uint8_t length = m->scanner.bytes[LENGTH];
+    link_message message = LINK_NOTHING;
+    bool known = true;
+
+    switch (m->scanner.bytes[TYPE]) {
+    case LINK_MISSION:
+        message = take_mission(m, payload, length) ? LINK_MISSION : LINK_NOTHING;
+        break;
+    case LINK_START:
+        if ((length == 2U) && (m->mission.count > 0U) && (m->mission.id == big_u16(payload))) {
+            message = LINK_START;
+        }
+        break;
+    case LINK_OVERRIDE:
+        message = take_override(m, payload, length) ? LINK_OVERRIDE : LINK_NOTHING;
+        break;
+    case LINK_ABORT:
+        message = (length == 0U) ? LINK_ABORT : LINK_NOTHING;
+        break;
+    case LINK_HEARTBEAT:
+        message = (length == 0U) ? LINK_HEARTBEAT : LINK_NOTHING;
+        break;
+    default:
+        known = false;
+        break;
+    }
+    if (message != LINK_NOTHING) {
+        m->sequence = m->scanner.bytes[SEQUENCE];
+    } else {
+        scanner_count(known ? &m->refused : &m->unknown, 1U);
+    }
+    return message;
+}
+
+void link_init(radio_link *m)
+{
+    (void)memset(m, 0, sizeof(*m));
+}
+
+link_message link_receive(radio_link *m, scanner_input *input)
+{
+    static const scanner_protocol protocol = {SYNC_1, HEADER, link_length, link_intact};
+    link_message message = LINK_NOTHING;
+
+    while ((message == LINK_NOTHING) && (scanner_next(&m->scanner, input, &protocol) != 0U)) {
+        message = take_message(m);
+    }
+    return message;
+}
+
+void link_idle(radio_link *m)
+{
+    scanner_abandon(&m->scanner);
+}
+
+uint8_t link_write_telemetry(uint8_t *frame, uint8_t sequence, const link_telemetry *telemetry)
+{
+    uint8_t *end = frame;
+
+    end = put_u8(end, SYNC_1);
+    end = put_u8(end, SYNC_2);
+    end = put_u8(end, (uint8_t)LINK_TELEMETRY);
+    end = put_u8(end, sequence);
+    end = put_u8(end, TELEMETRY);
+    end = put_u32(end, telemetry->time_ms);
+    end = put_u32(end, (uint32_t)telemetry->latitude);
+    end = put_u32(end, (uint32_t)telemetry->longitude);
+    end = put_u16(end, (uint16_t)telemetry->speed);
+    end = put_u16(end, (uint16_t)telemetry->heading);
+    end = put_u16(end, telemetry->position_sd);
+    end = put_u16(end, telemetry->speed_sd);
+    end = put_u16(end, telemetry->distance);
+    end = put_u16(end, (uint16_t)telemetry->deviation);
+    end = put_u16(end, telemetry->directional_commands);
+    end = put_u8(end, telemetry->command);
+    end = put_u8(end, telemetry->mode);
+    end = put_u8(end, telemetry->status);
+    end = put_u8(end, telemetry->waypoint);
+    end = put_u8(end, telemetry->anomaly);
+    end = put_u8(end, flags(telemetry));
+    end = put_u16(end, telemetry->mission_id);
+    end = put_u8(end, telemetry->received);
+    end = put_u16(end, telemetry->gps_frames);
+    end = put_u16(end, telemetry->gps_errors);
+    end = put_u16(end, telemetry->imu_frames);
+    end = put_u16(end, telemetry->imu_errors);
+    end = put_u16(end, telemetry->link_errors);
+    (void)put_u16(end, crc16(&frame[TYPE], (uint8_t)(HEADER - TYPE + TELEMETRY)));
+    return (uint8_t)LINK_TELEMETRY_SIZE;
+}

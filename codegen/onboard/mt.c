@@ -1,0 +1,94 @@
+/* mt: inertial, magnetic and attitude samples from an Xsens MT
+ * Source: Xsens MT low-level communication protocol, message MTData; Miller 2010, 2.3 (MTi-X).
+ * A frame: FA, FF (bus address), message, length of the data, data, checksum. Big-endian. */
+#include "mt.h"
+
+#include <string.h>
+
+#define PREAMBLE 0xFAU
+#define ADDRESS 0xFFU
+#define MTDATA 0x32U
+#define DATA 50U /* bytes: twelve floats and the counter */
+#define HEADER 4U
+#define CHECKSUM 1U
+
+#define SIGN 0x80000000U      /* of an IEEE 754 single */
+#define RADIANS 0.0174532925F /* rad/deg */
+
+static uint8_t mt_length(const uint8_t *header)
+{
+    const bool wanted = (header[1] == ADDRESS) && (header[2] == MTDATA) && (header[3] == DATA);
+
+    return wanted ? (uint8_t)(HEADER + DATA + CHECKSUM) : 0U;
+}
+
+/* All bytes behind the preamble, the checksum among them, sum up to 0. */
+static bool mt_intact(const uint8_t *frame, uint8_t length)
+{
+    uint8_t sum = 0U;
+
+    for (uint8_t i = 1U; i < length; i++) {
+        sum = (uint8_t)(sum + frame[i]);
+    }
+    return sum == 0U;
+}
+
+/* A single, its sign changed where `flip` is SIGN: bits are turned, not numbers, since every operation on a
+ * number takes hundreds of clocks on a processor without floating point. */
+static float get_float(const uint8_t *bytes, uint32_t flip)
+{
+    const uint32_t bits =
+        ((uint32_t)bytes[0] << 24) | ((uint32_t)bytes[1] << 16) | ((uint32_t)bytes[2] << 8) | bytes[3];
+    const uint32_t turned = bits ^ flip;
+    float value;
+
+    /* cppcheck-suppress misra-c2012-21.15 ; deviation: the bits of a float are meant, not its value */
+    (void)memcpy(&value, &turned, sizeof(value));
+    return value;
+}
+
+static void get_vector(float vector[3], const uint8_t *bytes, uint32_t flip)
+{
+    vector[0] = get_float(bytes, 0U);
+    vector[1] = get_float(&bytes[4], flip);
+    vector[2] = get_float(&bytes[8], flip);
+}
+
+/* Count what the counter jumped over. A step back means that the unit has begun anew. */
+static void count_lost(mt *m, uint16_t counter)
+{
+    const uint16_t gap = (uint16_t)(counter - m->sample.counter - 1U);
+
+    if (m->sampled && (gap <= (uint16_t)INT16_MAX)) {
+        scanner_count(&m->lost, gap);
+    }
+}
+
+void mt_init(mt *m, bool z_up)
+{
+    (void)memset(m, 0, sizeof(*m));
+    m->z_up = z_up;
+}
+
+bool mt_receive(mt *m, scanner_input *input)
+{
+    static const scanner_protocol protocol = {PREAMBLE, HEADER, mt_length, mt_intact};
+    const bool found = scanner_next(&m->scanner, input, &protocol) != 0U;
+
+    if (found) {
+        const uint8_t *const data = &m->scanner.bytes[HEADER];
+        const uint32_t flip = m->z_up ? SIGN : 0U;
+        const uint16_t counter = (uint16_t)(((uint16_t)data[48] << 8) | data[49]);
+
+        get_vector(m->sample.accel, &data[0], flip);
+        get_vector(m->sample.gyro, &data[12], flip);
+        get_vector(m->sample.mag, &data[24], flip);
+        m->sample.roll = RADIANS * get_float(&data[36], 0U);
+        m->sample.pitch = RADIANS * get_float(&data[40], flip);
+        m->sample.heading = RADIANS * get_float(&data[44], flip);
+        count_lost(m, counter);
+        m->sample.counter = counter;
+        m->sampled = true;
+    }
+    return found;
+}

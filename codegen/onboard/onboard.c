@@ -1,0 +1,293 @@
+/* onboard: the program on the vest: drivers, estimator, controller and command module, 25 times a second
+ * Source: Miller 2010, 2.3, 2.4, Chapters 3 and 4.
+ *
+ * What fails is answered here or behind: a silent receiver makes the estimate grow old and invalid, a silent
+ * inertial unit or operator is found by the watchdog; the controller then stops the animal. */
+#include "onboard.h"
+
+#include "port.h"
+
+#include <string.h>
+
+#define BLOCK 64U            /* bytes that are moved at once from a source */
+#define LONGEST_PAUSE 5U     /* ticks that a frame from the radio may pause: two packets */
+#define NO_SAMPLE 1.0e9f     /* beyond the range of every input of the estimator, which then holds */
+#define PER_MILLE 0.001f     /* mm to m, mm/s to m/s */
+#define FARTHEST 1.0e5f      /* m: the controller's range of positions */
+#define MAX_SHIFT 100000000  /* 1e-7 deg that an estimate is from the origin, at most, in telemetry */
+
+/* The next bytes of a source, of which `left` may be read in this tick. Returns false if there are none. */
+static bool next_bytes(port_source source, uint8_t *bytes, scanner_input *input, uint16_t *left)
+{
+    input->bytes = bytes;
+    input->count = port_receive(source, bytes, (*left < BLOCK) ? *left : BLOCK);
+    *left = (uint16_t)(*left - input->count);
+    return input->count > 0U;
+}
+
+/* Obey the operator's messages in the input. Returns whether there was one. */
+static bool obey(onboard *m, scanner_input *input)
+{
+    bool heard = false;
+    link_message message;
+
+    do {
+        message = link_receive(&m->radio, input);
+        heard = heard || (message != LINK_NOTHING);
+        if ((message == LINK_START) || (message == LINK_ABORT)) {
+            m->start_wanted = (message == LINK_START);
+        }
+    } while (message != LINK_NOTHING);
+    return heard;
+}
+
+/* Listen to the radio. Returns whether there was a message. */
+static bool hear_operator(onboard *m)
+{
+    uint8_t bytes[BLOCK];
+    scanner_input input;
+    uint16_t left = ONBOARD_MAX_BYTES;
+    bool heard = false;
+
+    if (m->pause < LONGEST_PAUSE) {
+        m->pause++;
+    } else {
+        link_idle(&m->radio); /* the rest of a frame will not come */
+    }
+    while (next_bytes(PORT_RADIO, bytes, &input, &left)) {
+        m->pause = 0U;
+        heard = obey(m, &input) || heard;
+    }
+    if (m->pause == LONGEST_PAUSE) {
+        heard = obey(m, &input); /* what stood behind the frame given up */
+    }
+    return heard;
+}
+
+/* A position on the plane: `north` and `east` of plane.out. */
+static void project(onboard *m, int32_t latitude, int32_t longitude, bool settle)
+{
+    m->plane.in.latitude = latitude;
+    m->plane.in.longitude = longitude;
+    m->plane.in.settle = settle;
+    local_plane_step(&m->plane);
+}
+
+/* The receiver's fixes; of several in one tick, the last. The first is where the plane touches the earth. */
+static void hear_receiver(onboard *m)
+{
+    uint8_t bytes[BLOCK];
+    scanner_input input;
+    uint16_t left = ONBOARD_MAX_BYTES;
+
+    m->estimator.in.gps_fix = false;
+    while (next_bytes(PORT_GPS, bytes, &input, &left)) {
+        ubx_found found;
+
+        do {
+            found = ubx_receive(&m->gps, &input);
+            m->estimator.in.gps_fix = m->estimator.in.gps_fix || (found == UBX_FIX);
+        } while (found != UBX_NOTHING);
+    }
+    if (m->estimator.in.gps_fix) {
+        const ubx_fix *const fix = &m->gps.fix;
+
+        project(m, fix->latitude, fix->longitude, !m->plane.state.settled);
+        m->estimator.in.gps_north = m->plane.out.north;
+        m->estimator.in.gps_east = m->plane.out.east;
+        m->estimator.in.gps_speed = PER_MILLE * (float)fix->speed;
+        m->estimator.in.gps_h_acc = PER_MILLE * (float)fix->h_acc;
+        m->estimator.in.gps_s_acc = PER_MILLE * (float)fix->s_acc;
+    }
+}
+
+/* The inertial unit's samples; of several in one tick, the last. Returns whether there was one. */
+static bool hear_imu(onboard *m)
+{
+    uint8_t bytes[BLOCK];
+    scanner_input input;
+    uint16_t left = ONBOARD_MAX_BYTES;
+    bool sampled = false;
+
+    while (next_bytes(PORT_IMU, bytes, &input, &left)) {
+        while (mt_receive(&m->imu, &input)) {
+            sampled = true;
+        }
+    }
+    m->estimator.in.accel_x = sampled ? m->imu.sample.accel[0] : NO_SAMPLE;
+    m->estimator.in.pitch_meas = m->imu.sample.pitch;
+    m->estimator.in.heading_meas = m->imu.sample.heading;
+    return sampled;
+}
+
+static bool is_near(float coordinate)
+{
+    return (coordinate >= -FARTHEST) && (coordinate <= FARTHEST);
+}
+
+/* Bring the mission that is held onto the plane. Returns whether all of it is near enough. */
+static bool plan(onboard *m)
+{
+    bool near;
+
+    project(m, m->radio.mission.home.latitude, m->radio.mission.home.longitude, false);
+    m->controller.par.home_north = m->plane.out.north;
+    m->controller.par.home_east = m->plane.out.east;
+    near = is_near(m->plane.out.north) && is_near(m->plane.out.east);
+    m->controller.par.waypoint_count = (int32_t)m->radio.mission.count;
+    for (uint8_t i = 0U; i < m->radio.mission.count; i++) {
+        project(m, m->radio.mission.waypoints[i].latitude, m->radio.mission.waypoints[i].longitude, false);
+        m->controller.par.waypoint_north[i] = m->plane.out.north;
+        m->controller.par.waypoint_east[i] = m->plane.out.east;
+        near = near && is_near(m->plane.out.north) && is_near(m->plane.out.east);
+    }
+    return near;
+}
+
+/* The trial begins when the operator wants it and the plane is settled. */
+static void begin(onboard *m)
+{
+    if (!m->start_wanted) {
+        m->controller.in.start = false;
+    } else if (!m->controller.in.start && m->plane.state.settled) {
+        m->controller.in.start = plan(m);
+        m->start_wanted = m->controller.in.start;
+    } else {
+        /* it is under way, or waits for a fix */
+    }
+}
+
+static void decide(onboard *m)
+{
+    m->controller.in.north = m->estimator.out.north;
+    m->controller.in.east = m->estimator.out.east;
+    m->controller.in.speed = m->estimator.out.speed;
+    m->controller.in.heading = m->estimator.out.heading;
+    m->controller.in.valid = m->guard.out.estimate_ok;
+    m->controller.in.override = (int32_t)m->radio.override;
+    m->controller.in.link_ok = m->guard.out.link_ok;
+    cmec_step(&m->controller);
+    m->vest.in.command = m->controller.out.command;
+    command_module_step(&m->vest);
+    port_command_module((uint16_t)m->vest.out.tone_hz, m->vest.out.vibrate_left, m->vest.out.vibrate_right);
+}
+
+/* The nearest whole number of an interval that C's conversions can do. */
+static int32_t whole(float value, int32_t lowest, int32_t highest)
+{
+    int32_t result;
+
+    if (value <= (float)lowest) {
+        result = lowest;
+    } else if (value >= (float)highest) {
+        result = highest;
+    } else {
+        result = (int32_t)(value + ((value < 0.0f) ? -0.5f : 0.5f));
+    }
+    return result;
+}
+
+static int16_t to_i16(float value)
+{
+    return (int16_t)whole(value, INT16_MIN, INT16_MAX);
+}
+
+static uint16_t to_u16(float value)
+{
+    return (uint16_t)whole(value, 0, (int32_t)UINT16_MAX);
+}
+
+static uint8_t to_u8(int32_t value)
+{
+    return (value > (int32_t)UINT8_MAX) ? UINT8_MAX : (uint8_t)value;
+}
+
+static uint16_t low_word(uint32_t count)
+{
+    return (uint16_t)(count & 0xFFFFU);
+}
+
+static uint16_t at_most_u16(uint32_t count)
+{
+    return (count > UINT16_MAX) ? (uint16_t)UINT16_MAX : (uint16_t)count;
+}
+
+static void report(onboard *m)
+{
+    uint8_t frame[LINK_TELEMETRY_SIZE];
+    link_telemetry t;
+    const float north_sd = m->estimator.out.north_sd;
+    const float east_sd = m->estimator.out.east_sd;
+
+    (void)memset(&t, 0, sizeof(t));
+    t.time_ms = m->time_ms;
+    if (m->plane.state.settled) {
+        const float north = m->estimator.out.north / m->plane.state.north_scale;
+        const float east = m->estimator.out.east / m->plane.state.east_scale;
+
+        t.latitude = m->plane.state.origin_latitude + whole(north, -MAX_SHIFT, MAX_SHIFT);
+        t.longitude = m->plane.state.origin_longitude + whole(east, -MAX_SHIFT, MAX_SHIFT);
+    }
+    t.speed = to_i16(100.0f * m->estimator.out.speed);
+    t.heading = to_i16(1.0e4f * m->estimator.out.heading);
+    t.position_sd = to_u16(100.0f * ((north_sd > east_sd) ? north_sd : east_sd));
+    t.speed_sd = to_u16(100.0f * m->estimator.out.speed_sd);
+    t.distance = to_u16(10.0f * m->controller.out.distance);
+    t.deviation = to_i16(1.0e4f * m->controller.out.deviation);
+    t.directional_commands = at_most_u16((uint32_t)m->controller.out.directional_commands);
+    t.command = to_u8(m->controller.out.command);
+    t.mode = to_u8(m->controller.out.mode);
+    t.status = to_u8(m->controller.out.status);
+    t.waypoint = to_u8(m->controller.out.waypoint);
+    t.anomaly = to_u8(m->controller.state.overruled);
+    t.valid = m->estimator.out.valid;
+    t.imu_ok = m->guard.out.imu_ok;
+    t.link_ok = m->guard.out.link_ok;
+    t.fixed = m->plane.state.settled;
+    t.loaded = m->radio.mission.count > 0U;
+    t.started = m->controller.in.start;
+    t.mission_id = m->radio.mission.id;
+    t.received = m->radio.sequence;
+    t.gps_frames = low_word(m->gps.scanner.frames);
+    t.gps_errors = at_most_u16(m->gps.scanner.errors);
+    t.imu_frames = low_word(m->imu.scanner.frames);
+    t.imu_errors = at_most_u16(m->imu.scanner.errors);
+    t.link_errors = at_most_u16(m->radio.scanner.errors);
+    port_send(frame, link_write_telemetry(frame, m->sequence, &t));
+    m->sequence = (uint8_t)(m->sequence + 1U);
+}
+
+void onboard_init(onboard *m)
+{
+    (void)memset(m, 0, sizeof(*m));
+    ubx_init(&m->gps);
+    mt_init(&m->imu, ONBOARD_IMU_Z_UP);
+    link_init(&m->radio);
+    local_plane_defaults(&m->plane);
+    four_state_defaults(&m->estimator);
+    watchdog_defaults(&m->guard);
+    cmec_defaults(&m->controller);
+    command_module_defaults(&m->vest);
+    onboard_parameters(m);
+    local_plane_initialize(&m->plane);
+    four_state_initialize(&m->estimator);
+    watchdog_initialize(&m->guard);
+    cmec_initialize(&m->controller);
+    command_module_initialize(&m->vest);
+}
+
+void onboard_tick(onboard *m)
+{
+    m->guard.in.heard = hear_operator(m);
+    hear_receiver(m);
+    m->guard.in.sampled = hear_imu(m);
+    four_state_step(&m->estimator);
+    m->guard.in.valid = m->estimator.out.valid;
+    watchdog_step(&m->guard);
+    begin(m);
+    decide(m);
+    if (m->guard.out.report) {
+        report(m);
+    }
+    m->time_ms += ONBOARD_TICK_MS;
+}

@@ -1,0 +1,46 @@
+/* onboard: the program on the vest: drivers, estimator, controller and command module, 25 times a second
+ * Source: Miller 2010, 2.3, 2.4, Chapters 3 and 4. */
+#ifndef ONBOARD_H
+#define ONBOARD_H
+
+#include "cmec.h"
+#include "command_module.h"
+#include "four_state.h"
+#include "link.h"
+#include "local_plane.h"
+#include "mt.h"
+#include "ubx.h"
+#include "watchdog.h"
+
+#define ONBOARD_TICK_MS 40U
+#define ONBOARD_MAX_BYTES 512U /* from one source in one tick; what is more waits for the next */
+
+#ifndef ONBOARD_IMU_Z_UP
+#define ONBOARD_IMU_Z_UP true /* axes of the inertial unit: see mt.h */
+#endif
+
+/* All that the program remembers. */
+typedef struct {
+    uint32_t time_ms; /* since the start, in whole ticks */
+    ubx gps;
+    mt imu;
+    radio_link radio;
+    bool start_wanted; /* the operator's START holds */
+    uint8_t pause;     /* ticks without a byte from the radio */
+    uint8_t sequence;  /* of the next telemetry */
+    local_plane plane;
+    four_state estimator;
+    watchdog guard;
+    cmec controller;
+    command_module vest;
+} onboard;
+
+void onboard_init(onboard *m);
+
+/* One tick: read what has come, estimate, decide, command, report. Call it every ONBOARD_TICK_MS. */
+void onboard_tick(onboard *m);
+
+/* Set the blocks' parameters (parameters.c). */
+void onboard_parameters(onboard *m);
+
+#endif

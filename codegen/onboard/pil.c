@@ -1,0 +1,76 @@
+/* pil: the onboard program as processor in the loop: a mailbox takes the place of the board
+ * Before a tick the harness writes what has come from each source, and stops at pil_wait; after it, it reads
+ * what was sent and played, and the record of everything that the program remembers. */
+#include "onboard.h"
+#include "pil.h"
+#include "port.h"
+
+#include <string.h>
+
+uint8_t pil_received[PORT_SOURCES][PIL_SIZE];
+uint16_t pil_counts[PORT_SOURCES];
+uint8_t pil_sent[PIL_SIZE];
+uint16_t pil_sent_count;
+uint16_t pil_tone_hz;
+uint8_t pil_vibrate_left;
+uint8_t pil_vibrate_right;
+uint32_t pil_recorded[PIL_WORDS];
+
+onboard pil_vest;
+
+static uint16_t taken[PORT_SOURCES];
+
+void port_init(void)
+{
+}
+
+uint32_t port_clock_ms(void)
+{
+    return pil_vest.time_ms;
+}
+
+uint16_t port_receive(port_source source, uint8_t *bytes, uint16_t size)
+{
+    uint16_t count = (uint16_t)(pil_counts[source] - taken[source]);
+
+    if (count > size) {
+        count = size;
+    }
+    (void)memcpy(bytes, &pil_received[source][taken[source]], count);
+    taken[source] = (uint16_t)(taken[source] + count);
+    return count;
+}
+
+void port_send(const uint8_t *bytes, uint16_t count)
+{
+    if (count <= (uint16_t)(PIL_SIZE - pil_sent_count)) {
+        (void)memcpy(&pil_sent[pil_sent_count], bytes, count);
+        pil_sent_count = (uint16_t)(pil_sent_count + count);
+    }
+}
+
+void port_command_module(uint16_t tone_hz, bool vibrate_left, bool vibrate_right)
+{
+    pil_tone_hz = tone_hz;
+    pil_vibrate_left = vibrate_left ? 1U : 0U;
+    pil_vibrate_right = vibrate_right ? 1U : 0U;
+}
+
+void pil_start(void)
+{
+    onboard_init(&pil_vest);
+    pil_record(&pil_vest, pil_recorded);
+}
+
+void pil_before(void)
+{
+    (void)memset(taken, 0, sizeof(taken));
+    pil_sent_count = 0U;
+}
+
+void pil_tick(void)
+{
+    pil_before();
+    onboard_tick(&pil_vest);
+    pil_record(&pil_vest, pil_recorded);
+}

@@ -1,0 +1,25 @@
+/* port: what the onboard program needs of the board that it runs on; to be written for each board
+ * None of these waits. */
+#ifndef PORT_H
+#define PORT_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+typedef enum { PORT_GPS, PORT_IMU, PORT_RADIO, PORT_SOURCES } port_source;
+
+void port_init(void);
+
+/* ms since power-up; begins again from 0 after 2^32. */
+uint32_t port_clock_ms(void);
+
+/* Move at most `size` bytes that have come from a source, the oldest first, to `bytes`; returns how many. */
+uint16_t port_receive(port_source source, uint8_t *bytes, uint16_t size);
+
+/* Send bytes to the operator; they are copied before it returns. */
+void port_send(const uint8_t *bytes, uint16_t count);
+
+/* What the vest plays: a tone [Hz], 0 for none, and the two vibrators. */
+void port_command_module(uint16_t tone_hz, bool vibrate_left, bool vibrate_right);
+
+#endif

@@ -1,0 +1,190 @@
+/* ubx: position and velocity from a u-blox receiver's binary protocol
+ * Source: u-blox 5/6/M8 receiver description including protocol specification, class NAV.
+ * A frame: B5 62, class, id, length of the payload (2 bytes), payload, checksum (2). Little-endian. */
+#include "ubx.h"
+
+#include <string.h>
+
+#define SYNC_1 0xB5U
+#define SYNC_2 0x62U
+#define HEADER 6U
+#define CHECKSUM 2U
+
+#define POSITION 1U /* the parts of an epoch */
+#define VELOCITY 2U
+#define SOLUTION 4U
+#define WHOLE 7U
+
+#define FIX_3D 3U       /* gpsFix and fixType */
+#define FIX_COMBINED 4U /* satellites and dead reckoning: 3D as well */
+#define FIX_OK 1U       /* in flags: within the receiver's limits of accuracy */
+
+#define MAX_LATITUDE 900000000
+#define MAX_LONGITUDE 1800000000
+#define MAX_COURSE 36000000
+#define MAX_SPEED 515000U /* mm/s, 1000 knots, above which no receiver may navigate */
+
+static uint32_t little_u32(const uint8_t *bytes)
+{
+    return bytes[0] | ((uint32_t)bytes[1] << 8) | ((uint32_t)bytes[2] << 16) | ((uint32_t)bytes[3] << 24);
+}
+
+static int32_t little_i32(const uint8_t *bytes)
+{
+    return (int32_t)little_u32(bytes);
+}
+
+/* cm to mm. A nonsensical value must not wrap round to a sensible one. */
+static uint32_t times_10(uint32_t value)
+{
+    return (value > (UINT32_MAX / 10U)) ? UINT32_MAX : (value * 10U);
+}
+
+static uint8_t ubx_length(const uint8_t *header)
+{
+    uint8_t payload = 0U; /* its length in the message of this kind */
+    bool wanted;
+
+    if ((header[1] == SYNC_2) && (header[2] == UBX_NAV)) {
+        switch (header[3]) {
+        case UBX_NAV_POSLLH:
+            payload = 28U;
+            break;
+        case UBX_NAV_SOL:
+            payload = 52U;
+            break;
+        case UBX_NAV_PVT:
+            payload = 92U;
+            break;
+        case UBX_NAV_VELNED:
+            payload = 36U;
+            break;
+        default: /* not wanted */
+            break;
+        }
+    }
+    wanted = (payload != 0U) && (header[4] == payload) && (header[5] == 0U);
+    return wanted ? (uint8_t)(HEADER + payload + CHECKSUM) : 0U;
+}
+
+/* Fletcher's checksum over class to payload. */
+static bool ubx_intact(const uint8_t *frame, uint8_t length)
+{
+    const uint8_t end = (uint8_t)(length - CHECKSUM);
+    uint8_t a = 0U;
+    uint8_t b = 0U;
+
+    for (uint8_t i = 2U; i < end; i++) {
+        a = (uint8_t)(a + frame[i]);
+        b = (uint8_t)(b + a);
+    }
+    return (frame[end] == a) && (frame[end + 1U] == b);
+}
+
+static bool in_range(const ubx_fix *fix)
+{
+    return (fix->latitude >= -MAX_LATITUDE) && (fix->latitude <= MAX_LATITUDE) &&
+           (fix->longitude >= -MAX_LONGITUDE) && (fix->longitude <= MAX_LONGITUDE) &&
+           (fix->course >= -MAX_COURSE) && (fix->course <= MAX_COURSE) &&
+           (fix->speed <= MAX_SPEED) && (fix->h_acc > 0U) && (fix->s_acc > 0U);
+}
+
+/* Take a fix that the receiver calls good, if its epoch has had none and its values are in range. */
+static ubx_found take_fix(ubx *m, const ubx_fix *fix)
+{
+    const bool known = m->fixed && (m->fix.time_ms == fix->time_ms);
+    ubx_found found = UBX_FRAME;
+
+    if (!known) {
+        if (in_range(fix)) {
+            m->fix = *fix;
+            m->fixed = true;
+            found = UBX_FIX;
+        } else {
+            scanner_count(&m->refused, 1U);
+        }
+    }
+    return found;
+}
+
+/* One of the three messages has come: it begins a new epoch or completes the present one. */
+static ubx_found add_part(ubx *m, uint8_t part, const uint8_t *payload)
+{
+    const uint32_t time_ms = little_u32(payload);
+    ubx_found found = UBX_FRAME;
+
+    if (time_ms != m->epoch.time_ms) {
+        m->parts = 0U;
+    }
+    m->epoch.time_ms = time_ms;
+    m->parts |= part;
+    if (part == POSITION) {
+        m->epoch.longitude = little_i32(&payload[4]);
+        m->epoch.latitude = little_i32(&payload[8]);
+        m->epoch.h_acc = little_u32(&payload[20]);
+    } else if (part == VELOCITY) {
+        m->epoch.speed = times_10(little_u32(&payload[20]));
+        m->epoch.course = little_i32(&payload[24]);
+        m->epoch.s_acc = times_10(little_u32(&payload[28]));
+    } else {
+        m->good = (payload[10] == FIX_3D) && ((payload[11] & FIX_OK) != 0U);
+    }
+    if (m->parts == WHOLE) {
+        m->parts = 0U;
+        if (m->good) {
+            found = take_fix(m, &m->epoch);
+        }
+    }
+    return found;
+}
+
+static ubx_found read_pvt(ubx *m, const uint8_t *payload)
+{
+    const bool three_dimensional = (payload[20] == FIX_3D) || (payload[20] == FIX_COMBINED);
+    ubx_found found = UBX_FRAME;
+
+    if (three_dimensional && ((payload[21] & FIX_OK) != 0U)) {
+        ubx_fix fix;
+
+        fix.time_ms = little_u32(payload);
+        fix.longitude = little_i32(&payload[24]);
+        fix.latitude = little_i32(&payload[28]);
+        fix.h_acc = little_u32(&payload[40]);
+        fix.speed = little_u32(&payload[60]); /* signed in the message: below zero it is beyond MAX_SPEED */
+        fix.course = little_i32(&payload[64]);
+        fix.s_acc = little_u32(&payload[68]);
+        found = take_fix(m, &fix);
+    }
+    return found;
+}
+
+void ubx_init(ubx *m)
+{
+    (void)memset(m, 0, sizeof(*m));
+}
+
+ubx_found ubx_receive(ubx *m, scanner_input *input)
+{
+    static const scanner_protocol protocol = {SYNC_1, HEADER, ubx_length, ubx_intact};
+    ubx_found found = UBX_NOTHING;
+
+    if (scanner_next(&m->scanner, input, &protocol) != 0U) {
+        const uint8_t *const payload = &m->scanner.bytes[HEADER];
+
+        switch (m->scanner.bytes[3]) {
+        case UBX_NAV_POSLLH:
+            found = add_part(m, POSITION, payload);
+            break;
+        case UBX_NAV_VELNED:
+            found = add_part(m, VELOCITY, payload);
+            break;
+        case UBX_NAV_SOL:
+            found = add_part(m, SOLUTION, payload);
+            break;
+        default: /* NAV-PVT, the only other one of ubx_length */
+            found = read_pvt(m, payload);
+            break;
+        }
+    }
+    return found;
+}

@@ -1,0 +1,50 @@
+/* ubx: position and velocity from a u-blox receiver's binary protocol
+ * Source: u-blox 5/6/M8 receiver description including protocol specification, class NAV.
+ *
+ * A fix is one epoch of the receiver: NAV-POSLLH, NAV-VELNED and NAV-SOL of the same time of week, in any
+ * order (receivers such as the RCB-4H), or one NAV-PVT (newer ones). Only a three-dimensional fix that the
+ * receiver itself calls good is given out, and none twice when both kinds are sent. */
+#ifndef UBX_H
+#define UBX_H
+
+#include "scanner.h"
+
+typedef struct {
+    uint32_t time_ms;  /* ms, GPS time of week (iTOW) */
+    int32_t latitude;  /* 1e-7 deg, in [-90, 90] deg */
+    int32_t longitude; /* 1e-7 deg, in [-180, 180] deg */
+    uint32_t h_acc;    /* mm, accuracy of the position, above 0 */
+    uint32_t speed;    /* mm/s over ground, at most 515 m/s */
+    int32_t course;    /* 1e-5 deg, clockwise from north, in [-360, 360] deg */
+    uint32_t s_acc;    /* mm/s, accuracy of the speed, above 0 */
+} ubx_fix;
+
+/* The class and the messages that are read: bytes 2 and 3 of a frame. */
+#define UBX_NAV 0x01U
+#define UBX_NAV_POSLLH 0x02U
+#define UBX_NAV_SOL 0x06U
+#define UBX_NAV_PVT 0x07U
+#define UBX_NAV_VELNED 0x12U
+
+typedef enum {
+    UBX_NOTHING, /* the input is used up */
+    UBX_FRAME,   /* a frame, in scanner.bytes, that completes no fix */
+    UBX_FIX      /* a new fix, in `fix` */
+} ubx_found;
+
+typedef struct {
+    scanner scanner;
+    bool fixed;       /* there has been a fix */
+    ubx_fix fix;      /* the last one */
+    ubx_fix epoch;    /* what has come of the present epoch */
+    uint8_t parts;    /* of the three, which have come */
+    bool good;        /* what NAV-SOL says of it */
+    uint32_t refused; /* fixes called good with a value out of its range; stops at the greatest value */
+} ubx;
+
+void ubx_init(ubx *m);
+
+/* Read up to the end of the next frame; call until it returns UBX_NOTHING. */
+ubx_found ubx_receive(ubx *m, scanner_input *input);
+
+#endif

@@ -1,0 +1,119 @@
+"""What a processor is to the loop: given the bytes of a tick, it answers with what the vest does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Protocol
+
+from codegen import firmware
+from codegen.image import Image
+from models.errors import CanineError
+
+MAX_BYTES = 512  # from one source in a tick, or sent in one: the mailbox's PIL_SIZE
+SOURCES = ("gps", "imu", "radio")  # in the order of port.h
+# a module of its own for each, since not every user needs every simulator
+MODULES = {"host": "host", "cortex-m4f": "cortex_m4f", "rabbit4000": "rabbit4000"}
+
+
+class ProcessorError(CanineError):
+    """A processor cannot be started, or its program ran away."""
+
+
+@dataclass(frozen=True)
+class Received:
+    """The bytes that came from each source in a tick."""
+
+    gps: bytes = b""
+    imu: bytes = b""
+    radio: bytes = b""
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a tick took.
+
+    Attributes:
+        instructions: executed.
+        clocks: of the processor without wait states; 0 where the simulator does not count them.
+        accesses: to the bus, each of which takes a wait state more on slow memory.
+    """
+
+    instructions: int
+    clocks: int = 0
+    accesses: int = 0
+
+
+@dataclass(frozen=True)
+class Reply:
+    """What the program did in a tick.
+
+    Attributes:
+        record: all that it remembers: 32-bit words, little-endian, named by `codegen.firmware.recorded`.
+        sent: bytes to the operator.
+        cost: None on the host.
+    """
+
+    record: bytes
+    sent: bytes
+    tone_hz: int
+    vibrate_left: bool
+    vibrate_right: bool
+    cost: Cost | None = None
+
+
+class Processor(Protocol):
+    """A processor with the onboard program, started. To be closed.
+
+    Attributes:
+        image: what it runs.
+        start: the record before the first tick.
+    """
+
+    image: Image
+    start: bytes
+
+    def tick(self, received: Received) -> Reply:
+        """One tick of the program.
+
+        Raises:
+            ProcessorError: more than MAX_BYTES from a source, or the program does not come back.
+        """
+        ...
+
+    def stack(self) -> int | None:
+        """Most bytes of stack used so far; None where that is not known."""
+        ...
+
+    def close(self) -> None:
+        """Stop it."""
+        ...
+
+
+def open_processor(
+    target: str, values: firmware.Values | None = None, *, constants: bool = False
+) -> Processor:
+    """A processor that runs the onboard program with these parameters (see `firmware.library`).
+
+    Raises:
+        UsageError: there is no such target.
+        CompileError: the toolchain refuses the program, or is not here.
+        ProcessorError: the simulator cannot be started.
+    """
+    found = firmware.find_target(target)
+    files = firmware.library(values, constants=constants) | firmware.processor_in_the_loop()
+    module = import_module(f"harness.processors.{MODULES[found.name]}")
+    start: Callable[[firmware.Target, Mapping[str, str]], Processor] = module.start
+    return start(found, files)
+
+
+def check_size(received: Received) -> None:
+    """Refuse what the mailbox has no room for.
+
+    Raises:
+        ProcessorError: naming the source.
+    """
+    for source in SOURCES:
+        if (size := len(getattr(received, source))) > MAX_BYTES:
+            raise ProcessorError(f"{source}: {size} bytes in one tick, expected at most {MAX_BYTES}")

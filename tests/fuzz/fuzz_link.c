@@ -1,0 +1,77 @@
+/* Arbitrary bytes in arbitrary blocks, with pauses, through the radio's parser.
+ * Every byte is in a frame, skipped or held; a mission is within its ranges; a message has the values of its
+ * type and changes no others. */
+#include "link.h"
+
+#include <assert.h>
+#include <stddef.h>
+#include <stdlib.h>
+#include <string.h>
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+
+static void check_position(const link_position *position)
+{
+    assert(abs(position->latitude) <= 900000000);
+    assert(abs(position->longitude) <= 1800000000);
+}
+
+static void check_mission(const link_mission *mission)
+{
+    assert((mission->count >= 1U) && (mission->count <= LINK_MAX_WAYPOINTS));
+    check_position(&mission->home);
+    for (uint8_t i = 0U; i < mission->count; i++) {
+        check_position(&mission->waypoints[i]);
+    }
+}
+
+static void check_message(link_message message, const radio_link *before, const radio_link *m)
+{
+    if (message == LINK_MISSION) {
+        check_mission(&m->mission);
+    } else {
+        assert(memcmp(&before->mission, &m->mission, sizeof(m->mission)) == 0);
+    }
+    assert((message != LINK_START) || (m->mission.count > 0U));
+    assert((message == LINK_OVERRIDE) || (before->override == m->override));
+    assert(m->override <= 5U);
+    assert((message >= LINK_NOTHING) && (message <= LINK_HEARTBEAT));
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    radio_link m;
+    size_t at = 1U;
+    const size_t block = (size > 0U) ? (1U + (size_t)data[0]) : 1U;
+
+    link_init(&m);
+    while (at < size) {
+        const size_t n = (block < (size - at)) ? block : (size - at);
+        uint8_t *const copy = malloc(n); /* of its very size: reading beyond is seen */
+        scanner_input input = {copy, (uint16_t)n};
+        link_message message;
+
+        memcpy(copy, &data[at], n);
+        do {
+            const radio_link before = m;
+
+            message = link_receive(&m, &input);
+            check_message(message, &before, &m);
+            assert((m.scanner.count >= m.scanner.done) && (m.scanner.count <= SCANNER_SIZE));
+        } while (message != LINK_NOTHING);
+        assert(input.count == 0U);
+        assert((m.scanner.done == 0U) && (m.scanner.count < SCANNER_SIZE));
+        if ((data[at] & 1U) != 0U) {
+            scanner_input nothing = {NULL, 0U};
+
+            link_idle(&m);
+            while (link_receive(&m, &nothing) != LINK_NOTHING) {
+                assert(m.scanner.done > 1U);
+            }
+        }
+        free(copy);
+        at += n;
+        assert((m.scanner.skipped + m.scanner.count - m.scanner.done) <= (at - 1U));
+    }
+    return 0;
+}

@@ -1,0 +1,60 @@
+/* Arbitrary bytes in arbitrary blocks through the inertial unit's parser, in z-up and z-down axes.
+ * Every byte is in a frame, skipped or held; the axes differ by signs alone. */
+#include "mt.h"
+
+#include <assert.h>
+#include <stddef.h>
+#include <stdlib.h>
+#include <string.h>
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+
+static bool opposite(float a, float b)
+{
+    uint32_t bits[2];
+
+    memcpy(&bits[0], &a, sizeof(a));
+    memcpy(&bits[1], &b, sizeof(b));
+    return (bits[0] ^ bits[1]) == 0x80000000U;
+}
+
+static void check_axes(const mt_sample *up, const mt_sample *down)
+{
+    assert(memcmp(&up->accel[0], &down->accel[0], sizeof(float)) == 0);
+    assert(opposite(up->accel[1], down->accel[1]) && opposite(up->accel[2], down->accel[2]));
+    assert(opposite(up->gyro[1], down->gyro[1]) && opposite(up->mag[2], down->mag[2]));
+    assert(up->counter == down->counter);
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    mt up;
+    mt down;
+    size_t framed = 0U;
+    size_t at = 1U;
+    const size_t block = (size > 0U) ? (1U + (size_t)data[0]) : 1U;
+
+    mt_init(&up, true);
+    mt_init(&down, false);
+    while (at < size) {
+        const size_t n = (block < (size - at)) ? block : (size - at);
+        uint8_t *const copy = malloc(n); /* of its very size: reading beyond is seen */
+        scanner_input to_up = {copy, (uint16_t)n};
+        scanner_input to_down = to_up;
+
+        memcpy(copy, &data[at], n);
+        while (mt_receive(&up, &to_up)) {
+            assert(mt_receive(&down, &to_down));
+            assert((up.scanner.done == 55U) && (up.scanner.count <= SCANNER_SIZE));
+            framed += up.scanner.done;
+            check_axes(&up.sample, &down.sample);
+        }
+        assert(!mt_receive(&down, &to_down));
+        assert((to_up.count == 0U) && (to_down.count == 0U));
+        assert((up.scanner.done == 0U) && (up.scanner.count < SCANNER_SIZE));
+        free(copy);
+        at += n;
+        assert((framed + up.scanner.skipped + up.scanner.count) == (at - 1U));
+    }
+    return 0;
+}
