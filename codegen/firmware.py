@@ -7,11 +7,12 @@ loop, Makefile and README.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from codegen.block_c import TEMPLATES, comment, generate, start_literal
+from codegen.block_c import TEMPLATES, comment, generate, start_literal, write_files
 from codegen.expressions import c_name
 from models.cmec import Cmec
 from models.command_module import CommandModule
@@ -23,6 +24,7 @@ from models.local_plane import LocalPlane
 from models.watchdog import Watchdog
 
 SOURCES = Path(__file__).parent / "onboard"
+COSTS = SOURCES / "costs.json"  # measured by the processor in the loop, by target
 # the members of `onboard` in onboard.h that are blocks
 BLOCKS: dict[str, type[Block]] = {
     "plane": LocalPlane,
@@ -86,6 +88,7 @@ DRIVERS = {
     },
     "start_wanted": "m->start_wanted ? 1U : 0U",
     "pause": "m->pause",
+    "reporting": "m->reporting ? 1U : 0U",
     "sequence": "m->sequence",
 }
 
@@ -147,6 +150,40 @@ def _assignments(chosen: Values) -> Iterator[dict[str, str]]:
                 "value": start_literal(variable, chosen[member][name], "float"),
                 "comment": comment(variable),
             }
+
+
+def bundle(target: Target, values: Values | None = None, *, constants: bool = False) -> dict[str, str]:
+    """All that a project for a processor needs but its board, file name to text (see `library`)."""
+    files = library(values, constants=constants)
+    for source in sorted((SOURCES / target.folder).iterdir()):
+        if not source.name.startswith("pil"):
+            files[source.name] = source.read_text()
+    context = {
+        "target": target,
+        "constants": constants,
+        "sources": sorted(name for name in files if name.endswith(".c")),
+        "assembly": sorted(name for name in files if name.endswith(".s")),
+        "blocks": BLOCKS,
+        "costs": json.loads(COSTS.read_text()).get(target.name),
+    }
+    files["Makefile"] = TEMPLATES.get_template(f"{target.folder}.mk.jinja").render(context)
+    files["README.md"] = TEMPLATES.get_template("firmware.md.jinja").render(context)
+    return files
+
+
+def write(
+    target: Target, folder: Path, values: Values | None = None, *, constants: bool = False
+) -> list[Path]:
+    """Write the bundle into a folder, which is made if need be; the files, each whole or not at all.
+
+    Raises:
+        UsageError: it cannot be written there.
+    """
+    files = bundle(target, values, constants=constants)
+    try:
+        return write_files(files, folder)
+    except OSError as reason:
+        raise UsageError(f"--out {folder}: cannot be written: {reason.strerror}") from None
 
 
 def processor_in_the_loop() -> dict[str, str]:

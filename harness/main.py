@@ -16,10 +16,11 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from codegen import firmware as bundle
 from codegen.compiler import PLATFORMS
 from codegen.firmware import TARGETS
 from fmus.build import BUILD, build_all
-from harness import trial
+from harness import pil, trial
 from harness.fmu import FmuDescription, describe
 from harness.loop import Simulation
 from harness.roles import find_role, fit, read_adapter
@@ -49,6 +50,15 @@ Stepping = Annotated[Order | None, typer.Option(help="of stepping; sequential by
 Fmi = Annotated[Literal["2", "3"] | None, typer.Option(help="version of our FMUs; 2 by default")]
 
 
+Seed = Annotated[int | None, typer.Option(min=0, max=MAX_SEED, help="the trial's number")]
+Settings = Annotated[
+    list[str] | None, typer.Option("--set", metavar="block.name=value", help="a parameter; angles in deg")
+]
+Constants = Annotated[
+    bool, typer.Option("--constants", help="parameters are constants, not fields that can be set")
+]
+
+
 @app.callback()
 def canine() -> None:
     """Guided canine: models, FMUs, and trials of a dog that is led along waypoints.
@@ -62,6 +72,8 @@ def canine() -> None:
     canine replay out/demo/trial.mcap             the estimator over a recording, with GPS outages
     canine fit out                                the dog's statistics from logged trials
     canine sweep two                              many trials at each value of a parameter
+    canine firmware --target cortex-m4f --out fw  the onboard program's sources
+    canine pil --target cortex-m4f                runs them on the simulated processor, bit by bit
 
     --debug anywhere shows where an error comes from.
     Exit status: 0 done (also when the dog failed its trial), 1 a fault in what was run, 2 wrong usage,
@@ -93,10 +105,8 @@ def build(
 def run(
     target: Target = DEFAULT,
     *,
-    seed: Annotated[int | None, typer.Option(min=0, max=MAX_SEED, help="the trial's number")] = None,
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="block.name=value", help="a parameter; angles in deg")
-    ] = None,
+    seed: Seed = None,
+    settings: Settings = None,
     plant: Fmu = None,
     controller: Fmu = None,
     order: Stepping = None,
@@ -149,6 +159,65 @@ def run(
     else:
         show(summary, out)
         _say_where(place)
+
+
+@app.command()
+def firmware(
+    target: Annotated[str, typer.Option(help=f"one of {', '.join(TARGETS)}")],
+    folder: Annotated[Path, typer.Option("--out", file_okay=False, metavar="DIR", help="where it is put")],
+    *,
+    parameters: Annotated[
+        str, typer.Option(metavar="SCENARIO.toml", help="whose parameters it gets; start values by default")
+    ] = "",
+    settings: Settings = None,
+    constants: Constants = False,
+) -> None:
+    """Write the sources of the onboard program for a processor: estimator, controller, drivers, main loop.
+
+    \b
+    canine firmware --target cortex-m4f --out firmware
+    canine firmware --target rabbit4000 --parameters my.toml --constants --out firmware
+    canine firmware --target host --set cmec.moving_deviation=37 --out firmware
+
+    Waypoints are no parameters: they come by radio.
+    """
+    found = bundle.find_target(target)
+    values = trial.values_on_board(parameters, settings or [])
+    paths = bundle.write(found, folder, values, constants=constants)
+    typer.echo(f"{len(paths)} files for {found.processor} in {_short(folder)}: see README.md there")
+
+
+@app.command("pil")
+def processor_in_the_loop(
+    scenario: Annotated[str, typer.Argument(metavar="[SCENARIO.toml]")] = pil.SCENARIO,
+    *,
+    target: Annotated[str, typer.Option(help=f"one of {', '.join(pil.SIMULATED)}")],
+    seed: Seed = None,
+    settings: Settings = None,
+    constants: Constants = False,
+    folder: Annotated[
+        Path | None, typer.Option("--out", file_okay=False, help="by default out/pil-<target>")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print the report as JSON")] = False,
+) -> None:
+    """Run the firmware on a simulated processor and compare every tick with this machine's, bit by bit.
+
+    \b
+    canine pil --target cortex-m4f
+    canine pil three_waypoint --target rabbit4000 --seed 7
+
+    It leaves pil.json with what a tick costs, and the trial's files as `canine run` does.
+    """
+    changes = trial.Changes(settings=settings or [], seed=seed)
+    with _telling("building the FMUs") as done, _bar("trial [s]", pil.LONGEST, quiet=as_json) as progress:
+        result = pil.run(
+            target, scenario, changes, folder, constants=constants, built=done, progress=progress
+        )
+    if as_json:
+        typer.echo(json.dumps(result, indent=2))
+    else:
+        pil.show(result, out)
+        _say_where(folder or pil.default_folder(target))
 
 
 @app.command()
@@ -278,9 +347,7 @@ def sweep_parameters(
     dask: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="of the scheduler of a Dask cluster")
     ] = None,
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="block.name=value", help="a parameter; angles in deg")
-    ] = None,
+    settings: Settings = None,
     folder: Annotated[
         Path | None, typer.Option("--out", file_okay=False, help="by default out/sweep-<name>")
     ] = None,

@@ -63,19 +63,22 @@ class Mission:
     waypoints: tuple[Position, ...]
 
     def payload(self) -> bytes:
-        """Home first.
+        """Its id, u16; home; the waypoints.
 
         Raises:
             RadioError: there are not 1 to 16 waypoints, or one is not on earth.
         """
         if not 1 <= len(self.waypoints) <= MAX_WAYPOINTS:
             raise RadioError(f"a mission has 1 to {MAX_WAYPOINTS} waypoints, got {len(self.waypoints)}")
+        return struct.pack(">H", self.id) + self._positions()
+
+    def _positions(self) -> bytes:
         return b"".join(position.payload() for position in (self.home, *self.waypoints))
 
     @property
     def id(self) -> int:
-        """By which it is started, and which the telemetry shows once the vest holds it."""
-        return crc16(self.payload())
+        """By which it is started, and which the telemetry shows once the vest holds it: its positions' CRC."""
+        return crc16(self._positions())
 
 
 @dataclass(frozen=True)

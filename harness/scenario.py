@@ -158,8 +158,8 @@ def shipped() -> list[str]:
     return sorted(path.stem for path in SHIPPED.glob("*.toml"))
 
 
-def load(target: str) -> Scenario:
-    """The scenario of a file, or the shipped one of a bare name.
+def load(target: str, *, mission: bool = True) -> Scenario:
+    """The scenario of a file, or the shipped one of a bare name; with a mission, it must have waypoints.
 
     Raises:
         ScenarioError: naming file and key.
@@ -174,7 +174,7 @@ def load(target: str) -> Scenario:
     except (OSError, UnicodeDecodeError) as reason:
         raise ScenarioError(f"{target}: cannot be read ({reason})") from None
     scenario = parse(text, str(target), default_name=path.stem, folder=path.parent)
-    if scenario.system in SYSTEMS and not scenario.waypoints:
+    if mission and scenario.system in SYSTEMS and not scenario.waypoints:
         raise ScenarioError(
             f"{target}: waypoints is []; expected 1 to {MAX_WAYPOINTS} pairs [north, east] in m"
         )

@@ -215,6 +215,30 @@ def parts_on_board() -> dict[str, Part]:
     }
 
 
+def values_on_board(scenario: str, settings: Sequence[str]) -> Values:
+    """The firmware's parameters (SI) as a scenario has them.
+
+    Args:
+        scenario: a file with any of a scenario's keys, or the name of a shipped one; "" for start values.
+        settings: `block.name=value` over it.
+
+    Raises:
+        ScenarioError: it cannot be read, or sets what is not there.
+    """
+    parts = parts_of_system(SYSTEMS["full"]) | parts_on_board()
+    wanted = (load(scenario, mission=False) if scenario else Scenario("--set")).override(settings)
+    return firmware_values(plan(wanted, parts).values)
+
+
+def firmware_values(values: Mapping[str, Mapping[str, float]]) -> Values:
+    """Of all components' values, those that are parameters of the firmware, by its members."""
+    members = ROLES | {name: name for name in parts_on_board()}
+    return {
+        member: {n: x for n, x in values.get(component, {}).items() if n in settable(BLOCKS[member])}
+        for component, member in members.items()
+    }
+
+
 def build_missing(request: Request, done: Callable[[Path], None] = lambda path: None) -> None:
     """Build our FMUs and packages if the one that is asked for is missing, or older than the models."""
     if request.ssp.parent == BUILD and not (request.ssp.exists() and is_current()):
@@ -308,11 +332,7 @@ def _alone_in(folder: Path) -> Iterator[None]:
 def _onboard(request: Request, ready: Prepared, start: Start) -> Onboard:
     """The onboard computer with the scenario's parameters in its firmware."""
     values = ready.plan.values | _all_values(ready)
-    chosen = {
-        member: {n: x for n, x in values.get(component, {}).items() if n in settable(BLOCKS[member])}
-        for component, member in (ROLES | {name: name for name in parts_on_board()}).items()
-    }
-    return Onboard(start(request.onboard, chosen), request.scenario.origin, values)
+    return Onboard(start(request.onboard, firmware_values(values)), request.scenario.origin, values)
 
 
 def _simulate(

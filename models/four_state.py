@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 
 from models.commands import GRAVITY
-from models.fuzzy import process_noise
+from models.fuzzy import RUNS_FROM, noise_running, noise_walking
 from models.kit.block import Block, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State
 from models.kit.ekf import Factors, propagate
@@ -13,6 +13,7 @@ from models.kit.geometry import COUNT_MAX, counted, either, every, some, wrap
 from models.kit.units import DEG
 
 SPEED, BIAS, NORTH, EAST = range(4)  # order of the state, eq. 3.9
+FACTORED = (NORTH, EAST, SPEED, BIAS)  # order of the covariance's factors: each before those it depends on
 
 
 class FourState(Block):
@@ -65,11 +66,12 @@ class FourState(Block):
 
     started = State(Boolean, "a first fix has set the state")
     x = State("1", "speed, bias, north, east (eq. 3.9)", size=4)
-    covariance = State("1", "UD factors of P: D, then U by rows", size=10)
+    covariance = State("1", "UD factors of P for north, east, speed, bias: D, then U by rows", size=10)
     force = State("m/s2", "specific force without gravity, or the bias where the sample is bad")
     course = State("rad", "last good heading")
     sigma = State("m/s2", "process noise of the acceleration in force", start=0.1)
     age = State(Integer, "ticks since the last accepted fix", max=COUNT_MAX)
+    good = State(Boolean, "the last fix has all its values in range")
     accepted = State(Boolean, "this tick's fix passed the gate")
     rejected = State(Integer, "fixes rejected in a row")
     bad_samples = State(Integer, "IMU or AHRS samples skipped", max=COUNT_MAX)
@@ -86,11 +88,15 @@ class FourState(Block):
         m.accepted = 0
         m.sigma = m.sigma_constant
 
-    @triggered("fuzzy")
-    def tune(m) -> None:
-        """Process noise by speed (eq. 3.18-3.21)."""
-        sigma = process_noise(m.x[SPEED])
-        m.sigma = either(sigma > m.sigma_floor, sigma, m.sigma_floor)
+    @triggered(lambda m: every(m.fuzzy, ca.fabs(m.x[SPEED]) < RUNS_FROM))
+    def tune_walking(m) -> None:
+        """Process noise by speed (eq. 3.18-3.21) of an animal that stands or walks."""
+        m.sigma = m._at_least_floor(noise_walking(m.x[SPEED]))
+
+    @triggered(lambda m: every(m.fuzzy, ca.fabs(m.x[SPEED]) >= RUNS_FROM))
+    def tune_running(m) -> None:
+        """Process noise by speed (eq. 3.18-3.21) of an animal that runs."""
+        m.sigma = m._at_least_floor(noise_running(m.x[SPEED]))
 
     @triggered("started")
     def predict(m) -> None:
@@ -104,12 +110,12 @@ class FourState(Block):
         position_noise = m.sigma_position**2
         noise = [m.sigma**2 * m.sample_time, m.sigma_bias**2, position_noise, position_noise]  # eq. 3.16
         m.x, transition = propagate(m.x, derivative, m.sample_time)
-        m.covariance = Factors.unpack(m.covariance, 4).predict(transition, noise).pack()
+        m.covariance = Factors.unpack(m.covariance, FACTORED).predict(transition, noise).pack()
 
     @triggered("gps_fix")
     def judge(m) -> None:
         """Gate the innovations by a nominal covariance: one that sigma has not blown up."""
-        good = m._fix_is_good()
+        m.good = m.within("gps_north", "gps_east", "gps_speed", "gps_h_acc", "gps_s_acc")
         age = m.age * m.sample_time
         position_variance = 2 * (0.5 * m.gps_h_acc) ** 2 + (m.gate_position_growth * age) ** 2
         speed_variance = 2 * m.gps_s_acc**2 + (m.gate_speed_growth * age) ** 2
@@ -118,32 +124,29 @@ class FourState(Block):
             (m.gps_east - m.x[EAST]) ** 2 <= m.gate**2 * position_variance,
             (m.gps_speed - m.x[SPEED]) ** 2 <= m.gate**2 * speed_variance,
         )
-        m.accepted = every(good, near, m.started)
-        m.rejected = either(good, either(m.accepted, 0, m.rejected + 1), m.rejected)
-        m.bad_fixes = counted(m.bad_fixes, ca.logic_not(good))
+        m.accepted = every(m.good, near, m.started)
+        m.rejected = either(m.good, either(m.accepted, 0, m.rejected + 1), m.rejected)
+        m.bad_fixes = counted(m.bad_fixes, ca.logic_not(m.good))
 
     @triggered("accepted")
     def correct(m) -> None:
         """Measurement update by speed, north, east in turn (eq. 3.1-3.4, 3.14, 3.15)."""
         x = [m.x[i] for i in range(4)]
-        factors = Factors.unpack(m.covariance, 4)
+        factors = Factors.unpack(m.covariance, FACTORED)
         position_variance = (0.5 * m.gps_h_acc) ** 2  # eq. 3.15
         for component, measured, variance in (
             (SPEED, m.gps_speed, m.gps_s_acc**2),
             (NORTH, m.gps_north, position_variance),
             (EAST, m.gps_east, position_variance),
         ):
-            gain, factors = factors.correct(component, variance)
-            innovation = measured - x[component]
-            x = [value + k * innovation for value, k in zip(x, gain, strict=True)]  # eq. 3.2
+            correction, factors = factors.correct(component, variance, measured - x[component])
+            x = [value + more for value, more in zip(x, correction, strict=True)]  # eq. 3.2
         m.x = ca.vertcat(*x)
         m.covariance = factors.pack()
         m.age = 0
 
     @triggered(
-        lambda m: every(
-            m.gps_fix, m._fix_is_good(), some(ca.logic_not(m.started), m.rejected >= m.recovery_fixes)
-        )
+        lambda m: every(m.gps_fix, m.good, some(ca.logic_not(m.started), m.rejected >= m.recovery_fixes))
     )
     def recover(m) -> None:
         """Begin (anew) at the fix; the bias is kept if there is one.
@@ -151,7 +154,7 @@ class FourState(Block):
         Eq. 3.9 begins with zeros at a known start, with P0 of eq. 3.17. A state taken from a fix is as
         uncertain as the fix, so its variance is added.
         """
-        bias_variance = Factors.unpack(m.covariance, 4).variance(BIAS)
+        bias_variance = Factors.unpack(m.covariance, FACTORED).variance(BIAS)
         position_variance = m.initial_position_variance + (0.5 * m.gps_h_acc) ** 2
         m.x = ca.vertcat(m.gps_speed, m.x[BIAS], m.gps_north, m.gps_east)
         m.covariance = Factors.diagonal(
@@ -160,20 +163,20 @@ class FourState(Block):
                 either(m.started, bias_variance, m.initial_bias_variance),
                 position_variance,
                 position_variance,
-            ]
+            ],
+            FACTORED,
         ).pack()
         m.started = 1
         m.age = m.rejected = 0
 
     def output(m) -> None:
         """The estimate for this tick."""
-        factors = Factors.unpack(m.covariance, 4)
+        factors = Factors.unpack(m.covariance, FACTORED)
         m.speed, m.accel_bias, m.north, m.east = (m.x[i] for i in range(4))
         m.speed_sd, m.accel_bias_sd, m.north_sd, m.east_sd = (ca.sqrt(factors.variance(i)) for i in range(4))
         m.heading, m.heading_sd = wrap(m.course), m.heading_accuracy
         m.sigma_accel = m.sigma
         m.valid = every(m.started, m.age * m.sample_time <= m.max_age)
 
-    def _fix_is_good(m) -> SX:
-        """Are all its values numbers in range?"""
-        return m.within("gps_north", "gps_east", "gps_speed", "gps_h_acc", "gps_s_acc")
+    def _at_least_floor(m, sigma: SX) -> SX:
+        return either(sigma > m.sigma_floor, sigma, m.sigma_floor)

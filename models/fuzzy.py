@@ -7,19 +7,35 @@ import casadi as ca
 from models.kit.declaration import SX
 from models.kit.geometry import clip, either
 
+RUNS_FROM = 3.0  # m/s, from which on the membership of running is not 0
 STEP = 0.2  # m/s2, the grid of eq. 3.21
 MEDIUM = 14  # grid points under mu_M: 0.2, 0.4, .. 2.8 (eq. 3.20)
 HIGH = 1485  # grid points from 3.0 on under mu_H; the one at 300 lies outside its strict bound
 RAMP = 5  # of these, those before mu_H is 1
 
 
-def memberships(speed: SX) -> tuple[SX, SX, SX]:
-    """Firing strengths of stopped, walking, running for a speed [m/s] of either sign (eq. 3.19)."""
-    speed = ca.fabs(speed)
-    running = clip(speed - 3.0, 0.0, 1.0)
-    stopped = clip((0.5 - speed) / 0.5, 0.0, 1.0)
-    walking = either(speed < 3.0, clip(speed / 0.5, 0.0, 1.0), clip(4.0 - speed, 0.0, 1.0))
-    return stopped, walking, running
+def memberships_walking(speed: SX) -> tuple[SX, SX]:
+    """Firing strengths of stopped and walking for a speed from 0 to 3 [m/s] (eq. 3.19)."""
+    slow = speed < 0.5
+    return either(slow, 1.0 - 2.0 * speed, 0.0), either(slow, 2.0 * speed, 1.0)
+
+
+def memberships_running(speed: SX) -> tuple[SX, SX]:
+    """Firing strengths of walking and running for a speed from 3 [m/s] on (eq. 3.19)."""
+    slow = speed < 4.0
+    return either(slow, 4.0 - speed, 0.0), either(slow, speed - RUNS_FROM, 1.0)
+
+
+def noise_walking(speed: SX) -> SX:
+    """sigma_Ax [m/s2] for a speed between -3 and 3 [m/s]: rules 3.18 joined, of which the third is silent."""
+    stopped, walking = memberships_walking(ca.fabs(speed))
+    return defuzzify(stopped, walking, ca.SX(0))
+
+
+def noise_running(speed: SX) -> SX:
+    """sigma_Ax [m/s2] for any other speed [m/s]: rules 3.18 joined, of which the first is silent."""
+    walking, running = memberships_running(ca.fabs(speed))
+    return defuzzify(ca.SX(0), walking, running)
 
 
 def defuzzify(low: SX, medium: SX, high: SX) -> SX:
@@ -33,8 +49,8 @@ def defuzzify(low: SX, medium: SX, high: SX) -> SX:
     # points of mu_M counted from its top end: x = 3 - 0.2 j with mu = j/14, j = 1 .. 14
     kept_sum, kept_moment = _sums(n)
     all_sum, _ = _sums(ca.SX(MEDIUM))
-    medium_area = kept_sum / MEDIUM + (MEDIUM - n) * medium
-    medium_moment = (3.0 * kept_sum - STEP * kept_moment) / MEDIUM + medium * (
+    medium_area = kept_sum * (1 / MEDIUM) + (MEDIUM - n) * medium
+    medium_moment = (3.0 * kept_sum - STEP * kept_moment) * (1 / MEDIUM) + medium * (
         3.0 * (MEDIUM - n) - STEP * (all_sum - kept_sum)
     )
     # points of mu_H: x = 3 + 0.2 k with mu = 0.2 k up to 1, k = 0 .. 1484
@@ -49,9 +65,5 @@ def defuzzify(low: SX, medium: SX, high: SX) -> SX:
 
 def _sums(n: SX) -> tuple[SX, SX]:
     """1 + 2 + .. + n, and 1 + 4 + .. + n^2."""
-    return n * (n + 1) / 2, n * (n + 1) * (2 * n + 1) / 6
-
-
-def process_noise(speed: SX) -> SX:
-    """sigma_Ax [m/s2] for a speed [m/s]: rules 3.18 joined."""
-    return defuzzify(*memberships(speed))
+    twice = n * (n + 1)
+    return 0.5 * twice, twice * (2 * n + 1) * (1 / 6)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import casadi as ca
+
 from models.kit.block import Block
-from models.kit.declaration import Boolean, Input, Integer, Output, Parameter, State
+from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State
 from models.kit.geometry import COUNT_MAX, counted, either, every
 
 
@@ -26,18 +28,28 @@ class Watchdog(Block):
     link_timeout = Parameter("s", "longest silence of the operator, who is heard", start=2, min=0.04, max=1e4)
     report_period = Parameter("s", "time between reports (telemetry)", start=0.2, min=0.04, max=10)
 
+    imu_limit = State(Integer, "imu_timeout in ticks")
+    link_limit = State(Integer, "link_timeout in ticks")
+    report_ticks = State(Integer, "report_period in ticks")
     imu_age = State(Integer, "ticks since the last sample", start=COUNT_MAX, max=COUNT_MAX)
     link_age = State(Integer, "ticks since the last message", start=COUNT_MAX, max=COUNT_MAX)
     report_age = State(Integer, "ticks since the last report", start=COUNT_MAX, max=COUNT_MAX)
 
+    def initialize(m) -> None:
+        """Whole ticks, so that nothing but counts is compared in each of them."""
+        m.imu_limit, m.link_limit = m._ticks(m.imu_timeout), m._ticks(m.link_timeout)
+        m.report_ticks = m._ticks(m.report_period)
+
     def watch(m) -> None:
-        """Ages in whole ticks; a tenth of a tick's tolerance keeps them the same in float32."""
-        tolerance = 0.1 * m.sample_time
+        """Count what does not come."""
         m.imu_age = either(m.sampled, 0, counted(m.imu_age))
         m.link_age = either(m.heard, 0, counted(m.link_age))
-        m.imu_ok = m.imu_age * m.sample_time < m.imu_timeout + tolerance
-        m.link_ok = m.link_age * m.sample_time < m.link_timeout + tolerance
+        m.imu_ok, m.link_ok = m.imu_age <= m.imu_limit, m.link_age <= m.link_limit
         m.estimate_ok = every(m.valid, m.imu_ok)
         m.report_age = counted(m.report_age)
-        m.report = m.report_age * m.sample_time > m.report_period - tolerance
+        m.report = m.report_age >= m.report_ticks
         m.report_age = either(m.report, 0, m.report_age)
+
+    def _ticks(m, time: SX) -> SX:
+        """A time in whole ticks; a tenth of a tick's tolerance makes it the same in float32."""
+        return ca.floor(time / m.sample_time + 0.1)

@@ -13,7 +13,8 @@
 #define CHECKSUM 2U
 
 #define POSITION 8U /* bytes of a latitude and a longitude */
-#define MAX_PAYLOAD (POSITION * (1U + LINK_MAX_WAYPOINTS))
+#define ID 2U       /* and of a mission's id */
+#define MAX_PAYLOAD (ID + (POSITION * (1U + LINK_MAX_WAYPOINTS)))
 #define TELEMETRY (LINK_TELEMETRY_SIZE - HEADER - CHECKSUM)
 
 #define MAX_LATITUDE 900000000
@@ -107,20 +108,22 @@ static bool on_earth(const link_position *position)
 /* A mission is taken whole or not at all: everything is looked at before anything is changed. */
 static bool take_mission(radio_link *m, const uint8_t *payload, uint8_t length)
 {
-    bool right = ((length % POSITION) == 0U) && (length >= (2U * POSITION));
+    const uint8_t *const positions = &payload[ID];
+    const uint8_t end = (length >= ID) ? (uint8_t)(length - ID) : 0U;
+    bool right = ((end % POSITION) == 0U) && (end >= (2U * POSITION));
 
-    for (uint8_t i = 0U; right && (i < length); i = (uint8_t)(i + POSITION)) {
-        const link_position position = get_position(&payload[i]);
+    for (uint8_t i = 0U; right && (i < end); i = (uint8_t)(i + POSITION)) {
+        const link_position position = get_position(&positions[i]);
 
         right = on_earth(&position);
     }
     if (right) {
-        m->mission.home = get_position(payload);
-        m->mission.count = (uint8_t)((length / POSITION) - 1U);
+        m->mission.id = big_u16(payload);
+        m->mission.home = get_position(positions);
+        m->mission.count = (uint8_t)((end / POSITION) - 1U);
         for (uint8_t i = 0U; i < m->mission.count; i++) {
-            m->mission.waypoints[i] = get_position(&payload[POSITION * (i + 1U)]);
+            m->mission.waypoints[i] = get_position(&positions[POSITION * (i + 1U)]);
         }
-        m->mission.id = crc16(payload, length);
     }
     return right;
 }
@@ -138,12 +141,12 @@ static bool take_override(radio_link *m, const uint8_t *payload, uint8_t length)
 /* Carry out the message that the scanner holds. Returns its type, or LINK_NOTHING if it is not right. */
 static link_message take_message(radio_link *m)
 {
-    const uint8_t *const payload = &m->scanner.bytes[HEADER];
-    const uint8_t length = m->scanner.bytes[LENGTH];
+    const uint8_t *const payload = &m->scanner.frame[HEADER];
+    const uint8_t length = m->scanner.frame[LENGTH];
     link_message message = LINK_NOTHING;
     bool known = true;
 
-    switch (m->scanner.bytes[TYPE]) {
+    switch (m->scanner.frame[TYPE]) {
     case LINK_MISSION:
         message = take_mission(m, payload, length) ? LINK_MISSION : LINK_NOTHING;
         break;
@@ -166,7 +169,7 @@ static link_message take_message(radio_link *m)
         break;
     }
     if (message != LINK_NOTHING) {
-        m->sequence = m->scanner.bytes[SEQUENCE];
+        m->sequence = m->scanner.frame[SEQUENCE];
     } else {
         scanner_count(known ? &m->refused : &m->unknown, 1U);
     }
@@ -183,7 +186,7 @@ link_message link_receive(radio_link *m, scanner_input *input)
     static const scanner_protocol protocol = {SYNC_1, HEADER, link_length, link_intact};
     link_message message = LINK_NOTHING;
 
-    while ((message == LINK_NOTHING) && (scanner_next(&m->scanner, input, &protocol) != 0U)) {
+    while ((message == LINK_NOTHING) && scanner_next(&m->scanner, input, &protocol)) {
         message = take_message(m);
     }
     return message;

@@ -7,8 +7,8 @@
  * received in its telemetry, so that the laptop repeats what got lost.
  *
  * type              payload
- * 1  MISSION        home, then 1 to 16 waypoints: each latitude, longitude [1e-7 deg] i32
- * 2  START          u16: CRC-16 of the payload of the MISSION that is meant
+ * 1  MISSION        u16: its id; home, then 1 to 16 waypoints: each latitude, longitude [1e-7 deg] i32
+ * 2  START          u16: the id of the MISSION that is meant
  * 3  OVERRIDE       u8: the command, 0 releases
  * 4  ABORT          -
  * 5  HEARTBEAT      -
@@ -31,7 +31,7 @@ typedef struct {
     link_position home;
     link_position waypoints[LINK_MAX_WAYPOINTS];
     uint8_t count; /* of waypoints; 0: no mission has come */
-    uint16_t id;   /* CRC-16 of the message's payload */
+    uint16_t id;   /* by which it is started */
 } link_mission;
 
 typedef enum {

@@ -3,10 +3,9 @@
 #include "onboard.h"
 #include "port.h"
 
-static onboard vest;
-
 int main(void)
 {
+    static onboard vest;
     uint32_t due;
 
     port_init();

@@ -13,6 +13,8 @@
 #define CHECKSUM 1U
 
 #define SIGN 0x80000000U      /* of an IEEE 754 single */
+#define INFINITE 0xFF000000U /* a single without its sign, from here on infinity or NaN */
+#define GREATEST 0x7F7FFFFFU /* FLT_MAX */
 #define RADIANS 0.0174532925F /* rad/deg */
 
 static uint8_t mt_length(const uint8_t *header)
@@ -22,24 +24,28 @@ static uint8_t mt_length(const uint8_t *header)
     return wanted ? (uint8_t)(HEADER + DATA + CHECKSUM) : 0U;
 }
 
-/* All bytes behind the preamble, the checksum among them, sum up to 0. */
+/* All bytes behind the preamble, the checksum among them, sum up to 0: 54 of them, taken by sixes. */
 static bool mt_intact(const uint8_t *frame, uint8_t length)
 {
+    const uint8_t *byte = &frame[1];
+    const uint8_t *const end = &frame[length];
     uint8_t sum = 0U;
 
-    for (uint8_t i = 1U; i < length; i++) {
-        sum = (uint8_t)(sum + frame[i]);
+    while (byte < end) {
+        sum = (uint8_t)(sum + byte[0] + byte[1] + byte[2] + byte[3] + byte[4] + byte[5]);
+        byte = &byte[6];
     }
     return sum == 0U;
 }
 
 /* A single, its sign changed where `flip` is SIGN: bits are turned, not numbers, since every operation on a
- * number takes hundreds of clocks on a processor without floating point. */
+ * number takes hundreds of clocks on a processor without floating point. What is no finite number becomes the
+ * greatest one, beyond every range: no NaN comes on board. */
 static float get_float(const uint8_t *bytes, uint32_t flip)
 {
     const uint32_t bits =
         ((uint32_t)bytes[0] << 24) | ((uint32_t)bytes[1] << 16) | ((uint32_t)bytes[2] << 8) | bytes[3];
-    const uint32_t turned = bits ^ flip;
+    const uint32_t turned = ((bits << 1) >= INFINITE) ? GREATEST : (bits ^ flip);
     float value;
 
     /* cppcheck-suppress misra-c2012-21.15 ; deviation: the bits of a float are meant, not its value */
@@ -73,10 +79,10 @@ void mt_init(mt *m, bool z_up)
 bool mt_receive(mt *m, scanner_input *input)
 {
     static const scanner_protocol protocol = {PREAMBLE, HEADER, mt_length, mt_intact};
-    const bool found = scanner_next(&m->scanner, input, &protocol) != 0U;
+    const bool found = scanner_next(&m->scanner, input, &protocol);
 
     if (found) {
-        const uint8_t *const data = &m->scanner.bytes[HEADER];
+        const uint8_t *const data = &m->scanner.frame[HEADER];
         const uint32_t flip = m->z_up ? SIGN : 0U;
         const uint16_t counter = (uint16_t)(((uint16_t)data[48] << 8) | data[49]);
 

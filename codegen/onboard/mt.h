@@ -2,8 +2,8 @@
  * Source: Xsens MT low-level communication protocol, message MTData; Miller 2010, 2.3 (MTi-X).
  *
  * The unit is set to output mode 0x0006 (calibrated data and orientation) and settings 0x00000005 (Euler
- * angles and sample counter, single precision). Its values pass as they are, NaN and infinity as well: the
- * estimator, which knows their ranges, refuses them. */
+ * angles and sample counter, single precision). Its values pass as they are, but what is no finite number
+ * becomes the greatest one: the estimator, which knows their ranges, refuses it as it does others. */
 #ifndef MT_H
 #define MT_H
 

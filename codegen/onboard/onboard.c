@@ -7,21 +7,23 @@
 
 #include "port.h"
 
+#include <stddef.h>
 #include <string.h>
 
-#define BLOCK 64U            /* bytes that are moved at once from a source */
 #define LONGEST_PAUSE 5U     /* ticks that a frame from the radio may pause: two packets */
 #define NO_SAMPLE 1.0e9f     /* beyond the range of every input of the estimator, which then holds */
 #define PER_MILLE 0.001f     /* mm to m, mm/s to m/s */
 #define FARTHEST 1.0e5f      /* m: the controller's range of positions */
 #define MAX_SHIFT 100000000  /* 1e-7 deg that an estimate is from the origin, at most, in telemetry */
 
-/* The next bytes of a source, of which `left` may be read in this tick. Returns false if there are none. */
-static bool next_bytes(port_source source, uint8_t *bytes, scanner_input *input, uint16_t *left)
+/* The next bytes of a source, which gives so many more blocks in this tick. Returns false if there are none. */
+static bool next_bytes(port_source source, scanner_input *input, uint8_t *blocks)
 {
-    input->bytes = bytes;
-    input->count = port_receive(source, bytes, (*left < BLOCK) ? *left : BLOCK);
-    *left = (uint16_t)(*left - input->count);
+    input->count = 0U;
+    if (*blocks > 0U) {
+        *blocks = (uint8_t)(*blocks - 1U);
+        input->count = port_receive(source, &input->bytes);
+    }
     return input->count > 0U;
 }
 
@@ -44,9 +46,8 @@ static bool obey(onboard *m, scanner_input *input)
 /* Listen to the radio. Returns whether there was a message. */
 static bool hear_operator(onboard *m)
 {
-    uint8_t bytes[BLOCK];
-    scanner_input input;
-    uint16_t left = ONBOARD_MAX_BYTES;
+    scanner_input input = {NULL, 0U};
+    uint8_t blocks = ONBOARD_BLOCKS;
     bool heard = false;
 
     if (m->pause < LONGEST_PAUSE) {
@@ -54,7 +55,7 @@ static bool hear_operator(onboard *m)
     } else {
         link_idle(&m->radio); /* the rest of a frame will not come */
     }
-    while (next_bytes(PORT_RADIO, bytes, &input, &left)) {
+    while (next_bytes(PORT_RADIO, &input, &blocks)) {
         m->pause = 0U;
         heard = obey(m, &input) || heard;
     }
@@ -73,23 +74,23 @@ static void project(onboard *m, int32_t latitude, int32_t longitude, bool settle
     local_plane_step(&m->plane);
 }
 
-/* The receiver's fixes; of several in one tick, the last. The first is where the plane touches the earth. */
-static void hear_receiver(onboard *m)
+/* The receiver's fixes; of several in one tick, the last. The first is where the plane touches the earth.
+ * Returns whether there was one. */
+static bool hear_receiver(onboard *m)
 {
-    uint8_t bytes[BLOCK];
-    scanner_input input;
-    uint16_t left = ONBOARD_MAX_BYTES;
+    scanner_input input = {NULL, 0U};
+    uint8_t blocks = ONBOARD_BLOCKS;
+    bool fixed = false;
 
-    m->estimator.in.gps_fix = false;
-    while (next_bytes(PORT_GPS, bytes, &input, &left)) {
+    while (next_bytes(PORT_GPS, &input, &blocks)) {
         ubx_found found;
 
         do {
             found = ubx_receive(&m->gps, &input);
-            m->estimator.in.gps_fix = m->estimator.in.gps_fix || (found == UBX_FIX);
+            fixed = fixed || (found == UBX_FIX);
         } while (found != UBX_NOTHING);
     }
-    if (m->estimator.in.gps_fix) {
+    if (fixed) {
         const ubx_fix *const fix = &m->gps.fix;
 
         project(m, fix->latitude, fix->longitude, !m->plane.state.settled);
@@ -99,17 +100,18 @@ static void hear_receiver(onboard *m)
         m->estimator.in.gps_h_acc = PER_MILLE * (float)fix->h_acc;
         m->estimator.in.gps_s_acc = PER_MILLE * (float)fix->s_acc;
     }
+    m->estimator.in.gps_fix = fixed;
+    return fixed;
 }
 
 /* The inertial unit's samples; of several in one tick, the last. Returns whether there was one. */
 static bool hear_imu(onboard *m)
 {
-    uint8_t bytes[BLOCK];
-    scanner_input input;
-    uint16_t left = ONBOARD_MAX_BYTES;
+    scanner_input input = {NULL, 0U};
+    uint8_t blocks = ONBOARD_BLOCKS;
     bool sampled = false;
 
-    while (next_bytes(PORT_IMU, bytes, &input, &left)) {
+    while (next_bytes(PORT_IMU, &input, &blocks)) {
         while (mt_receive(&m->imu, &input)) {
             sampled = true;
         }
@@ -278,15 +280,18 @@ void onboard_init(onboard *m)
 
 void onboard_tick(onboard *m)
 {
-    m->guard.in.heard = hear_operator(m);
-    hear_receiver(m);
+    const bool fixed = hear_receiver(m); /* work enough for a tick: what can wait does */
+
+    m->guard.in.heard = !fixed && hear_operator(m);
     m->guard.in.sampled = hear_imu(m);
     four_state_step(&m->estimator);
     m->guard.in.valid = m->estimator.out.valid;
     watchdog_step(&m->guard);
     begin(m);
     decide(m);
-    if (m->guard.out.report) {
+    m->reporting = m->reporting || m->guard.out.report;
+    if (m->reporting && !fixed) {
+        m->reporting = false;
         report(m);
     }
     m->time_ms += ONBOARD_TICK_MS;

@@ -13,7 +13,7 @@
 #include "watchdog.h"
 
 #define ONBOARD_TICK_MS 40U
-#define ONBOARD_MAX_BYTES 512U /* from one source in one tick; what is more waits for the next */
+#define ONBOARD_BLOCKS 2U /* of at most PORT_MOST bytes, read from a source in a tick; the rest waits */
 
 #ifndef ONBOARD_IMU_Z_UP
 #define ONBOARD_IMU_Z_UP true /* axes of the inertial unit: see mt.h */
@@ -27,6 +27,7 @@ typedef struct {
     radio_link radio;
     bool start_wanted; /* the operator's START holds */
     uint8_t pause;     /* ticks without a byte from the radio */
+    bool reporting;    /* telemetry is due */
     uint8_t sequence;  /* of the next telemetry */
     local_plane plane;
     four_state estimator;

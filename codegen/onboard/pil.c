@@ -18,8 +18,6 @@ uint32_t pil_recorded[PIL_WORDS];
 
 onboard pil_vest;
 
-static uint16_t taken[PORT_SOURCES];
-
 void port_init(void)
 {
 }
@@ -29,15 +27,12 @@ uint32_t port_clock_ms(void)
     return pil_vest.time_ms;
 }
 
-uint16_t port_receive(port_source source, uint8_t *bytes, uint16_t size)
+uint16_t port_receive(port_source source, const uint8_t **bytes)
 {
-    uint16_t count = (uint16_t)(pil_counts[source] - taken[source]);
+    const uint16_t count = pil_counts[source];
 
-    if (count > size) {
-        count = size;
-    }
-    (void)memcpy(bytes, &pil_received[source][taken[source]], count);
-    taken[source] = (uint16_t)(taken[source] + count);
+    *bytes = pil_received[source];
+    pil_counts[source] = 0U;
     return count;
 }
 
@@ -62,15 +57,9 @@ void pil_start(void)
     pil_record(&pil_vest, pil_recorded);
 }
 
-void pil_before(void)
-{
-    (void)memset(taken, 0, sizeof(taken));
-    pil_sent_count = 0U;
-}
-
 void pil_tick(void)
 {
-    pil_before();
+    pil_sent_count = 0U;
     onboard_tick(&pil_vest);
     pil_record(&pil_vest, pil_recorded);
 }

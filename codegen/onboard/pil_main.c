@@ -10,7 +10,7 @@ int main(void)
     pil_start();
     for (;;) {
         pil_wait();
-        pil_before();
+        pil_sent_count = 0U;
         onboard_tick(&pil_vest);
         pil_done();
         pil_record(&pil_vest, pil_recorded);

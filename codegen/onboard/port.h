@@ -13,8 +13,11 @@ void port_init(void);
 /* ms since power-up; begins again from 0 after 2^32. */
 uint32_t port_clock_ms(void);
 
-/* Move at most `size` bytes that have come from a source, the oldest first, to `bytes`; returns how many. */
-uint16_t port_receive(port_source source, uint8_t *bytes, uint16_t size);
+#define PORT_MOST 512U /* bytes that port_receive gives at once, at most */
+
+/* Bytes that have come from a source: `bytes` is set to where the oldest lies; returns how many can be read
+ * from there on. They count as taken; their place is theirs until the next call for the same source. */
+uint16_t port_receive(port_source source, const uint8_t **bytes);
 
 /* Send bytes to the operator; they are copied before it returns. */
 void port_send(const uint8_t *bytes, uint16_t count);

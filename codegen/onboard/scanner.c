@@ -1,6 +1,7 @@
 /* scanner: finds the frames in a stream of bytes of which some may be lost, changed or foreign
- * Time: a byte of a good frame is copied in bulk and summed once. At worst every byte begins what looks like
- * a frame, whose header is read, and every header's length of bytes one that is summed in vain. */
+ * Time: a frame that lies whole in a block is summed once where it lies, one in pieces is copied as well. At
+ * worst every byte begins what looks like a frame, whose header is read, and every header's length of bytes one
+ * that is summed in vain. */
 #include "scanner.h"
 
 #include <string.h>
@@ -19,92 +20,112 @@ static void advance(scanner_input *input, uint16_t n)
     input->count = (uint16_t)(input->count - n);
 }
 
+/* Move the input on over bytes that are part of no frame. */
+static void skip(scanner *s, scanner_input *input, uint16_t n)
+{
+    scanner_count(&s->skipped, n);
+    advance(input, n);
+}
+
 /* Skip input up to the next byte that can begin a frame. */
 static void hunt(scanner *s, scanner_input *input, uint8_t sync)
 {
-    const uint8_t *bytes = input->bytes;
-    uint16_t left = input->count;
+    uint16_t n = 0U;
 
-    while ((left > 0U) && (*bytes != sync)) {
-        bytes++;
-        left--;
+    while ((n < input->count) && (input->bytes[n] != sync)) {
+        n++;
     }
-    scanner_count(&s->skipped, (uint16_t)(input->count - left));
-    input->bytes = bytes;
-    input->count = left;
+    if (n > 0U) {
+        skip(s, input, n);
+    }
 }
 
-/* Take as much input as the next decision needs. Returns whether that was there. */
-static bool take(scanner *s, scanner_input *input, const scanner_protocol *protocol)
+/* Find a frame that lies whole in the input and move the input on behind it. Returns NULL if there is none:
+ * then the input begins with a frame whose rest is missing, or is used up. */
+static const uint8_t *search(scanner *s, scanner_input *input, const scanner_protocol *protocol)
 {
-    if (s->needed < protocol->header) {
-        s->needed = protocol->header;
-    }
-    if (s->count == 0U) {
-        hunt(s, input, protocol->sync);
-    }
-    if ((s->count < s->needed) && (input->count > 0U)) {
-        uint8_t n = (uint8_t)(s->needed - s->count);
+    const uint8_t *frame = NULL;
 
-        if (n > input->count) {
-            n = (uint8_t)input->count;
-        }
-        (void)memcpy(&s->bytes[s->count], input->bytes, n);
-        advance(input, n);
-        s->count = (uint8_t)(s->count + n);
-    }
-    return s->count >= s->needed;
-}
-
-/* Drop the first n bytes held and those behind them that cannot begin a frame. */
-static void drop(scanner *s, uint8_t n, uint8_t sync)
-{
-    uint8_t start = n;
-
-    while ((start < s->count) && (s->bytes[start] != sync)) {
-        start++;
-    }
-    scanner_count(&s->skipped, (uint16_t)start - n);
-    s->count = (uint8_t)(s->count - start);
-    (void)memmove(s->bytes, &s->bytes[start], s->count);
     s->needed = 0U;
-}
-
-/* What is held does not begin with a frame. */
-static void reject(scanner *s, uint8_t sync)
-{
-    scanner_count(&s->skipped, 1U);
-    drop(s, 1U, sync);
-}
-
-uint8_t scanner_next(scanner *s, scanner_input *input, const scanner_protocol *protocol)
-{
-    if (s->done != 0U) {
-        drop(s, s->done, protocol->sync);
-        s->done = 0U;
-    }
-    while ((s->done == 0U) && take(s, input, protocol)) {
-        const uint8_t length = protocol->length(s->bytes);
-
-        if ((length < protocol->header) || (length > SCANNER_SIZE)) {
-            reject(s, protocol->sync);
-        } else if (s->count < length) {
-            s->needed = length;
-        } else if (protocol->intact(s->bytes, length)) {
-            scanner_count(&s->frames, 1U);
-            s->done = length;
+    while ((frame == NULL) && (s->needed == 0U)) {
+        hunt(s, input, protocol->sync);
+        if (input->count < protocol->header) {
+            s->needed = protocol->header;
         } else {
-            scanner_count(&s->errors, 1U);
-            reject(s, protocol->sync);
+            const uint8_t length = protocol->length(input->bytes);
+
+            if ((length < protocol->header) || (length > SCANNER_SIZE)) {
+                skip(s, input, 1U);
+            } else if (input->count < length) {
+                s->needed = length;
+            } else if (protocol->intact(input->bytes, length)) {
+                scanner_count(&s->frames, 1U);
+                frame = input->bytes;
+                s->length = length;
+                advance(input, length);
+            } else {
+                scanner_count(&s->errors, 1U);
+                skip(s, input, 1U);
+            }
         }
     }
-    return s->done;
+    return frame;
+}
+
+/* Find a frame in what is held. */
+static const uint8_t *search_held(scanner *s, const scanner_protocol *protocol)
+{
+    scanner_input held = {&s->bytes[s->start], s->count};
+    const uint8_t *const frame = search(s, &held, protocol);
+
+    s->start = (uint8_t)(s->start + s->count - held.count);
+    s->count = (uint8_t)held.count;
+    return frame;
+}
+
+/* Take as much input as what is held needs. Returns whether there was any. */
+static bool top_up(scanner *s, scanner_input *input)
+{
+    uint8_t n = (uint8_t)(s->needed - s->count);
+
+    if (n > input->count) {
+        n = (uint8_t)input->count;
+    }
+    if (n > 0U) {
+        (void)memmove(s->bytes, &s->bytes[s->start], s->count);
+        (void)memcpy(&s->bytes[s->count], input->bytes, n);
+        s->start = 0U;
+        s->count = (uint8_t)(s->count + n);
+        advance(input, n);
+    }
+    return n > 0U;
+}
+
+bool scanner_next(scanner *s, scanner_input *input, const scanner_protocol *protocol)
+{
+    bool more = (s->count > 0U) || (input->count > 0U);
+
+    s->frame = NULL;
+    while (more && (s->frame == NULL)) {
+        if (s->count > 0U) { /* begun in an earlier block */
+            s->frame = search_held(s, protocol);
+            more = (s->count == 0U) || (s->frame != NULL) || top_up(s, input);
+        } else {
+            s->frame = search(s, input, protocol);
+            if (s->frame == NULL) { /* less is left than a frame is long */
+                (void)top_up(s, input);
+                more = false;
+            }
+        }
+    }
+    return s->frame != NULL;
 }
 
 void scanner_abandon(scanner *s)
 {
-    if ((s->count > 0U) && (s->done == 0U)) {
+    if (s->count > 0U) {
         scanner_count(&s->skipped, 1U);
-        s->done = 1U;
+        s->start = (uint8_t)(s->start + 1U);
+        s->count = (uint8_t)(s->count - 1U);
     }
 }

@@ -12,7 +12,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#define SCANNER_SIZE 144U /* bytes; the longest frame is the radio's mission, 143 */
+#define SCANNER_SIZE 145U /* bytes: the longest frame is the radio's mission */
 
 /* Bytes that have come and are not yet read; reading moves it on. */
 typedef struct {
@@ -29,18 +29,20 @@ typedef struct {
 } scanner_protocol;
 
 typedef struct {
-    uint8_t bytes[SCANNER_SIZE]; /* from the beginning of a frame */
+    uint8_t bytes[SCANNER_SIZE]; /* what has come of a frame whose rest is missing */
+    uint8_t start;               /* place of its first byte */
     uint8_t count;               /* bytes held */
-    uint8_t needed;              /* bytes that must be held to decide further; 0: the header */
-    uint8_t done;                /* bytes in front that are dealt with: the frame found last */
+    uint8_t needed;              /* bytes that must be there to decide further */
+    uint8_t length;              /* of the frame found last */
+    const uint8_t *frame;        /* its place, in the input or in `bytes`, until the next call */
     uint32_t frames;             /* found; this and the next two stop at their greatest value */
     uint32_t errors;             /* frames with a wrong checksum */
     uint32_t skipped;            /* bytes that are part of no frame */
 } scanner;
 
-/* Read up to the end of the next frame. Returns its length: it stands in `bytes` until the next call.
- * Returns 0 when the input is used up: call until then, since one block can hold, or complete, many. */
-uint8_t scanner_next(scanner *s, scanner_input *input, const scanner_protocol *protocol);
+/* Read up to the end of the next frame. Returns whether there is one, at `frame`; false when the input is used
+ * up: call until then, since one block can hold, or complete, many. */
+bool scanner_next(scanner *s, scanner_input *input, const scanner_protocol *protocol);
 
 /* Give up the frame that has begun, because its rest has been missing for too long; the next call searches
  * what came behind its first byte. */

@@ -67,18 +67,34 @@ static uint8_t ubx_length(const uint8_t *header)
     return wanted ? (uint8_t)(HEADER + payload + CHECKSUM) : 0U;
 }
 
-/* Fletcher's checksum over class to payload. */
+/* Fletcher's checksum over class to payload, eight bytes at a time: all wanted messages are of such lengths. */
 static bool ubx_intact(const uint8_t *frame, uint8_t length)
 {
-    const uint8_t end = (uint8_t)(length - CHECKSUM);
+    const uint8_t *byte = &frame[2];
+    const uint8_t *const end = &frame[length - CHECKSUM];
     uint8_t a = 0U;
     uint8_t b = 0U;
 
-    for (uint8_t i = 2U; i < end; i++) {
-        a = (uint8_t)(a + frame[i]);
+    while (byte < end) {
+        a = (uint8_t)(a + byte[0]);
         b = (uint8_t)(b + a);
+        a = (uint8_t)(a + byte[1]);
+        b = (uint8_t)(b + a);
+        a = (uint8_t)(a + byte[2]);
+        b = (uint8_t)(b + a);
+        a = (uint8_t)(a + byte[3]);
+        b = (uint8_t)(b + a);
+        a = (uint8_t)(a + byte[4]);
+        b = (uint8_t)(b + a);
+        a = (uint8_t)(a + byte[5]);
+        b = (uint8_t)(b + a);
+        a = (uint8_t)(a + byte[6]);
+        b = (uint8_t)(b + a);
+        a = (uint8_t)(a + byte[7]);
+        b = (uint8_t)(b + a);
+        byte = &byte[8];
     }
-    return (frame[end] == a) && (frame[end + 1U] == b);
+    return (end[0] == a) && (end[1] == b);
 }
 
 static bool in_range(const ubx_fix *fix)
@@ -168,10 +184,10 @@ ubx_found ubx_receive(ubx *m, scanner_input *input)
     static const scanner_protocol protocol = {SYNC_1, HEADER, ubx_length, ubx_intact};
     ubx_found found = UBX_NOTHING;
 
-    if (scanner_next(&m->scanner, input, &protocol) != 0U) {
-        const uint8_t *const payload = &m->scanner.bytes[HEADER];
+    if (scanner_next(&m->scanner, input, &protocol)) {
+        const uint8_t *const payload = &m->scanner.frame[HEADER];
 
-        switch (m->scanner.bytes[3]) {
+        switch (m->scanner.frame[3]) {
         case UBX_NAV_POSLLH:
             found = add_part(m, POSITION, payload);
             break;

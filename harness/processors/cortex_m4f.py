@@ -11,9 +11,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from elftools.elf.elffile import ELFFile
-from unicorn import UC_ARCH_ARM, UC_MODE_MCLASS, UC_MODE_THUMB, Uc, UcError
 from unicorn import unicorn_const as u
 from unicorn.arm_const import UC_ARM_REG_LR, UC_ARM_REG_PC, UC_ARM_REG_SP, UC_CPU_ARM_CORTEX_M4
+from unicorn.unicorn_py3.unicorn import Uc, UcError
 
 from codegen.cortex_m4f import cortex_m4f_image
 from codegen.firmware import Target, recorded
@@ -49,24 +49,24 @@ class CortexM4F:
         self._fault = ""
         self._lengths: dict[tuple[int, int], int] = {}  # instructions by address and bytes of a block
         self._enabled = 0  # CPACR
-        self._uc: Any = Uc(UC_ARCH_ARM, UC_MODE_THUMB | UC_MODE_MCLASS)  # its functions have no types
-        self._uc.ctl_set_cpu_model(UC_CPU_ARM_CORTEX_M4)
+        self.simulator = _simulator()
+        self.simulator.ctl_set_cpu_model(UC_CPU_ARM_CORTEX_M4)
         # both for good: code that was once translated without a stop would run through it
-        self._uc.ctl_exits_enabled(True)
-        self._uc.ctl_set_exits([image.symbols["pil_wait"], image.symbols["pil_done"]])
-        self._uc.mem_map(FLASH, image.symbols["flash_size"], u.UC_PROT_READ | u.UC_PROT_EXEC)
-        self._uc.mem_map(RAM, image.symbols["ram_size"], u.UC_PROT_READ | u.UC_PROT_WRITE)
-        self._uc.mmio_map(SYSTEM, SYSTEM_SIZE, self._read_system, None, self._write_system, None)
-        self._functions: list[tuple[int, int, str]] = []
+        self.simulator.ctl_exits_enabled(True)
+        self.simulator.ctl_set_exits([image.symbols["pil_wait"], image.symbols["pil_done"]])
+        self.simulator.mem_map(FLASH, image.symbols["flash_size"], u.UC_PROT_READ | u.UC_PROT_EXEC)
+        self.simulator.mem_map(RAM, image.symbols["ram_size"], u.UC_PROT_READ | u.UC_PROT_WRITE)
+        self.simulator.mmio_map(SYSTEM, SYSTEM_SIZE, self._read_system, None, self._write_system, None)
+        self.functions: list[tuple[int, int, str]] = []  # begin, end, name
         self._load()
         self._stack = image.symbols["stack_bottom"], image.symbols["stack_top"]
-        self._uc.mem_write(self._stack[0], bytes([PAINT]) * (self._stack[1] - self._stack[0]))
-        self._uc.hook_add(u.UC_HOOK_BLOCK, self._count)
-        self._uc.hook_add(u.UC_HOOK_INTR, self._interrupt)
-        self._uc.hook_add(INVALID, self._no_access)
-        for begin, _, name in self._functions:
+        self.simulator.mem_write(self._stack[0], bytes([PAINT]) * (self._stack[1] - self._stack[0]))
+        self.simulator.hook_add(u.UC_HOOK_BLOCK, self._count)
+        self.simulator.hook_add(u.UC_HOOK_INTR, self._interrupt)
+        self.simulator.hook_add(INVALID, self._no_access)
+        for begin, _, name in self.functions:
             if name.endswith("_Handler") and name != "Reset_Handler":
-                self._uc.hook_add(u.UC_HOOK_BLOCK, self._handler, name, begin, begin)
+                self.simulator.hook_add(u.UC_HOOK_BLOCK, self._handler, name, begin, begin)
         self._reset()
         self.start = self._record()
 
@@ -74,15 +74,15 @@ class CortexM4F:
         with self.image.path.open("rb") as file:
             elf: Any = ELFFile(file)
             for segment in elf.iter_segments("PT_LOAD"):
-                self._uc.mem_write(segment["p_paddr"], segment.data())
+                self.simulator.mem_write(segment["p_paddr"], segment.data())
             for symbol in elf.get_section_by_name(".symtab").iter_symbols():
                 if symbol["st_info"]["type"] == "STT_FUNC":
                     begin = symbol["st_value"] & ~1
-                    self._functions.append((begin, begin + symbol["st_size"], symbol.name))
+                    self.functions.append((begin, begin + symbol["st_size"], symbol.name))
 
     def _reset(self) -> None:
-        stack, reset = struct.unpack("<II", self._uc.mem_read(FLASH, 8))
-        self._uc.reg_write(UC_ARM_REG_SP, stack)
+        stack, reset = struct.unpack("<II", self.simulator.mem_read(FLASH, 8))
+        self.simulator.reg_write(UC_ARM_REG_SP, stack)
         self._run(reset, "pil_wait")
         if self._enabled & FPU_ACCESS != FPU_ACCESS:
             raise ProcessorError(
@@ -92,7 +92,7 @@ class CortexM4F:
 
     # --- what happens while it runs ---
 
-    def _count(self, uc: Uc, address: int, size: int, _: object) -> None:
+    def _count(self, uc: Any, address: int, size: int, _: object) -> None:
         """A block, which is entered at its beginning alone and left at its end, begins."""
         key = address, size
         try:
@@ -103,13 +103,13 @@ class CortexM4F:
         if self.instructions > LIMIT:
             self._stop(f"does not come back: {LIMIT} instructions are over", address)
 
-    def _handler(self, uc: Uc, address: int, size: int, name: str) -> None:
+    def _handler(self, uc: Any, address: int, size: int, name: str) -> None:
         self._stop(f"stopped by {name}", address)
 
-    def _interrupt(self, uc: Uc, number: int, _: object) -> None:
+    def _interrupt(self, uc: Any, number: int, _: object) -> None:
         self._stop(f"stopped by exception {number} of the simulator", uc.reg_read(UC_ARM_REG_PC))
 
-    def _no_access(self, uc: Uc, access: int, address: int, size: int, value: int, _: object) -> bool:
+    def _no_access(self, uc: Any, access: int, address: int, size: int, value: int, _: object) -> bool:
         what = "execute" if access in FETCH else "write to" if access in WRITE else "read from"
         why = "which is protected" if access in PROTECTED else "where there is no memory"
         if RAM - 0x1000 <= address < RAM:
@@ -117,12 +117,12 @@ class CortexM4F:
         self._stop(f"tried to {what} {address:#010x}, {why}", uc.reg_read(UC_ARM_REG_PC))
         return False
 
-    def _read_system(self, uc: Uc, offset: int, size: int, _: object) -> int:
+    def _read_system(self, uc: Any, offset: int, size: int, _: object) -> int:
         if offset != CPACR:
             self._no_access(uc, u.UC_MEM_READ_UNMAPPED, SYSTEM + offset, size, 0, None)
         return self._enabled
 
-    def _write_system(self, uc: Uc, offset: int, size: int, value: int, _: object) -> None:
+    def _write_system(self, uc: Any, offset: int, size: int, value: int, _: object) -> None:
         if offset != CPACR:
             self._no_access(uc, u.UC_MEM_WRITE_UNMAPPED, SYSTEM + offset, size, value, None)
         self._enabled = value
@@ -130,7 +130,7 @@ class CortexM4F:
     def _stop(self, reason: str, pc: int) -> None:
         if not self._fault:
             self._fault = f"{reason}, at {self.place(pc)}"
-        self._uc.emu_stop()
+        self.simulator.emu_stop()
 
     # --- from stop to stop ---
 
@@ -139,33 +139,45 @@ class CortexM4F:
         self.instructions = 0
         until = self.image.symbols[end]
         try:
-            self._uc.emu_start(begin | 1, 0)  # Thumb; the end is one of the exits
+            self.simulator.emu_start(begin | 1, 0)  # Thumb; the end is one of the exits
         except UcError as reason:
-            self._stop(f"stopped by the simulator ({reason})", self._uc.reg_read(UC_ARM_REG_PC))
-        pc = self._uc.reg_read(UC_ARM_REG_PC)
+            self._stop(f"stopped by the simulator ({reason})", self.simulator.reg_read(UC_ARM_REG_PC))
+        pc = self.simulator.reg_read(UC_ARM_REG_PC)
         if not self._fault and pc != until:
             self._stop("stopped", pc)
         if self._fault:
             raise ProcessorError(f"cortex-m4f: the program {self._fault}, on the way to {end}")
 
-    def _resume(self, end: str) -> None:
-        """Return from the function that it stopped at, and go on."""
-        self._run(self._uc.reg_read(UC_ARM_REG_LR), end)
+    def resume(self, end: str) -> None:
+        """Return from the function that it stopped at, and go on to the other.
+
+        Raises:
+            ProcessorError: it does not get there.
+        """
+        self._run(self.simulator.reg_read(UC_ARM_REG_LR), end)
+
+    def write(self, received: Received) -> None:
+        """Fill the mailbox.
+
+        Raises:
+            ProcessorError: it has no room for so many bytes.
+        """
+        check_size(received)
+        for i, source in enumerate(SOURCES):
+            data: bytes = getattr(received, source)
+            self.simulator.mem_write(self.image.symbols["pil_received"] + i * MAX_BYTES, data)
+            self.simulator.mem_write(self.image.symbols["pil_counts"] + 2 * i, struct.pack("<H", len(data)))
 
     def tick(self, received: Received) -> Reply:
         """One tick of the program; its cost is that between pil_wait and pil_done."""
-        check_size(received)
-        symbols = self.image.symbols
-        for i, source in enumerate(SOURCES):
-            data: bytes = getattr(received, source)
-            self._uc.mem_write(symbols["pil_received"] + i * MAX_BYTES, data)
-            self._uc.mem_write(symbols["pil_counts"] + 2 * i, struct.pack("<H", len(data)))
-        self._resume("pil_done")
+        self.write(received)
+        self.resume("pil_done")
         cost = Cost(self.instructions)
-        self._resume("pil_wait")
+        self.resume("pil_wait")
+        symbols = self.image.symbols
         return Reply(
             self._record(),
-            bytes(self._uc.mem_read(symbols["pil_sent"], self._number("pil_sent_count", 2))),
+            bytes(self.simulator.mem_read(symbols["pil_sent"], self._number("pil_sent_count", 2))),
             self._number("pil_tone_hz", 2),
             bool(self._number("pil_vibrate_left", 1)),
             bool(self._number("pil_vibrate_right", 1)),
@@ -173,14 +185,14 @@ class CortexM4F:
         )
 
     def _number(self, name: str, size: int) -> int:
-        return int.from_bytes(self._uc.mem_read(self.image.symbols[name], size), "little")
+        return int.from_bytes(self.simulator.mem_read(self.image.symbols[name], size), "little")
 
     def _record(self) -> bytes:
-        return bytes(self._uc.mem_read(self.image.symbols["pil_recorded"], 4 * len(recorded())))
+        return bytes(self.simulator.mem_read(self.image.symbols["pil_recorded"], 4 * len(recorded())))
 
     def place(self, pc: int) -> str:
         """An address in the program, with the function that it is in."""
-        for begin, end, name in self._functions:
+        for begin, end, name in self.functions:
             if begin <= pc < end:
                 return f"{pc:#010x} ({name}+{pc - begin:#x})"
         return f"{pc:#010x}"
@@ -188,12 +200,17 @@ class CortexM4F:
     def stack(self) -> int:
         """Most bytes of stack used so far, those of the processor in the loop included."""
         bottom, top = self._stack
-        untouched = self._uc.mem_read(bottom, top - bottom)
+        untouched = self.simulator.mem_read(bottom, top - bottom)
         return len(untouched.lstrip(bytes([PAINT])))
 
     def close(self) -> None:
         """Give back the simulator's memory."""
-        del self._uc
+        del self.simulator
+
+
+def _simulator() -> Any:
+    """Unicorn, whose functions have no types."""
+    return Uc(u.UC_ARCH_ARM, u.UC_MODE_THUMB | u.UC_MODE_MCLASS)
 
 
 def instructions_in(block: bytes) -> int:

@@ -1,8 +1,9 @@
 """The hybrid extended Kalman filter: continuous dynamics, discrete corrections, UD factors (3.2).
 
 The covariance is P = U D U^T with U unit upper triangular and D diagonal, so that it stays positive where
-float32 makes a plain P indefinite: Thornton's prediction, Bierman's correction (Bierman, Factorization
-Methods for Discrete Sequential Estimation, 1977, V.3 and VI). All of it is straight-line expressions.
+float32 makes a plain P indefinite: Thornton's prediction or Agee and Turner's, Bierman's correction (Bierman,
+Factorization Methods for Discrete Sequential Estimation, 1977, III.4, V.3 and VI). All of it is straight-line
+expressions.
 """
 
 from __future__ import annotations
@@ -43,60 +44,98 @@ def propagate(state: SX, derivative: SX, time: float, order: int = 4) -> tuple[S
 
 @dataclass(frozen=True)
 class Factors:
-    """The covariance as U (n, n) unit upper triangular and D (n,)."""
+    """The covariance as U (n, n) unit upper triangular and D (n,), its states in an order of their own.
+
+    With each state before those it depends on, the transition is unit upper triangular as well, and a
+    prediction takes half the operations.
+
+    Attributes:
+        order: (n,) which state belongs to each row.
+    """
 
     U: list[list[SX]]
     D: list[SX]
+    order: tuple[int, ...]
 
     @classmethod
-    def unpack(cls, packed: SX, n: int) -> Factors:
-        """From n(n+1)/2 elements: D, then U above its diagonal, row by row."""
+    def unpack(cls, packed: SX, order: int | Sequence[int]) -> Factors:
+        """From n(n+1)/2 elements: D, then U above its diagonal, row by row; `order` may be n alone."""
+        order = tuple(range(order)) if isinstance(order, int) else tuple(order)
+        n = len(order)
         above = iter(packed[i] for i in range(n, packed.numel()))
         U = [[next(above) if j > i else ca.SX(float(i == j)) for j in range(n)] for i in range(n)]
-        return cls(U, [packed[i] for i in range(n)])
+        return cls(U, [packed[i] for i in range(n)], order)
 
     @classmethod
-    def diagonal(cls, variances: Sequence[SX]) -> Factors:
-        """Uncorrelated."""
+    def diagonal(cls, variances: Sequence[SX], order: Sequence[int] | None = None) -> Factors:
+        """Uncorrelated; the variances are in the order of the states."""
         n = len(variances)
-        return cls(
-            [[ca.SX(float(i == j)) for j in range(n)] for i in range(n)], [ca.SX(v) for v in variances]
-        )
+        order = tuple(range(n) if order is None else order)
+        return cls(_identity(n), [ca.SX(variances[state]) for state in order], order)
 
     def pack(self) -> SX:
         """To n(n+1)/2 elements: D, then U above its diagonal, row by row."""
         n = len(self.D)
         return ca.vertcat(*self.D, *(self.U[i][j] for i in range(n) for j in range(i + 1, n)))
 
-    def variance(self, i: int) -> SX:
-        """P[i, i]."""
-        n = len(self.D)
+    def variance(self, state: int) -> SX:
+        """P[state, state]."""
+        i, n = self.order.index(state), len(self.D)
         return self.D[i] + sum(self.U[i][j] ** 2 * self.D[j] for j in range(i + 1, n))
 
     def predict(self, transition: SX, noise: Sequence[SX]) -> Factors:
-        """P <- Phi P Phi^T + diag(noise) (eq. 3.5), by Thornton's weighted Gram-Schmidt."""
+        """P <- Phi P Phi^T + diag(noise) (eq. 3.5)."""
         n = len(self.D)
-        left = ca.densify(transition) @ ca.vertcat(*(ca.horzcat(*row) for row in self.U))
-        rows = [[left[i, j] for j in range(n)] + [ca.SX(float(i == j)) for j in range(n)] for i in range(n)]
+        phi = ca.densify(transition)[list(self.order), list(self.order)]
+        noise = [noise[state] for state in self.order]
+        left = phi @ ca.vertcat(*(ca.horzcat(*row) for row in self.U))
+        rows = [[left[i, j] for j in range(n)] for i in range(n)]
+        if not all(
+            phi[i, j].is_zero() if j < i else phi[i, i].is_one() for i in range(n) for j in range(i + 1)
+        ):
+            return self._orthogonalized(rows, noise)
+        factors = Factors(rows, list(self.D), self.order)
+        for i, variance in enumerate(noise):
+            factors = factors._disturbed(i, variance)
+        return factors
+
+    def _orthogonalized(self, left: list[list[SX]], noise: Sequence[SX]) -> Factors:
+        """Of any matrix `left` with P = left D left^T + diag(noise), by Thornton's weighted Gram-Schmidt."""
+        n = len(self.D)
+        rows = [[*row, *identity] for row, identity in zip(left, _identity(n), strict=True)]
         weights = [*self.D, *noise]
-        U: list[list[SX]] = [[ca.SX(float(i == j)) for j in range(n)] for i in range(n)]
-        D: list[SX] = [ca.SX(0)] * n
+        U, D = _identity(n), [ca.SX(0)] * n
         for j in reversed(range(n)):
             weighted = [w * x for w, x in zip(weights, rows[j], strict=True)]
             D[j] = _dot(weighted, rows[j])
             for i in range(j):
                 U[i][j] = _dot(weighted, rows[i]) / D[j]
                 rows[i] = [a - U[i][j] * b for a, b in zip(rows[i], rows[j], strict=True)]
-        return Factors(U, D)
+        return Factors(U, D, self.order)
 
-    def correct(self, component: int, variance: SX) -> tuple[list[SX], Factors]:
-        """One scalar measurement of a state component, sequentially (eq. 3.1, 3.3), by Bierman.
+    def _disturbed(self, row: int, variance: SX) -> Factors:
+        """P <- P + variance e e^T, e the unit vector of a row, by Agee and Turner: adds positive terms."""
+        U, D = [list(r) for r in self.U], list(self.D)
+        vector = [ca.SX(float(i == row)) for i in range(row + 1)]
+        for j in reversed(range(row + 1)):
+            share = variance * vector[j]
+            D[j] = self.D[j] + share * vector[j]
+            if j > 0:
+                gain = share / D[j]
+                variance = variance * (self.D[j] / D[j])
+                for i in range(j):
+                    vector[i] = vector[i] - vector[j] * U[i][j]
+                    U[i][j] = U[i][j] + gain * vector[i]
+        return Factors(U, D, self.order)
+
+    def correct(self, state: int, variance: SX, innovation: SX) -> tuple[list[SX], Factors]:
+        """One scalar measurement of a state, sequentially (eq. 3.1-3.3), by Bierman.
 
         Returns:
-            the gain (n,), and the corrected covariance.
+            what is to be added to the states (n,), in their order, and the corrected covariance.
         """
         n = len(self.D)
-        f = self.U[component]  # U^T h for the unit vector h
+        f = self.U[self.order.index(state)]  # U^T h for the unit vector h
         g = [d * x for d, x in zip(self.D, f, strict=True)]
         U, D = [list(row) for row in self.U], list(self.D)
         gain: list[SX] = [ca.SX(0)] * n
@@ -109,7 +148,12 @@ class Factors:
                 U[i][j] = self.U[i][j] - scale * gain[i]
                 gain[i] = gain[i] + self.U[i][j] * g[j]
             gain[j] = g[j]
-        return [k / alpha for k in gain], Factors(U, D)
+        weighted = innovation / alpha
+        return [gain[self.order.index(i)] * weighted for i in range(n)], Factors(U, D, self.order)
+
+
+def _identity(n: int) -> list[list[SX]]:
+    return [[ca.SX(float(i == j)) for j in range(n)] for i in range(n)]
 
 
 def _dot(a: Sequence[SX], b: Sequence[SX]) -> SX:

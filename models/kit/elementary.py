@@ -3,12 +3,13 @@
 No two platforms' libm agree to the last bit (newlib and glibc differ by up to 4 ulp). C printed from the
 expressions below calls no libm at all, so with `-ffp-contract=off` it gives the same bits everywhere.
 
-Largest error in ulp found over millions of points, double and float; operations as CasADi counts them:
+Largest error in ulp found over millions of points, double and float; operations as CasADi counts them,
+with four for a select:
 
     function        domain                             error, ulp      operations
-    sin             |x| <= 1e5 (double), 1e3 (float)   1.31   1.33     59    45
-    cos             the same                           1.33   1.32     59    45; both together 63, 49
-    atan2           finite                             1.91   1.83     69    53
+    sin             |x| <= 1e5 (double), 1e3 (float)   1.31   1.33     65    51
+    cos             the same                           1.33   1.32     66    52; both together 75, 61
+    atan2           finite                             1.91   1.83     87    71
     log             [2^-55, 2^24]                      0.80   0.83     67    58
 
 Sources: range reduction after Cody and Waite, Software Manual for the Elementary Functions (1980); the sum in
@@ -18,7 +19,7 @@ with the coefficients rounded one by one from the lowest and the remaining ones 
 Three rules keep the bits the same in CasADi's evaluation and in the printed C:
 - Every constant of the float version is a float32, so that the printer loses nothing by its `f`.
 - CasADi evaluates a select as (c ? a : 0) + (!c ? b : 0), which turns -0.0 into 0.0, where C has c ? a : b.
-  So nothing that could be -0.0 is selected: signs and quadrants are multiplications by -1, 0 and 1.
+  So nothing that could be -0.0, and would be seen to be, is selected.
 - No sum is compensated (Kahan, Dekker): CasADi simplifies (a - b) + b to a while an expression is built.
 """
 
@@ -107,6 +108,7 @@ def sincos(x: ca.SX, precision: Precision) -> tuple[ca.SX, ca.SX]:
     quadrants, sin(-x) may differ from -sin(x), and cos(-x) from cos(x), in the last bit.
     """
     constants = _CONSTANTS[precision]
+    x = ca.if_else(x == 0, 0, x)  # no -0.0 from here on
     quadrant = ca.floor(x * constants.two_over_pi + 0.5)
     part1, part2, part3, part4 = (quadrant * part for part in constants.half_pi)
     exact = x - part1 - part2  # no rounding yet: a multiple of the last bit's 2^-53 (float 2^-24) below 1
@@ -116,11 +118,10 @@ def sincos(x: ca.SX, precision: Precision) -> tuple[ca.SX, ca.SX]:
     sine = exact + (r * z * _polynomial(constants.sin, z) - part3) - part4
     cosine = 1 - (0.5 * z - z * z * _polynomial(constants.cos, z))
 
-    half_turns, odd = _halve(quadrant)
-    _, odd_half_turns = _halve(half_turns)
-    even = 1 - odd
-    sign = 1 - 2 * odd_half_turns
-    return sign * (even * sine + odd * cosine), sign * (even * cosine - odd * sine)
+    turned = quadrant - 4 * ca.floor(0.25 * quadrant)  # by so many quarters of a turn, 0 to 3
+    half, quarter = turned >= 2, ca.logic_or(turned == 1, turned == 3)
+    sine, cosine = ca.if_else(quarter, cosine, sine), ca.if_else(quarter, -sine, cosine)
+    return ca.if_else(half, -sine, sine), ca.if_else(half, -cosine, cosine)
 
 
 def sin(x: ca.SX, precision: Precision) -> ca.SX:
@@ -146,17 +147,17 @@ def atan2(y: ca.SX, x: ca.SX, precision: Precision) -> ca.SX:
 
     # Turn the steeper part of the octant back by pi/4: low - high is exact there, so t is good to an ulp.
     diagonal = 0.5 * high < low
-    denominator = high + diagonal * low
-    t = (low - diagonal * high) / (denominator + (denominator == 0))
+    denominator = ca.if_else(diagonal, high + low, high)
+    t = ca.if_else(diagonal, low - high, low) / ca.if_else(denominator == 0, 1, denominator)
     z = t * t
     residue = t + t * z * _polynomial(constants.atan, z)
 
-    # Mirror at the diagonal, then at the y axis: the angle is eighths * pi/4 + sign * residue.
-    steep_sign, left_sign = 1 - 2 * steep, 1 - 2 * left
-    eighths = 4 * left + left_sign * (2 * steep + steep_sign * diagonal)
-    sign = left_sign * steep_sign
+    # Mirror at the diagonal, then at the y axis: the angle is eighths * pi/4 + residue.
+    eighths = ca.if_else(diagonal, 1, 0)
+    eighths, residue = ca.if_else(steep, 2 - eighths, eighths), ca.if_else(steep, -residue, residue)
+    eighths, residue = ca.if_else(left, 4 - eighths, eighths), ca.if_else(left, -residue, residue)
     quarter_pi, rest = constants.quarter_pi
-    return (1 - 2 * below) * (eighths * quarter_pi + (eighths * rest + sign * residue))
+    return (1 - 2 * below) * (eighths * quarter_pi + (eighths * rest + residue))
 
 
 def log(x: ca.SX, precision: Precision) -> ca.SX:
@@ -253,9 +254,3 @@ def _polynomial(coefficients: tuple[float, ...], z: ca.SX) -> ca.SX:
     for coefficient in reversed(values[:-1]):
         value = coefficient + z * value
     return value
-
-
-def _halve(integer: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return floor(integer / 2) and the remainder, 0 or 1."""
-    half = ca.floor(0.5 * integer)
-    return half, integer - 2 * half

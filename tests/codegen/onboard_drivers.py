@@ -23,7 +23,7 @@ TYPES: dict[str, Any] = {
     "int16_t": ctypes.c_int16, "int32_t": ctypes.c_int32, "float": ctypes.c_float, "bool": ctypes.c_bool,
     "const uint8_t *": ctypes.c_void_p,
 }  # fmt: skip
-CONSTANTS = {"SCANNER_SIZE": 144, "LINK_MAX_WAYPOINTS": 16}
+CONSTANTS = {"SCANNER_SIZE": 145, "LINK_MAX_WAYPOINTS": 16}
 PROJECT = Path(__file__).resolve().parents[2]
 DATA = Path(os.environ.get("CANINE_DATA", PROJECT.parent / "shared" / "data"))
 POSLLH, SOL, PVT, VELNED = 0x02, 0x06, 0x07, 0x12
@@ -85,14 +85,14 @@ class Driver:
 
     def idle(self) -> Iterator[int]:
         """What is found when nothing has come for long, as often as it takes to give everything up."""
-        while self.state.scanner.count > self.state.scanner.done:
+        while self.state.scanner.count > 0:
             self.c.scanner_abandon(ctypes.byref(self.state.scanner))
             yield from self.receive_block(b"")
 
     @property
     def frame(self) -> bytes:
         """The frame found last, until the next call."""
-        return bytes(self.state.scanner.bytes[: self.state.scanner.done])
+        return ctypes.string_at(self.state.scanner.frame, self.state.scanner.length)
 
     def frames(self, data: bytes, block: int = 65535) -> list[bytes]:
         """The frames in data."""
@@ -101,7 +101,7 @@ class Driver:
     @property
     def accounted(self) -> int:
         """Bytes that were skipped or are held."""
-        return int(self.state.scanner.skipped + self.state.scanner.count - self.state.scanner.done)
+        return int(self.state.scanner.skipped + self.state.scanner.count)
 
 
 def as_dict(structure: Any) -> dict[str, Any]:

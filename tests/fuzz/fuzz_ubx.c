@@ -36,8 +36,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 
         memcpy(copy, &data[at], n);
         for (found = ubx_receive(&m, &input); found != UBX_NOTHING; found = ubx_receive(&m, &input)) {
-            assert((m.scanner.count >= m.scanner.done) && (m.scanner.count <= SCANNER_SIZE));
-            framed += m.scanner.done;
+            assert(((uint16_t)m.scanner.start + m.scanner.count) <= SCANNER_SIZE);
+            framed += m.scanner.length;
             if (found == UBX_FIX) {
                 check_fix(&m.fix);
                 assert(!fixed || (last.time_ms != m.fix.time_ms));
@@ -48,7 +48,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
             }
         }
         assert(input.count == 0U);
-        assert((m.scanner.done == 0U) && (m.scanner.count < SCANNER_SIZE));
+        assert((m.scanner.frame == NULL) && (m.scanner.count < SCANNER_SIZE));
         free(copy);
         at += n;
         assert((framed + m.scanner.skipped + m.scanner.count) == (at - 1U));

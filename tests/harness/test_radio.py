@@ -56,8 +56,8 @@ def test_crc_is_that_of_the_catalogue() -> None:
         (Abort(), "04 07 00"),
         (Override(Command.RECALL), "03 07 01 03"),
         (Start(0xBEEF), "02 07 02 be ef"),
-        # 32.6 deg is 326000000 = 0x136e5d80, -85.49 deg is -854900000 = 0xcd0b42e0 in units of 1e-7 deg
-        (Mission(HOME, (Position(0, 1e-7),)), "01 07 10 136e5d80 cd0b42e0 00000000 00000001"),
+        # the id is the CRC of what follows it: 32.6 deg is 326000000 = 0x136e5d80, -85.49 deg is -854900000 = 0xcd0b42e0 in units of 1e-7 deg
+        (Mission(HOME, (Position(0, 1e-7),)), "01 07 12 9183 136e5d80 cd0b42e0 00000000 00000001"),
     ],
 )
 def test_frame_is_that_of_the_layout(message: Heartbeat, body: str) -> None:
@@ -78,10 +78,11 @@ def test_telemetry_frame_is_that_of_the_layout() -> None:
     )
 
 
-def test_greatest_mission_is_143_bytes_and_its_id_tells_it_from_others() -> None:
+def test_greatest_mission_is_145_bytes_and_its_id_tells_it_from_others() -> None:
     mission = Mission(HOME, tuple(Position(32.6, -85.49 + k / 1e4) for k in range(16)))
-    assert len(encode(mission, 0)) == 143
-    assert mission.id == crc16(encode(mission, 0)[5:-2])
+    assert len(encode(mission, 0)) == 145
+    assert encode(mission, 0)[5:7] == mission.id.to_bytes(2, "big")
+    assert mission.id == crc16(encode(mission, 0)[7:-2])
     assert mission.id != replace(mission, waypoints=mission.waypoints[::-1]).id
 
 

@@ -88,11 +88,11 @@ def run_in_circles(ticks: int) -> Columns:
 
 
 def dense(packed: Any) -> Array:
-    """P from the packed factors: D, then U above its diagonal by rows."""
+    """P in the order of eq. 3.9 from the packed factors of north, east, speed, bias: D, then U by rows."""
     packed = np.asarray(packed, dtype=float)
     U = np.eye(4)
     U[np.triu_indices(4, 1)] = packed[4:]
-    return U @ np.diag(packed[:4]) @ U.T
+    return (U @ np.diag(packed[:4]) @ U.T)[np.ix_([2, 3, 0, 1], [2, 3, 0, 1])]
 
 
 def vectors(out: Columns, name: str, size: int) -> Array:

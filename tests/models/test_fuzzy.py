@@ -13,7 +13,7 @@ import skfuzzy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.fuzzy import memberships, process_noise
+from models.fuzzy import RUNS_FROM, memberships_running, memberships_walking, noise_running, noise_walking
 from models.kit.elementary import Precision, lower
 
 speed = ca.SX.sym("speed")
@@ -23,8 +23,19 @@ def traced(expression: Any, precision: Precision = "double") -> Any:
     return ca.Function("f", [speed], [lower(expression, precision)])
 
 
-SIGMA = traced(process_noise(speed))
-STRENGTHS = traced(ca.vertcat(*memberships(speed)))
+def by_speed(walking: Any, running: Any) -> Any:
+    """The expression for any speed of those for either side of 3 m/s."""
+    return ca.if_else(ca.fabs(speed) < RUNS_FROM, walking, running)
+
+
+PROCESS_NOISE = by_speed(noise_walking(speed), noise_running(speed))
+SIGMA = traced(PROCESS_NOISE)
+STRENGTHS = traced(
+    by_speed(
+        ca.vertcat(*memberships_walking(ca.fabs(speed)), 0),
+        ca.vertcat(0, *memberships_running(ca.fabs(speed))),
+    )
+)
 
 # The printed functions, on the grid 0, 0.2, .. 300.0 as exact fifths (0.2 * 15 is above 3.0 in doubles).
 GRID = [Fraction(i, 5) for i in range(1501)]
@@ -127,7 +138,7 @@ def test_firing_strengths_are_the_printed_memberships(v: float) -> None:
 
 
 def test_float_differs_from_double_by_rounding() -> None:
-    single = traced(process_noise(speed), "float")
+    single = traced(PROCESS_NOISE, "float")
     for v in np.linspace(0, 6, 601):
         assert float(single(v)) == pytest.approx(float(SIGMA(v)), rel=1e-5)
 

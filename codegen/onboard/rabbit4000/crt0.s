@@ -1,0 +1,79 @@
+; crt0: from reset to main on the Rabbit 4000
+;
+; Logical memory, as the linker is told:
+;   0x0000          this start-up, code and constants: flash at /CS0, which is there from reset on
+;   s__DATA         static data, on a boundary of 4 kB: RAM at /CS1, physical = logical + 0x80000
+;   0xffff          the stack, downwards from here: the same RAM
+; The last 8 kB are the window of XPC, which is set once and left: no code is banked.
+;
+; Interrupts stay off, as reset left them (priority 3): the program waits for none. A board whose port needs them
+; gives IIR and EIR a table of vectors and lowers the priority in port_init. The watchdog, 2 s after reset, is
+; the board's to hit as well.
+
+	.module	crt0
+	.globl	_main
+	.globl	s__DATA, l__DATA, s__INITIALIZER, s__INITIALIZED, l__INITIALIZER
+
+DATASEG	.equ	0x12		; data segment: physical = logical + 0x1000 * this
+SEGSIZE	.equ	0x13		; first 4 kB of the stack segment (bits 7 to 4) and of the data segment (3 to 0)
+MB2CR	.equ	0x16		; what answers from physical 0x80000 to 0xbffff
+RAM	.equ	0x05		; /CS1, /OE1, /WE1, 4 wait states: the slowest
+AT_RAM	.equ	0x80
+
+	; ---------------- in the order of memory
+	.area	_CODE
+	.area	_HOME
+	.area	_CONST
+	.area	_INITIALIZER
+	.area	_GSINIT
+	.area	_GSFINAL
+	.area	_DATA
+	.area	_INITIALIZED
+	.area	_BSEG
+	.area	_BSS
+	.area	_HEAP
+
+	.area	_START (ABS)
+	.org	0
+	ld	a, #RAM
+	ioi
+	ld	(MB2CR), a
+	ld	a, #AT_RAM
+	ioi
+	ld	(DATASEG), a
+	ld	xpc, a
+	ld	hl, #s__DATA		; its upper four bits: where the data segment begins
+	ld	a, h
+	rrca
+	rrca
+	rrca
+	rrca
+	and	a, #0x0f
+	or	a, #0xe0		; it ends where the window begins: the stack segment is empty
+	ioi
+	ld	(SEGSIZE), a
+	ld	sp, #0			; the first push goes to 0xfffe
+
+	; C wants static data 0, or its start values
+	ld	hl, #s__DATA
+	ld	(hl), #0
+	ld	de, #s__DATA + 1
+	ld	bc, #l__DATA - 1	; there are some: the program's
+	ldir
+	ld	bc, #l__INITIALIZER
+	ld	a, b
+	or	a, c
+	jr	z, initialized
+	ld	hl, #s__INITIALIZER
+	ld	de, #s__INITIALIZED
+	ldir
+initialized:
+	call	gsinit
+	call	_main			; for ever
+stop:
+	jr	stop
+
+	.area	_GSINIT
+gsinit:					; what the C files add stands in between
+	.area	_GSFINAL
+	ret
