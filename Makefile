@@ -4,14 +4,28 @@ PYTHON ?= python3
 UV := uv==0.13.9
 BIN := .venv/bin
 
-.PHONY: demo test lint bench clean
+.PHONY: demo test pil lint bench clean
 
 demo: .venv/ready
 	$(BIN)/canine run three_waypoint --seed 1 --out out/demo
 
+# What tests need beside Python packages: as root it is installed; without it they skip, and say so.
+TOOLS := gcc:gcc nm:binutils clang:clang clang:libclang-rt-dev cppcheck:cppcheck \
+         arm-none-eabi-gcc:gcc-arm-none-eabi qemu-system-arm:qemu-system-arm
+
 test: .venv/ready
-	@command -v gcc >/dev/null || { [ "$$(id -u)" = 0 ] && apt-get update -qq && apt-get install -y -qq gcc; } || true
+	@if [ "$$(id -u)" = 0 ]; then \
+	    for tool in $(TOOLS); do command -v $${tool%%:*} >/dev/null || wanted="$$wanted $${tool##*:}"; done; \
+	    [ -z "$$wanted" ] || { apt-get update -qq && apt-get install -y -qq --no-install-recommends $$wanted; }; \
+	fi || true
+	@$(BIN)/python -m codegen.sdcc >/dev/null || true
 	$(BIN)/python -m pytest -n auto
+
+# The firmware over a whole trial on the simulated processors, every tick compared with this machine's.
+pil: .venv/ready
+	@$(BIN)/python -m codegen.sdcc >/dev/null
+	$(BIN)/canine pil --target cortex-m4f
+	$(BIN)/canine pil --target rabbit4000
 
 lint: .venv/ready
 	$(BIN)/ruff check .

@@ -16,7 +16,7 @@ from elftools.elf.elffile import ELFFile
 from codegen.block_c import write_files
 from codegen.compiler import WARNINGS, compiler_version, zig
 from codegen.firmware import SOURCES, Target
-from codegen.image import Footprint, Image, image_folder
+from codegen.image import BOARD, Footprint, Image, image_folder
 
 TRIPLE = ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m4+vfp4d16sp")  # `cortex_m4` has no FPU
 # -O2 takes 15 % more code than -Os and 2 to 4 % fewer instructions, and there is room
@@ -27,14 +27,16 @@ PORTABLE = (
 LINKING = ("-Wl,--gc-sections", "-Wl,-e,Reset_Handler", "-Wl,-T,link.ld")
 # the threshold saves 2 % of the instructions for 4 % of code
 FLAGS = (
-    *TRIPLE, *PORTABLE, *WARNINGS, "-mllvm", "-inline-threshold=450", "-fno-sanitize=all", "-g", "-I.", *LINKING,
+    *TRIPLE, *PORTABLE, *WARNINGS, "-mllvm", "-inline-threshold=450",
+    "-fno-sanitize=all", "-g", "-I.", *LINKING,
 )  # fmt: skip
 STATE = "pil_vest"  # what the program remembers, though the processor in the loop names it
 
 
 def board_files(target: Target) -> dict[str, str]:
-    """The target's own sources and headers and the linker script; those named pil* are not for a board."""
-    return {path.name: path.read_text() for path in sorted((SOURCES / target.folder).iterdir())}
+    """The target's own sources and linker script, but its board's; those named pil* are not for one."""
+    folder = SOURCES / target.folder
+    return {path.name: path.read_text() for path in sorted(folder.iterdir()) if path.name not in BOARD}
 
 
 def cortex_m4f_image(target: Target, files: Mapping[str, str]) -> Image:
@@ -53,7 +55,7 @@ def cortex_m4f_image(target: Target, files: Mapping[str, str]) -> Image:
         with tempfile.TemporaryDirectory(dir=path.parent, prefix=".build-") as scratch:
             folder = Path(scratch).resolve()
             write_files(files, folder)
-            sources = sorted(n for n in files if n.endswith(".c") and n != "main.c")
+            sources = sorted(n for n in files if n.endswith(".c") and n not in BOARD)
             prefix = f"-ffile-prefix-map={folder}=."
             zig(["cc", *FLAGS, prefix, "-o", path.name, *sources], "onboard for the Cortex-M4F", folder)
             (folder / path.name).replace(path)

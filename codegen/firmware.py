@@ -43,6 +43,8 @@ class Target:
     Attributes:
         folder: of its own sources in `codegen/onboard`.
         code, ram: bytes that the onboard program may take.
+        pvt: the receiver beside it is one of today, which tells a fix in one message; the dissertation's takes
+            three.
     """
 
     name: str
@@ -51,13 +53,16 @@ class Target:
     compiler: str
     code: int
     ram: int
+    pvt: bool = False
 
 
 TARGETS: dict[str, Target] = {
     t.name: t
     for t in (
         Target("host", "host", "any 32- or 64-bit processor with a POSIX system", "cc", 48_000, 4_000),
-        Target("cortex-m4f", "cortex_m4f", "ARM Cortex-M4F", "zig cc or arm-none-eabi-gcc", 24_000, 4_000),
+        Target(
+            "cortex-m4f", "cortex_m4f", "ARM Cortex-M4F", "zig cc or arm-none-eabi-gcc", 24_000, 4_000, True
+        ),
         Target("rabbit4000", "rabbit4000", "Rabbit 4000 (RCM4100), 58.98 MHz", "SDCC 4.5", 48_000, 4_000),
     )
 }
@@ -68,12 +73,12 @@ DRIVERS = {
     **{f"gps.fix.{n}": f"(uint32_t)m->gps.fix.{n}" for n in ("speed", "course", "s_acc")},
     "gps.refused": "m->gps.refused",
     **{
-        f"imu.{n}[{i + 1}]": f"bits(m->imu.sample.{n}[{i}])"
+        f"imu.{n}[{i}]": f"bits(mt_value(&m->imu, MT_{n.upper()}_{axis}))"
         for n in ("accel", "gyro", "mag")
-        for i in range(3)
+        for i, axis in enumerate("XYZ", start=1)
     },
-    **{f"imu.{n}": f"bits(m->imu.sample.{n})" for n in ("roll", "pitch", "heading")},
-    "imu.counter": "m->imu.sample.counter",
+    **{f"imu.{n}": f"bits(mt_value(&m->imu, MT_{n.upper()}))" for n in ("roll", "pitch", "heading")},
+    "imu.counter": "m->imu.counter",
     "imu.lost": "m->imu.lost",
     "radio.mission.id": "m->radio.mission.id",
     "radio.mission.count": "m->radio.mission.count",
@@ -88,6 +93,7 @@ DRIVERS = {
     },
     "start_wanted": "m->start_wanted ? 1U : 0U",
     "pause": "m->pause",
+    "busy": "m->busy ? 1U : 0U",
     "reporting": "m->reporting ? 1U : 0U",
     "sequence": "m->sequence",
 }

@@ -12,7 +12,7 @@ from codegen.block_c import write_files
 from codegen.compiler import NUMERICS, WARNINGS, build_library, cache_folder, compiler_version
 from codegen.firmware import Target
 
-ENTRIES = {"pil.c", "pil_main.c", "pil_record.c"}  # the processor in the loop's own, no part of the program
+BOARD = ("main.c", "port.c")  # for which the processor in the loop has its own
 
 
 @dataclass(frozen=True)
@@ -63,6 +63,6 @@ def host_image(target: Target, files: Mapping[str, str]) -> Image:
     if not path.exists():
         with tempfile.TemporaryDirectory() as scratch:
             write_files(dict(files), Path(scratch))
-            sources = [n for n in files if n.endswith(".c") and n not in ("main.c", "pil_main.c")]
+            sources = [n for n in files if n.endswith(".c") and n not in (*BOARD, "pil_main.c")]
             build_library(Path(scratch), sources, path, what="onboard", flags=flags)
     return Image(path, {})

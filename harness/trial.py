@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from codegen.firmware import BLOCKS, TARGETS, Values, settable
+from codegen.firmware import BLOCKS, TARGETS, Values, find_target, settable
 from fmus.archive import pack
 from fmus.build import BUILD, build_all, is_current
 from harness.fmu import FmuDescription, describe
@@ -332,7 +332,8 @@ def _alone_in(folder: Path) -> Iterator[None]:
 def _onboard(request: Request, ready: Prepared, start: Start) -> Onboard:
     """The onboard computer with the scenario's parameters in its firmware."""
     values = ready.plan.values | _all_values(ready)
-    return Onboard(start(request.onboard, firmware_values(values)), request.scenario.origin, values)
+    processor = start(request.onboard, firmware_values(values))
+    return Onboard(processor, request.scenario.origin, values, pvt=find_target(request.onboard).pvt)
 
 
 def _simulate(

@@ -11,26 +11,45 @@ from typing import Any
 import numpy as np
 import pytest
 
+from codegen import sdcc
 from codegen.block_c import generate, write_files
-from codegen.compiler import NUMERICS, build_library
+from codegen.compiler import NUMERICS, CompileError, build_library
 from codegen.expressions import MEMBERS, c_name
 from models.kit.block import GROUPS, Block
 from models.kit.declaration import Type, flatten
 
-# second opinions beside pip's compiler: program -> Debian package
-MISSING = {
-    tool: package for tool, package in {"gcc": "gcc", "nm": "binutils"}.items() if not shutil.which(tool)
+# second opinions beside pip's compiler, and tools that are no Python packages: program -> Debian package
+TOOLS = {
+    "gcc": "gcc",
+    "nm": "binutils",
+    "clang": "clang libclang-rt-dev",
+    "cppcheck": "cppcheck",
+    "arm-none-eabi-gcc": "gcc-arm-none-eabi",
+    "qemu-system-arm": "qemu-system-arm",
 }
+
+
+def missing() -> dict[str, str]:
+    """What is not here, and how it is had."""
+    found = {t: f"apt install {package}" for t, package in TOOLS.items() if not shutil.which(t)}
+    try:
+        sdcc.home()
+    except CompileError:
+        found["SDCC 4.5"] = "python -m codegen.sdcc"
+    return found
+
+
+MISSING = missing()
+LEFT_OUT = f"left out: tests with {', '.join(MISSING)}; {'; '.join(MISSING.values())}"
 
 
 def pytest_configure() -> None:
     if MISSING and os.environ.get("CI") == "true":
-        raise pytest.UsageError(f"tests would be left out: apt install {' '.join(MISSING.values())}")
+        raise pytest.UsageError(LEFT_OUT)
 
 
 def pytest_report_header() -> list[str]:
-    left_out = f"left out: tests with {', '.join(MISSING)}; apt install {' '.join(MISSING.values())}"
-    return [left_out] if MISSING else []
+    return [LEFT_OUT] if MISSING else []
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

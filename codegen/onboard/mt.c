@@ -53,17 +53,10 @@ static float get_float(const uint8_t *bytes, uint32_t flip)
     return value;
 }
 
-static void get_vector(float vector[3], const uint8_t *bytes, uint32_t flip)
-{
-    vector[0] = get_float(bytes, 0U);
-    vector[1] = get_float(&bytes[4], flip);
-    vector[2] = get_float(&bytes[8], flip);
-}
-
 /* Count what the counter jumped over. A step back means that the unit has begun anew. */
 static void count_lost(mt *m, uint16_t counter)
 {
-    const uint16_t gap = (uint16_t)(counter - m->sample.counter - 1U);
+    const uint16_t gap = (uint16_t)((uint16_t)(counter - m->counter) - 1U);
 
     if (m->sampled && (gap <= (uint16_t)INT16_MAX)) {
         scanner_count(&m->lost, gap);
@@ -83,18 +76,24 @@ bool mt_receive(mt *m, scanner_input *input)
 
     if (found) {
         const uint8_t *const data = &m->scanner.frame[HEADER];
-        const uint32_t flip = m->z_up ? SIGN : 0U;
-        const uint16_t counter = (uint16_t)(((uint16_t)data[48] << 8) | data[49]);
+        const uint8_t *const end = &data[sizeof(m->values)];
+        const uint16_t counter = (uint16_t)(((uint16_t)end[0] << 8) | end[1]);
 
-        get_vector(m->sample.accel, &data[0], flip);
-        get_vector(m->sample.gyro, &data[12], flip);
-        get_vector(m->sample.mag, &data[24], flip);
-        m->sample.roll = RADIANS * get_float(&data[36], 0U);
-        m->sample.pitch = RADIANS * get_float(&data[40], flip);
-        m->sample.heading = RADIANS * get_float(&data[44], flip);
+        (void)memcpy(m->values, data, sizeof(m->values));
         count_lost(m, counter);
-        m->sample.counter = counter;
+        m->counter = counter;
         m->sampled = true;
     }
     return found;
+}
+
+float mt_value(const mt *m, mt_quantity quantity)
+{
+    static const bool other[MT_VALUES] = { /* in z-up axes the sign is another one */
+        false, true, true, false, true, true, false, true, true, false, true, true
+    };
+    const uint32_t flip = (m->z_up && other[quantity]) ? SIGN : 0U;
+    const float value = get_float(&m->values[4U * (uint8_t)quantity], flip);
+
+    return (quantity >= MT_ROLL) ? (RADIANS * value) : value;
 }

@@ -9,23 +9,31 @@
 
 #include "scanner.h"
 
-/* Axes of the body: forward, right, down. */
-typedef struct {
-    float accel[3];   /* m/s2, specific force */
-    float gyro[3];    /* rad/s */
-    float mag[3];     /* in units of the field where the unit was calibrated */
-    float roll;       /* rad, right side down positive */
-    float pitch;      /* rad, nose up positive */
-    float heading;    /* rad, clockwise from north */
-    uint16_t counter; /* of samples, by the unit */
-} mt_sample;
+#define MT_VALUES 12U
+
+/* What a sample tells, in axes of the body: forward, right, down. */
+typedef enum {
+    MT_ACCEL_X, /* m/s2, specific force */
+    MT_ACCEL_Y,
+    MT_ACCEL_Z,
+    MT_GYRO_X, /* rad/s */
+    MT_GYRO_Y,
+    MT_GYRO_Z,
+    MT_MAG_X, /* in units of the field where the unit was calibrated */
+    MT_MAG_Y,
+    MT_MAG_Z,
+    MT_ROLL,   /* rad, right side down positive */
+    MT_PITCH,  /* rad, nose up positive */
+    MT_HEADING /* rad, clockwise from north */
+} mt_quantity;
 
 typedef struct {
     scanner scanner;
-    bool z_up;        /* the unit's axes: forward, left, up; yaw counter-clockwise, pitch nose down */
-    bool sampled;     /* there has been a sample */
-    mt_sample sample; /* the last one */
-    uint32_t lost;    /* samples that the counter jumped over; stops at its greatest value */
+    bool z_up;                      /* its axes: forward, left, up; yaw counter-clockwise, pitch nose down */
+    bool sampled;                   /* there has been a sample */
+    uint8_t values[4U * MT_VALUES]; /* the last one as it came; most of it is read by nobody */
+    uint16_t counter;               /* of samples, by the unit */
+    uint32_t lost;                  /* samples that the counter jumped over; stops at its greatest value */
 } mt;
 
 void mt_init(mt *m, bool z_up);
@@ -33,5 +41,8 @@ void mt_init(mt *m, bool z_up);
 /* Read up to the end of the next frame. Returns true with a new sample, false when the input is used up: call
  * until then. */
 bool mt_receive(mt *m, scanner_input *input);
+
+/* A value of the last sample. */
+float mt_value(const mt *m, mt_quantity quantity);
 
 #endif

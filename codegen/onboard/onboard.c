@@ -116,9 +116,12 @@ static bool hear_imu(onboard *m)
             sampled = true;
         }
     }
-    m->estimator.in.accel_x = sampled ? m->imu.sample.accel[0] : NO_SAMPLE;
-    m->estimator.in.pitch_meas = m->imu.sample.pitch;
-    m->estimator.in.heading_meas = m->imu.sample.heading;
+    m->estimator.in.accel_x = NO_SAMPLE;
+    if (sampled) {
+        m->estimator.in.accel_x = mt_value(&m->imu, MT_ACCEL_X);
+        m->estimator.in.pitch_meas = mt_value(&m->imu, MT_PITCH);
+        m->estimator.in.heading_meas = mt_value(&m->imu, MT_HEADING);
+    }
     return sampled;
 }
 
@@ -280,9 +283,11 @@ void onboard_init(onboard *m)
 
 void onboard_tick(onboard *m)
 {
-    const bool fixed = hear_receiver(m); /* work enough for a tick: what can wait does */
+    const bool fixed = hear_receiver(m);
+    const bool busy = fixed && !m->busy; /* a fix is work enough: what can wait does, but for one tick */
 
-    m->guard.in.heard = !fixed && hear_operator(m);
+    m->busy = busy;
+    m->guard.in.heard = !busy && hear_operator(m);
     m->guard.in.sampled = hear_imu(m);
     four_state_step(&m->estimator);
     m->guard.in.valid = m->estimator.out.valid;
@@ -290,7 +295,7 @@ void onboard_tick(onboard *m)
     begin(m);
     decide(m);
     m->reporting = m->reporting || m->guard.out.report;
-    if (m->reporting && !fixed) {
+    if (m->reporting && !busy) {
         m->reporting = false;
         report(m);
     }

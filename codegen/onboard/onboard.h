@@ -27,6 +27,7 @@ typedef struct {
     radio_link radio;
     bool start_wanted; /* the operator's START holds */
     uint8_t pause;     /* ticks without a byte from the radio */
+    bool busy;         /* radio and telemetry waited on the last tick */
     bool reporting;    /* telemetry is due */
     uint8_t sequence;  /* of the next telemetry */
     local_plane plane;

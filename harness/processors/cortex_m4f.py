@@ -22,10 +22,10 @@ from harness.processors.processor import (
     MAX_BYTES,
     SOURCES,
     Cost,
+    Mailbox,
     ProcessorError,
     Received,
     Reply,
-    check_size,
 )
 
 FLASH, RAM = 0x00000000, 0x20000000  # where link.ld puts them
@@ -44,7 +44,7 @@ class CortexM4F:
     """The processor from its reset on, stopped before each tick."""
 
     def __init__(self, image: Image) -> None:
-        self.image = image
+        self.image, self.mailbox = image, Mailbox()
         self.instructions = 0  # executed since the last stop
         self._fault = ""
         self._lengths: dict[tuple[int, int], int] = {}  # instructions by address and bytes of a block
@@ -162,11 +162,13 @@ class CortexM4F:
         Raises:
             ProcessorError: it has no room for so many bytes.
         """
-        check_size(received)
-        for i, source in enumerate(SOURCES):
-            data: bytes = getattr(received, source)
-            self.simulator.mem_write(self.image.symbols["pil_received"] + i * MAX_BYTES, data)
-            self.simulator.mem_write(self.image.symbols["pil_counts"] + 2 * i, struct.pack("<H", len(data)))
+        symbols = self.image.symbols
+        counts = struct.Struct(f"<{len(SOURCES)}H")
+        left = counts.unpack(self.simulator.mem_read(symbols["pil_counts"], counts.size))
+        waiting = self.mailbox.put(received, left)
+        for i, data in enumerate(waiting):
+            self.simulator.mem_write(symbols["pil_received"] + i * MAX_BYTES, data)
+        self.simulator.mem_write(symbols["pil_counts"], counts.pack(*map(len, waiting)))
 
     def tick(self, received: Received) -> Reply:
         """One tick of the program; its cost is that between pil_wait and pil_done."""

@@ -12,14 +12,14 @@ from typing import Any
 
 from codegen.firmware import Target, recorded
 from codegen.image import Image, host_image
-from harness.processors.processor import MAX_BYTES, SOURCES, ProcessorError, Received, Reply, check_size
+from harness.processors.processor import MAX_BYTES, SOURCES, Mailbox, ProcessorError, Received, Reply
 
 
 class Host:
     """The program in this process, in a copy of its own of the library: its state is static."""
 
     def __init__(self, image: Image) -> None:
-        self.image = image
+        self.image, self.mailbox = image, Mailbox()
         self._folder = Path(tempfile.mkdtemp(prefix="canine-"))
         try:
             copy = shutil.copy(image.path, self._folder / image.path.name)
@@ -43,9 +43,7 @@ class Host:
 
     def tick(self, received: Received) -> Reply:
         """One tick of the program."""
-        check_size(received)
-        for i, source in enumerate(SOURCES):
-            data: bytes = getattr(received, source)
+        for i, data in enumerate(self.mailbox.put(received, self._counts)):
             ctypes.memmove(self._received[i], data, len(data))
             self._counts[i] = len(data)
         self._library.pil_tick()

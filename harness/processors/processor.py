@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Protocol
@@ -108,12 +108,27 @@ def open_processor(
     return start(found, files)
 
 
-def check_size(received: Received) -> None:
-    """Refuse what the mailbox has no room for.
+class Mailbox:
+    """What waits for the program: what it leaves is there in the next tick as well, as in a board's buffers.
 
-    Raises:
-        ProcessorError: naming the source.
+    Attributes:
+        contents: bytes from each source, in the order of port.h.
     """
-    for source in SOURCES:
-        if (size := len(getattr(received, source))) > MAX_BYTES:
-            raise ProcessorError(f"{source}: {size} bytes in one tick, expected at most {MAX_BYTES}")
+
+    def __init__(self) -> None:
+        self.contents = [b"" for _ in SOURCES]
+
+    def put(self, received: Received, left: Sequence[int]) -> list[bytes]:
+        """Put bytes behind those that are left, so many from each source; the contents then.
+
+        Raises:
+            ProcessorError: there is no room, naming the source.
+        """
+        for i, source in enumerate(SOURCES):
+            waiting = self.contents[i][len(self.contents[i]) - left[i] :]
+            self.contents[i] = waiting + getattr(received, source)
+            if len(self.contents[i]) > MAX_BYTES:
+                raise ProcessorError(
+                    f"{source}: {len(self.contents[i])} bytes wait, expected at most {MAX_BYTES}"
+                )
+        return self.contents

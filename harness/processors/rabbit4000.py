@@ -23,10 +23,10 @@ from harness.processors.processor import (
     MAX_BYTES,
     SOURCES,
     Cost,
+    Mailbox,
     ProcessorError,
     Received,
     Reply,
-    check_size,
 )
 
 LIMIT = 5_000_000  # bus accesses from one stop to the next: 200 ms at 58.98 MHz
@@ -210,18 +210,17 @@ class Rabbit4000(Machine):
 
     def __init__(self, image: Image) -> None:
         super().__init__(image)
+        self.mailbox = Mailbox()
         self.start = self._word_bytes("pil_recorded", 4 * len(recorded()))
 
     def tick(self, received: Received) -> Reply:
         """One tick of the program."""
-        check_size(received)
         at = self.image.symbols
-        counts = b""
-        for i, source in enumerate(SOURCES):
-            data: bytes = getattr(received, source)
-            counts += struct.pack("<H", len(data))
+        counts = struct.Struct(f"<{len(SOURCES)}H")
+        waiting = self.mailbox.put(received, counts.unpack(self._word_bytes("pil_counts", counts.size)))
+        for i, data in enumerate(waiting):
             self.write(at["pil_received"] + i * MAX_BYTES, data)
-        self.write(at["pil_counts"], counts)
+        self.write(at["pil_counts"], counts.pack(*map(len, waiting)))
         before = self.cost()
         self.run_to("pil_done")
         after = self.cost()

@@ -8,6 +8,6 @@
 const size_t SIZES[] = {
     sizeof(scanner_input), sizeof(scanner), /* scanner.h */
     sizeof(ubx_fix), sizeof(ubx), /* ubx.h */
-    sizeof(mt_sample), sizeof(mt), /* mt.h */
+    sizeof(mt), /* mt.h */
     sizeof(link_position), sizeof(link_mission), sizeof(radio_link), sizeof(link_telemetry), /* link.h */
 };

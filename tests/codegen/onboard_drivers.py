@@ -23,7 +23,7 @@ TYPES: dict[str, Any] = {
     "int16_t": ctypes.c_int16, "int32_t": ctypes.c_int32, "float": ctypes.c_float, "bool": ctypes.c_bool,
     "const uint8_t *": ctypes.c_void_p,
 }  # fmt: skip
-CONSTANTS = {"SCANNER_SIZE": 145, "LINK_MAX_WAYPOINTS": 16}
+CONSTANTS = {"SCANNER_SIZE": 145, "LINK_MAX_WAYPOINTS": 16, "4U * MT_VALUES": 48}
 PROJECT = Path(__file__).resolve().parents[2]
 DATA = Path(os.environ.get("CANINE_DATA", PROJECT.parent / "shared" / "data"))
 POSLLH, SOL, PVT, VELNED = 0x02, 0x06, 0x07, 0x12
@@ -38,7 +38,7 @@ def _structs() -> dict[str, Any]:
         text = re.sub(r"/\*.*?\*/", "", (ONBOARD / header).read_text(), flags=re.DOTALL)
         for body, name in re.findall(r"typedef struct \{(.*?)\} (\w+);", text, flags=re.DOTALL):
             fields = []
-            for of, field, size in re.findall(r"([\w ]+(?: \*|\s))(\w+)(?:\[(\w+)\])?;", body):
+            for of, field, size in re.findall(r"([\w ]+(?: \*|\s))(\w+)(?:\[([\w *]+)\])?;", body):
                 kind = types[of.strip()]
                 fields.append((field, kind * (CONSTANTS.get(size) or int(size)) if size else kind))
             types[name] = type(name, (ctypes.Structure,), {"_fields_": fields})
@@ -88,6 +88,14 @@ class Driver:
         while self.state.scanner.count > 0:
             self.c.scanner_abandon(ctypes.byref(self.state.scanner))
             yield from self.receive_block(b"")
+
+    @property
+    def sample(self) -> dict[str, Any]:
+        """The inertial unit's last sample by name."""
+        self.c.mt_value.restype = ctypes.c_float
+        values = [self.c.mt_value(ctypes.byref(self.state), i) for i in range(12)]
+        vectors = {name: values[3 * i : 3 * i + 3] for i, name in enumerate(("accel", "gyro", "mag"))}
+        return vectors | dict(zip(("roll", "pitch", "heading"), values[9:], strict=True))
 
     @property
     def frame(self) -> bytes:

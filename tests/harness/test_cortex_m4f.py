@@ -146,9 +146,15 @@ def difference(ours: Reply, theirs: Reply) -> dict[str, tuple[int, int]]:
 
 @cache
 def replies_of_host() -> tuple[Reply, ...]:
+    return tuple(reply for reply, _ in ticks_of_host())
+
+
+@cache
+def ticks_of_host() -> list[tuple[Reply, list[bytes]]]:
+    """Each reply, and what lay in the mailbox before it."""
     processor = host.start(find_target("host"), sources())
     try:
-        return tuple(processor.tick(received) for received in stream())
+        return [(processor.tick(received), list(processor.mailbox.contents)) for received in stream()]
     finally:
         processor.close()
 
@@ -546,7 +552,7 @@ def test_variables_begin_with_their_values() -> None:
 
 
 def test_too_many_bytes_are_refused(cortex: CortexM4F) -> None:
-    with pytest.raises(ProcessorError, match="imu: 513 bytes in one tick, expected at most 512"):
+    with pytest.raises(ProcessorError, match="imu: 513 bytes wait, expected at most 512"):
         cortex.tick(Received(imu=bytes(513)))
 
 
@@ -591,10 +597,7 @@ def test_qemu_has_the_same_bits(compile: Callable[[list[str], Path], None], tmp_
     files["semihosting.c"] = Path(__file__).with_name("semihosting.c").read_text()
     write_files(files, tmp_path)
     compile(sorted(n for n in files if n.endswith(".c")), tmp_path)
-    boxes = []
-    for received in stream():
-        data = (received.gps, received.imu, received.radio)
-        boxes.append(struct.pack("<3H512s512s512s", *map(len, data), *data))
+    boxes = [struct.pack("<3H512s512s512s", *map(len, waiting), *waiting) for _, waiting in ticks_of_host()]
     (tmp_path / "received").write_bytes(b"".join(boxes))
     # when the board runs it
     run_board(tmp_path / "onboard.elf", tmp_path)
@@ -629,9 +632,9 @@ ENDING = """for (int32_t tick = 0; tick < 8; tick++) {
 @second_opinion
 def test_qemu_executes_as_many_instructions(tmp_path: Path) -> None:
     # given an image with a mailbox that is always full of the same, and an end after 8 ticks
-    received = Received(epoch(40), clean(1)[0].imu, radio.encode(radio.Heartbeat(), 1))
+    received = Received(epoch(40), clean(1)[0].imu)
     data = (received.gps, received.imu, received.radio)
-    contents = ", ".join("{" + ", ".join(map(str, d)) + "}" for d in data)
+    contents = ", ".join("{" + ", ".join(map(str, d or [0])) + "}" for d in data)
     files = sources()
     mailbox = "pil_received[PORT_SOURCES][PIL_SIZE]"
     assert f"{mailbox};" in files["pil.c"]
@@ -642,7 +645,11 @@ def test_qemu_executes_as_many_instructions(tmp_path: Path) -> None:
         main = main.replace(f"COUNTS[{i}]", str(len(d)))
     files["pil_main.c"] = main
     processor = cortex_m4f.start(TARGET, files)
-    counted = instructions(processor, [received] * 8)
+    counted = []
+    for _ in range(8):  # the program fills its mailbox by itself
+        processor.resume("pil_done")
+        counted.append(processor.instructions)
+        processor.resume("pil_wait")
     # when QEMU runs the same image, one instruction after another
     version = subprocess.run([TOOLS[1], "--version"], capture_output=True, text=True, check=True).stdout
     old = int(version.split("version ")[1].split(".")[0]) < 8

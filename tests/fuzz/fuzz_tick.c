@@ -1,0 +1,632 @@
+/* The whole onboard program, tick by tick, with bytes that the input chooses, from all three sources.
+ * The input is a list of orders: raw bytes, values that are wrapped into right frames here, damage to bytes not
+ * yet read, and ticks. An animal that walks (obeying, if so ordered) gives fixes and samples in the background,
+ * so that few bytes lead far into a mission. What must hold is checked after every tick by means of its own. */
+#include "onboard.h"
+#include "port.h"
+
+#include <assert.h>
+#include <math.h>
+#include <stddef.h>
+#include <stdlib.h>
+#include <string.h>
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+
+/* The modes that the controller has been in, a bit for each, so that it is seen how far inputs lead. */
+uint32_t fuzz_modes(void);
+
+/* Made from the declarations: every value is finite and within the range that is declared for it. */
+void check_declared(const onboard *m);
+
+#define MOST_TICKS 6000U
+#define QUEUE 4096U
+#define FIX_TICKS 6U   /* between two fixes in the background */
+#define HEARD_TICKS 10U
+#define REPORT_TICKS 5U
+#define LONGEST_SILENCE 50U      /* ticks: 2 s of the radio */
+#define LONGEST_IMU_SILENCE 5U   /* ticks: 0.2 s */
+#define OLDEST_FIX 375U          /* ticks: 15 s */
+#define STEP_PER_M 90.0          /* 1e-7 deg in a metre */
+#define RADIANS 0.017453292519943295
+#define TWO_PI 6.283185307179586
+
+enum { RAW, NAV, FIX, SAMPLE, MESSAGE, MISSION, START, DAMAGE, BACKGROUND, TICK, TICKS, MOST, ORDERS };
+
+enum { GIVE_SAMPLES = 1, GIVE_FIXES = 2, GIVE_HEARTBEATS = 4, AS_PVT = 8, OBEY = 16 };
+
+typedef struct {
+    uint8_t bytes[QUEUE];
+    size_t begin;
+    size_t end;
+} queue;
+
+static struct {
+    const uint8_t *data;
+    size_t left;
+} orders;
+
+static struct {
+    queue sources[PORT_SOURCES];
+    uint32_t taken[PORT_SOURCES]; /* bytes read in this tick */
+    uint16_t most;                /* bytes that are given at once */
+    unsigned background;
+    double latitude; /* 1e-7 deg, of the animal */
+    double longitude;
+    double home_latitude;
+    double home_longitude;
+    float heading; /* deg */
+    float speed;   /* m/s */
+    uint32_t fix_time; /* ms */
+    uint16_t counter;  /* of samples */
+    uint8_t sequence;
+    uint16_t mission_id;
+    uint16_t tone;
+    bool left;
+    bool right;
+    uint32_t ticks;
+    uint32_t silence;     /* ticks without a message that is right */
+    uint32_t imu_silence; /* ticks without a sample */
+    uint32_t reports;     /* frames sent in this tick */
+    bool due;             /* telemetry is */
+    uint8_t telemetry[LINK_TELEMETRY_SIZE];
+} world;
+
+static onboard vest;
+static uint32_t modes;
+
+/* --- the board --- */
+
+/* A block of its very size, freed when its place is the board's again: what is read beyond or later is seen. */
+uint16_t port_receive(port_source source, const uint8_t **bytes)
+{
+    static uint8_t *blocks[PORT_SOURCES];
+    queue *const q = &world.sources[source];
+    const size_t waiting = q->end - q->begin;
+    const uint16_t n = (waiting < world.most) ? (uint16_t)waiting : world.most;
+
+    free(blocks[source]);
+    blocks[source] = malloc(n);
+    memcpy(blocks[source], &q->bytes[q->begin], n);
+    *bytes = blocks[source];
+    q->begin += n;
+    if (q->begin == q->end) {
+        q->begin = 0U;
+        q->end = 0U;
+    }
+    world.taken[source] += n;
+    return n;
+}
+
+void port_send(const uint8_t *bytes, uint16_t count)
+{
+    assert(count == LINK_TELEMETRY_SIZE);
+    memcpy(world.telemetry, bytes, count);
+    world.reports++;
+}
+
+void port_command_module(uint16_t tone_hz, bool vibrate_left, bool vibrate_right)
+{
+    world.tone = tone_hz;
+    world.left = vibrate_left;
+    world.right = vibrate_right;
+}
+
+static void put(port_source source, const uint8_t *bytes, size_t n)
+{
+    queue *const q = &world.sources[source];
+
+    if (n <= (QUEUE - q->end)) {
+        memcpy(&q->bytes[q->end], bytes, n);
+        q->end += n;
+    }
+}
+
+/* --- the input --- */
+
+static uint8_t next_u8(void)
+{
+    uint8_t value = 0U;
+
+    if (orders.left > 0U) {
+        value = *orders.data;
+        orders.data++;
+        orders.left--;
+    }
+    return value;
+}
+
+static void next_bytes(uint8_t *bytes, size_t n)
+{
+    for (size_t i = 0U; i < n; i++) {
+        bytes[i] = next_u8();
+    }
+}
+
+static uint32_t next_u32(void)
+{
+    uint32_t value = next_u8();
+
+    value |= (uint32_t)next_u8() << 8;
+    value |= (uint32_t)next_u8() << 16;
+    value |= (uint32_t)next_u8() << 24;
+    return value;
+}
+
+static int16_t next_i16(void)
+{
+    const unsigned low = next_u8();
+
+    return (int16_t)(uint16_t)(low | ((unsigned)next_u8() << 8));
+}
+
+/* --- frames, written anew here --- */
+
+static void little(uint8_t *bytes, uint32_t value)
+{
+    for (unsigned i = 0U; i < 4U; i++) {
+        bytes[i] = (uint8_t)((value >> (8U * i)) & 0xFFU);
+    }
+}
+
+static void big(uint8_t *bytes, uint32_t value)
+{
+    for (unsigned i = 0U; i < 4U; i++) {
+        bytes[i] = (uint8_t)((value >> (24U - (8U * i))) & 0xFFU);
+    }
+}
+
+static uint16_t crc_ccitt(const uint8_t *bytes, size_t n)
+{
+    unsigned crc = 0xFFFFU;
+
+    for (size_t i = 0U; i < n; i++) {
+        crc ^= (unsigned)bytes[i] << 8;
+        for (unsigned bit = 0U; bit < 8U; bit++) {
+            crc = (((crc & 0x8000U) != 0U) ? ((crc << 1) ^ 0x1021U) : (crc << 1)) & 0xFFFFU;
+        }
+    }
+    return (uint16_t)crc;
+}
+
+static void send_nav(uint8_t message, const uint8_t *payload, uint8_t n)
+{
+    uint8_t frame[8 + 255] = {0xB5U, 0x62U, 0x01U, message, n, 0U};
+    unsigned a = 0U;
+    unsigned b = 0U;
+
+    memcpy(&frame[6], payload, n);
+    for (size_t i = 2U; i < (6U + (size_t)n); i++) {
+        a += frame[i];
+        b += a;
+    }
+    frame[6U + (size_t)n] = (uint8_t)(a & 0xFFU);
+    frame[7U + (size_t)n] = (uint8_t)(b & 0xFFU);
+    put(PORT_GPS, frame, 8U + (size_t)n);
+}
+
+static void send_fix(const ubx_fix *fix, bool pvt, uint8_t gps_fix, uint8_t flags)
+{
+    uint8_t payload[92] = {0U};
+
+    little(payload, fix->time_ms);
+    if (pvt) {
+        payload[20] = gps_fix;
+        payload[21] = flags;
+        little(&payload[24], (uint32_t)fix->longitude);
+        little(&payload[28], (uint32_t)fix->latitude);
+        little(&payload[40], fix->h_acc);
+        little(&payload[60], fix->speed);
+        little(&payload[64], (uint32_t)fix->course);
+        little(&payload[68], fix->s_acc);
+        send_nav(UBX_NAV_PVT, payload, 92U);
+    } else {
+        little(&payload[4], (uint32_t)fix->longitude);
+        little(&payload[8], (uint32_t)fix->latitude);
+        little(&payload[20], fix->h_acc);
+        send_nav(UBX_NAV_POSLLH, payload, 28U);
+        payload[10] = gps_fix;
+        payload[11] = flags;
+        send_nav(UBX_NAV_SOL, payload, 52U);
+        little(&payload[20], fix->speed);
+        little(&payload[24], (uint32_t)fix->course);
+        little(&payload[28], fix->s_acc);
+        send_nav(UBX_NAV_VELNED, payload, 36U);
+    }
+}
+
+static void send_sample(uint32_t accel, uint32_t pitch, uint32_t yaw)
+{
+    uint8_t frame[55] = {0xFAU, 0xFFU, 0x32U, 50U};
+    unsigned sum = 0U;
+
+    big(&frame[4], accel);
+    big(&frame[44], pitch);
+    big(&frame[48], yaw);
+    frame[52] = (uint8_t)(world.counter >> 8);
+    frame[53] = (uint8_t)(world.counter & 0xFFU);
+    world.counter = (uint16_t)((world.counter + 1U) & 0xFFFFU);
+    for (size_t i = 1U; i < 54U; i++) {
+        sum += frame[i];
+    }
+    frame[54] = (uint8_t)((0U - sum) & 0xFFU);
+    put(PORT_IMU, frame, sizeof(frame));
+}
+
+static void send_message(uint8_t type, const uint8_t *payload, uint8_t n)
+{
+    uint8_t frame[7 + 255] = {0xA5U, 0x5AU, type, world.sequence, n};
+    uint16_t crc;
+
+    world.sequence = (uint8_t)((world.sequence + 1U) & 0xFFU);
+    memcpy(&frame[5], payload, n);
+    crc = crc_ccitt(&frame[2], 3U + (size_t)n);
+    frame[5U + (size_t)n] = (uint8_t)(crc >> 8);
+    frame[6U + (size_t)n] = (uint8_t)(crc & 0xFFU);
+    put(PORT_RADIO, frame, 7U + (size_t)n);
+    if ((type == (uint8_t)LINK_MISSION) && (n >= 2U)) {
+        world.mission_id = (uint16_t)(((unsigned)payload[0] << 8) | payload[1]);
+    }
+}
+
+/* --- orders --- */
+
+static void order_nav(void)
+{
+    static const uint8_t kinds[4] = {UBX_NAV_POSLLH, UBX_NAV_SOL, UBX_NAV_PVT, UBX_NAV_VELNED};
+    static const uint8_t sizes[4] = {28U, 52U, 92U, 36U};
+    const uint8_t kind = next_u8() & 3U;
+    uint8_t payload[92];
+
+    next_bytes(payload, sizes[kind]);
+    send_nav(kinds[kind], payload, sizes[kind]);
+}
+
+static void order_fix(void)
+{
+    const uint8_t style = next_u8();
+    ubx_fix fix;
+
+    fix.time_ms = world.fix_time;
+    fix.latitude = (int32_t)next_u32();
+    fix.longitude = (int32_t)next_u32();
+    fix.h_acc = next_u32();
+    fix.speed = next_u32();
+    fix.course = (int32_t)next_u32();
+    fix.s_acc = next_u32();
+    world.fix_time = (world.fix_time < 604800000U) ? (world.fix_time + 250U) : 0U;
+    send_fix(&fix, (style & 1U) != 0U, ((style & 2U) != 0U) ? (style >> 4) : 3U, ((style & 4U) != 0U) ? 0U : 1U);
+    if ((style & 8U) != 0U) { /* the animal goes on from there */
+        world.latitude = fmax(-9.0e8, fmin(9.0e8, fix.latitude));
+        world.longitude = fmax(-1.8e9, fmin(1.8e9, fix.longitude));
+    }
+}
+
+static void order_message(void)
+{
+    const uint8_t type = next_u8();
+    const uint8_t n = next_u8();
+    uint8_t payload[255];
+
+    next_bytes(payload, n);
+    send_message(type, payload, n);
+}
+
+/* A mission about the animal. */
+static void order_mission(void)
+{
+    const size_t count = (size_t)next_u8() % 18U;
+    uint8_t payload[2 + (8 * 18)] = {0U, world.sequence};
+
+    for (size_t i = 0U; i <= count; i++) {
+        const double latitude = fmax(-9.0e8, fmin(9.0e8, world.latitude + next_i16()));
+        const double longitude = fmax(-1.8e9, fmin(1.8e9, world.longitude + next_i16()));
+
+        if (i == 0U) {
+            world.home_latitude = latitude;
+            world.home_longitude = longitude;
+        }
+        big(&payload[2U + (8U * i)], (uint32_t)(int32_t)latitude);
+        big(&payload[6U + (8U * i)], (uint32_t)(int32_t)longitude);
+    }
+    send_message(LINK_MISSION, payload, (uint8_t)(2U + (8U * (1U + count))));
+}
+
+static void order_start(void)
+{
+    const uint8_t id[2] = {(uint8_t)(world.mission_id >> 8), (uint8_t)(world.mission_id & 0xFFU)};
+
+    send_message(LINK_START, id, 2U);
+}
+
+static void order_raw(void)
+{
+    const unsigned source = next_u8() % (unsigned)PORT_SOURCES;
+    const uint8_t n = next_u8();
+    uint8_t bytes[255];
+
+    next_bytes(bytes, n);
+    put((port_source)source, bytes, n);
+}
+
+static void order_damage(void)
+{
+    queue *const q = &world.sources[next_u8() % (unsigned)PORT_SOURCES];
+    const size_t place = next_u8();
+    const uint8_t mask = next_u8();
+
+    if (place < (q->end - q->begin)) {
+        q->bytes[q->begin + place] ^= mask;
+    }
+}
+
+static void order_background(void)
+{
+    world.background = next_u8();
+    world.heading = (float)next_u8() * (360.0F / 256.0F);
+    world.speed = (float)next_u8() * 0.1F;
+}
+
+/* --- the animal --- */
+
+static uint32_t bits(float value)
+{
+    uint32_t word;
+
+    memcpy(&word, &value, sizeof(word));
+    return word;
+}
+
+static void walk(void)
+{
+    if ((world.background & (unsigned)OBEY) != 0U) {
+        world.speed = (world.tone == 1500U) || (world.tone == 9500U) ? 2.0F : ((world.tone != 0U) ? 0.0F : world.speed);
+        world.heading += (world.right ? 2.0F : 0.0F) - (world.left ? 2.0F : 0.0F);
+        world.heading -= 360.0F * floorf(world.heading / 360.0F);
+    }
+    if (((world.background & (unsigned)OBEY) != 0U) && (world.tone == 9500U)) { /* RECALL */
+        const double turn = atan2(world.home_longitude - world.longitude, world.home_latitude - world.latitude);
+
+        world.heading = (float)(fmod(turn + TWO_PI, TWO_PI) / RADIANS);
+    }
+    world.latitude += STEP_PER_M * 0.04 * (double)world.speed * cos(RADIANS * (double)world.heading);
+    world.longitude += STEP_PER_M * 0.04 * (double)world.speed * sin(RADIANS * (double)world.heading);
+    world.latitude = fmax(-9.0e8, fmin(9.0e8, world.latitude));
+    world.longitude -= 3.6e9 * floor((world.longitude + 1.8e9) / 3.6e9);
+}
+
+static void give(void)
+{
+    if ((world.background & (unsigned)GIVE_SAMPLES) != 0U) {
+        send_sample(bits(0.0F), bits(0.0F), bits(180.0F - fmodf(world.heading + 180.0F, 360.0F)));
+    }
+    if (((world.background & (unsigned)GIVE_FIXES) != 0U) && ((world.ticks % FIX_TICKS) == 0U)) {
+        const ubx_fix fix = {
+            world.fix_time, (int32_t)world.latitude, (int32_t)world.longitude, 2000U,
+            (uint32_t)(1000.0F * world.speed), (int32_t)(1.0e5F * world.heading), 200U};
+
+        world.fix_time += 250U;
+        send_fix(&fix, (world.background & (unsigned)AS_PVT) != 0U, 3U, 1U);
+    }
+    if (((world.background & (unsigned)GIVE_HEARTBEATS) != 0U) && ((world.ticks % HEARD_TICKS) == 0U)) {
+        send_message(LINK_HEARTBEAT, &world.sequence, 0U);
+    }
+}
+
+/* --- what must hold --- */
+
+static void check_estimate(void)
+{
+    for (unsigned i = 0U; vest.estimator.state.started && (i < 4U); i++) {
+        assert(vest.estimator.state.covariance[i] > 0.0F);
+    }
+    assert((vest.estimator.out.north_sd >= 0.0F) && (vest.estimator.out.east_sd >= 0.0F));
+    assert((vest.estimator.out.speed_sd >= 0.0F) && (vest.estimator.out.accel_bias_sd >= 0.0F));
+    assert(fabsf(vest.estimator.out.heading) <= 3.1415930F); /* pi and one rounding of 2 pi */
+    assert(vest.estimator.out.valid ==
+           (vest.estimator.state.started && (vest.estimator.state.age <= (int32_t)OLDEST_FIX)));
+}
+
+static bool within(float value, float limit)
+{
+    return (value >= -limit) && (value <= limit);
+}
+
+/* The command of a mode (Figure 4.2). */
+static int32_t commanded(int32_t mode)
+{
+    switch (mode) {
+    case CMEC_MODE_FORWARD:
+        return CMEC_COMMAND_FORWARD;
+    case CMEC_MODE_STOP_TO_TURN:
+    case CMEC_MODE_STOP_AT_WAYPOINT:
+    case CMEC_MODE_STOPPED:
+        return CMEC_COMMAND_STOP;
+    case CMEC_MODE_LEFT:
+        return CMEC_COMMAND_LEFT;
+    case CMEC_MODE_RIGHT:
+        return CMEC_COMMAND_RIGHT;
+    case CMEC_MODE_RECALL:
+    case CMEC_MODE_FAILURE_RECALL:
+        return CMEC_COMMAND_RECALL;
+    default:
+        return CMEC_COMMAND_NONE;
+    }
+}
+
+/* The order of precedence, from what the program was given: a lost link, the operator's override, bad input, an
+ * invalid estimate, the table. */
+static void check_command(void)
+{
+    const bool good = within(vest.estimator.out.north, 1.0e5F) && within(vest.estimator.out.east, 1.0e5F) &&
+                      within(vest.estimator.out.speed, 50.0F) && within(vest.estimator.out.heading, 7.0F);
+    const bool trusted = vest.estimator.out.valid && (world.imu_silence <= LONGEST_IMU_SILENCE);
+    const int32_t mode = vest.controller.out.mode;
+    int32_t expected;
+
+    if (world.silence > LONGEST_SILENCE) {
+        expected = CMEC_COMMAND_STOP;
+    } else if (vest.radio.override != 0U) {
+        expected = (int32_t)vest.radio.override;
+    } else if (!good || !trusted) {
+        expected = CMEC_COMMAND_STOP;
+    } else {
+        expected = commanded(mode);
+        assert(vest.controller.in.start || (mode == CMEC_MODE_IDLE) || (mode == CMEC_MODE_STOPPED));
+    }
+    assert(vest.controller.out.command == expected);
+    assert(!vest.controller.in.start || vest.plane.state.settled);
+    assert(vest.controller.out.waypoint <= vest.controller.state.count);
+    assert((vest.controller.state.count >= 1) && (vest.controller.state.count <= (int32_t)LINK_MAX_WAYPOINTS));
+    for (int32_t i = 0; i < vest.controller.state.count; i++) {
+        assert(within(vest.controller.state.route_north[i], 1.0e5F));
+        assert(within(vest.controller.state.route_east[i], 1.0e5F));
+    }
+    assert(vest.controller.out.distance >= 0.0F);
+    assert(fabsf(vest.controller.out.deviation) <= 3.1415930F);
+}
+
+static void check_vest(void)
+{
+    static const uint16_t tones[6] = {0U, 1500U, 3500U, 9500U, 0U, 0U};
+    const int32_t command = vest.controller.out.command;
+
+    assert(world.tone == tones[command]);
+    assert(world.left == (command == CMEC_COMMAND_LEFT));
+    assert(world.right == (command == CMEC_COMMAND_RIGHT));
+}
+
+/* A u16 is a value's nearest, or its greatest. */
+static void check_sent(const uint8_t *bytes, double value)
+{
+    const double sent = (double)(((unsigned)bytes[0] << 8) | bytes[1]);
+
+    assert(fabs(sent - fmin(value, 65535.0)) <= 0.51);
+}
+
+static void check_telemetry(void)
+{
+    const uint8_t *const t = world.telemetry;
+
+    assert(world.reports <= 1U);
+    world.due = world.due || ((world.ticks % REPORT_TICKS) == 0U);
+    assert((world.reports == 1U) == (world.due && !vest.busy)); /* a fix is work enough, but for one tick */
+    if (world.reports == 1U) {
+        world.due = false;
+        assert((t[0] == 0xA5U) && (t[1] == 0x5AU) && (t[2] == 16U) && (t[4] == 45U));
+        assert(crc_ccitt(&t[2], 48U) == (uint16_t)(((unsigned)t[50] << 8) | t[51]));
+        check_sent(&t[21], 100.0 * fmax((double)vest.estimator.out.north_sd, (double)vest.estimator.out.east_sd));
+        check_sent(&t[23], 100.0 * (double)vest.estimator.out.speed_sd);
+        check_sent(&t[25], 10.0 * (double)vest.controller.out.distance);
+        assert(t[31] == (uint8_t)vest.controller.out.command);
+        assert(((t[36] & 1U) != 0U) == vest.estimator.out.valid);
+        assert(((t[36] & 4U) != 0U) == (world.silence <= LONGEST_SILENCE));
+    }
+}
+
+static uint32_t messages(void)
+{
+    return vest.radio.scanner.frames - vest.radio.refused - vest.radio.unknown;
+}
+
+static void tick(void)
+{
+    const uint32_t heard = messages();
+    const bool waited = vest.busy;
+    const uint32_t sampled = vest.imu.scanner.frames;
+
+    walk();
+    give();
+    memset(world.taken, 0, sizeof(world.taken));
+    world.reports = 0U;
+    onboard_tick(&vest);
+    world.silence = (messages() != heard) ? 0U : (world.silence + 1U);
+    world.imu_silence = (vest.imu.scanner.frames != sampled) ? 0U : (world.imu_silence + 1U);
+    for (unsigned i = 0U; i < (unsigned)PORT_SOURCES; i++) {
+        assert(world.taken[i] <= (ONBOARD_BLOCKS * PORT_MOST));
+    }
+    check_declared(&vest);
+    modes |= 1U << (unsigned)vest.controller.out.mode;
+    check_estimate();
+    check_command();
+    check_vest();
+    check_telemetry();
+    assert(vest.busy == (vest.estimator.in.gps_fix && !waited)); /* radio and telemetry wait for one tick at most */
+    world.ticks++;
+    assert(vest.time_ms == (world.ticks * ONBOARD_TICK_MS));
+}
+
+static void obey_order(uint8_t order)
+{
+    unsigned n = 0U;
+
+    switch (order % (unsigned)ORDERS) {
+    case RAW:
+        order_raw();
+        break;
+    case NAV:
+        order_nav();
+        break;
+    case FIX:
+        order_fix();
+        break;
+    case SAMPLE: {
+        const uint32_t accel = next_u32();
+        const uint32_t pitch = next_u32();
+
+        send_sample(accel, pitch, next_u32());
+        break;
+    }
+    case MESSAGE:
+        order_message();
+        break;
+    case MISSION:
+        order_mission();
+        break;
+    case START:
+        order_start();
+        break;
+    case DAMAGE:
+        order_damage();
+        break;
+    case BACKGROUND:
+        order_background();
+        break;
+    case MOST:
+        world.most = (uint16_t)(1U + (2U * next_u8()));
+        break;
+    case TICKS:
+        n = 10U * next_u8();
+        break;
+    default:
+        n = 1U;
+        break;
+    }
+    for (; (n > 0U) && (world.ticks < MOST_TICKS); n--) {
+        tick();
+    }
+}
+
+uint32_t fuzz_modes(void)
+{
+    return modes;
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    orders.data = data;
+    orders.left = size;
+    memset(&world, 0, sizeof(world));
+    world.latitude = 326.0e6;
+    world.longitude = -854.9e6;
+    world.sequence = 1U;
+    world.most = PORT_MOST;
+    world.silence = LONGEST_SILENCE;
+    world.imu_silence = LONGEST_IMU_SILENCE;
+    modes = 0U;
+    onboard_init(&vest);
+    while ((orders.left > 0U) && (world.ticks < MOST_TICKS)) {
+        obey_order(next_u8());
+    }
+    return 0;
+}

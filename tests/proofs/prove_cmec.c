@@ -1,0 +1,111 @@
+/* The controller from any state: inputs of any bits at all, NaN and infinity among them. */
+#include "cmec.c"
+
+#include "proof.h"
+
+float sqrtf(float x)
+{
+    const float root = nondet_float();
+
+    assert(x >= 0.0F);
+    __CPROVER_assume((root >= 0.0F) && (root <= 1.0e6F));
+    return root;
+}
+
+static cmec any_cmec(void)
+{
+    cmec m; /* anything at all */
+
+    m.state.now = int_in(CMEC_MODE_IDLE, CMEC_MODE_STOPPED);
+    m.state.ticks = int_in(0, 2000000000);
+    m.state.overruled = int_in(CMEC_ANOMALY_NONE, CMEC_ANOMALY_BAD_INPUT);
+    m.state.reached = int_in(0, 16);
+    m.state.turns = int_in(0, 2000000000);
+    m.state.issued = int_in(0, 2000000000);
+    m.state.count = int_in(1, 16);
+    m.state.planned = int_in(CMEC_COMMAND_NONE, CMEC_COMMAND_RIGHT);
+    m.state.target_north = float_in(-1.0e5F, 1.0e5F);
+    m.state.target_east = float_in(-1.0e5F, 1.0e5F);
+    m.state.issue_north = float_in(-1.0e5F, 1.0e5F);
+    m.state.issue_east = float_in(-1.0e5F, 1.0e5F);
+    m.state.base_north = float_in(-1.0e5F, 1.0e5F);
+    m.state.base_east = float_in(-1.0e5F, 1.0e5F);
+    m.par.home_north = float_in(-1.0e5F, 1.0e5F);
+    m.par.home_east = float_in(-1.0e5F, 1.0e5F);
+    m.par.waypoint_count = int_in(1, 16);
+    for (int i = 0; i < 16; i++) {
+        m.state.route_north[i] = float_in(-1.0e5F, 1.0e5F);
+        m.state.route_east[i] = float_in(-1.0e5F, 1.0e5F);
+        m.par.waypoint_north[i] = float_in(-1.0e5F, 1.0e5F);
+        m.par.waypoint_east[i] = float_in(-1.0e5F, 1.0e5F);
+    }
+    for (int i = 0; i < 8; i++) {
+        m.state.anomalies[i] = int_in(0, 2000000000);
+    }
+    m.in.valid = nondet_bool();
+    m.in.start = nondet_bool();
+    m.in.link_ok = nondet_bool();
+    m.state.uncounted = nondet_bool();
+    m.par.limit_stop_deviation = nondet_bool();
+    m.par.count_reissue = nondet_bool();
+    m.par.reset_turns = nondet_bool();
+    m.par.stop_hold = float_in(0.0F, 1.0e4F);
+    m.par.forward_timeout = float_in(0.04F, 1.0e4F);
+    m.par.forward_distance = float_in(0.0F, 1.0e4F);
+    m.par.dead_time = float_in(0.0F, 1.0e4F);
+    m.par.turn_timeout = float_in(0.0F, 1.0e4F);
+    return m;
+}
+
+static bool bad(const cmec *m)
+{
+    return !(fabsf(m->in.north) <= 1.0e5F) || !(fabsf(m->in.east) <= 1.0e5F) || !(fabsf(m->in.speed) <= 50.0F) ||
+           !(fabsf(m->in.heading) <= 7.0F) || (m->in.override < 0) || (m->in.override > 5);
+}
+
+/* Distance and deviation are finite whatever the inputs are. */
+void prove_aim(void)
+{
+    cmec m = any_cmec();
+
+    cmec_aim(&m);
+    assert((m.out.distance >= 0.0F) && (m.out.distance <= 1.0e6F));
+    assert((m.out.deviation >= -3.2F) && (m.out.deviation <= 3.2F));
+}
+
+/* The order of precedence holds on every tick: a lost link, the operator, bad input, an invalid estimate. */
+void prove_precedence(void)
+{
+    cmec m = any_cmec();
+
+    cmec_watch(&m);
+    cmec_answer(&m);
+    assert((m.out.command >= CMEC_COMMAND_NONE) && (m.out.command <= CMEC_COMMAND_RIGHT));
+    assert((m.out.status >= CMEC_STATUS_IDLE) && (m.out.status <= CMEC_STATUS_STOPPED));
+    if (!m.in.link_ok) {
+        assert(m.out.command == CMEC_COMMAND_STOP);
+    } else if ((m.in.override > 0) && (m.in.override <= 5)) {
+        assert(m.out.command == m.in.override);
+    } else if (bad(&m) || !m.in.valid) {
+        assert(m.out.command == CMEC_COMMAND_STOP);
+    } else {
+        assert(m.state.overruled == CMEC_ANOMALY_NONE);
+    }
+}
+
+/* The whole tick: modes, counts and memory; the order of precedence again. */
+void prove_step(void)
+{
+    cmec m = any_cmec();
+
+    cmec_step(&m);
+    assert((m.state.now >= CMEC_MODE_IDLE) && (m.state.now <= CMEC_MODE_STOPPED));
+    assert((m.out.command >= CMEC_COMMAND_NONE) && (m.out.command <= CMEC_COMMAND_RIGHT));
+    if (!m.in.link_ok) {
+        assert(m.out.command == CMEC_COMMAND_STOP);
+    } else if ((m.in.override > 0) && (m.in.override <= 5)) {
+        assert(m.out.command == m.in.override);
+    } else if (bad(&m) || !m.in.valid) {
+        assert(m.out.command == CMEC_COMMAND_STOP);
+    }
+}

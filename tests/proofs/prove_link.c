@@ -1,0 +1,79 @@
+/* The radio's frames: nothing is read beyond them or written beyond a mission, which is whole and on earth. */
+#include "link.c"
+
+#include "proof.h"
+
+/* Finds any frame of the length that the protocol tells, or none: proved of it in prove_scanner.c. */
+bool scanner_next(scanner *s, scanner_input *input, const scanner_protocol *protocol)
+{
+    static uint8_t frame[SCANNER_SIZE];
+
+    (void)input;
+    __CPROVER_havoc_object(frame);
+    s->frame = frame;
+    s->length = protocol->length(frame);
+    return (s->length != 0U) && nondet_bool();
+}
+
+void scanner_abandon(scanner *s)
+{
+    (void)s;
+}
+
+void scanner_count(uint32_t *counter, uint16_t more)
+{
+    *counter = (*counter > (UINT32_MAX - more)) ? UINT32_MAX : (*counter + more);
+}
+
+static bool on(const link_position *p)
+{
+    return (p->latitude >= -900000000) && (p->latitude <= 900000000) && (p->longitude >= -1800000000) &&
+           (p->longitude <= 1800000000);
+}
+
+void prove_length(void)
+{
+    uint8_t header[HEADER];
+    const uint8_t length = link_length(header);
+
+    assert((length == 0U) || ((length >= (HEADER + CHECKSUM)) && (length <= 145U)));
+}
+
+void prove_intact(void)
+{
+    uint8_t frame[145];
+    const uint8_t length = nondet_u8();
+
+    __CPROVER_assume((length >= (HEADER + CHECKSUM)) && (length <= 145U));
+    (void)link_intact(frame, length);
+}
+
+void prove_message(void)
+{
+    radio_link m;
+    uint8_t frame[145];
+    link_message message;
+    const uint8_t before = m.override;
+    const uint8_t place = nondet_u8();
+
+    m.scanner.frame = frame;
+    __CPROVER_assume(frame[LENGTH] <= MAX_PAYLOAD); /* by link_length */
+    __CPROVER_assume(m.mission.count <= LINK_MAX_WAYPOINTS);
+    message = take_message(&m);
+    assert(m.mission.count <= LINK_MAX_WAYPOINTS);
+    if (message == LINK_MISSION) {
+        assert((m.mission.count >= 1U) && on(&m.mission.home));
+        assert((place >= m.mission.count) || on(&m.mission.waypoints[place]));
+    }
+    assert((message == LINK_OVERRIDE) ? (m.override <= 5U) : (m.override == before));
+    assert((message != LINK_START) || (m.mission.count > 0U));
+}
+
+void prove_telemetry(void)
+{
+    link_telemetry telemetry;
+    uint8_t frame[LINK_TELEMETRY_SIZE];
+
+    assert(link_write_telemetry(frame, nondet_u8(), &telemetry) == LINK_TELEMETRY_SIZE);
+    assert((frame[0] == 0xA5U) && (frame[4] == 45U));
+}

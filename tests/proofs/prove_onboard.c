@@ -1,0 +1,38 @@
+/* The conversions of onboard.c: for every float but NaN, and every whole number. */
+#include "onboard.c"
+
+#include "proof.h"
+
+void prove_conversions(void)
+{
+    const float value = nondet_float();
+    const int32_t number = nondet_i32();
+    const uint32_t count = nondet_u32();
+
+    __CPROVER_assume(!__CPROVER_isnanf(value)); /* what is converted is finite: prove_four_state.c, prove_cmec.c */
+    assert((value > -32768.0F) || (to_i16(value) == INT16_MIN));
+    assert((value < 32767.0F) || (to_i16(value) == INT16_MAX));
+    assert((value > 0.0F) || (to_u16(value) == 0U));
+    assert((value < 65535.0F) || (to_u16(value) == UINT16_MAX));
+    assert((whole(value, -MAX_SHIFT, MAX_SHIFT) >= -MAX_SHIFT) && (whole(value, -MAX_SHIFT, MAX_SHIFT) <= MAX_SHIFT));
+    assert((number < 0) || (to_u8(number) == ((number > 255) ? 255 : number)));
+    assert(at_most_u16(count) == ((count > 65535U) ? 65535U : count));
+    assert(low_word(count) == (count % 65536U));
+}
+
+/* The nearest, within one half. */
+void prove_nearest(void)
+{
+    const float value = float_in(-32768.0F, 32767.0F);
+    const float error = (float)to_i16(value) - value;
+
+    assert((error >= -0.501F) && (error <= 0.501F));
+}
+
+void prove_latitude(void)
+{
+    const int32_t origin = int_in(-1800000000, 1800000000);
+    const int32_t shift = whole(nondet_float(), -MAX_SHIFT, MAX_SHIFT);
+
+    assert((origin + shift) >= INT32_MIN); /* the sum does not overflow: --signed-overflow-check */
+}

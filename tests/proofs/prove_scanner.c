@@ -1,0 +1,110 @@
+/* The scanner never leaves its buffers, from any state that it can be in: its parts with the whole buffer, the
+ * search for frames over a few bytes. */
+#include "scanner.c"
+
+#include "proof.h"
+
+#define BYTES 8U /* that come at once, where frames are searched */
+
+/* What is copied is not looked at here, but from where to where. */
+void *memcpy(void *to, const void *from, size_t n)
+{
+    assert(__CPROVER_r_ok(from, n) && __CPROVER_w_ok(to, n));
+    return to;
+}
+
+void *memmove(void *to, const void *from, size_t n)
+{
+    assert(__CPROVER_r_ok(from, n) && __CPROVER_w_ok(to, n));
+    return to;
+}
+
+static bool sane(const scanner *s)
+{
+    return (s->start <= SCANNER_SIZE) && (s->count <= (SCANNER_SIZE - s->start));
+}
+
+/* More is needed than is held, and there is room for it: so search leaves it. */
+static bool waiting(const scanner *s)
+{
+    return (s->needed > s->count) && (s->needed <= SCANNER_SIZE);
+}
+
+static scanner any_scanner(void)
+{
+    scanner s;
+
+    __CPROVER_assume(sane(&s));
+    return s;
+}
+
+static scanner_input any_input(const uint8_t *bytes, uint16_t size)
+{
+    scanner_input input = {bytes, nondet_u16()};
+
+    __CPROVER_assume(input.count <= size);
+    return input;
+}
+
+/* A protocol of which nothing is known but that a checksum reads the frame up to its end. */
+static uint8_t any_length(const uint8_t *header)
+{
+    (void)header[3];
+    return nondet_u8();
+}
+
+static bool any_intact(const uint8_t *frame, uint8_t length)
+{
+    return frame[length - 1U] == nondet_u8();
+}
+
+static const scanner_protocol protocol = {0xB5U, 4U, any_length, any_intact};
+
+void prove_count(void)
+{
+    uint32_t counter = nondet_u32();
+    const uint32_t before = counter;
+
+    scanner_count(&counter, nondet_u16());
+    assert(counter >= before);
+}
+
+void prove_top_up(void)
+{
+    uint8_t bytes[512];
+    scanner s = any_scanner();
+    scanner_input input = any_input(bytes, 512U);
+    const uint16_t before = input.count;
+    const uint8_t held = s.count;
+    bool more;
+
+    __CPROVER_assume(waiting(&s));
+    more = top_up(&s, &input);
+    assert(sane(&s) && (s.count <= s.needed));
+    assert(more == (before > 0U));
+    assert(((s.count - held) == (before - input.count)) && (input.bytes == &bytes[before - input.count]));
+}
+
+void prove_search(void)
+{
+    uint8_t bytes[BYTES];
+    scanner s = any_scanner();
+    scanner_input input = any_input(bytes, BYTES);
+    const uint8_t *frame;
+
+    frame = search(&s, &input, &protocol);
+    assert(input.count <= BYTES);
+    if (frame == NULL) {
+        assert((s.needed > input.count) && (s.needed <= SCANNER_SIZE));
+    } else {
+        assert((frame >= bytes) && (&frame[s.length] == input.bytes));
+    }
+}
+
+void prove_abandon(void)
+{
+    scanner s = any_scanner();
+
+    scanner_abandon(&s);
+    assert(sane(&s));
+}

@@ -1,0 +1,55 @@
+/* The receiver's frames: whatever their bytes, nothing is read beyond them, and a fix is within its ranges. */
+#include "ubx.c"
+
+#include "proof.h"
+
+/* Finds any frame of the length that the protocol tells, or none: proved of it in prove_scanner.c. */
+bool scanner_next(scanner *s, scanner_input *input, const scanner_protocol *protocol)
+{
+    static uint8_t frame[SCANNER_SIZE];
+
+    (void)input;
+    __CPROVER_havoc_object(frame);
+    s->frame = frame;
+    s->length = protocol->length(frame);
+    return (s->length != 0U) && nondet_bool();
+}
+
+void scanner_count(uint32_t *counter, uint16_t more)
+{
+    *counter = (*counter > (UINT32_MAX - more)) ? UINT32_MAX : (*counter + more);
+}
+
+void prove_length(void)
+{
+    uint8_t header[HEADER];
+    const uint8_t length = ubx_length(header);
+
+    assert((length == 0U) || ((length >= HEADER) && (length <= SCANNER_SIZE)));
+}
+
+void prove_intact(void)
+{
+    uint8_t frame[100]; /* the longest */
+    const uint8_t length = nondet_u8();
+
+    __CPROVER_assume((length == 36U) || (length == 44U) || (length == 60U) || (length == 100U));
+    (void)ubx_intact(frame, length);
+}
+
+void prove_receive(void)
+{
+    ubx m; /* anything at all */
+    scanner_input input;
+    const bool fixed = m.fixed;
+    const uint32_t before = m.fix.time_ms;
+
+    if (ubx_receive(&m, &input) == UBX_FIX) {
+        assert((m.fix.latitude >= -900000000) && (m.fix.latitude <= 900000000));
+        assert((m.fix.longitude >= -1800000000) && (m.fix.longitude <= 1800000000));
+        assert((m.fix.course >= -36000000) && (m.fix.course <= 36000000));
+        assert((m.fix.speed <= 515000U) && (m.fix.h_acc > 0U) && (m.fix.s_acc > 0U));
+        assert(!fixed || (m.fix.time_ms != before));
+        assert(m.fixed);
+    }
+}
