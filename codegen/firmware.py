@@ -43,8 +43,7 @@ class Target:
     Attributes:
         folder: of its own sources in `codegen/onboard`.
         code, ram: bytes that the onboard program may take.
-        pvt: the receiver beside it is one of today, which tells a fix in one message; the dissertation's takes
-            three.
+        pvt: the receiver beside it is of today, which tells a fix in one message instead of three.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""The firmware over a whole trial on the simulated processors: the bits of this machine, at the stated cost."""
+"""The firmware over a whole trial on simulated processors: the bits of this machine, at the stated cost."""
 
 from __future__ import annotations
 

@@ -313,6 +313,8 @@ def test_command_ends_with_1_and_the_difference(
 ) -> None:
     # given a processor that remembers one bit otherwise on tick 17
     (tmp_path / "short.toml").write_text(SHORT)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "pil.json").write_text("of an earlier run, which was identical")
     made = simulated(lambda k, r: replace(r, record=flipped(r.record, "imu.counter", 1)) if k == 17 else r)
     # when
     status, text, error = canine(
@@ -323,6 +325,27 @@ def test_command_ends_with_1_and_the_difference(
     assert error == "canine: rabbit4000: imu.counter is 19 on tick 17, on the host 17\n"
     assert not (tmp_path / "out" / "pil.json").exists()
     assert [p.closed for p in made] == [True]
+
+
+def test_ctrl_c_ends_both_with_130(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], simulated: Callable[..., list[Planted]]
+) -> None:
+    # given a user who has enough on tick 17
+    (tmp_path / "short.toml").write_text(SHORT)
+
+    def change(tick: int, reply: Reply) -> Reply:
+        if tick == 17:
+            raise KeyboardInterrupt
+        return reply
+
+    made = simulated(change)
+    # when
+    status, _, _ = canine(
+        capsys, "pil", tmp_path / "short.toml", "--target", "cortex-m4f", "--out", tmp_path / "out"
+    )
+    # then
+    assert [p.closed for p in made] == [True]
+    assert status == 130
 
 
 @pytest.mark.parametrize(

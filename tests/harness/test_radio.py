@@ -56,7 +56,8 @@ def test_crc_is_that_of_the_catalogue() -> None:
         (Abort(), "04 07 00"),
         (Override(Command.RECALL), "03 07 01 03"),
         (Start(0xBEEF), "02 07 02 be ef"),
-        # the id is the CRC of what follows it: 32.6 deg is 326000000 = 0x136e5d80, -85.49 deg is -854900000 = 0xcd0b42e0 in units of 1e-7 deg
+        # the id is the CRC of what follows it;
+        # 32.6 deg is 326000000 = 0x136e5d80, -85.49 deg is -854900000 = 0xcd0b42e0 in units of 1e-7 deg
         (Mission(HOME, (Position(0, 1e-7),)), "01 07 12 9183 136e5d80 cd0b42e0 00000000 00000001"),
     ],
 )
