@@ -12,6 +12,7 @@ import subprocess
 import sysconfig
 import tempfile
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from codegen.compiler import CompileError, cache_folder
@@ -58,7 +59,8 @@ def unpack(name: str, packages: Sequence[str], programs: Sequence[str]) -> Path:
                 _settle(name, program.resolve(), target / "usr")
         if not (target / "usr" / programs[0]).exists():  # else somebody was faster
             shutil.rmtree(target, ignore_errors=True)
-            root.replace(target)
+            with suppress(OSError):
+                root.replace(target)
     return target / "usr"
 
 

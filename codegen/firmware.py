@@ -13,13 +13,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from codegen.block_c import TEMPLATES, comment, generate, start_literal, write_files
-from codegen.expressions import c_name
+from codegen.record import Entry, drivers, is_mission, of_block
 from models.cmec import Cmec
 from models.command_module import CommandModule
 from models.errors import UsageError, nearest
 from models.four_state import FourState
 from models.kit.block import Block
-from models.kit.declaration import Type, Variable, flatten
+from models.kit.declaration import Type, Variable
 from models.local_plane import LocalPlane
 from models.watchdog import Watchdog
 
@@ -65,37 +65,6 @@ TARGETS: dict[str, Target] = {
         Target("rabbit4000", "rabbit4000", "Rabbit 4000 (RCM4100), 58.98 MHz", "SDCC 4.5", 48_000, 4_000),
     )
 }
-# what the drivers remember, as the record tells it: C of a 32-bit word
-DRIVERS = {
-    "time_ms": "m->time_ms",
-    **{f"gps.fix.{n}": f"(uint32_t)m->gps.fix.{n}" for n in ("time_ms", "latitude", "longitude", "h_acc")},
-    **{f"gps.fix.{n}": f"(uint32_t)m->gps.fix.{n}" for n in ("speed", "course", "s_acc")},
-    "gps.refused": "m->gps.refused",
-    **{
-        f"imu.{n}[{i}]": f"bits(mt_value(&m->imu, MT_{n.upper()}_{axis}))"
-        for n in ("accel", "gyro", "mag")
-        for i, axis in enumerate("XYZ", start=1)
-    },
-    **{f"imu.{n}": f"bits(mt_value(&m->imu, MT_{n.upper()}))" for n in ("roll", "pitch", "heading")},
-    "imu.counter": "m->imu.counter",
-    "imu.lost": "m->imu.lost",
-    "radio.mission.id": "m->radio.mission.id",
-    "radio.mission.count": "m->radio.mission.count",
-    "radio.override": "m->radio.override",
-    "radio.sequence": "m->radio.sequence",
-    "radio.refused": "m->radio.refused",
-    "radio.unknown": "m->radio.unknown",
-    **{
-        f"{driver}.{n}": f"m->{driver}.scanner.{n}"
-        for driver in ("gps", "imu", "radio")
-        for n in ("count", "frames", "errors", "skipped")
-    },
-    "start_wanted": "m->start_wanted ? 1U : 0U",
-    "pause": "m->pause",
-    "busy": "m->busy ? 1U : 0U",
-    "reporting": "m->reporting ? 1U : 0U",
-    "sequence": "m->sequence",
-}
 
 
 def find_target(name: str) -> Target:
@@ -113,16 +82,17 @@ def find_target(name: str) -> Target:
 
 def settable(block: type[Block]) -> dict[str, Variable]:
     """A block's parameters that the firmware has: not the mission, which comes by radio."""
-    return {v.name: v for v in block.group("parameter") if not getattr(v, "latched", False) and not v.size}
+    return {v.name: v for v in block.group("parameter") if not is_mission(v) and not v.size}
+
+
+def _record() -> dict[str, list[Entry]]:
+    """The record by the part of the program that writes it."""
+    return {"drivers": list(drivers())} | {m: list(of_block(m, b)) for m, b in BLOCKS.items()}
 
 
 def recorded() -> dict[str, Type]:
-    """The words of the record: a name for each, `controller.distance` say, and what it is."""
-    words = {n: Type.REAL if word.startswith("bits(") else Type.INTEGER for n, word in DRIVERS.items()}
-    for member, block in BLOCKS.items():
-        for kind in ("state", "output"):
-            words |= {f"{member}.{kind}.{n}": v.type for n, v in flatten(block.group(kind))}
-    return words
+    """The words of the record: a name for each, `controller.output.distance` say, and what it is."""
+    return {word: e.type for entries in _record().values() for e in entries for word in e.words}
 
 
 def library(values: Values | None = None, *, constants: bool = False) -> dict[str, str]:
@@ -193,23 +163,8 @@ def write(
 
 def processor_in_the_loop() -> dict[str, str]:
     """The sources that stand in for a board when the program is compared between processors."""
-    words = [*DRIVERS.values()]
-    for member, block in BLOCKS.items():
-        for kind, field in (("state", "state"), ("output", "out")):
-            for name, variable in flatten(block.group(kind)):
-                words.append(_word(f"m->{member}.{field}.{c_name(name)}", variable.type))
     files = {source.name: source.read_text() for source in sorted(SOURCES.glob("pil*.c"))}
-    context = {"words": words}
-    for kind in "hc":
-        files[f"pil.{kind}" if kind == "h" else "pil_record.c"] = TEMPLATES.get_template(
-            f"pil.{kind}.jinja"
-        ).render(context)
+    context = {"groups": _record(), "words": len(recorded())}
+    files["pil.h"] = TEMPLATES.get_template("pil.h.jinja").render(context)
+    files["pil_record.c"] = TEMPLATES.get_template("pil.c.jinja").render(context)
     return files
-
-
-def _word(field: str, type: Type) -> str:
-    return {
-        Type.REAL: f"bits({field})",
-        Type.INTEGER: f"(uint32_t){field}",
-        Type.BOOLEAN: f"{field} ? 1U : 0U",
-    }[type]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from codegen.block_c import write_files
-from codegen.compiler import NUMERICS, WARNINGS, build_library, cache_folder, compiler_version
+from codegen.compiler import NUMERICS, WARNINGS, build_library, cache_folder, compiler_version, this_platform
 from codegen.firmware import Target
 
 BOARD = ("main.c", "port.c")  # for which the processor in the loop has its own
@@ -58,7 +58,7 @@ def host_image(target: Target, files: Mapping[str, str]) -> Image:
         CompileError: with the compiler's own words.
     """
     flags = (*NUMERICS, *WARNINGS, "-fno-sanitize=all", "-g0")
-    folder = image_folder(target, files, " ".join([compiler_version(), *flags]))
+    folder = image_folder(target, files, " ".join([compiler_version(), this_platform(), *flags]))
     path = folder / "onboard.so"
     if not path.exists():
         with tempfile.TemporaryDirectory() as scratch:

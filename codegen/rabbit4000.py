@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-import shutil
 import subprocess
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
@@ -19,11 +18,12 @@ from codegen.block_c import write_files
 from codegen.compiler import CompileError, cache_folder
 from codegen.firmware import SOURCES, Target
 from codegen.image import BOARD, Footprint, Image, image_folder
-from codegen.sdcc import COMPILING, VERSION, home, sdcc
+from codegen.sdcc import COMPILING, LANGUAGE, VERSION, home, sdcc
 
 # by measurement: speed instead of size gives 0.1 % more clocks and 0.6 % more code; 3000 takes twice as long
 FLAGS = ("--opt-code-size", "--max-allocs-per-node", "1000", "--constseg", "CONST")
 ASSEMBLER = "-plosgff"
+LENGTHENED = ("\tjr\t", "\tjp\t")
 CODE_AT = 0x0080  # behind crt0, which begins at 0
 DATA_AT = 0xE000  # of the image with mailbox and record, 8 kB with the stack; a board's may begin at 0xc000
 LINKING = ("--no-std-crt0", "--code-loc", hex(CODE_AT), "--data-loc", hex(DATA_AT))
@@ -68,7 +68,9 @@ def own_files(target: Target) -> dict[str, str]:
 
 
 def _linked(target: Target, files: Mapping[str, str]) -> tuple[Path, dict[str, Path]]:
-    folder = image_folder(target, files, " ".join([VERSION, ASSEMBLER, *FLAGS, *LINKING]))
+    folder = image_folder(
+        target, files, " ".join([VERSION, ASSEMBLER, *LANGUAGE, *FLAGS, *LENGTHENED, *LINKING])
+    )
     objects = _objects(target, files)
     path = folder / "onboard.ihx"
     if not path.exists():
@@ -97,7 +99,9 @@ def build_object(name: str, files: Mapping[str, str], kept: Path) -> Path:
     inputs = [
         VERSION,
         ASSEMBLER,
+        *LANGUAGE,
         *FLAGS,
+        *LENGTHENED,
         name,
         files[name],
         *(f"{n}\0{t}" for n, t in sorted(headers.items())),
@@ -122,7 +126,7 @@ def build_object(name: str, files: Mapping[str, str], kept: Path) -> Path:
 
 def lengthen(assembly: str) -> str:
     """Jumps that reach everywhere: SDCC's optimizer makes some short whose label is a byte too far."""
-    return assembly.replace("\tjr\t", "\tjp\t")
+    return assembly.replace(*LENGTHENED)
 
 
 def link(objects: Sequence[Path], path: Path) -> None:
@@ -145,7 +149,7 @@ def link(objects: Sequence[Path], path: Path) -> None:
                 f"{path.stem}: code and constants end at {end:#06x}, "
                 f"expected {DATA_AT:#06x} at most, where the data begin"
             )
-        shutil.copy(folder / f"{path.stem}.map", path.with_suffix(".map"))
+        (folder / f"{path.stem}.map").replace(path.with_suffix(".map"))
         (folder / path.name).replace(path)
 
 

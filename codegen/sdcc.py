@@ -24,6 +24,7 @@ PROGRAMS = (
     *(f"bin/{name}" for name in ("sdcc", "sdcpp", "sdasrab", "sdld", "sdar", "ucsim_rxk")),
     "libexec/sdcc/*/*/cc1",  # the preprocessor
 )
+LANGUAGE = ("-mr3ka", "--std=c99", "--Werror", "--nostdinc", "--nostdlib")
 COMPILING = 600.0  # s
 
 
@@ -62,15 +63,7 @@ def sdcc(arguments: Sequence[str], what: str, folder: Path) -> str:
     """
     place = home()
     include = place / "share" / "sdcc" / "include"
-    flags = [
-        "-mr3ka",
-        "--std=c99",
-        "--Werror",
-        "--nostdinc",
-        "--nostdlib",
-        f"-I{include}",
-        f"-I{include}/rab",
-    ]
+    flags = [*LANGUAGE, f"-I{include}", f"-I{include}/rab"]
     environment = os.environ | {"PATH": f"{place / 'bin'}:{os.environ.get('PATH', '')}"}
     try:
         done = subprocess.run(

@@ -15,6 +15,9 @@ Signals = Mapping[str, float]  # the sensors' outputs by name, SI
 
 WEEK_MS = 604_800_000  # after which the receiver's time of week begins anew
 FIX_3D = 3
+FIX = ("gps_north", "gps_east", "gps_speed", "gps_course", "gps_h_acc", "gps_s_acc")
+GREATEST = 2e6  # m, m/s, rad: beyond it the messages' 32 bits end, and no receiver measures so much
+FLT_MAX = 3.4028234e38
 SATELLITES = 9  # what the receiver says it uses; nobody reads it
 MT_PREAMBLE, MT_BUS, MT_DATA = 0xFA, 0xFF, 0x32
 MT_VALUES = struct.Struct(">12fH")  # accel, gyro, mag, roll, pitch, yaw; sample counter
@@ -40,15 +43,19 @@ class Receiver:
             time: s, of the tick.
             signals: `gps_fix gps_north gps_east gps_speed gps_course gps_h_acc gps_s_acc`.
         """
-        if not signals["gps_fix"]:
+        if not (signals["gps_fix"] and all(abs(signals[name]) <= GREATEST for name in FIX)):
             return b""
         latitude, longitude = (
             math.degrees(x) for x in self.plane.from_plane(signals["gps_north"], signals["gps_east"])
         )
-        longitude = (longitude + 180) % 360 - 180
+        if abs(latitude) > 90:
+            return b""
+        # whole units, since pyubx2 cuts off the rest
+        latitude = round(latitude * 1e7) / 1e7
+        longitude = round(((longitude + 180) % 360 - 180) * 1e7) / 1e7
         when = round(time * 1000) % WEEK_MS
-        h_acc, course = round(signals["gps_h_acc"] * 1000), math.degrees(signals["gps_course"]) % 360
-        speed, s_acc = signals["gps_speed"], signals["gps_s_acc"]
+        h_acc, course = max(round(signals["gps_h_acc"] * 1000), 1), math.degrees(signals["gps_course"]) % 360
+        speed, s_acc = signals["gps_speed"], signals["gps_s_acc"]  # no receiver states an accuracy of 0
         if self.pvt:
             fields = {
                 "fixType": FIX_3D,
@@ -58,7 +65,7 @@ class Receiver:
                 "lon": longitude,
             }
             fields |= {"hAcc": h_acc, "gSpeed": round(speed * 1000), "headMot": course}
-            return _ubx("PVT", when, fields | {"sAcc": round(s_acc * 1000)})
+            return _ubx("PVT", when, fields | {"sAcc": max(round(s_acc * 1000), 1)})
         return (
             _ubx("POSLLH", when, {"lat": latitude, "lon": longitude, "hAcc": h_acc})
             + _ubx("SOL", when, {"gpsFix": FIX_3D, "gpsfixOK": 1, "numSV": SATELLITES})
@@ -102,6 +109,7 @@ class InertialUnit:
             side * math.degrees(signals["pitch_meas"]),
             side * math.degrees(signals["heading_meas"]),
         ]
-        payload = MT_VALUES.pack(*vectors, *angles, tick % 65536)
+        values = [min(max(value, -FLT_MAX), FLT_MAX) for value in (*vectors, *angles)]
+        payload = MT_VALUES.pack(*values, tick % 65536)
         body = bytes([MT_BUS, MT_DATA, len(payload)]) + payload
         return bytes([MT_PREAMBLE]) + body + bytes([-sum(body) % 256])

@@ -122,9 +122,10 @@ class Operator:
         flags = Flag(self._telemetry.flags) if self._telemetry else Flag(0)
         if self._telemetry is None or self._telemetry.mission_id != self.mission.id:
             messages.append(self.mission)
-        if start and Flag.STARTED not in flags:
+        begun = Flag.STARTED in flags or Flag.WAITING in flags
+        if start and not begun:
             messages.append(Start(self.mission.id))
-        if not start and (Flag.STARTED in flags or wish != self._wish):
+        if not start and (begun or wish != self._wish):
             messages.append(Abort())
         messages.append(Override(override))  # always: what got lost is said again
         self._wish, self._silent_since = wish, time
@@ -230,6 +231,7 @@ class Onboard:
             latitude, longitude = (
                 self.memory[f"plane.state.origin_{name}"] * UNIT for name in ("latitude", "longitude")
             )
+            longitude = self.plane.longitude + math.remainder(longitude - self.plane.longitude, math.tau)
             self._shift = self.plane.to_plane(latitude, longitude)
         return self._shift
 

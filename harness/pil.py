@@ -7,6 +7,7 @@ after every tick all that both remember, play and send is compared.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,7 @@ REPORT = "pil.json"
 SIMULATED = tuple(name for name in TARGETS if name != "host")
 TICK_MS = 40.0
 LONGEST = 300.0  # s, of the progress bar
-CLOCK_MHZ = {"rabbit4000": 58.98, "cortex-m4f": 168.0}  # of the RCM4100; of a usual part
+CLOCK_MHZ = {"rabbit4000": 58.98}  # of the RCM4100
 WAIT_STATES = range(5)
 
 
@@ -48,6 +49,7 @@ class Compared:
     processor: Processor
     host: Processor
     costs: list[tuple[Cost, bool]] = field(default_factory=list)
+    ticks: int = 0
     most_stack: int | None = None
 
     def __post_init__(self) -> None:
@@ -61,12 +63,13 @@ class Compared:
             DifferenceError: naming tick, word and both values.
         """
         reply, expected = self.processor.tick(received), self.host.tick(received)
-        when = f"on tick {len(self.costs)}"
+        when = f"on tick {self.ticks}"
         self._compare_records(reply.record, expected.record, when)
         for name in ("sent", "tone_hz", "vibrate_left", "vibrate_right"):
             got, ours = getattr(reply, name), getattr(expected, name)
             if got != ours:
                 raise DifferenceError(f"{self.target}: {name} is {got!r} {when}, on the host {ours!r}")
+        self.ticks += 1
         if reply.cost is not None:
             self.costs.append((reply.cost, bool(received.gps)))
         return reply
@@ -88,14 +91,16 @@ class Compared:
 
     def close(self) -> None:
         """Both; what was measured is kept."""
-        self.most_stack = self.stack()
-        self.processor.close()
-        self.host.close()
+        try:
+            self.most_stack = self.stack()
+        finally:
+            self.processor.close()
+            self.host.close()
 
 
 def _word(word: np.uint32, kind: Type) -> str:
     if kind is Type.REAL:
-        return f"{np.array([word], '<u4').view('<f4')[0]!r} (0x{word:08x})"
+        return f"{np.array([word], '<u4').view('<f4')[0]!s} (0x{word:08x})"
     return str(np.array([word], "<u4").view("<i4")[0])
 
 
@@ -127,18 +132,20 @@ def run(
     watched: list[Compared] = []
 
     def start(name: str, values: Values) -> Processor:
-        processor = open_processor(name, values, constants=constants)
-        try:
-            watched.append(Compared(name, processor, open_processor("host", values, constants=constants)))
-        except BaseException:
-            processor.close()
-            raise
+        with ExitStack() as opened:
+            processor = open_processor(name, values, constants=constants)
+            opened.callback(processor.close)
+            host = open_processor("host", values, constants=constants)
+            opened.callback(host.close)
+            watched.append(Compared(name, processor, host))
+            opened.pop_all()
         return watched[-1]
 
     with trial.requested(scenario, replace(changes, onboard=f"pil:{target}")) as request:
         trial.build_missing(request, built)
         with trial.prepared(request) as ready:
             place = out or default_folder(target)
+            (place / REPORT).unlink(missing_ok=True)  # of an earlier run
             summary = trial.run(request, ready, place, progress, start)
     result = report(target, watched[0]) | {"trial": summary}
     write_summary(result, place / REPORT)
@@ -173,14 +180,14 @@ def _costs(target: str, costs: Iterable[Cost]) -> dict[str, Any]:
     if not costs:
         return {"ticks": 0}
     kinds = ("instructions", "clocks", "accesses") if costs[0].clocks else ("instructions",)
-    worst = max(costs, key=lambda cost: (cost.clocks, cost.instructions))
     found: dict[str, Any] = {"ticks": len(costs)}
     for kind in kinds:
         values = [getattr(cost, kind) for cost in costs]
-        found[kind] = {"worst": getattr(worst, kind), "mean": round(float(np.mean(values)))}
-    if worst.clocks:
+        found[kind] = {"worst": max(values), "mean": round(float(np.mean(values)))}
+    if costs[0].clocks:
         found["worst_ms_by_wait_states"] = [
-            round((worst.clocks + w * worst.accesses) / CLOCK_MHZ[target] / 1e3, 2) for w in WAIT_STATES
+            round(max(c.clocks + w * c.accesses for c in costs) / CLOCK_MHZ[target] / 1e3, 2)
+            for w in WAIT_STATES
         ]
     return found
 

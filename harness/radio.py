@@ -138,7 +138,8 @@ class Flag(IntFlag):
     LINK_OK = 0x04  # the laptop is heard
     FIXED = 0x08  # there has been a fix
     LOADED = 0x10  # a mission is held
-    STARTED = 0x20  # it is under way
+    STARTED = 0x20  # it is under way, or has ended
+    WAITING = 0x40  # a START waits for a fix, or for the end of a stop
 
 
 U8 = Annotated[int, "B"]  # as struct names them
@@ -169,7 +170,7 @@ class Telemetry:
     waypoint: U8  # number of waypoints reached
     anomaly: U8  # models.cmec.Anomaly
     flags: U8  # Flag
-    mission_id: U16  # of the mission held
+    mission_id: U16  # of the mission under way; else of the one held
     received: U8  # sequence number of the last message taken from the laptop
     gps_frames: U16  # modulo 2^16
     gps_errors: U16  # wrong checksums; this and the other errors stop at 65535

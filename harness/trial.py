@@ -331,9 +331,13 @@ def _alone_in(folder: Path) -> Iterator[None]:
 
 def _onboard(request: Request, ready: Prepared, start: Start) -> Onboard:
     """The onboard computer with the scenario's parameters in its firmware."""
-    values = ready.plan.values | _all_values(ready)
+    values = _all_values(ready)
     processor = start(request.onboard, firmware_values(values))
-    return Onboard(processor, request.scenario.origin, values, pvt=find_target(request.onboard).pvt)
+    try:
+        return Onboard(processor, request.scenario.origin, values, pvt=find_target(request.onboard).pvt)
+    except BaseException:
+        processor.close()
+        raise
 
 
 def _simulate(
@@ -460,10 +464,8 @@ def _metadata(request: Request, ready: Prepared) -> dict[str, dict[str, str]]:
 
 def _all_values(ready: Prepared) -> dict[str, dict[str, float]]:
     """The scenario's values over those of the package."""
-    return {
-        name: {n: v.value for n, v in part.values.items()} | ready.plan.values.get(name, {})
-        for name, part in ready.system.components.items()
-    }
+    own = {name: {n: v.value for n, v in c.values.items()} for name, c in ready.system.components.items()}
+    return {name: own.get(name, {}) | values for name, values in ready.plan.values.items()}
 
 
 def _attachments(request: Request, ready: Prepared) -> dict[str, bytes]:

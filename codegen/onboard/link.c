@@ -73,7 +73,8 @@ static uint8_t flags(const link_telemetry *telemetry)
 {
     return (uint8_t)((telemetry->valid ? 0x01U : 0U) | (telemetry->imu_ok ? 0x02U : 0U) |
                      (telemetry->link_ok ? 0x04U : 0U) | (telemetry->fixed ? 0x08U : 0U) |
-                     (telemetry->loaded ? 0x10U : 0U) | (telemetry->started ? 0x20U : 0U));
+                     (telemetry->loaded ? 0x10U : 0U) | (telemetry->started ? 0x20U : 0U) |
+                     (telemetry->waiting ? 0x40U : 0U));
 }
 
 static uint8_t link_length(const uint8_t *header)

@@ -68,14 +68,15 @@ typedef struct {
     uint8_t mode;                  /* what the controller is doing */
     uint8_t status;                /* how the trial stands */
     uint8_t waypoint;              /* number of waypoints reached */
-    uint8_t anomaly;               /* what went otherwise than commanded */
-    bool valid;                    /* the estimate; this and the next five are the bits of one byte */
+    uint8_t anomaly;               /* what keeps the controller from deciding */
+    bool valid;                    /* the estimate; this and the next six are the bits of one byte */
     bool imu_ok;                   /* samples come */
     bool link_ok;                  /* the laptop is heard */
     bool fixed;                    /* there has been a fix */
     bool loaded;                   /* a mission is held */
-    bool started;                  /* it is under way */
-    uint16_t mission_id;           /* of the mission held */
+    bool started;                  /* it is under way, or has ended */
+    bool waiting;                  /* a START waits for a fix, or for the end of a stop */
+    uint16_t mission_id;           /* of the mission under way; else of the one held */
     uint8_t received;              /* sequence number of the last message taken from the laptop */
     uint16_t gps_frames;           /* modulo 2^16 */
     uint16_t gps_errors;           /* wrong checksums; this and the other errors stop at 65535 */

@@ -69,22 +69,32 @@ void mt_init(mt *m, bool z_up)
     m->z_up = z_up;
 }
 
-bool mt_receive(mt *m, scanner_input *input)
+/* Take the sample that the scanner holds. Returns whether it is a new one: the counter has moved. */
+static bool take_sample(mt *m)
 {
-    static const scanner_protocol protocol = {PREAMBLE, HEADER, mt_length, mt_intact};
-    const bool found = scanner_next(&m->scanner, input, &protocol);
+    const uint8_t *const data = &m->scanner.frame[HEADER];
+    const uint8_t *const end = &data[sizeof(m->values)];
+    const uint16_t counter = (uint16_t)(((uint16_t)end[0] << 8) | end[1]);
+    const bool fresh = !m->sampled || (counter != m->counter);
 
-    if (found) {
-        const uint8_t *const data = &m->scanner.frame[HEADER];
-        const uint8_t *const end = &data[sizeof(m->values)];
-        const uint16_t counter = (uint16_t)(((uint16_t)end[0] << 8) | end[1]);
-
+    if (fresh) {
         (void)memcpy(m->values, data, sizeof(m->values));
         count_lost(m, counter);
         m->counter = counter;
         m->sampled = true;
     }
-    return found;
+    return fresh;
+}
+
+bool mt_receive(mt *m, scanner_input *input)
+{
+    static const scanner_protocol protocol = {PREAMBLE, HEADER, mt_length, mt_intact};
+    bool fresh = false;
+
+    while (!fresh && scanner_next(&m->scanner, input, &protocol)) {
+        fresh = take_sample(m);
+    }
+    return fresh;
 }
 
 float mt_value(const mt *m, mt_quantity quantity)

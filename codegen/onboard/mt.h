@@ -38,8 +38,8 @@ typedef struct {
 
 void mt_init(mt *m, bool z_up);
 
-/* Read up to the end of the next frame. Returns true with a new sample, false when the input is used up: call
- * until then. */
+/* Read up to the next sample whose counter has moved. Returns false when the input is used up: call until
+ * then. */
 bool mt_receive(mt *m, scanner_input *input);
 
 /* A value of the last sample. */

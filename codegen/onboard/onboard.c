@@ -15,6 +15,8 @@
 #define PER_MILLE 0.001f     /* mm to m, mm/s to m/s */
 #define FARTHEST 1.0e5f      /* m: the controller's range of positions */
 #define MAX_SHIFT 100000000  /* 1e-7 deg that an estimate is from the origin, at most, in telemetry */
+#define ORIGIN_H_ACC 100000U /* mm, mm/s: a fix that is to settle the plane is no worse */
+#define ORIGIN_S_ACC 10000U
 
 /* The next bytes of a source, which gives so many more blocks in this tick. Returns false if there are none. */
 static bool next_bytes(port_source source, scanner_input *input, uint8_t *blocks)
@@ -27,6 +29,26 @@ static bool next_bytes(port_source source, scanner_input *input, uint8_t *blocks
     return input->count > 0U;
 }
 
+/* What a message means for the trial. A START is that of the mission held: another mission undoes it. While a
+ * trial is on, or has ended and was not aborted, it is not heeded. */
+static void heed(onboard *m, link_message message)
+{
+    switch (message) {
+    case LINK_MISSION:
+        m->start_wanted = false;
+        break;
+    case LINK_START:
+        m->start_wanted = !m->controller.in.start;
+        break;
+    case LINK_ABORT:
+        m->start_wanted = false;
+        m->controller.in.start = false;
+        break;
+    default: /* the driver keeps overrides; the others are but signs of life */
+        break;
+    }
+}
+
 /* Obey the operator's messages in the input. Returns whether there was one. */
 static bool obey(onboard *m, scanner_input *input)
 {
@@ -36,9 +58,7 @@ static bool obey(onboard *m, scanner_input *input)
     do {
         message = link_receive(&m->radio, input);
         heard = heard || (message != LINK_NOTHING);
-        if ((message == LINK_START) || (message == LINK_ABORT)) {
-            m->start_wanted = (message == LINK_START);
-        }
+        heed(m, message);
     } while (message != LINK_NOTHING);
     return heard;
 }
@@ -65,6 +85,17 @@ static bool hear_operator(onboard *m)
     return heard;
 }
 
+static bool is_near(float coordinate)
+{
+    return (coordinate >= -FARTHEST) && (coordinate <= FARTHEST);
+}
+
+/* The position projected last is within the controller's range. */
+static bool on_plane(const onboard *m)
+{
+    return is_near(m->plane.out.north) && is_near(m->plane.out.east);
+}
+
 /* A position on the plane: `north` and `east` of plane.out. */
 static void project(onboard *m, int32_t latitude, int32_t longitude, bool settle)
 {
@@ -74,8 +105,20 @@ static void project(onboard *m, int32_t latitude, int32_t longitude, bool settle
     local_plane_step(&m->plane);
 }
 
-/* The receiver's fixes; of several in one tick, the last. The first is where the plane touches the earth.
- * Returns whether there was one. */
+/* Bring a fix onto the plane, which touches the earth at the first good one, and anew where the vest has been
+ * carried too far away before a trial. Returns whether there is a plane. */
+static bool project_fix(onboard *m, const ubx_fix *fix)
+{
+    const bool accurate = (fix->h_acc <= ORIGIN_H_ACC) && (fix->s_acc <= ORIGIN_S_ACC);
+
+    project(m, fix->latitude, fix->longitude, accurate && !m->plane.state.settled);
+    if (accurate && !m->controller.in.start && !on_plane(m)) {
+        project(m, fix->latitude, fix->longitude, true);
+    }
+    return m->plane.state.settled;
+}
+
+/* The receiver's fixes; of several in one tick, the last. Returns whether there was one. */
 static bool hear_receiver(onboard *m)
 {
     scanner_input input = {NULL, 0U};
@@ -90,10 +133,10 @@ static bool hear_receiver(onboard *m)
             fixed = fixed || (found == UBX_FIX);
         } while (found != UBX_NOTHING);
     }
+    fixed = fixed && project_fix(m, &m->gps.fix);
     if (fixed) {
         const ubx_fix *const fix = &m->gps.fix;
 
-        project(m, fix->latitude, fix->longitude, !m->plane.state.settled);
         m->estimator.in.gps_north = m->plane.out.north;
         m->estimator.in.gps_east = m->plane.out.east;
         m->estimator.in.gps_speed = PER_MILLE * (float)fix->speed;
@@ -125,11 +168,6 @@ static bool hear_imu(onboard *m)
     return sampled;
 }
 
-static bool is_near(float coordinate)
-{
-    return (coordinate >= -FARTHEST) && (coordinate <= FARTHEST);
-}
-
 /* Bring the mission that is held onto the plane. Returns whether all of it is near enough. */
 static bool plan(onboard *m)
 {
@@ -138,27 +176,28 @@ static bool plan(onboard *m)
     project(m, m->radio.mission.home.latitude, m->radio.mission.home.longitude, false);
     m->controller.par.home_north = m->plane.out.north;
     m->controller.par.home_east = m->plane.out.east;
-    near = is_near(m->plane.out.north) && is_near(m->plane.out.east);
+    near = on_plane(m);
     m->controller.par.waypoint_count = (int32_t)m->radio.mission.count;
     for (uint8_t i = 0U; i < m->radio.mission.count; i++) {
         project(m, m->radio.mission.waypoints[i].latitude, m->radio.mission.waypoints[i].longitude, false);
         m->controller.par.waypoint_north[i] = m->plane.out.north;
         m->controller.par.waypoint_east[i] = m->plane.out.east;
-        near = near && is_near(m->plane.out.north) && is_near(m->plane.out.east);
+        near = near && on_plane(m);
     }
     return near;
 }
 
-/* The trial begins when the operator wants it and the plane is settled. */
+/* The trial begins when the operator wants it, the plane is settled and the controller has come to rest. A START
+ * that has not begun is forgotten with the link. */
 static void begin(onboard *m)
 {
-    if (!m->start_wanted) {
-        m->controller.in.start = false;
-    } else if (!m->controller.in.start && m->plane.state.settled) {
+    if (!m->guard.out.link_ok) {
+        m->start_wanted = false;
+    }
+    if (m->start_wanted && m->plane.state.settled && (m->controller.out.mode == (int32_t)CMEC_MODE_IDLE)) {
         m->controller.in.start = plan(m);
-        m->start_wanted = m->controller.in.start;
-    } else {
-        /* it is under way, or waits for a fix */
+        m->start_wanted = false;
+        m->mission_id = m->radio.mission.id;
     }
 }
 
@@ -251,7 +290,8 @@ static void report(onboard *m)
     t.fixed = m->plane.state.settled;
     t.loaded = m->radio.mission.count > 0U;
     t.started = m->controller.in.start;
-    t.mission_id = m->radio.mission.id;
+    t.waiting = m->start_wanted;
+    t.mission_id = m->controller.in.start ? m->mission_id : m->radio.mission.id;
     t.received = m->radio.sequence;
     t.gps_frames = low_word(m->gps.scanner.frames);
     t.gps_errors = at_most_u16(m->gps.scanner.errors);
@@ -285,11 +325,14 @@ void onboard_tick(onboard *m)
 {
     const bool fixed = hear_receiver(m);
     const bool busy = fixed && !m->busy; /* a fix is work enough: what can wait does, but for one tick */
+    const int32_t bad_samples = m->estimator.state.bad_samples;
+    bool sampled;
 
     m->busy = busy;
     m->guard.in.heard = !busy && hear_operator(m);
-    m->guard.in.sampled = hear_imu(m);
+    sampled = hear_imu(m);
     four_state_step(&m->estimator);
+    m->guard.in.sampled = sampled && (m->estimator.state.bad_samples == bad_samples); /* it was of use */
     m->guard.in.valid = m->estimator.out.valid;
     watchdog_step(&m->guard);
     begin(m);

@@ -25,7 +25,8 @@ typedef struct {
     ubx gps;
     mt imu;
     radio_link radio;
-    bool start_wanted; /* the operator's START holds */
+    bool start_wanted; /* a START of the operator's has not begun yet */
+    uint16_t mission_id; /* of the mission begun last */
     uint8_t pause;     /* ticks without a byte from the radio */
     bool busy;         /* radio and telemetry waited on the last tick */
     bool reporting;    /* telemetry is due */

@@ -28,7 +28,7 @@ typedef struct {
 
 typedef enum {
     UBX_NOTHING, /* the input is used up */
-    UBX_FRAME,   /* a frame, in scanner.bytes, that completes no fix */
+    UBX_FRAME,   /* a frame, at scanner.frame, that completes no fix */
     UBX_FIX      /* a new fix, in `fix` */
 } ubx_found;
 

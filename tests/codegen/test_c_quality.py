@@ -235,7 +235,7 @@ PROVED: dict[str, tuple[int, tuple[str, ...]]] = {
     "ubx.receive": (1, MEMORY),
     "mt.length": (1, MEMORY),
     "mt.intact": (56, MEMORY),
-    "mt.receive": (1, MEMORY),
+    "mt.receive": (4, MEMORY),
     "mt.value": (1, MEMORY),
     "link.length": (1, MEMORY),
     "link.intact": (145, MEMORY),

@@ -467,7 +467,6 @@ def test_messages_of_another_length_or_class_are_passed_over(c: ctypes.CDLL) -> 
         ([65_534, 2], 3),
         ([7, 7 + 32_768], 32_767),
         ([500, 0, 1], 0),  # begun anew
-        ([7, 7], 0),
     ],
 )
 def test_samples_that_the_counter_jumps_over_are_lost(c: ctypes.CDLL, counters: list[int], lost: int) -> None:
@@ -475,6 +474,13 @@ def test_samples_that_the_counter_jumps_over_are_lost(c: ctypes.CDLL, counters: 
     frames = b"".join(mt_frame([0.0] * 12, counter) for counter in counters)
     assert list(mt.receive(frames)) == [True] * len(counters)
     assert mt.state.lost == lost
+
+
+def test_a_sample_whose_counter_stands_still_is_the_old_one(c: ctypes.CDLL) -> None:
+    mt = Driver(c, "mt", False)
+    frames = mt_frame([1.0] * 12, 7) + mt_frame([2.0] * 12, 7) + mt_frame([3.0] * 12, 8)
+    assert [mt.sample["accel"][0] for _ in mt.receive(frames)] == [1.0, 3.0]
+    assert mt.state.scanner.frames == 3
 
 
 # --- the radio ---

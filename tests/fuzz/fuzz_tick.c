@@ -533,6 +533,7 @@ static void tick(void)
 {
     const uint32_t heard = messages();
     const bool waited = vest.busy;
+    const int32_t bad_samples = vest.estimator.state.bad_samples;
     const uint32_t sampled = vest.imu.scanner.frames;
 
     walk();
@@ -541,7 +542,9 @@ static void tick(void)
     world.reports = 0U;
     onboard_tick(&vest);
     world.silence = (messages() != heard) ? 0U : (world.silence + 1U);
-    world.imu_silence = (vest.imu.scanner.frames != sampled) ? 0U : (world.imu_silence + 1U);
+    world.imu_silence = vest.guard.in.sampled ? 0U : (world.imu_silence + 1U);
+    assert(!vest.guard.in.sampled || /* what counts as a sample has come, and the estimator took it */
+           ((vest.imu.scanner.frames != sampled) && (vest.estimator.state.bad_samples == bad_samples)));
     for (unsigned i = 0U; i < (unsigned)PORT_SOURCES; i++) {
         assert(world.taken[i] <= (ONBOARD_BLOCKS * PORT_MOST));
     }

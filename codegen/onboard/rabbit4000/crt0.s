@@ -6,9 +6,8 @@
 ;   0xffff          the stack, downwards from here: the same RAM
 ; The last 8 kB are the window of XPC, which is set once and left: no code is banked.
 ;
-; Interrupts stay off, as reset left them (priority 3): the program waits for none. A board whose port needs them
-; gives IIR and EIR a table of vectors and lowers the priority in port_init. The watchdog, 2 s after reset, is
-; the board's to hit as well.
+; Interrupts stay off, as reset left them (priority 3), until port_init has set the table of vectors and lowers the
+; priority. The watchdog, 2 s after reset, is the port's to hit as well.
 
 	.module	crt0
 	.globl	_main
