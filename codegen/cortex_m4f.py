@@ -15,8 +15,8 @@ from elftools.elf.elffile import ELFFile
 
 from codegen.block_c import write_files
 from codegen.compiler import WARNINGS, compiler_version, zig
-from codegen.firmware import SOURCES, Target
-from codegen.image import BOARD, Footprint, Image, image_folder
+from codegen.firmware import Target
+from codegen.image import BOARD, Footprint, Image, image_folder, own_files
 
 TRIPLE = ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m4+vfp4d16sp")  # `cortex_m4` has no FPU
 # -O2 takes 15 % more code than -Os and 2 to 4 % fewer instructions, and there is room
@@ -33,12 +33,6 @@ FLAGS = (
 STATE = "pil_vest"  # what the program remembers, though the processor in the loop names it
 
 
-def board_files(target: Target) -> dict[str, str]:
-    """The target's own sources and linker script, but its board's; those named pil* are not for one."""
-    folder = SOURCES / target.folder
-    return {path.name: path.read_text() for path in sorted(folder.iterdir()) if path.name not in BOARD}
-
-
 def cortex_m4f_image(target: Target, files: Mapping[str, str]) -> Image:
     """An ELF file of the program and its start-up, from address 0 on; symbols without the bit for Thumb.
 
@@ -48,7 +42,7 @@ def cortex_m4f_image(target: Target, files: Mapping[str, str]) -> Image:
     Raises:
         CompileError: with the compiler's own words.
     """
-    files = board_files(target) | dict(files)
+    files = own_files(target) | dict(files)
     path = image_folder(target, files, " ".join([compiler_version(), *FLAGS])) / "onboard.elf"
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from codegen.block_c import write_files
 from codegen.compiler import NUMERICS, WARNINGS, build_library, cache_folder, compiler_version, this_platform
-from codegen.firmware import Target
+from codegen.firmware import SOURCES, Target
 
 BOARD = ("main.c", "port.c")  # for which the processor in the loop has its own
 
@@ -43,6 +43,12 @@ class Image:
     path: Path
     symbols: Mapping[str, int]
     footprint: Footprint | None = None
+
+
+def own_files(target: Target) -> dict[str, str]:
+    """A target's own sources, headers and scripts but its board's; those named pil* are not for one."""
+    folder = SOURCES / target.folder
+    return {path.name: path.read_text() for path in sorted(folder.iterdir()) if path.name not in BOARD}
 
 
 def image_folder(target: Target, files: Mapping[str, str], toolchain: str) -> Path:

@@ -16,8 +16,8 @@ from pathlib import Path
 
 from codegen.block_c import write_files
 from codegen.compiler import CompileError, cache_folder
-from codegen.firmware import SOURCES, Target
-from codegen.image import BOARD, Footprint, Image, image_folder
+from codegen.firmware import Target
+from codegen.image import BOARD, Footprint, Image, image_folder, own_files
 from codegen.sdcc import COMPILING, LANGUAGE, VERSION, home, sdcc
 
 # by measurement: speed instead of size gives 0.1 % more clocks and 0.6 % more code; 3000 takes twice as long
@@ -25,7 +25,7 @@ FLAGS = ("--opt-code-size", "--max-allocs-per-node", "1000", "--constseg", "CONS
 ASSEMBLER = "-plosgff"
 LENGTHENED = ("\tjr\t", "\tjp\t")
 CODE_AT = 0x0080  # behind crt0, which begins at 0
-DATA_AT = 0xE000  # of the image with mailbox and record, 8 kB with the stack; a board's may begin at 0xc000
+DATA_AT = 0xE000  # of the image with mailbox and record, 8 kB with the stack; a board's begin at 0xc000
 LINKING = ("--no-std-crt0", "--code-loc", hex(CODE_AT), "--data-loc", hex(DATA_AT))
 AT_ONCE = 2  # SDCC processes
 MAIN = "main.c"  # of a board; the processor in the loop has its own
@@ -60,11 +60,6 @@ def program_image(target: Target, files: Mapping[str, str]) -> Image:
     """
     path, _ = _linked(target, own_files(target) | dict(files))
     return Image(path, read_map(path.with_suffix(".map"))[1])
-
-
-def own_files(target: Target) -> dict[str, str]:
-    """The target's own sources but its board's; those named pil* are not for a board."""
-    return {p.name: p.read_text() for p in sorted((SOURCES / target.folder).iterdir()) if p.name not in BOARD}
 
 
 def _linked(target: Target, files: Mapping[str, str]) -> tuple[Path, dict[str, Path]]:

@@ -24,8 +24,9 @@ from unicorn.unicorn_const import UC_HOOK_BLOCK, UC_HOOK_CODE
 
 from codegen.block_c import write_files
 from codegen.compiler import WARNINGS, CompileError, zig
-from codegen.cortex_m4f import FLAGS, LINKING, PORTABLE, board_files, cortex_m4f_image
+from codegen.cortex_m4f import FLAGS, LINKING, PORTABLE, cortex_m4f_image
 from codegen.firmware import BLOCKS, find_target, library, processor_in_the_loop, recorded
+from codegen.image import own_files
 from harness import radio
 from harness.processors import ProcessorError, Received, Reply, cortex_m4f, host, open_processor
 from harness.processors.cortex_m4f import CortexM4F, instructions_in
@@ -525,7 +526,7 @@ def test_main_that_returns_ends_in_the_handler() -> None:
 
 
 def test_start_up_must_turn_the_fpu_on() -> None:
-    startup = board_files(TARGET)["startup.c"].replace("CPACR |= FPU_ACCESS;", "CPACR |= 0U;")
+    startup = own_files(TARGET)["startup.c"].replace("CPACR |= FPU_ACCESS;", "CPACR |= 0U;")
     with pytest.raises(ProcessorError, match=r"FPU off.*CPACR is 0x00000000, expected 0x00f00000"):
         cortex_m4f.start(TARGET, sources() | {"startup.c": startup})
 
@@ -592,7 +593,7 @@ def compile_with_zig(units: list[str], folder: Path) -> None:
 @pytest.mark.parametrize("compile", [compile_with_gcc, compile_with_zig])
 def test_qemu_has_the_same_bits(compile: Callable[[list[str], Path], None], tmp_path: Path) -> None:
     # given the same sources with a main that reads and writes files
-    files = board_files(TARGET) | sources()
+    files = own_files(TARGET) | sources()
     for name in ("pil_main.c", "pil_stops.c", "main.c"):
         del files[name]
     files["semihosting.c"] = Path(__file__).with_name("semihosting.c").read_text()

@@ -178,7 +178,7 @@ def test_the_shipped_trials_have_the_geometry_of_figure_4_8() -> None:
         assert math.degrees(math.atan2(e2 - e1, n2 - n1)) == pytest.approx(turn, abs=1e-3)
     assert load("three_waypoint").waypoints == load("right_90").waypoints
     assert load("two_waypoint").waypoints == ((25.0, 0.0),)
-    assert len(shipped()) == 9
+    assert len(shipped()) == 10
 
 
 def test_the_heading_at_the_start_varies_in_two_waypoint_trials_only() -> None:
