@@ -7,6 +7,7 @@ loop, Makefile and README.
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -24,6 +25,7 @@ from models.local_plane import LocalPlane
 from models.watchdog import Watchdog
 
 SOURCES = Path(__file__).parent / "onboard"
+SUMS = "SHA256SUMS"  # of a bundle's files, as `sha256sum -c` reads it
 COSTS = SOURCES / "costs.json"  # measured by the processor in the loop, by target
 # the members of `onboard` in onboard.h that are blocks
 BLOCKS: dict[str, type[Block]] = {
@@ -151,14 +153,43 @@ def write(
 ) -> list[Path]:
     """Write the bundle into a folder, which is made if need be; the files, each whole or not at all.
 
+    What was changed after it was made, or was never made here, is not overwritten: SUMS tells.
+
     Raises:
-        UsageError: it cannot be written there.
+        UsageError: it cannot be written there, or would overwrite such a file; then nothing is written.
     """
     files = bundle(target, values, constants=constants)
+    files[SUMS] = "".join(f"{_digest(text.encode())}  {name}\n" for name, text in sorted(files.items()))
     try:
+        strange = _not_made_here(folder, files)
+        if strange:
+            raise UsageError(
+                f"--out {folder}: changed after being made, or not made here: {', '.join(strange)}; "
+                "nothing is written. Move them away, or choose another folder"
+            )
         return write_files(files, folder)
     except OSError as reason:
         raise UsageError(f"--out {folder}: cannot be written: {reason.strerror}") from None
+
+
+def _not_made_here(folder: Path, files: Mapping[str, str]) -> list[str]:
+    """Files of these names whose content is neither the new one nor that of an earlier bundle."""
+    made: dict[str, str] = {}
+    if (folder / SUMS).is_file():
+        lines = (line.split("  ", 1) for line in (folder / SUMS).read_text(errors="replace").splitlines())
+        made = {parts[1]: parts[0] for parts in lines if len(parts) == 2}
+    there = {
+        name: (folder / name).read_bytes() for name in files if name != SUMS and (folder / name).exists()
+    }
+    return [
+        name
+        for name, content in there.items()
+        if content != files[name].encode() and _digest(content) != made.get(name)
+    ]
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
 
 
 def processor_in_the_loop() -> dict[str, str]:

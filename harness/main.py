@@ -210,9 +210,14 @@ def processor_in_the_loop(
     """
     changes = trial.Changes(settings=settings or [], seed=seed)
     with _telling("building the FMUs") as done, _bar("trial [s]", pil.LONGEST, quiet=as_json) as progress:
-        result = pil.run(
-            target, scenario, changes, folder, constants=constants, built=done, progress=progress
-        )
+        try:
+            result = pil.run(
+                target, scenario, changes, folder, constants=constants, built=done, progress=progress
+            )
+        except KeyboardInterrupt:
+            place = folder or pil.default_folder(target)
+            err.print(f"canine: ended by Ctrl-C; the log up to there is {place / trial.LOG}")
+            raise typer.Exit(INTERRUPTED) from None
     if as_json:
         typer.echo(json.dumps(result, indent=2))
     else:

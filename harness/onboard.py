@@ -65,6 +65,7 @@ SIGNALS: tuple[tuple[str, str, float, str], ...] = (
     ("waypoint", "", 1, "number of waypoints reached"),
     ("anomaly", "", 1, "what keeps the controller from deciding"),
     ("flags", "", 1, "what is so on board: bits as in harness.radio.Flag"),
+    ("mission_id", "", 1, "of the mission under way; else of the one held"),
     ("received", "", 1, "sequence number of the last message heard"),
     ("gps_frames", "", 1, "from the receiver, modulo 2^16"),
     ("gps_errors", "", 1, "wrong checksums"),
@@ -169,7 +170,7 @@ class Onboard:
         self.plane = TangentPlane(*(math.radians(x) for x in origin))
         self.receiver, self.unit = Receiver(self.plane, pvt), InertialUnit()
         self.operator = Operator(self._mission(values.get("controller", {})))
-        self._commands = _commands(values.get("command_module", {}))
+        self._commands = commands(values.get("command_module", {}))
         self._told: Telemetry | None = None
         self._rows: dict[float, Telemetry | None] = {}  # what was told last, by the tick's time
         self.tick = 0
@@ -266,19 +267,21 @@ class Onboard:
         self.processor.close()
 
 
-def _commands(values: Mapping[str, float]) -> dict[tuple[int, bool, bool], Command]:
+def commands(values: Mapping[str, float]) -> dict[tuple[int, bool, bool], Command]:
     """What the vest plays for each command.
 
     Raises:
-        UsageError: two commands sound alike.
+        UsageError: two commands sound alike, or one is no whole number of Hz.
     """
     found = {(0, False, False): Command.NONE, (0, True, False): Command.LEFT, (0, False, True): Command.RIGHT}
     declared = settable(BLOCKS["vest"])
     for name, command in TONES.items():
-        played = (int(values.get(name, declared[name].start[0])), False, False)
-        if played in found:
+        tone = values.get(name, declared[name].start[0])
+        played = (int(tone), False, False)
+        if played in found or tone != played[0]:
+            wrong = f"as for {found[played].name}" if played in found else "no whole number"
             raise UsageError(
-                f"command_module.{name} is {played[0]} Hz, as for {found[played].name}; "
+                f"command_module.{name} is {tone:g} Hz, {wrong}; "
                 "expected a tone of its own, since the animal hears nothing else"
             )
         found[played] = command

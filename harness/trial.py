@@ -21,7 +21,7 @@ from fmus.build import BUILD, build_all, is_current
 from harness.fmu import FmuDescription, describe
 from harness.log import Channel, Log, LogWriter, read_log
 from harness.loop import Array, Simulation, Stop
-from harness.onboard import ROLES, Onboard
+from harness.onboard import ROLES, Onboard, commands
 from harness.plots import trial_png
 from harness.processors import Processor, open_processor
 from harness.roles import Adapter, Fit, Rename, find_role, misfits, read_adapter, replace_component, roles
@@ -224,18 +224,35 @@ def values_on_board(scenario: str, settings: Sequence[str]) -> Values:
 
     Raises:
         ScenarioError: it cannot be read, or sets what is not there.
+        UsageError: a setting is none of the firmware's, or two commands sound alike.
     """
     parts = parts_of_system(SYSTEMS["full"]) | parts_on_board()
     wanted = (load(scenario, mission=False) if scenario else Scenario("--set")).override(settings)
-    return firmware_values(plan(wanted, parts).values)
+    values = plan(wanted, parts).values
+    for setting in settings:
+        owner, _, name = setting.partition("=")[0].strip().partition(".")
+        if not any(
+            owner in (component, BLOCKS[member].title()) and name in settable(BLOCKS[member])
+            for component, member in _members().items()
+        ):
+            raise UsageError(
+                f"--set {owner}.{name}: not in the firmware, whose blocks are {', '.join(_members())}; "
+                "waypoints and home come by radio"
+            )
+    commands(values["command_module"])
+    return firmware_values(values)
+
+
+def _members() -> dict[str, str]:
+    """The components that are on board, and what they are there."""
+    return ROLES | {name: name for name in parts_on_board()}
 
 
 def firmware_values(values: Mapping[str, Mapping[str, float]]) -> Values:
     """Of all components' values, those that are parameters of the firmware, by its members."""
-    members = ROLES | {name: name for name in parts_on_board()}
     return {
         member: {n: x for n, x in values.get(component, {}).items() if n in settable(BLOCKS[member])}
-        for component, member in members.items()
+        for component, member in _members().items()
     }
 
 

@@ -8,6 +8,7 @@
  *
  * type              payload
  * 1  MISSION        u16: its id; home, then 1 to 16 waypoints: each latitude, longitude [1e-7 deg] i32
+ *                   the id is any number of the laptop's choosing, to tell missions apart
  * 2  START          u16: the id of the MISSION that is meant
  * 3  OVERRIDE       u8: the command, 0 releases
  * 4  ABORT          -

@@ -54,6 +54,7 @@ class Console:
         try:
             self._process = subprocess.Popen(
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, bufsize=0,
+                start_new_session=True,  # Ctrl-C is the harness's to answer
                 env=os.environ | {"LD_PRELOAD": str(_wait_library())},
             )  # fmt: skip
         except OSError as reason:

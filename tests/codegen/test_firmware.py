@@ -37,6 +37,7 @@ from harness.geodesy import TangentPlane
 from harness.instruments import InertialUnit, Receiver
 from harness.processors import Received, open_processor
 from harness.radio import Decoder, Flag, Mission, Position, Start, Telemetry, encode
+from models.errors import UsageError
 
 PROJECT = Path(codegen.__file__).resolve().parents[1]
 PROGRAM = {"host": "onboard", "cortex-m4f": "onboard.elf", "rabbit4000": "onboard.ihx"}
@@ -834,3 +835,50 @@ def test_every_block_of_the_program_is_in_every_bundle() -> None:
         names = set(bundle(target))
         assert {f"{b.title()}.{kind}" for b in BLOCKS.values() for kind in "ch"} <= names
         assert not any(name.startswith("pil") for name in names)
+
+
+# --- what an engineer has written is kept ---
+
+
+def test_a_bundle_is_made_anew_over_itself_but_not_over_what_was_changed(tmp_path: Path) -> None:
+    # given a bundle, made once more with other parameters
+    firmware.write(TARGETS["host"], tmp_path)
+    firmware.write(TARGETS["host"], tmp_path, {"controller": {"moving_deviation": 0.5}})
+    assert "moving_deviation = 0.5f;" in (tmp_path / "parameters.c").read_text()
+    checked = subprocess.run(["sha256sum", "-c", "--quiet", firmware.SUMS], cwd=tmp_path, check=False)
+    assert checked.returncode == 0
+    # when its port has been changed, then it is named, and nothing is written
+    port = tmp_path / "port.c"
+    port.write_text(port.read_text() + "/* ours */\n")
+    with pytest.raises(UsageError, match=r"not made here: port\.c; nothing is written"):
+        firmware.write(TARGETS["host"], tmp_path)
+    assert port.read_text().endswith("/* ours */\n")
+    assert "moving_deviation = 0.5f;" in (tmp_path / "parameters.c").read_text()
+
+
+def test_a_file_of_somebody_else_is_not_overwritten(tmp_path: Path) -> None:
+    (tmp_path / "main.c").write_text("int main(void) { return 0; }\n")
+    with pytest.raises(UsageError, match=r"main\.c"):
+        firmware.write(TARGETS["cortex-m4f"], tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["main.c"]
+
+
+@pytest.mark.parametrize(
+    ("setting", "told"),
+    [
+        ("command_module.stop_tone=0", "is 0 Hz, as for NONE"),
+        ("command_module.stop_tone=1500", "is 1500 Hz, as for FORWARD"),
+        ("command_module.stop_tone=3500.5", "is 3500.5 Hz, no whole number"),
+        ("canine.drift=3", "--set canine.drift: not in the firmware"),
+        ("cmec.waypoint_count=3", "waypoints and home come by radio"),
+    ],
+)
+def test_a_vest_that_could_not_be_understood_is_refused(
+    setting: str, told: str, monkeypatch: pytest.MonkeyPatch, capsys: Any, tmp_path: Path
+) -> None:
+    status, error = canine(
+        monkeypatch, capsys, "firmware", "--target", "host", "--out", tmp_path / "fw", "--set", setting
+    )
+    assert status == 2
+    assert told in error.replace("\n", " ")
+    assert not (tmp_path / "fw").exists()

@@ -470,7 +470,7 @@ def test_a_sound_that_is_no_command_ends_the_trial() -> None:
         ({"stop_tone": 1500.0}, "command_module.stop_tone is 1500 Hz, as for FORWARD"),
         (
             {"recall_tone": 3500.4},
-            "command_module.recall_tone is 3500 Hz, as for STOP",
+            "command_module.recall_tone is 3500.4 Hz, as for STOP",
         ),  # whole Hz are played
         ({"forward_tone": 0.0}, "command_module.forward_tone is 0 Hz, as for NONE"),
     ],
