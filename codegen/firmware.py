@@ -11,6 +11,7 @@ import hashlib
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from codegen.block_c import TEMPLATES, comment, generate, start_literal, write_files
@@ -51,7 +52,6 @@ class Target:
     name: str
     folder: str
     processor: str
-    compiler: str
     code: int
     ram: int
     pvt: bool = False
@@ -60,11 +60,9 @@ class Target:
 TARGETS: dict[str, Target] = {
     t.name: t
     for t in (
-        Target("host", "host", "any 32- or 64-bit processor with a POSIX system", "cc", 48_000, 4_000),
-        Target(
-            "cortex-m4f", "cortex_m4f", "ARM Cortex-M4F", "zig cc or arm-none-eabi-gcc", 24_000, 4_000, True
-        ),
-        Target("rabbit4000", "rabbit4000", "Rabbit 4000 (RCM4100), 58.98 MHz", "SDCC 4.5", 48_000, 4_000),
+        Target("host", "host", "any 32- or 64-bit processor with a POSIX system", 48_000, 4_000),
+        Target("cortex-m4f", "cortex_m4f", "ARM Cortex-M4F", 24_000, 4_000, pvt=True),
+        Target("rabbit4000", "rabbit4000", "Rabbit 4000 (RCM4100), 58.98 MHz", 48_000, 4_000),
     )
 }
 
@@ -92,7 +90,8 @@ def _record() -> dict[str, list[Entry]]:
     return {"drivers": list(drivers())} | {m: list(of_block(m, b)) for m, b in BLOCKS.items()}
 
 
-def recorded() -> dict[str, Type]:
+@cache
+def recorded() -> Mapping[str, Type]:
     """The words of the record: a name for each, `controller.output.distance` say, and what it is."""
     return {word: e.type for entries in _record().values() for e in entries for word in e.words}
 

@@ -6,9 +6,7 @@ Objects are kept: SDCC takes half a minute for all of them, and other parameters
 from __future__ import annotations
 
 import hashlib
-import os
 import re
-import subprocess
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -18,12 +16,13 @@ from codegen.block_c import write_files
 from codegen.compiler import CompileError, cache_folder
 from codegen.firmware import Target
 from codegen.image import BOARD, Footprint, Image, image_folder, own_files
-from codegen.sdcc import COMPILING, LANGUAGE, VERSION, home, sdcc
+from codegen.sdcc import LANGUAGE, VERSION, assemble, home, sdcc
 
 # by measurement: speed instead of size gives 0.1 % more clocks and 0.6 % more code; 3000 takes twice as long
 FLAGS = ("--opt-code-size", "--max-allocs-per-node", "1000", "--constseg", "CONST")
 ASSEMBLER = "-plosgff"
 LENGTHENED = ("\tjr\t", "\tjp\t")
+TOOLS = (VERSION, ASSEMBLER, *LANGUAGE, *FLAGS, *LENGTHENED)  # what decides an object beside its sources
 CODE_AT = 0x0080  # behind crt0, which begins at 0
 DATA_AT = 0xE000  # of the image with mailbox and record, 8 kB with the stack; a board's begin at 0xc000
 LINKING = ("--no-std-crt0", "--code-loc", hex(CODE_AT), "--data-loc", hex(DATA_AT))
@@ -63,9 +62,7 @@ def program_image(target: Target, files: Mapping[str, str]) -> Image:
 
 
 def _linked(target: Target, files: Mapping[str, str]) -> tuple[Path, dict[str, Path]]:
-    folder = image_folder(
-        target, files, " ".join([VERSION, ASSEMBLER, *LANGUAGE, *FLAGS, *LENGTHENED, *LINKING])
-    )
+    folder = image_folder(target, files, " ".join([*TOOLS, *LINKING]))
     objects = _objects(target, files)
     path = folder / "onboard.ihx"
     if not path.exists():
@@ -91,16 +88,8 @@ def build_object(name: str, files: Mapping[str, str], kept: Path) -> Path:
         CompileError: with the words of compiler or assembler.
     """
     headers = {n: t for n, t in files.items() if n.endswith(".h")} if name.endswith(".c") else {}
-    inputs = [
-        VERSION,
-        ASSEMBLER,
-        *LANGUAGE,
-        *FLAGS,
-        *LENGTHENED,
-        name,
-        files[name],
-        *(f"{n}\0{t}" for n, t in sorted(headers.items())),
-    ]
+    texts = (f"{n}\0{t}" for n, t in sorted(headers.items()))
+    inputs = [*TOOLS, name, files[name], *texts]
     digest = hashlib.sha256("\0".join(inputs).encode()).hexdigest()[:24]
     path = kept / digest / f"{Path(name).stem}.rel"
     if path.exists():
@@ -114,7 +103,7 @@ def build_object(name: str, files: Mapping[str, str], kept: Path) -> Path:
             assembly = folder / f"{path.stem}.asm"
             sdcc([*FLAGS, "-S", name, "-o", assembly.name], name, folder)
             assembly.write_text(lengthen(assembly.read_text()))
-        _call(["sdasrab", ASSEMBLER, path.name, assembly.name], name, folder)
+        assemble([ASSEMBLER, path.name, assembly.name], name, folder)
         (folder / path.name).replace(path)
     return path
 
@@ -146,15 +135,6 @@ def link(objects: Sequence[Path], path: Path) -> None:
             )
         (folder / f"{path.stem}.map").replace(path.with_suffix(".map"))
         (folder / path.name).replace(path)
-
-
-def _call(command: Sequence[str], what: str, folder: Path) -> None:
-    done = subprocess.run(
-        [str(home() / "bin" / command[0]), *command[1:]],
-        cwd=folder, capture_output=True, text=True, timeout=COMPILING, check=False, env=os.environ,
-    )  # fmt: skip
-    if said := (done.stderr + done.stdout).strip():
-        raise CompileError(f"{what}: {command[0]} of SDCC {VERSION} refuses it:\n{said}")
 
 
 def read_map(path: Path) -> tuple[Sizes, dict[str, int]]:

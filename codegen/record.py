@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from models.kit.block import Block
-from models.kit.declaration import Type, Variable
+from models.kit.declaration import Parameter, Type, Variable
 
 FIX = ("time_ms", "latitude", "longitude", "h_acc", "speed", "course", "s_acc")
 SCANNER = ("start", "count", "needed", "length", "frames", "errors", "skipped")
@@ -93,4 +93,4 @@ def of_block(member: str, block: type[Block]) -> Iterator[Entry]:
 
 def is_mission(variable: Variable) -> bool:
     """Does a parameter come by radio?"""
-    return bool(getattr(variable, "latched", False))
+    return isinstance(variable, Parameter) and variable.latched

@@ -61,20 +61,36 @@ def sdcc(arguments: Sequence[str], what: str, folder: Path) -> str:
     Raises:
         CompileError: with the compiler's own words, warnings too: there are to be none.
     """
-    place = home()
-    include = place / "share" / "sdcc" / "include"
-    flags = [*LANGUAGE, f"-I{include}", f"-I{include}/rab"]
-    environment = os.environ | {"PATH": f"{place / 'bin'}:{os.environ.get('PATH', '')}"}
+    include = home() / "share" / "sdcc" / "include"
+    return _run("sdcc", [*LANGUAGE, f"-I{include}", f"-I{include}/rab", *arguments], what, folder)
+
+
+def assemble(arguments: Sequence[str], what: str, folder: Path) -> None:
+    """Run the assembler in a folder.
+
+    Raises:
+        CompileError: with the assembler's own words, if it has any.
+    """
+    if said := _run("sdasrab", arguments, what, folder):
+        raise CompileError(f"{what}: sdasrab of SDCC {VERSION} refuses it:\n{said}")
+
+
+def _run(program: str, arguments: Sequence[str], what: str, folder: Path) -> str:
+    programs = home() / "bin"
+    environment = os.environ | {"PATH": f"{programs}:{os.environ.get('PATH', '')}"}
     try:
         done = subprocess.run(
-            [str(place / "bin" / "sdcc"), *flags, *arguments],
+            [str(programs / program), *arguments],
             cwd=folder, env=environment, capture_output=True, text=True, timeout=COMPILING, check=False,
         )  # fmt: skip
     except subprocess.TimeoutExpired:
-        raise CompileError(f"{what}: SDCC {VERSION} had no answer after {COMPILING:g} s") from None
+        raise CompileError(
+            f"{what}: {program} of SDCC {VERSION} had no answer after {COMPILING:g} s"
+        ) from None
     said = (done.stderr + done.stdout).strip()
     if done.returncode != 0 or "warning" in said.lower():
-        raise CompileError(f"{what}: SDCC {VERSION} refuses it:\n{said or f'exit status {done.returncode}'}")
+        said = said or f"exit status {done.returncode}"
+        raise CompileError(f"{what}: {program} of SDCC {VERSION} refuses it:\n{said}")
     return said
 
 

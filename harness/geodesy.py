@@ -10,9 +10,9 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-Position = TypeVar("Position", float, npt.NDArray[np.float64])
+from models.local_plane import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS
 
-SEMI_MAJOR_AXIS, ECCENTRICITY_SQUARED = 6_378_137.0, 6.694_379_990_14e-3  # m, 1: WGS 84
+Position = TypeVar("Position", float, npt.NDArray[np.float64])
 
 
 @dataclass(frozen=True)
@@ -32,11 +32,18 @@ class TangentPlane:
         return meridian, normal * math.cos(self.latitude)
 
     def to_plane(self, latitude: Position, longitude: Position) -> tuple[Position, Position]:
-        """North and east in m of latitudes and longitudes in rad, numbers or arrays of any shape."""
+        """North and east in m of latitudes and longitudes in rad, the short way round, numbers or arrays."""
         meridian, parallel = self.radii
-        return (latitude - self.latitude) * meridian, (longitude - self.longitude) * parallel
+        eastward = longitude - self.longitude
+        eastward = eastward - math.tau * np.round(eastward / math.tau)
+        return (latitude - self.latitude) * meridian, eastward * parallel
 
     def from_plane(self, north: Position, east: Position) -> tuple[Position, Position]:
         """Latitude and longitude in rad of `north` and `east` in m, numbers or arrays of any shape."""
         meridian, parallel = self.radii
         return self.latitude + north / meridian, self.longitude + east / parallel
+
+    def place(self, north: float, east: float) -> tuple[float, float]:
+        """Latitude and longitude in deg, the latter in [-180, 180), of `north` and `east` in m."""
+        latitude, longitude = self.from_plane(north, east)
+        return math.degrees(latitude), (math.degrees(longitude) + 180) % 360 - 180

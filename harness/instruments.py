@@ -7,8 +7,6 @@ import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from pyubx2 import GET, UBXMessage
-
 from harness.geodesy import TangentPlane
 
 Signals = Mapping[str, float]  # the sensors' outputs by name, SI
@@ -45,17 +43,14 @@ class Receiver:
         """
         if not (signals["gps_fix"] and all(abs(signals[name]) <= GREATEST for name in FIX)):
             return b""
-        latitude, longitude = (
-            math.degrees(x) for x in self.plane.from_plane(signals["gps_north"], signals["gps_east"])
-        )
+        latitude, longitude = self.plane.place(signals["gps_north"], signals["gps_east"])
         if abs(latitude) > 90:
             return b""
         # whole units, since pyubx2 cuts off the rest
-        latitude = round(latitude * 1e7) / 1e7
-        longitude = round(((longitude + 180) % 360 - 180) * 1e7) / 1e7
-        when = round(time * 1000) % WEEK_MS
-        h_acc, course = max(round(signals["gps_h_acc"] * 1000), 1), math.degrees(signals["gps_course"]) % 360
-        speed, s_acc = signals["gps_speed"], signals["gps_s_acc"]  # no receiver states an accuracy of 0
+        latitude, longitude = round(latitude * 1e7) / 1e7, round(longitude * 1e7) / 1e7
+        when, course = round(time * 1000) % WEEK_MS, math.degrees(signals["gps_course"]) % 360
+        speed, s_acc = signals["gps_speed"], signals["gps_s_acc"]
+        h_acc = max(round(signals["gps_h_acc"] * 1000), 1)  # no receiver states an accuracy of 0
         if self.pvt:
             fields = {
                 "fixType": FIX_3D,
@@ -78,6 +73,8 @@ class Receiver:
 
 
 def _ubx(name: str, time_ms: int, fields: Mapping[str, float]) -> bytes:
+    from pyubx2 import GET, UBXMessage  # noqa: PLC0415 - a tenth of a second, which other commands need not wait
+
     message: bytes = UBXMessage("NAV", f"NAV-{name}", GET, iTOW=time_ms, **fields).serialize()
     return message
 

@@ -22,7 +22,7 @@ from codegen.firmware import TARGETS
 from fmus.build import BUILD, build_all
 from harness import pil, trial
 from harness.fmu import FmuDescription, describe
-from harness.loop import Simulation
+from harness.loop import DURATION, Simulation
 from harness.roles import find_role, fit, read_adapter
 from harness.scenario import DEFAULT, MAX_SEED
 from harness.ssp import Description, Member
@@ -209,7 +209,7 @@ def processor_in_the_loop(
     It leaves pil.json with what a tick costs, and the trial's files as `canine run` does.
     """
     changes = trial.Changes(settings=settings or [], seed=seed)
-    with _telling("building the FMUs") as done, _bar("trial [s]", pil.LONGEST, quiet=as_json) as progress:
+    with _telling("building the FMUs") as done, _bar("trial [s]", DURATION, quiet=as_json) as progress:
         try:
             result = pil.run(
                 target, scenario, changes, folder, constants=constants, built=done, progress=progress

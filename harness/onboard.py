@@ -45,8 +45,6 @@ ROLES = {"estimator": "estimator", "controller": "controller", "command_module":
 UNIT = math.radians(1e-7)  # of latitudes and longitudes on board
 RESEND = 0.4  # s between the operator's messages; some may get lost before the vest stops
 TONES = {"forward_tone": Command.FORWARD, "stop_tone": Command.STOP, "recall_tone": Command.RECALL}
-
-
 # the telemetry as signals of the log: name, unit, factor to it, meaning; what has no unit is a whole number
 SIGNALS: tuple[tuple[str, str, float, str], ...] = (
     ("time_ms", "s", 1e-3, "since power-up"),
@@ -182,8 +180,7 @@ class Onboard:
 
     def _mission(self, values: Mapping[str, float]) -> Mission:
         def position(north: str, east: str) -> Position:
-            latitude, longitude = self.plane.from_plane(values.get(north, 0.0), values.get(east, 0.0))
-            return Position(math.degrees(latitude), (math.degrees(longitude) + 180) % 360 - 180)
+            return Position(*self.plane.place(values.get(north, 0.0), values.get(east, 0.0)))
 
         count = min(int(values.get("waypoint_count", 1)), MAX_WAYPOINTS)
         waypoints = (position(f"waypoint_north[{i}]", f"waypoint_east[{i}]") for i in range(1, count + 1))
@@ -232,7 +229,6 @@ class Onboard:
             latitude, longitude = (
                 self.memory[f"plane.state.origin_{name}"] * UNIT for name in ("latitude", "longitude")
             )
-            longitude = self.plane.longitude + math.remainder(longitude - self.plane.longitude, math.tau)
             self._shift = self.plane.to_plane(latitude, longitude)
         return self._shift
 
@@ -308,7 +304,7 @@ class StandIn:
     def setting(self, quantities: Sequence[Quantity], address: int) -> Call:
         """As of an FMU: inputs are read from there when the tick is made."""
         self.inputs.append(([q.name for q in quantities], _values(quantities, address)))
-        return _nothing, (object(),)
+        return _nothing, (object(),)  # arguments of its own: by them the loop tells calls apart
 
     def getting(self, quantities: Sequence[Quantity], address: int) -> Call:
         """As of an FMU."""

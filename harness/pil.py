@@ -22,13 +22,13 @@ from harness.processors import Cost, Processor, ProcessorError, Received, Reply,
 from harness.processors.printed_defuzzifier import printed_defuzzifier_clocks
 from harness.summary import write_summary
 from models.errors import UsageError
+from models.kit.block import Block
 from models.kit.declaration import Type
 
 SCENARIO = "patrol"  # 110 s with an outage, the operator's stop and a lost link
 REPORT = "pil.json"
 SIMULATED = tuple(name for name in TARGETS if name != "host")
-TICK_MS = 40.0
-LONGEST = 300.0  # s, of the progress bar
+TICK_MS = 1e3 * Block.sample_time
 CLOCK_MHZ = {"rabbit4000": 58.98}  # of the RCM4100
 WAIT_STATES = range(5)
 

@@ -13,8 +13,8 @@
 #define CHECKSUM 1U
 
 #define SIGN 0x80000000U      /* of an IEEE 754 single */
-#define INFINITE 0xFF000000U /* a single without its sign, from here on infinity or NaN */
-#define GREATEST 0x7F7FFFFFU /* FLT_MAX */
+#define INFINITE 0xFF000000U  /* a single without its sign, from here on infinity or NaN */
+#define GREATEST 0x7F7FFFFFU  /* FLT_MAX */
 #define RADIANS 0.0174532925F /* rad/deg */
 
 static uint8_t mt_length(const uint8_t *header)

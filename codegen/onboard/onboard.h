@@ -21,16 +21,16 @@
 
 /* All that the program remembers. */
 typedef struct {
-    uint32_t time_ms; /* since the start, in whole ticks */
+    uint32_t time_ms;    /* since the start, in whole ticks */
     ubx gps;
     mt imu;
     radio_link radio;
-    bool start_wanted; /* a START of the operator's has not begun yet */
+    bool start_wanted;   /* a START of the operator's has not begun yet */
     uint16_t mission_id; /* of the mission begun last */
-    uint8_t pause;     /* ticks without a byte from the radio */
-    bool busy;         /* radio and telemetry waited on the last tick */
-    bool reporting;    /* telemetry is due */
-    uint8_t sequence;  /* of the next telemetry */
+    uint8_t pause;       /* ticks without a byte from the radio */
+    bool busy;           /* radio and telemetry waited on the last tick */
+    bool reporting;      /* telemetry is due */
+    uint8_t sequence;    /* of the next telemetry */
     local_plane plane;
     four_state estimator;
     watchdog guard;

@@ -19,8 +19,8 @@ from codegen.cortex_m4f import cortex_m4f_image
 from codegen.firmware import Target, recorded
 from codegen.image import Image
 from harness.processors.processor import (
+    COUNTS,
     MAX_BYTES,
-    SOURCES,
     Cost,
     Mailbox,
     ProcessorError,
@@ -163,12 +163,11 @@ class CortexM4F:
             ProcessorError: it has no room for so many bytes.
         """
         symbols = self.image.symbols
-        counts = struct.Struct(f"<{len(SOURCES)}H")
-        left = counts.unpack(self.simulator.mem_read(symbols["pil_counts"], counts.size))
+        left = COUNTS.unpack(self.simulator.mem_read(symbols["pil_counts"], COUNTS.size))
         waiting = self.mailbox.put(received, left)
         for i, data in enumerate(waiting):
             self.simulator.mem_write(symbols["pil_received"] + i * MAX_BYTES, data)
-        self.simulator.mem_write(symbols["pil_counts"], counts.pack(*map(len, waiting)))
+        self.simulator.mem_write(symbols["pil_counts"], COUNTS.pack(*map(len, waiting)))
 
     def tick(self, received: Received) -> Reply:
         """One tick of the program; its cost is that between pil_wait and pil_done."""

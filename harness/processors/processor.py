@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
@@ -13,8 +14,7 @@ from models.errors import CanineError
 
 MAX_BYTES = 512  # from one source in a tick, or sent in one: the mailbox's PIL_SIZE
 SOURCES = ("gps", "imu", "radio")  # in the order of port.h
-# a module of its own for each, since not every user needs every simulator
-MODULES = {"host": "host", "cortex-m4f": "cortex_m4f", "rabbit4000": "rabbit4000"}
+COUNTS = struct.Struct(f"<{len(SOURCES)}H")  # how the mailbox holds how many bytes of each wait
 
 
 class ProcessorError(CanineError):
@@ -103,7 +103,7 @@ def open_processor(
     """
     found = firmware.find_target(target)
     files = firmware.library(values, constants=constants) | firmware.processor_in_the_loop()
-    module = import_module(f"harness.processors.{MODULES[found.name]}")
+    module = import_module(f"harness.processors.{found.folder}")  # not every user needs every simulator
     start: Callable[[firmware.Target, Mapping[str, str]], Processor] = module.start
     return start(found, files)
 

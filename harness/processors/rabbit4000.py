@@ -6,7 +6,6 @@ import hashlib
 import os
 import re
 import select
-import struct
 import subprocess
 import time
 import weakref
@@ -20,8 +19,8 @@ from codegen.image import Image
 from codegen.rabbit4000 import rabbit4000_image
 from codegen.sdcc import home
 from harness.processors.processor import (
+    COUNTS,
     MAX_BYTES,
-    SOURCES,
     Cost,
     Mailbox,
     ProcessorError,
@@ -217,11 +216,10 @@ class Rabbit4000(Machine):
     def tick(self, received: Received) -> Reply:
         """One tick of the program."""
         at = self.image.symbols
-        counts = struct.Struct(f"<{len(SOURCES)}H")
-        waiting = self.mailbox.put(received, counts.unpack(self._word_bytes("pil_counts", counts.size)))
+        waiting = self.mailbox.put(received, COUNTS.unpack(self._word_bytes("pil_counts", COUNTS.size)))
         for i, data in enumerate(waiting):
             self.write(at["pil_received"] + i * MAX_BYTES, data)
-        self.write(at["pil_counts"], counts.pack(*map(len, waiting)))
+        self.write(at["pil_counts"], COUNTS.pack(*map(len, waiting)))
         before = self.cost()
         self.run_to("pil_done")
         after = self.cost()
