@@ -18,12 +18,12 @@ test: .venv/ready
 	    for tool in $(TOOLS); do command -v $${tool%%:*} >/dev/null || wanted="$$wanted $${tool##*:}"; done; \
 	    [ -z "$$wanted" ] || { apt-get update -qq && apt-get install -y -qq --no-install-recommends $$wanted; }; \
 	fi || true
-	@$(BIN)/python -m codegen.sdcc >/dev/null || true
+	@$(BIN)/python -m codegen.toolchains.sdcc >/dev/null || true
 	$(BIN)/python -m pytest -n auto
 
 # The firmware over a whole trial on the simulated processors, every tick compared with this machine's.
 pil: .venv/ready
-	@$(BIN)/python -m codegen.sdcc >/dev/null
+	@$(BIN)/python -m codegen.toolchains.sdcc >/dev/null
 	$(BIN)/canine pil --target cortex-m4f
 	$(BIN)/canine pil --target rabbit4000
 

@@ -12,8 +12,9 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
-from codegen.block_c import generate
-from codegen.compiler import (
+from codegen.blocks.block_c import generate
+from codegen.files import write_whole
+from codegen.toolchains.compiler import (
     FLAGS,
     PLATFORMS,
     Platform,
@@ -22,7 +23,6 @@ from codegen.compiler import (
     find_platform,
     this_platform,
 )
-from codegen.files import write_whole
 from fmus.archive import pack, stamp_of
 from fmus.description import FmiVersion, block_header, build_description, documentation, model_description
 from fmus.ssp import write_ssp

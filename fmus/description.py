@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-import jinja2
-
-from codegen.block_c import VERSION
-from codegen.compiler import NUMERICS
-from codegen.expressions import MEMBERS, c_name
+from codegen.blocks.block_c import VERSION
+from codegen.blocks.expressions import MEMBERS, c_name
+from codegen.templating import environment
+from codegen.toolchains.compiler import NUMERICS
 from fmus.dependencies import Known, initial_dependencies, tick_dependencies
 from models.errors import DeclarationError
 from models.kit.block import Block
@@ -26,14 +25,7 @@ FMI3_TYPES = {Type.REAL: "Float64", Type.INTEGER: "Int32", Type.BOOLEAN: "Boolea
 STOP_TIME = 300.0  # s, at which a trial is cut
 ALONE_TIME = 40.0  # s, of a default experiment of one FMU: importers lengthen steps beyond a thousand of them
 TOOL = f"guided-canine generator {VERSION}"
-TEMPLATES = jinja2.Environment(
-    loader=jinja2.FileSystemLoader(Path(__file__).parent / "templates"),
-    undefined=jinja2.StrictUndefined,
-    autoescape=jinja2.select_autoescape(["html.jinja"]),
-    trim_blocks=True,
-    lstrip_blocks=True,
-    keep_trailing_newline=True,
-)
+TEMPLATES = environment(Path(__file__).parent / "templates")
 
 
 @dataclass(frozen=True)

@@ -16,18 +16,19 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from codegen import firmware as bundle
-from codegen.compiler import PLATFORMS
-from codegen.firmware import TARGETS
+from codegen.firmware import bundle
+from codegen.firmware.bundle import TARGETS
+from codegen.toolchains.compiler import PLATFORMS
 from fmus.build import BUILD, build_all
-from harness import pil, trial
-from harness.fmu import FmuDescription, describe
-from harness.loop import DURATION, Simulation
-from harness.roles import find_role, fit, read_adapter
-from harness.scenario import DEFAULT, MAX_SEED
-from harness.ssp import Description, Member
-from harness.summary import show
-from harness.wiring import Order, wire
+from harness.cosim.fmu import FmuDescription, describe
+from harness.cosim.loop import DURATION, Simulation
+from harness.cosim.roles import find_role, fit, read_adapter
+from harness.cosim.ssp import Description, Member
+from harness.cosim.wiring import Order, wire
+from harness.pil import compare
+from harness.trial import trial
+from harness.trial.scenario import DEFAULT, MAX_SEED
+from harness.trial.summary import show
 from models.errors import CanineError, UsageError, nearest
 
 FAULT, USAGE, INTERRUPTED = 1, 2, 130
@@ -189,9 +190,9 @@ def firmware(
 
 @app.command("pil")
 def processor_in_the_loop(
-    scenario: Annotated[str, typer.Argument(metavar="[SCENARIO.toml]")] = pil.SCENARIO,
+    scenario: Annotated[str, typer.Argument(metavar="[SCENARIO.toml]")] = compare.SCENARIO,
     *,
-    target: Annotated[str, typer.Option(help=f"one of {', '.join(pil.SIMULATED)}")],
+    target: Annotated[str, typer.Option(help=f"one of {', '.join(compare.SIMULATED)}")],
     seed: Seed = None,
     settings: Settings = None,
     constants: Constants = False,
@@ -206,23 +207,23 @@ def processor_in_the_loop(
     canine pil --target cortex-m4f
     canine pil three_waypoint --target rabbit4000 --seed 7
 
-    It leaves pil.json with what a tick costs, and the trial's files as `canine run` does.
+    It leaves compare.json with what a tick costs, and the trial's files as `canine run` does.
     """
     changes = trial.Changes(settings=settings or [], seed=seed)
     with _telling("building the FMUs") as done, _bar("trial [s]", DURATION, quiet=as_json) as progress:
         try:
-            result = pil.run(
+            result = compare.run(
                 target, scenario, changes, folder, constants=constants, built=done, progress=progress
             )
         except KeyboardInterrupt:
-            place = folder or pil.default_folder(target)
+            place = folder or compare.default_folder(target)
             err.print(f"canine: ended by Ctrl-C; the log up to there is {place / trial.LOG}")
             raise typer.Exit(INTERRUPTED) from None
     if as_json:
         typer.echo(json.dumps(result, indent=2))
     else:
-        pil.show(result, out)
-        _say_where(folder or pil.default_folder(target))
+        compare.show(result, out)
+        _say_where(folder or compare.default_folder(target))
 
 
 @app.command()
@@ -307,7 +308,7 @@ def replay_recording(
     canine replay ../walk                         a folder with .ubx, imu*.csv and their time tags
     canine replay out/demo/trial.mcap --outage 5  the log of a trial
     """
-    from harness import replay  # noqa: PLC0415 - scipy.stats takes seconds, which other commands need not wait
+    from harness.replay import replay  # noqa: PLC0415 - scipy.stats takes seconds, which other commands need not wait
 
     if estimator not in replay.ESTIMATORS:
         raise UsageError(f'no estimator "{estimator}"{nearest(estimator, replay.ESTIMATORS)}')
@@ -369,7 +370,7 @@ def sweep_parameters(
 
     The same command goes on where an earlier one was interrupted.
     """
-    from harness import journal, sweep  # noqa: PLC0415 - pictures and statistics, which other commands need not wait for
+    from harness.sweep import journal, sweep  # noqa: PLC0415
 
     wanted = sweep.wanted(
         target, thresholds=thresholds, vary=vary or [], trials=trials, system=system, reading=reading,
@@ -420,19 +421,19 @@ def fit_animal(
     canine fit out                                every trial.mcap below out
     canine fit field/*.mcap --source estimator    as without the truth
     """
-    from harness import fit as statistics  # noqa: PLC0415 - scipy.stats takes seconds
-    from harness import fit_report  # noqa: PLC0415
+    from harness.fit import estimate as statistics  # noqa: PLC0415 - scipy.stats takes seconds
+    from harness.fit import report  # noqa: PLC0415
 
     paths = statistics.find_logs(logs)
     with _bar("logs", len(paths), quiet=as_json) as progress:
         reading = statistics.read_tracks(paths, source, progress)
     result = statistics.estimate(reading, None if turned is None else math.radians(turned))
-    place = folder or fit_report.FOLDER
-    fit_report.report(result, place)
+    place = folder or report.FOLDER
+    report.report(result, place)
     if as_json:
         typer.echo(json.dumps(result, indent=2))
     else:
-        fit_report.show(result, out)
+        report.show(result, out)
         _say_where(place)
 
 

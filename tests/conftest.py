@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from codegen import sdcc
-from codegen.block_c import generate, write_files
-from codegen.compiler import NUMERICS, CompileError, build_library
-from codegen.expressions import MEMBERS, c_name
+from codegen.blocks.block_c import generate, write_files
+from codegen.blocks.expressions import MEMBERS, c_name
+from codegen.toolchains import sdcc
+from codegen.toolchains.compiler import NUMERICS, CompileError, build_library
 from models.kit.block import GROUPS, Block
 from models.kit.declaration import Type, flatten
 
@@ -35,7 +35,7 @@ def missing() -> dict[str, str]:
     try:
         sdcc.home()
     except CompileError:
-        found["SDCC 4.5"] = "python -m codegen.sdcc"
+        found["SDCC 4.5"] = "python -m codegen.toolchains.sdcc"
     return found
 
 

@@ -8,9 +8,9 @@ import control
 import numpy as np
 import pytest
 
-from harness import trial
-from harness.loop import Simulation
-from harness.scenario import Scenario, load
+from harness.cosim.loop import Simulation
+from harness.trial import trial
+from harness.trial.scenario import Scenario, load
 from models.interconnect import interconnect
 from models.system import SYSTEMS
 

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from codegen.batch import Batch, Change
-from harness import trial
-from harness.loop import Simulation
-from harness.scenario import Plan, Scenario, Setting, plan
+from codegen.batch.batch import Batch, Change
+from harness.cosim.loop import Simulation
+from harness.trial import trial
+from harness.trial.scenario import Plan, Scenario, Setting, plan
 from models.cmec import Anomaly, Cmec, Mode
 from models.commands import ENDS, Status
 from models.readings import READINGS

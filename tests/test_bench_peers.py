@@ -27,8 +27,8 @@ from bench.cts_numpy import (
 )
 from scipy.stats import norm
 
-from codegen.block_c import generate, write_files
-from codegen.compiler import NUMERICS, build_library
+from codegen.blocks.block_c import generate, write_files
+from codegen.toolchains.compiler import NUMERICS, build_library
 from models.canine import Canine
 from models.cmec import Cmec
 from models.commands import Status

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from codegen.batch import Batch
-from harness.scenario import load, parts_of_system, plan
-from harness.sweep import COURSES
+from codegen.batch.batch import Batch
+from harness.sweep.sweep import COURSES
+from harness.trial.scenario import load, parts_of_system, plan
 from models.commands import Status
 from models.readings import READINGS
 from models.system import SYSTEMS

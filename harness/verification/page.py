@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import jinja2
-
-from harness.plots import png_of
-from harness.summary import write_whole
-from harness.sweep_table import wilson
+from codegen.templating import environment
+from harness.drawing import png_of
+from harness.files import write_whole
+from harness.sweep.table import wilson
 from harness.verification.pictures import (
     story_figure,
     three_field_figure,
@@ -32,16 +31,9 @@ from harness.verification.tables import (
 )
 from models.readings import READINGS
 
-FLOOR = Path(__file__).parents[1]
-RESULTS = FLOOR / "results"
+RESULTS = Path(__file__).parents[1] / "results"
 PAGE = "verification.md"
-TEMPLATES = jinja2.Environment(
-    loader=jinja2.FileSystemLoader(FLOOR / "templates"),
-    undefined=jinja2.StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-    keep_trailing_newline=True,
-)
+TEMPLATES = environment(Path(__file__).parent / "templates")
 FULL = Size()
 SCREEN_DPI = 96  # pictures for a page, not for print
 
@@ -50,7 +42,7 @@ def write(folder: Path = RESULTS, size: Size = FULL) -> None:
     """Write the page and its pictures.
 
     Raises:
-        LogError: they cannot be written.
+        FileError: they cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     told = story(size.seeds)

@@ -9,9 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
-from harness.plots import BELOW, BESIDE, GRID, new_figure, trial_figure
-from harness.sweep import COURSES
-from harness.sweep_plots import COURSES as TYPE_COLOURS
+from harness.drawing import BELOW, BESIDE, GRID, new_figure
+from harness.sweep.plots import COURSES as TYPE_COLOURS
+from harness.sweep.sweep import COURSES
+from harness.trial.plots import trial_figure
 from harness.verification.published import (
     ALL_FROM,
     ALL_FROM_BY_TREND,

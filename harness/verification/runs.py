@@ -11,15 +11,15 @@ from pathlib import Path
 
 import numpy as np
 
-from harness import trial
-from harness.chunks import ANOMALIES, Outcomes, batch_of, pool_at, run_all
-from harness.log import Array, Log, read_log
-from harness.plots import equal_stretches
-from harness.recommend import Ticks, error_shares
-from harness.scenario import load
-from harness.sweep import Sweep, wanted
-from harness.sweep_plots import trend
-from harness.sweep_table import TICK_S, Z_95, Point, table_of
+from harness.log.log import Array, Log, read_log
+from harness.sweep.chunks import ANOMALIES, Outcomes, batch_of, pool_at, run_all
+from harness.sweep.plots import trend
+from harness.sweep.recommend import Ticks, error_shares
+from harness.sweep.sweep import Sweep, wanted
+from harness.sweep.table import TICK_S, Z_95, Point, table_of
+from harness.trial import trial
+from harness.trial.plots import equal_stretches
+from harness.trial.scenario import load
 from models.cmec import Cmec
 from models.commands import Command, Status
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from harness.recommend import recommend
-from harness.sweep import COURSES
-from harness.sweep_table import Point
+from harness.sweep.recommend import recommend
+from harness.sweep.sweep import COURSES
+from harness.sweep.table import Point
 from harness.verification.published import (
     ALL_FROM,
     ALL_FROM_BY_TREND,

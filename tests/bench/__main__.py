@@ -15,11 +15,11 @@ from filterpy.kalman import ExtendedKalmanFilter
 from rich.console import Console
 from rich.table import Table
 
-from codegen.block_c import generate, write_files
-from codegen.compiler import build_library
+from codegen.blocks.block_c import generate, write_files
+from codegen.toolchains.compiler import build_library
 from fmus.build import build_all
-from harness import trial
-from harness.loop import Simulation
+from harness.cosim.loop import Simulation
+from harness.trial import trial
 from models.four_state import FourState
 from models.system import SYSTEMS
 from tests.bench import sweeps

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.compiler import FLAGS, build_library
+from codegen.toolchains.compiler import FLAGS, build_library
 from models.canine import Canine
 from models.cmec import Anomaly, Cmec
 from models.commands import Status

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from harness import trial
-from harness.chunks import LARGEST, Job, Outcomes, Pool, batch_of, cut, run_all, run_chunk
-from harness.chunks import program as this_program
-from harness.loop import Simulation
-from harness.sweep import wanted
+from harness.cosim.loop import Simulation
+from harness.sweep.chunks import LARGEST, Job, Outcomes, Pool, batch_of, cut, run_all, run_chunk
+from harness.sweep.chunks import program as this_program
+from harness.sweep.sweep import wanted
+from harness.trial import trial
 from models.kit.units import DEG
 from tests.bench.cts_numpy import EVERY_EQUATION, FAST, Compiled, Setting, by_hand, setting, simulate
 

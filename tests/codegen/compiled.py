@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from codegen.block_c import generate, write_files
-from codegen.expressions import MEMBERS
+from codegen.blocks.block_c import generate, write_files
+from codegen.blocks.expressions import MEMBERS
 from models.kit.block import Block
 from models.kit.declaration import Type, flatten
 from models.system import BLOCKS
@@ -24,7 +24,7 @@ WARNINGS = (
     "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Wshadow", "-Werror",
 )  # fmt: skip
 ZIG = (sys.executable, "-m", "ziglang", "cc")
-CTS = Path(__file__).parent / "cts.c"
+CTS = Path(__file__).parent / "blocks" / "cts.c"
 TYPES = {"double": "f8", "float": "f4", "int32_t": "i4", "bool": "?"}
 Record = np.ndarray[Any, Any]
 

@@ -7,7 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from compiled import BUILDS, Build, Library
+
+from tests.codegen.compiled import BUILDS, Build, Library
 
 GOLDEN = Path(__file__).parent / "golden"
 

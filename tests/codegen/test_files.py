@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from codegen.block_c import write_files
+from codegen.blocks.block_c import write_files
 from codegen.files import write_whole
 
 

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import fmpy
 import pytest
-from pulse import Pulse, Slide
 
 from fmus.build import build_fmu
 from fmus.description import FmiVersion
 from models.kit.block import Block
 from models.system import BLOCKS
+from tests.fmus.pulse import Pulse, Slide
 
 Fmu = Callable[[type[Block]], Path]
 

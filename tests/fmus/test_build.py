@@ -16,11 +16,9 @@ from pathlib import Path
 import fmpy
 import pytest
 from fmpy.validation import validate_fmu
-from instance import Instance, run, run_model, stimulus
-from pulse import Pulse, Slide
 
-from codegen.block_c import generate
-from codegen.compiler import FLAGS, PLATFORMS, CompileError, this_platform
+from codegen.blocks.block_c import generate
+from codegen.toolchains.compiler import FLAGS, PLATFORMS, CompileError, this_platform
 from fmus.build import STAMP, BuildError, build_all, build_fmu, is_current
 from fmus.dependencies import initial_dependencies, tick_dependencies
 from fmus.description import FmiVersion
@@ -30,6 +28,8 @@ from models.kit.block import Block
 from models.kit.declaration import Output, State, Type, flatten
 from models.kit.units import UNITS
 from models.system import System
+from tests.fmus.instance import Instance, run, run_model, stimulus
+from tests.fmus.pulse import Pulse, Slide
 
 Fmu = Callable[[type[Block]], Path]
 

@@ -10,14 +10,14 @@ from pathlib import Path
 import fmpy
 import numpy as np
 import pytest
-from instance import Instance, Refused, bits, run, run_model, stimulus
-from pulse import Pulse, Scale, Slide
 
 from fmus.build import build_fmu
 from fmus.description import FmiVersion
 from models.kit.block import Block
 from models.kit.declaration import Parameter
 from models.kit.model import Model
+from tests.fmus.instance import Instance, Refused, bits, run, run_model, stimulus
+from tests.fmus.pulse import Pulse, Scale, Slide
 
 Unpacked = Callable[[type[Block]], Path]
 TICKS = 200

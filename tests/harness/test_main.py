@@ -5,12 +5,12 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from command import canine
-from tiny_fmu import V, tiny_fmu
 
 from fmus.build import BUILD
-from harness import trial
-from harness.log import read_log
+from harness.log.log import read_log
+from harness.trial import trial
+from tests.harness.command import canine
+from tests.harness.cosim.tiny_fmu import V, tiny_fmu
 
 RUN = ["run", "two_waypoint", "--set", "canine.shaking=false"]
 DOG = [

@@ -14,8 +14,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from codegen.block_c import generate, write_files
-from harness.geodesy import TangentPlane
+from codegen.blocks.block_c import generate, write_files
+from harness.log.geodesy import TangentPlane
 from models.kit.model import Model
 from models.local_plane import HALF, QUARTER, LocalPlane
 

@@ -1,0 +1,241 @@
+"""A block's C: `<block>.h` with its structs, `<block>.c` with its tick, and the shared random streams."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from pathlib import Path
+from typing import Any
+
+from codegen.blocks.expressions import MEMBERS, Writer, c_name, condition, constant_name, literal, statements
+from codegen.files import write_whole
+from codegen.templating import environment
+from models.errors import DeclarationError
+from models.kit import random
+from models.kit.block import GROUPS, Block, Program, Table, Transition, Update, first_line
+from models.kit.declaration import Type, Variable
+from models.kit.elementary import Precision
+
+VERSION = "1"  # of the generator: what the banner states
+TEMPLATES = environment(Path(__file__).parent / "templates")
+
+
+@dataclass(frozen=True)
+class Routine:
+    """One C function of a block's tick."""
+
+    name: str
+    doc: str
+    lines: list[str]
+    operations: int
+    guard: str = ""
+
+
+def generate(
+    block: type[Block],
+    precision: Precision = "double",
+    keep: frozenset[str] | None = None,
+    constants: Mapping[str, float] | None = None,
+) -> dict[str, str]:
+    """The C of a block, file name to text; the same block gives the same bytes.
+
+    Args:
+        keep: the states and outputs that matter, all by default; the C leaves the others as they are.
+        constants: values of (scalar) parameters that are no fields of the struct but macros of the header.
+
+    Raises:
+        DeclarationError: the block does not come in this precision, or uses what C lacks without a library.
+    """
+    if precision not in block.precisions:
+        raise DeclarationError(
+            f"{block.title()} comes in {' and '.join(block.precisions)} precision, not in {precision}"
+        )
+    program = block.program(precision)
+    constants = constants or {}
+    generator = _Generator(program, keep, constants)
+    routines = [generator.routine(phase) for phase in program.tick if generator.matters(phase)]
+    start = [
+        generator.routine(phase)
+        for phase in program.initialize
+        if phase.name.startswith("initialize") and generator.matters(phase)
+    ]
+    title = block.title()
+    context: dict[str, Any] = {
+        "block": title,
+        "doc": block.summary(),
+        "source_of": block.source,
+        "version": VERSION,
+        "precision": precision,
+        "sample_time": block.sample_time,
+        "sample_time_literal": literal(block.sample_time, precision),
+        "groups": [_Struct(kind, block, precision, constants) for kind in GROUPS],
+        "constants": [
+            {
+                "name": constant_name(block, v.name),
+                "value": start_literal(v, constants[v.name], precision),
+                "comment": comment(v),
+            }
+            for v in block.group("parameter")
+            if v.name in constants
+        ],
+        "enums": _enums(block),
+        "routines": routines,
+        "initialize": start,
+        "streams": [v for v in block.streams() if keep is None or not keep.isdisjoint(v.flat_names)],
+        "starts": [line for kind in GROUPS for line in _starts(kind, block, precision, constants)],
+        "state_starts": _starts("state", block, precision),
+        "moore": block.moore,
+        "operations": ", ".join(f"{r.name} {r.operations}" for r in [*start, *routines]),
+    }
+    files = {
+        f"{title}.h": TEMPLATES.get_template("block.h.jinja").render(context),
+        f"{title}.c": TEMPLATES.get_template("block.c.jinja").render(context),
+    }
+    digest = hashlib.sha256("".join(files.values()).encode()).hexdigest()[:16]
+    files = {name: text.replace("@hash@", digest) for name, text in files.items()}
+    if block.streams():
+        files |= streams_c()
+    return files
+
+
+def streams_c() -> dict[str, str]:
+    """The C that starts a random stream, shared by all blocks that draw."""
+    context = {
+        "random": random,
+        "streams": random.jumps(random.STREAM_BITS, random.STREAM_DIGITS),
+        "substreams": random.jumps(random.SUBSTREAM_BITS, random.SUBSTREAM_DIGITS),
+    }
+    return {
+        f"mrg32k3a.{kind}": TEMPLATES.get_template(f"mrg32k3a.{kind}.jinja").render(context) for kind in "hc"
+    }
+
+
+class _Struct:
+    """One struct of the header: a member for each variable."""
+
+    def __init__(
+        self, kind: str, block: type[Block], precision: Precision, constants: Collection[str]
+    ) -> None:
+        self.kind, self.member = kind, MEMBERS[kind]
+        self.fields = [
+            {
+                "type": {Type.REAL: precision, Type.INTEGER: "int32_t", Type.BOOLEAN: "bool"}[v.type],
+                "name": v.name + (f"[{v.size}]" if v.size else ""),
+                "comment": comment(v),
+            }
+            for v in block.group(kind)
+            if v.name not in constants
+        ]
+
+
+def comment(variable: Variable) -> str:
+    """Unit and meaning."""
+    unit = f"{variable.unit}: " if variable.unit not in ("", "1") else ""
+    return unit + variable.meaning
+
+
+def _enum_prefix(block: type[Block], choices: type[IntEnum]) -> str:
+    return f"{block.title()}_{re.sub(r'(?<=[a-z])(?=[A-Z])', '_', choices.__name__)}".upper()
+
+
+def _enums(block: type[Block]) -> list[dict[str, Any]]:
+    found = {v.choices: v for v in block.variables().values() if v.choices}
+    return [
+        {
+            "doc": first_line(choices),
+            "members": [(f"{_enum_prefix(block, choices)}_{c.name}", int(c)) for c in choices],
+        }
+        for choices in found
+        if choices
+    ]
+
+
+def _starts(
+    kind: str, block: type[Block], precision: Precision, constants: Collection[str] = ()
+) -> list[str]:
+    """Assignments of the declared start values; equal elements of a vector in a loop."""
+    lines = []
+    for v in block.group(kind):
+        if v.name in constants:
+            continue
+        texts = [start_literal(v, value, precision) for value in v.start]
+        target = f"m->{MEMBERS[kind]}.{v.name}"
+        if v.size and len(set(texts)) == 1:
+            lines.append(f"for (int i = 0; i < {v.size}; i++) {{ {target}[i] = {texts[0]}; }}")
+        else:
+            lines += [
+                f"m->{MEMBERS[kind]}.{c_name(n)} = {text};"
+                for n, text in zip(v.flat_names, texts, strict=True)
+            ]
+    return lines
+
+
+def start_literal(variable: Variable, value: float, precision: Precision) -> str:
+    """A value of a variable as C."""
+    if variable.type is Type.REAL:
+        return literal(value, precision)
+    if variable.type is Type.BOOLEAN:
+        return "true" if value else "false"
+    return str(int(value))
+
+
+class _Generator:
+    """Writes the routines of one program."""
+
+    def __init__(self, program: Program, keep: frozenset[str] | None, constants: Collection[str]) -> None:
+        self.block, self.precision, self.keep = program.block, program.precision, keep
+        self.constants = constants
+
+    def matters(self, phase: Update | Table) -> bool:
+        """Does the phase set anything that is kept?"""
+        rows = phase.rows if isinstance(phase, Table) else (phase,)
+        return self.keep is None or any(not self.keep.isdisjoint(row.writes) for row in rows)
+
+    def enum_name(self, variable: Variable, value: int) -> str:
+        assert variable.choices
+        return f"{_enum_prefix(self.block, variable.choices)}_{variable.choices(value).name}"
+
+    def writer(self) -> Writer:
+        return Writer(self.precision, self.enum_name, constants=self.constants)
+
+    def routine(self, phase: Update | Table) -> Routine:
+        if isinstance(phase, Table):
+            lines, operations = self._table(phase)
+        else:
+            lines, operations = statements(phase.function, self.block, phase.writes, self.writer(), self.keep)
+        guard = ""
+        if phase.guard is not None:
+            guard, guard_operations = condition(phase.guard, self.block, self.writer())
+            operations += guard_operations
+        return Routine(phase.name, phase.doc, lines, operations, guard)
+
+    def _table(self, table: Table) -> tuple[list[str], int]:
+        variable = self.block.variables()[table.mode]
+        lines, operations = [f"switch (m->state.{table.mode}) {{"], 0
+        modes: dict[int, list[Transition]] = {}
+        for row in table.rows:
+            modes.setdefault(row.mode, []).append(row)
+        for mode, rows in modes.items():
+            name = self.enum_name(variable, mode) if variable.choices else str(mode)
+            lines.append(f"case {name}:")
+            opening = "if"
+            for row in rows:
+                guard, guard_operations = condition(row.guard, self.block, self.writer())
+                body, body_operations = statements(
+                    row.function, self.block, row.writes, self.writer(), self.keep
+                )
+                operations += guard_operations + body_operations
+                lines.append(f"    {opening} ({guard}) {{")
+                lines += [f"        {line}" for line in body]
+                opening = "} else if"
+            lines += ["    }", "    break;"]
+        return [*lines, "default:", "    break;", "}"], operations
+
+
+def write_files(files: dict[str, str], folder: Path) -> list[Path]:
+    """Write generated files into a folder (made if need be), each whole or not at all."""
+    folder.mkdir(parents=True, exist_ok=True)
+    return [write_whole(folder / name, text.encode()) for name, text in files.items()]

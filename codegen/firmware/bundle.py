@@ -1,0 +1,202 @@
+"""The firmware bundle: the onboard program's sources for a microprocessor, from the models and the drivers.
+
+The blocks come from their declarations, in float32; drivers, main loop and arithmetic are written by hand, in
+`onboard/`. What is made here is what depends on both: parameters, the record of the processor in the
+loop, Makefile and README.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from codegen.blocks.block_c import comment, generate, start_literal, write_files
+from codegen.firmware.record import Entry, drivers, is_mission, of_block
+from codegen.templating import environment
+from models.cmec import Cmec
+from models.command_module import CommandModule
+from models.errors import UsageError, nearest
+from models.four_state import FourState
+from models.kit.block import Block
+from models.kit.declaration import Type, Variable
+from models.local_plane import LocalPlane
+from models.watchdog import Watchdog
+
+SOURCES = Path(__file__).parent / "onboard"
+TEMPLATES = environment(Path(__file__).parent / "templates")
+SUMS = "SHA256SUMS"  # of a bundle's files, as `sha256sum -c` reads it
+COSTS = SOURCES / "costs.json"  # measured by the processor in the loop, by target
+# the members of `onboard` in onboard.h that are blocks
+BLOCKS: dict[str, type[Block]] = {
+    "plane": LocalPlane,
+    "estimator": FourState,
+    "guard": Watchdog,
+    "controller": Cmec,
+    "vest": CommandModule,
+}
+Values = Mapping[str, Mapping[str, float]]  # of parameters, by member and name
+
+
+@dataclass(frozen=True)
+class Target:
+    """A processor that firmware is made for.
+
+    Attributes:
+        folder: of its own sources in `onboard/`.
+        code, ram: bytes that the onboard program may take.
+        pvt: the receiver beside it is of today, which tells a fix in one message instead of three.
+    """
+
+    name: str
+    folder: str
+    processor: str
+    code: int
+    ram: int
+    pvt: bool = False
+
+
+TARGETS: dict[str, Target] = {
+    t.name: t
+    for t in (
+        Target("host", "host", "any 32- or 64-bit processor with a POSIX system", 48_000, 4_000),
+        Target("cortex-m4f", "cortex_m4f", "ARM Cortex-M4F", 24_000, 4_000, pvt=True),
+        Target("rabbit4000", "rabbit4000", "Rabbit 4000 (RCM4100), 58.98 MHz", 48_000, 4_000),
+    )
+}
+
+
+def find_target(name: str) -> Target:
+    """A target by its name.
+
+    Raises:
+        UsageError: there is none.
+    """
+    if name not in TARGETS:
+        raise UsageError(
+            f'firmware is made for {", ".join(TARGETS)}, not for "{name}"{nearest(name, TARGETS)}'
+        )
+    return TARGETS[name]
+
+
+def settable(block: type[Block]) -> dict[str, Variable]:
+    """A block's parameters that the firmware has: not the mission, which comes by radio."""
+    return {v.name: v for v in block.group("parameter") if not is_mission(v) and not v.size}
+
+
+def _record() -> dict[str, list[Entry]]:
+    """The record by the part of the program that writes it."""
+    return {"drivers": list(drivers())} | {m: list(of_block(m, b)) for m, b in BLOCKS.items()}
+
+
+@cache
+def recorded() -> Mapping[str, Type]:
+    """The words of the record: a name for each, `controller.output.distance` say, and what it is."""
+    return {word: e.type for entries in _record().values() for e in entries for word in e.words}
+
+
+def library(values: Values | None = None, *, constants: bool = False) -> dict[str, str]:
+    """The sources that are the same for every target, file name to text.
+
+    Args:
+        values: of parameters (SI), over their start values.
+        constants: parameters are macros of the blocks' headers instead of fields that can be set.
+    """
+    files: dict[str, str] = {}
+    chosen = {
+        member: {n: (values or {}).get(member, {}).get(n, v.start[0]) for n, v in settable(block).items()}
+        for member, block in BLOCKS.items()
+    }
+    for member, block in BLOCKS.items():
+        files |= generate(block, "float", constants=chosen[member] if constants else None)
+    for source in sorted(SOURCES.glob("*.[ch]")):
+        if not source.name.startswith("pil"):
+            files[source.name] = source.read_text()
+    context = {"assignments": [] if constants else list(_assignments(chosen))}
+    files["parameters.c"] = TEMPLATES.get_template("parameters.c.jinja").render(context)
+    return files
+
+
+def _assignments(chosen: Values) -> Iterator[dict[str, str]]:
+    for member, block in BLOCKS.items():
+        for name, variable in settable(block).items():
+            yield {
+                "field": f"m->{member}.par.{name}",
+                "value": start_literal(variable, chosen[member][name], "float"),
+                "comment": comment(variable),
+            }
+
+
+def bundle(target: Target, values: Values | None = None, *, constants: bool = False) -> dict[str, str]:
+    """All that a project for a processor needs but its board, file name to text (see `library`)."""
+    files = library(values, constants=constants)
+    for source in sorted((SOURCES / target.folder).iterdir()):
+        if not source.name.startswith("pil"):
+            files[source.name] = source.read_text()
+    context = {
+        "target": target,
+        "constants": constants,
+        "sources": sorted(name for name in files if name.endswith(".c")),
+        "assembly": sorted(name for name in files if name.endswith(".s")),
+        "blocks": BLOCKS,
+        "costs": json.loads(COSTS.read_text()).get(target.name),
+    }
+    files["Makefile"] = TEMPLATES.get_template(f"{target.folder}.mk.jinja").render(context)
+    files["README.md"] = TEMPLATES.get_template("firmware.md.jinja").render(context)
+    return files
+
+
+def write(
+    target: Target, folder: Path, values: Values | None = None, *, constants: bool = False
+) -> list[Path]:
+    """Write the bundle into a folder, which is made if need be; the files, each whole or not at all.
+
+    What was changed after it was made, or was never made here, is not overwritten: SUMS tells.
+
+    Raises:
+        UsageError: it cannot be written there, or would overwrite such a file; then nothing is written.
+    """
+    files = bundle(target, values, constants=constants)
+    files[SUMS] = "".join(f"{_digest(text.encode())}  {name}\n" for name, text in sorted(files.items()))
+    try:
+        strange = _not_made_here(folder, files)
+        if strange:
+            raise UsageError(
+                f"--out {folder}: changed after being made, or not made here: {', '.join(strange)}; "
+                "nothing is written. Move them away, or choose another folder"
+            )
+        return write_files(files, folder)
+    except OSError as reason:
+        raise UsageError(f"--out {folder}: cannot be written: {reason.strerror}") from None
+
+
+def _not_made_here(folder: Path, files: Mapping[str, str]) -> list[str]:
+    """Files of these names whose content is neither the new one nor that of an earlier bundle."""
+    made: dict[str, str] = {}
+    if (folder / SUMS).is_file():
+        lines = (line.split("  ", 1) for line in (folder / SUMS).read_text(errors="replace").splitlines())
+        made = {parts[1]: parts[0] for parts in lines if len(parts) == 2}
+    there = {
+        name: (folder / name).read_bytes() for name in files if name != SUMS and (folder / name).exists()
+    }
+    return [
+        name
+        for name, content in there.items()
+        if content != files[name].encode() and _digest(content) != made.get(name)
+    ]
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def processor_in_the_loop() -> dict[str, str]:
+    """The sources that stand in for a board when the program is compared between processors."""
+    files = {source.name: source.read_text() for source in sorted(SOURCES.glob("pil*.c"))}
+    context = {"groups": _record(), "words": len(recorded())}
+    files["pil.h"] = TEMPLATES.get_template("pil.h.jinja").render(context)
+    files["pil_record.c"] = TEMPLATES.get_template("pil.c.jinja").render(context)
+    return files

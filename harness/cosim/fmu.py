@@ -1,0 +1,531 @@
+"""One FMU: its description as fmpy reads it, and an instance whose C functions are called on fixed buffers.
+
+fmpy loads, validates and unpacks; its wrappers build new arrays on every call, so the trial calls the bound
+functions themselves with arguments that are prepared once (a `Call`). FMI 2.0 and 3.0 co-simulation.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import shutil
+import tempfile
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element
+
+import fmpy
+import fmpy.fmi2
+import fmpy.fmi3
+import fmpy.logging
+import numpy as np
+import numpy.typing as npt
+from fmpy.model_description import ValidationError
+
+from harness.cosim.archive import parse_xml, unpack
+from models.errors import CanineError, nearest
+from models.kit.declaration import Type
+
+Call = tuple[Callable[..., int | None], tuple[Any, ...]]
+
+STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
+WARNING, FATAL = 1, 4
+MIN_STEP = 1e-6  # s; shorter ones turn a trial into more ticks than anybody waits for
+REFERENCES = 2**32  # value references are unsigned integers of 32 bits
+FMI2_TYPES = {
+    "Real": ("Real", np.float64, Type.REAL),
+    "Integer": ("Integer", np.int32, Type.INTEGER),
+    "Enumeration": ("Integer", np.int32, Type.INTEGER),
+    "Boolean": ("Boolean", np.int32, Type.BOOLEAN),
+}
+FMI3_TYPES = {
+    "Float64": ("Float64", np.float64, Type.REAL),
+    "Float32": ("Float32", np.float32, Type.REAL),
+    "Enumeration": ("Int64", np.int64, Type.INTEGER),
+    "Boolean": ("Boolean", np.uint8, Type.BOOLEAN),
+    **{
+        f"{sign}Int{bits}": (
+            f"{sign}Int{bits}",
+            np.dtype(f"{sign.lower() or 'i'}{bits // 8}").type,
+            Type.INTEGER,
+        )
+        for sign in ("", "U")
+        for bits in (8, 16, 32, 64)
+    },
+}
+
+
+class FmuError(CanineError):
+    """An FMU cannot be loaded, or went wrong while it ran."""
+
+
+@dataclass(frozen=True)
+class Access:
+    """How values of one FMI type are set and got: `fmi3SetInt32`, in arrays of int32."""
+
+    fmi: str
+    dtype: npt.DTypeLike
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit as the FMU defines it: value in SI = factor * value + offset; base None if it does not say."""
+
+    name: str
+    base: tuple[int, ...] | None
+    factor: float = 1.0
+    offset: float = 0.0
+
+    def equals(self, other: Unit) -> bool:
+        """The same quantity in the same scale, however it is spelled."""
+        if self.base is None or other.base is None:
+            return self.name == other.name
+        return self.measures(other) and (self.factor, self.offset) == (other.factor, other.offset)
+
+    def measures(self, other: Unit) -> bool:
+        """The same quantity in whatever scale (true where one of them does not say)."""
+        return self.base is None or other.base is None or self.base == other.base
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One scalar variable of an FMU that the harness can exchange."""
+
+    name: str
+    reference: int
+    type: Type
+    access: Access
+    causality: str
+    unit: str | None
+    meaning: str
+    start: float | None
+    min: float | None
+    max: float | None
+
+
+@dataclass(frozen=True)
+class FmuDescription:
+    """What an FMU says about itself.
+
+    Attributes:
+        refused: variables that cannot be exchanged (String, arrays, ...), name to the reason.
+        feedthrough: some output depends on an input within a step; a plant's do not.
+        step: the step size that it states, s; `fixed`: it cannot be stepped otherwise.
+        warnings: what a strict validator says.
+    """
+
+    path: Path
+    model: str
+    version: int
+    quantities: dict[str, Quantity]
+    refused: dict[str, str]
+    units: dict[str, Unit]
+    feedthrough: bool
+    step: float | None
+    fixed: bool
+    warnings: tuple[str, ...] = ()
+    fmpy: Any = field(default=None, repr=False, compare=False)
+
+    def group(self, *causalities: str) -> dict[str, Quantity]:
+        """The quantities of some causalities, in the FMU's order."""
+        return {n: q for n, q in self.quantities.items() if q.causality in causalities}
+
+    @cached_property
+    def inputs(self) -> dict[str, Quantity]:
+        """What it takes each step."""
+        return self.group("input")
+
+    @cached_property
+    def outputs(self) -> dict[str, Quantity]:
+        """What it gives each step."""
+        return self.group("output")
+
+    @cached_property
+    def parameters(self) -> dict[str, Quantity]:
+        """What may be set before it starts."""
+        return self.group("parameter", "structuralParameter")
+
+    def unit(self, quantity: Quantity) -> Unit | None:
+        """The unit of a quantity; None if it declares none."""
+        if quantity.unit is None:
+            return None
+        return self.units.get(quantity.unit, Unit(quantity.unit, None))
+
+    def find(self, name: str, *causalities: str) -> Quantity:
+        """The variable of this name.
+
+        Raises:
+            FmuError: there is none, it has another causality, or it cannot be exchanged.
+        """
+        found = self.quantities.get(name)
+        what = " or ".join(causalities)
+        if name in self.refused:
+            raise FmuError(f'{self.path.name}: {what} "{name}" {self.refused[name]}')
+        if found is None or found.causality not in causalities:
+            hint = nearest(name, self.group(*causalities))
+            is_else = f" (it is a {found.causality})" if found else ""
+            raise FmuError(f'{self.path.name}: has no {what} "{name}"{is_else}{hint}')
+        return found
+
+
+def describe(path: Path) -> FmuDescription:
+    """Read an FMU's description without loading its code.
+
+    Raises:
+        FmuError, ArchiveError, XmlError: naming the file and what is wrong.
+    """
+    with tempfile.TemporaryDirectory(prefix="canine-") as folder:
+        unpack(path, Path(folder))
+        return _describe(path, Path(folder))
+
+
+def _describe(path: Path, folder: Path) -> FmuDescription:
+    """Read the description of an FMU that is unpacked in `folder`."""
+    xml = folder / "modelDescription.xml"
+    if not xml.is_file():
+        raise FmuError(f"{path}: has no modelDescription.xml; is it an FMU?")
+    root = parse_xml(xml, f"{path}: modelDescription.xml")
+    version = root.get("fmiVersion", "unknown")
+    if not version.startswith(("2.", "3.")):
+        raise FmuError(f"{path}: is FMI {version}; expected 2.0 or 3.0")
+    if root.find("CoSimulation") is None:
+        raise FmuError(f"{path}: is not for co-simulation; export it as a co-simulation FMU")
+    step = _step(path, root)
+    warnings: list[str] = []
+    try:
+        try:
+            read = fmpy.read_model_description(folder, validate_model_structure=True)
+        except ValidationError as problems:
+            warnings = [" ".join(str(problem).split()) for problem in problems.problems]
+            read = fmpy.read_model_description(folder, validate=False)
+    except Exception as reason:  # fmpy raises plain Exception, and what lxml and its own slips raise
+        raise FmuError(f"{path}: modelDescription.xml cannot be read: {_one_line(reason)}") from None
+    quantities, refused = {}, {}
+    for variable in read.modelVariables:
+        quantity = _quantity(path, read, variable)
+        if isinstance(quantity, str):
+            refused[variable.name] = quantity
+        else:
+            quantities[variable.name] = quantity
+    return FmuDescription(
+        path=path,
+        model=read.modelName,
+        version=read.fmiMajorVersion,
+        quantities=quantities,
+        refused=refused,
+        units={unit.name: _unit(unit) for unit in read.unitDefinitions},
+        feedthrough=_feedthrough(read),
+        step=step,
+        fixed=not _true(read.coSimulation.canHandleVariableCommunicationStepSize),
+        warnings=tuple(warnings),
+        fmpy=read,
+    )
+
+
+def _step(path: Path, root: Element) -> float | None:
+    """The step size that the description states, s: the one that is fixed before the one that is wished."""
+    for element, attribute in (("CoSimulation", "fixedInternalStepSize"), ("DefaultExperiment", "stepSize")):
+        found = root.find(element)
+        text = None if found is None else found.get(attribute)
+        if text is not None:
+            try:
+                step = float(text)
+            except ValueError:
+                step = math.nan
+            if not MIN_STEP <= step < math.inf:
+                raise FmuError(
+                    f'{path}: {element} has {attribute}="{text}"; '
+                    f"expected a finite number of seconds, {MIN_STEP:g} or more; export it with one"
+                )
+            return step
+    return None
+
+
+def _one_line(reason: object) -> str:
+    return " ".join(str(reason).split())
+
+
+def _true(value: Any) -> bool:
+    return value in (True, "true", "1")
+
+
+def _unit(unit: Any) -> Unit:
+    base = unit.baseUnit
+    if base is None:
+        return Unit(unit.name, None)
+    exponents = tuple(int(getattr(base, name)) for name in ("kg", "m", "s", "A", "K", "mol", "cd", "rad"))
+    return Unit(unit.name, exponents, float(base.factor), float(base.offset))
+
+
+def _quantity(path: Path, read: Any, variable: Any) -> Quantity | str:
+    """The variable as a quantity, or why it cannot be exchanged."""
+    types = FMI2_TYPES if read.fmiMajorVersion == 2 else FMI3_TYPES
+    reference = int(variable.valueReference)
+    if not 0 <= reference < REFERENCES:
+        raise FmuError(
+            f'{path}: "{variable.name}" has valueReference="{reference}"; '
+            f"expected a whole number from 0 to {REFERENCES - 1}; export it again"
+        )
+    if variable.type not in types:
+        return f"has type {variable.type}; expected one of {', '.join(types)}"
+    if variable.dimensions:
+        return "is an array; expected a scalar (SSP 1.0 has no arrays)"
+    fmi, dtype, kind = types[variable.type]
+    declared = variable.declaredType
+    unit = variable.unit or (declared.unit if declared else None)
+
+    def number(name: str) -> float | None:
+        text = getattr(variable, name)
+        if text is None and declared is not None and name != "start":
+            text = getattr(declared, name)
+        if text is None or text == "":
+            return None
+        try:
+            return (
+                {"true": 1.0, "false": 0.0}.get(str(text))
+                if kind is Type.BOOLEAN and str(text).isalpha()
+                else float(text)
+            )
+        except ValueError:
+            raise FmuError(f'{path}: "{variable.name}" has {name}="{text}"; expected a number') from None
+
+    return Quantity(
+        variable.name,
+        reference,
+        kind,
+        Access(fmi, dtype),
+        variable.causality or "local",
+        unit if kind is Type.REAL else None,
+        (variable.description or "").strip(),
+        number("start"),
+        number("min"),
+        number("max"),
+    )
+
+
+def _feedthrough(read: Any) -> bool:
+    """Does an output depend on an input? What is not stated may."""
+    inputs = {v.name for v in read.modelVariables if v.causality == "input"}
+    if not inputs:
+        return False
+    listed = {unknown.variable.name for unknown in read.outputs}
+    if any(v.causality == "output" and v.name not in listed and not v.alias for v in read.modelVariables):
+        return True
+    return any(
+        unknown.dependencies is None or any(v.name in inputs for v in unknown.dependencies)
+        for unknown in read.outputs
+    )
+
+
+_messages: dict[str, deque[tuple[int, str]]] = {}
+
+
+def _log2(environment: Any, instance: bytes, status: int, category: bytes, message: bytes) -> None:
+    """What an FMI 2 instance says; fmpy's proxy, which formats the text, has room for one logger only."""
+    if (
+        status >= WARNING
+        and instance is not None
+        and (name := instance.decode(errors="replace")) in _messages
+    ):
+        _messages[name].append((status, (message or b"").decode(errors="replace").strip()))
+
+
+_callbacks = fmpy.fmi2.fmi2CallbackFunctions()
+_callbacks.logger = fmpy.fmi2.fmi2CallbackLoggerTYPE(_log2)
+_callbacks.allocateMemory = fmpy.fmi2.defaultCallbacks.allocateMemory
+_callbacks.freeMemory = fmpy.fmi2.defaultCallbacks.freeMemory
+fmpy.logging.addLoggerProxy(ctypes.byref(_callbacks))
+
+
+class Component:
+    """One instance of an FMU, named as in its system. To be closed, or used as a context manager.
+
+    Args:
+        name: its name, unique among the instances of the process.
+        path: the .fmu file.
+        label: how errors call it; by default `name file.fmu`.
+
+    Raises:
+        FmuError, ArchiveError, XmlError: it cannot be unpacked, read, loaded or instantiated.
+    """
+
+    def __init__(self, name: str, path: Path, label: str = "") -> None:
+        self.name = name
+        self.label = label or f"{name} {path.name}"
+        self._folder = Path(tempfile.mkdtemp(prefix="canine-"))
+        self._slave: Any = None
+        self._dead = False
+        self._keep: list[Any] = []  # what C holds addresses of
+        self._functions: dict[str, Callable[..., int]] = {}
+        try:
+            unpack(path, self._folder)
+            self.description = _describe(path, self._folder)
+            self._instantiate()
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Component:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _instantiate(self) -> None:
+        description = self.description
+        _messages[self.name] = deque(maxlen=4)
+        arguments = {
+            "guid": description.fmpy.guid,
+            "unzipDirectory": str(self._folder),
+            "modelIdentifier": description.fmpy.coSimulation.modelIdentifier,
+            "instanceName": self.name,
+        }
+        try:
+            if description.version == 2:
+                self._slave = fmpy.fmi2.FMU2Slave(**arguments)
+                self._slave.instantiate(callbacks=_callbacks, loggingOn=True)
+            else:
+                self._slave = fmpy.fmi3.FMU3Slave(**arguments)
+                self._slave.instantiate(loggingOn=True, logMessage=self._log3)
+        except Exception as reason:  # fmpy raises plain Exception
+            text = _one_line(reason)
+            if "Cannot find shared library" in text:
+                text = f"it has no binary for this machine ({fmpy.platform}); it has {self._platforms()}"
+            raise FmuError(f"{self.label}: cannot be instantiated: {text}{self._said()}") from None
+        self._handle = ctypes.c_void_p(self._slave.component)
+        self._quieten()
+
+    def _platforms(self) -> str:
+        folder = self._folder / "binaries"
+        return ", ".join(sorted(p.name for p in folder.iterdir())) if folder.is_dir() else "none"
+
+    def _log3(self, environment: Any, status: int, category: bytes, message: bytes) -> None:
+        if status >= WARNING:
+            _messages[self.name].append((status, (message or b"").decode(errors="replace").strip()))
+
+    def _quieten(self) -> None:
+        """Ask for errors and warnings only, where the FMU has log categories for them."""
+        names = [
+            category.name
+            for category in self.description.fmpy.logCategories
+            if any(word in category.name.lower() for word in ("error", "fatal", "warning"))
+        ]
+        if names:
+            array = (ctypes.c_char_p * len(names))(*(name.encode() for name in names))
+            flag = ctypes.c_int(1) if self.description.version == 2 else ctypes.c_bool(True)
+            with suppress(Exception):
+                function = f"fmi{self.description.version}SetDebugLogging"
+                self._function(function)(self._handle, flag, ctypes.c_size_t(len(names)), array)
+
+    def _said(self) -> str:
+        said = _messages.get(self.name)
+        return f'; it says: "{_one_line(said[-1][1])}"' if said else ""
+
+    def _function(self, name: str) -> Callable[..., int]:
+        """The C function that fmpy bound; without argument types ctypes does not look at each argument."""
+        if name not in self._functions:
+            bound = self._slave._functions.get(name)
+            if bound is None:
+                raise FmuError(f"{self.label}: lacks the function {name}")
+            address = ctypes.cast(bound, ctypes.c_void_p).value or 0
+            self._functions[name] = ctypes.CFUNCTYPE(ctypes.c_int)(address)
+        return self._functions[name]
+
+    def _values(self, verb: str, quantities: Sequence[Quantity], address: int) -> Call:
+        references = np.array([q.reference for q in quantities], dtype=np.uint32)
+        self._keep.append(references)
+        count = ctypes.c_size_t(len(quantities))
+        arguments = (self._handle, ctypes.c_void_p(references.ctypes.data), count, ctypes.c_void_p(address))
+        version = self.description.version
+        function = self._function(f"fmi{version}{verb}{quantities[0].access.fmi}")
+        return function, arguments if version == 2 else (*arguments, count)
+
+    def setting(self, quantities: Sequence[Quantity], address: int) -> Call:
+        """The call that sets quantities of one type from consecutive values at an address."""
+        return self._values("Set", quantities, address)
+
+    def getting(self, quantities: Sequence[Quantity], address: int) -> Call:
+        """The call that gets quantities of one type into consecutive values at an address."""
+        return self._values("Get", quantities, address)
+
+    def stepping(self, time: ctypes.c_double, step: float, ended: int) -> Call:
+        """The call that steps from `time` (read at each call) by `step`, both in s.
+
+        `ended`: address of a byte that becomes 1 when an FMI 3 instance asks to end the simulation.
+        """
+        size = ctypes.c_double(step)
+        if self.description.version == 2:
+            return self._function("fmi2DoStep"), (self._handle, time, size, ctypes.c_int(1))
+        ignored, reached = (ctypes.c_bool * 2)(), ctypes.c_double()
+        self._keep += [ignored, reached]
+        event, early = (ctypes.c_void_p(ctypes.addressof(ignored) + i) for i in range(2))
+        reached_address = ctypes.c_void_p(ctypes.addressof(reached))
+        return self._function("fmi3DoStep"), (
+            *(self._handle, time, size, ctypes.c_bool(True)),
+            *(event, ctypes.c_void_p(ended), early, reached_address),
+        )
+
+    def set_values(self, values: Mapping[str, float], time: float = 0.0) -> None:
+        """Set parameters or inputs by name, one call each: for the start, not for the tick."""
+        for name, value in values.items():
+            quantity = self.description.find(name, "parameter", "structuralParameter", "input")
+            buffer = np.array([value]).astype(quantity.access.dtype)
+            self.call(self.setting([quantity], buffer.ctypes.data), f'set of "{name}"', time)
+            self._keep.pop()
+
+    def initialize(self, values: Mapping[str, float]) -> None:
+        """Set parameters and inputs, and bring the instance to time 0.
+
+        Raises:
+            FmuError: a name that it lacks, or a status that is no success.
+        """
+        self.set_values(values)
+        no, zero = ctypes.c_int(0), ctypes.c_double(0.0)
+        if self.description.version == 2:
+            experiment = (self._handle, no, zero, zero, no, zero)
+            self.call((self._function("fmi2SetupExperiment"), experiment), "fmi2SetupExperiment", 0.0)
+            enter: tuple[Any, ...] = (self._handle,)
+        else:
+            off = ctypes.c_bool(False)
+            enter = (self._handle, off, zero, zero, off, zero)
+        for name, arguments in (
+            ("EnterInitializationMode", enter),
+            ("ExitInitializationMode", (self._handle,)),
+        ):
+            function = f"fmi{self.description.version}{name}"
+            self.call((self._function(function), arguments), function, 0.0)
+
+    def call(self, call: Call, what: str, time: float) -> None:
+        """Carry out one call, and raise what `failure` gives if need be."""
+        function, arguments = call
+        if status := function(*arguments):
+            self.check(status, what, time)
+
+    def check(self, status: int, what: str, time: float) -> None:
+        """Accept a warning; for any other status but success raise an error with what the FMU logged.
+
+        Raises:
+            FmuError: naming FMU, function, status and time.
+        """
+        if status == WARNING:
+            return
+        self._dead = self._dead or status == FATAL
+        name = STATUS[status] if 0 <= status < len(STATUS) else f"the illegal status {status}"
+        raise FmuError(f"{self.label}: {what} returned {name} at t = {time:.10g} s{self._said()}")
+
+    def close(self) -> None:
+        """End and free the instance, unload its library, remove its files."""
+        slave, self._slave = self._slave, None
+        if slave is not None and slave.component and not self._dead:
+            # an instance after an error may refuse to end; it is freed all the same
+            with suppress(Exception):
+                slave.terminate()
+            with suppress(Exception):
+                slave.freeInstance()
+        _messages.pop(self.name, None)
+        shutil.rmtree(self._folder, ignore_errors=True)

@@ -1,0 +1,358 @@
+"""Does an FMU that was made elsewhere fit a role, and how it takes that role's place in a system.
+
+It fits if it gives the outputs that others consume, by name or through a mapping file (TOML):
+
+    [outputs]
+    north = "x"                                              # the role's name = the FMU's
+    speed = { name = "v", factor = 0.2777777777777778 }      # m/s = factor * km/h + offset
+    [inputs]
+    command = "cmd"                                          # the FMU's = factor * the role's + offset
+    [parameters]                                             # those that a scenario states by its own keys
+    start_heading = { name = "psi0", factor = 57.29577951308232 }    # deg = factor * rad
+
+`dog.toml` beside `dog.fmu` is its mapping file. Units are never converted without it; an output that
+declares no unit is taken to have the role's. Inputs of the role that the FMU lacks are not given to it.
+"""
+
+from __future__ import annotations
+
+import sys
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from harness.cosim.fmu import FmuDescription, Quantity, Unit
+from harness.cosim.ssp import Description, Link, Member, Value
+from models.errors import CanineError, UsageError, nearest
+from models.kit.declaration import Input, Output, Parameter, Type, Variable, flatten
+from models.kit.units import UNITS
+from models.system import SYSTEMS
+
+OPTIONAL = {"plant": frozenset({"acceleration", "pitch", "roll", "yaw_rate"})}
+# parameters that a scenario sets by keys of its own: seed, waypoints, start
+MISSION = {
+    "plant": frozenset({"seed", "start_north", "start_east", "start_heading", "start_heading_deviation"}),
+    "sensors": frozenset({"seed"}),
+    "controller": frozenset({"waypoint_count", "waypoint_north", "waypoint_east", "home_north", "home_east"}),
+}
+BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+
+
+class RoleError(CanineError):
+    """An FMU does not fit a role, or a mapping file is wrong: one line for each problem."""
+
+
+@dataclass(frozen=True)
+class Role:
+    """What a role is: outputs that others consume, those of them that may be absent, inputs, parameters.
+
+    Attributes:
+        parameters: those that a scenario sets by keys of its own.
+        block: our block's name, and `own` all its parameters: an FMU that bears the name has to mean them.
+    """
+
+    name: str
+    needs: Mapping[str, Variable]
+    optional: frozenset[str]
+    inputs: Mapping[str, Variable]
+    parameters: Mapping[str, Variable]
+    block: str
+    own: Mapping[str, Variable]
+
+
+@dataclass(frozen=True)
+class Rename:
+    """A variable of the FMU for one of the role's, and the linear conversion of its value."""
+
+    name: str
+    factor: float = 1.0
+    offset: float = 0.0
+    mapped: bool = False
+
+
+@dataclass(frozen=True)
+class Adapter:
+    """A mapping file: for names of the role, what the FMU has."""
+
+    path: Path
+    outputs: Mapping[str, Rename] = field(default_factory=dict)
+    inputs: Mapping[str, Rename] = field(default_factory=dict)
+    parameters: Mapping[str, Rename] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How an FMU fits a role: what stands for what, what is wrong, and what a user should know."""
+
+    outputs: Mapping[str, Rename]
+    inputs: Mapping[str, Rename]
+    parameters: Mapping[str, Rename]
+    problems: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def roles() -> dict[str, Role]:
+    """The roles of the full system, by name."""
+    system = SYSTEMS["full"]
+    found = {}
+    for name, block in system.components.items():
+        parameters = dict(flatten(list(block.variables(Parameter).values())))
+        mission = MISSION.get(name, frozenset())
+        consumed = {link.source_variable for link in system.connections if link.source == name}
+        found[name] = Role(
+            name,
+            {n: v for n, v in flatten(list(block.variables(Output).values())) if v.name in consumed},
+            OPTIONAL.get(name, frozenset()),
+            dict(flatten(list(block.variables(Input).values()))),
+            {n: v for n, v in parameters.items() if v.name in mission},
+            block.title(),
+            parameters,
+        )
+    return found
+
+
+def find_role(name: str) -> Role:
+    """The role of this name.
+
+    Raises:
+        UsageError: there is none.
+    """
+    known = roles()
+    if name not in known:
+        raise UsageError(f'there is no role "{name}"{nearest(name, known)}')
+    return known[name]
+
+
+def read_adapter(fmu: Path, role: Role) -> Adapter:
+    """The mapping file beside an FMU (empty if there is none), with its names checked against the role.
+
+    Raises:
+        RoleError: no TOML, an unknown key, or a wrong type.
+    """
+    path = fmu.with_suffix(".toml")
+    if not path.is_file():
+        return Adapter(path)
+    try:
+        table = tomllib.loads(path.read_text())
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as reason:
+        raise RoleError(f"{path.name}: {reason}") from None
+    known: dict[str, Iterable[str]] = {
+        "outputs": role.needs,
+        "inputs": role.inputs,
+        "parameters": role.parameters,
+    }
+    for key, value in table.items():
+        if key not in known or not isinstance(value, dict):
+            raise RoleError(
+                f'{path.name}: unknown key "{key}"; expected the tables [outputs], [inputs], [parameters]'
+            )
+        for name in value:
+            if name not in known[key]:
+                raise RoleError(
+                    f'{path.name}: [{key}] the {role.name} role has no "{name}"{nearest(name, known[key])}'
+                )
+    groups = ({n: _rename(path, n, v) for n, v in table.get(key, {}).items()} for key in known)
+    return Adapter(path, *groups)
+
+
+def _rename(path: Path, name: str, value: Any) -> Rename:
+    if isinstance(value, str):
+        return Rename(value, mapped=True)
+    if isinstance(value, dict) and isinstance(value.get("name", name), str) and value:
+        numbers = {key: value[key] for key in value.keys() - {"name"}}
+        good = all(
+            isinstance(x, int | float) and not isinstance(x, bool) and abs(x) <= sys.float_info.max
+            for x in numbers.values()
+        )
+        if good and numbers.keys() <= {"factor", "offset"} and numbers.get("factor", 1) != 0:
+            factor, offset = float(numbers.get("factor", 1.0)), float(numbers.get("offset", 0.0))
+            return Rename(value.get("name", name), factor, offset, mapped=True)
+    raise RoleError(
+        f'{path.name}: "{name}" is {value}; '
+        'expected a name, or { name = "...", factor = 1.0, offset = 0.0 } with finite numbers, factor not 0'
+    )
+
+
+def fit(fmu: FmuDescription, role: Role, adapter: Adapter, consumed: Iterable[str] | None = None) -> Fit:
+    """Check an FMU against a role.
+
+    Args:
+        consumed: the role's outputs that the system at hand consumes; by default what the full system does.
+    """
+    checker = _Checker(fmu, role, adapter)
+    needs = role.needs if consumed is None else {n: v for n, v in role.needs.items() if n in set(consumed)}
+    outputs = {name: found for name, v in needs.items() if (found := checker.output(name, v))}
+    inputs = {name: found for name, v in role.inputs.items() if (found := checker.input(name, v))}
+    parameters, wrong = _parameters(checker)
+    checker.problems += wrong.values()
+    absent = [name for name in needs if name in role.optional and name not in outputs]
+    ignored = [name for name in role.inputs if name not in inputs]
+    if absent and not checker.problems:
+        checker.note(f"has no output {', '.join(absent)}; taken as zero")
+    if ignored and not checker.problems:
+        checker.note(f"has no input {', '.join(ignored)}; what the role is told there is not given to it")
+    if role.name == "plant" and fmu.feedthrough and not checker.problems:
+        checker.note(
+            "says that its outputs depend on its inputs within a step; it is stepped last all the same"
+        )
+    return Fit(outputs, inputs, parameters, tuple(checker.problems), tuple(checker.notes))
+
+
+def misfits(fmu: FmuDescription, role: Role) -> dict[str, str]:
+    """What is wrong with the parameters that a package's FMU has by the role's names, by name."""
+    return _parameters(_Checker(fmu, role, Adapter(fmu.path), "give it a value in the package"))[1]
+
+
+def _parameters(checker: _Checker) -> tuple[dict[str, Rename], dict[str, str]]:
+    """The role's parameters that the FMU has, and what is wrong with the others that it has."""
+    fmu, role = checker.fmu, checker.role
+    wanted = {**role.own, **role.parameters} if fmu.model == role.block else role.parameters
+    found, wrong = {}, {}
+    for name, declared in wanted.items():
+        checking = _Checker(fmu, role, checker.adapter, checker.cure)
+        if rename := checking.parameter(name, declared):
+            found[name] = rename
+        elif checking.problems:
+            wrong[name] = checking.problems[0]
+    return found, wrong
+
+
+class _Checker:
+    def __init__(self, fmu: FmuDescription, role: Role, adapter: Adapter, cure: str = "") -> None:
+        self.fmu, self.role, self.adapter = fmu, role, adapter
+        self.cure = cure or f"map it in {adapter.path.name}"
+        self.problems: list[str] = []
+        self.notes: list[str] = []
+
+    def wrong(self, text: str) -> None:
+        self.problems.append(f"{self.role.name} {self.fmu.path.name}: {text}")
+
+    def note(self, text: str) -> None:
+        self.notes.append(f"{self.role.name} {self.fmu.path.name}: {text}")
+
+    def output(self, name: str, needed: Variable) -> Rename | None:
+        rename = self.adapter.outputs.get(name, Rename(name))
+        if not rename.mapped and name in self.role.optional and not self._is_there(name):
+            return None
+        return self._checked("output", rename, needed)
+
+    def input(self, name: str, given: Variable) -> Rename | None:
+        rename = self.adapter.inputs.get(name, Rename(name))
+        if not rename.mapped and name not in self.fmu.inputs:
+            return None
+        return self._checked("input", rename, given)
+
+    def parameter(self, name: str, declared: Variable) -> Rename | None:
+        rename = self.adapter.parameters.get(name, Rename(name))
+        if not rename.mapped and name not in self.fmu.parameters:
+            return None
+        return self._checked("parameter", rename, declared)
+
+    def _is_there(self, name: str) -> bool:
+        return name in self.fmu.quantities or name in self.fmu.refused
+
+    def _checked(self, kind: str, rename: Rename, needed: Variable) -> Rename | None:
+        """The rename if the FMU's variable of that name serves; else None, with the problem noted."""
+        if problem := self._problem(kind, rename, needed):
+            self.wrong(problem)
+            return None
+        quantity = self.fmu.quantities[rename.name]
+        return rename if self._unit_fits(kind, quantity, rename, needed) else None
+
+    def _problem(self, kind: str, rename: Rename, needed: Variable) -> str:
+        toml, need = self.adapter.path.name, f"the {self.role.name} role needs"
+        quantity = self.fmu.quantities.get(rename.name)
+        if rename.name in self.fmu.refused:
+            return f'{kind} "{rename.name}" {self.fmu.refused[rename.name]}'
+        if quantity is None:
+            hint = _near(rename.name, self.fmu.group(kind))
+            if rename.mapped:
+                return f'has no {kind} "{rename.name}", which {toml} names{hint}'
+            what = f"{needed.type.value}, {needed.unit}" if needed.unit else needed.type.value
+            return (
+                f'has no {kind} "{rename.name}" ({what}), which {need}{hint}; map it in {toml} or export it'
+            )
+        if self.fmu.group(*_CAUSALITIES.get(kind, (kind,))).get(rename.name) is None:
+            return f'"{rename.name}" has causality {quantity.causality}; {need} {kind}, export it as such'
+        whole_as_real = kind == "parameter" and (quantity.type, needed.type) == (
+            Type.REAL,
+            Type.INTEGER,
+        )  # a seed, say: nothing is lost
+        if quantity.type is not needed.type and not whole_as_real:
+            return (
+                f'{kind} "{rename.name}" is {quantity.type.value}, {need} {needed.type.value}; '
+                f"export it as {needed.type.value}"
+            )
+        return ""
+
+    def _unit_fits(self, kind: str, quantity: Quantity, rename: Rename, needed: Variable) -> bool:
+        unit = self.fmu.unit(quantity)
+        if unit is None or not needed.unit:
+            return True
+        ours = Unit(needed.unit, tuple(UNITS[needed.unit].get(name, 0) for name in BASE))
+        got = (
+            f'{kind} "{quantity.name}" has unit "{unit.name}", the {self.role.name} role needs "{ours.name}"'
+        )
+        if not unit.measures(ours):
+            self.wrong(f"{got}; no factor makes one of the other")
+            return False
+        if (rename.factor, rename.offset) != (1.0, 0.0) or unit.equals(ours):
+            return True
+        self.wrong(f"{got}; {self.cure} or export it in {ours.name}")
+        return False
+
+
+_CAUSALITIES = {"parameter": ("parameter", "structuralParameter")}
+
+
+def _near(name: str, known: Iterable[str]) -> str:
+    hint = nearest(name, known)
+    return hint if "did you mean" in hint else ""
+
+
+def replace_component(
+    system: Description, role_name: str, fmu: FmuDescription, adapter: Adapter
+) -> tuple[Description, Fit]:
+    """The system with an FMU in a role's place, and how it fits.
+
+    Raises:
+        RoleError: the FMU does not fit.
+        UsageError: the system has no such component.
+    """
+    if role_name not in system.components:
+        hint = nearest(role_name, system.components)
+        raise UsageError(f'system "{system.name}" has no component "{role_name}"{hint}')
+    consumed = {link.source_variable for link in system.links if link.source == role_name}
+    found = fit(fmu, find_role(role_name), adapter, consumed)
+    if found.problems:
+        raise RoleError("\n".join(found.problems))
+    components = dict(system.components)
+    components[role_name] = Member(role_name, fmu.path)
+    links = []
+    for link in system.links:
+        source = found.outputs.get(link.source_variable) if link.source == role_name else _AS_IT_IS
+        target = found.inputs.get(link.target_variable) if link.target == role_name else _AS_IT_IS
+        if source is not None and target is not None:
+            links.append(_adapted(link, source, target))
+        elif target is not None:  # an output that it need not have
+            part = components[link.target]
+            components[link.target] = replace(part, values=part.values | {link.target_variable: Value(0.0)})
+    return replace(system, components=components, links=tuple(links)), found
+
+
+_AS_IT_IS = Rename("")
+
+
+def _adapted(link: Link, source: Rename, target: Rename) -> Link:
+    """The link by the FMU's names: the source's conversion, the link's own, then the target's."""
+    factor = target.factor * link.factor * source.factor
+    offset = target.factor * (link.factor * source.offset + link.offset) + target.offset
+    return replace(
+        link,
+        source_variable=source.name or link.source_variable,
+        target_variable=target.name or link.target_variable,
+        factor=factor,
+        offset=offset,
+    )

@@ -1,0 +1,200 @@
+"""What is checked before anything runs: that the links of a system fit, and in which order it is stepped.
+
+Units are never converted silently: both ends must have the same unit (however spelled, if the FMUs define
+it), or the link must carry the conversion. An end that declares no unit fits any.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from harness.cosim.fmu import FmuDescription, FmuError
+from harness.cosim.ssp import Description, Link, SspError
+from models.errors import WiringError
+
+Order = Literal["sequential", "jacobi"]
+
+DEFAULT_STEP = 0.04  # s, the 25 Hz of the IMU, if no FMU states a step
+STEP_TOLERANCE = 1e-6  # of the step
+
+
+@dataclass(frozen=True)
+class Wiring:
+    """A checked system.
+
+    Attributes:
+        order: components in the order in which they are stepped, plants last.
+        plants: those whose outputs do not depend on their inputs within a step.
+        step: s, the communication step of all.
+        delays: for each link, how many ticks pass from the source's step to the target's that uses it.
+        free: inputs that nothing feeds, by component.
+    """
+
+    order: tuple[str, ...]
+    plants: frozenset[str]
+    step: float
+    delays: tuple[tuple[Link, int], ...]
+    free: dict[str, tuple[str, ...]]
+
+
+def wire(
+    system: Description,
+    fmus: Mapping[str, FmuDescription],
+    order: Order = "sequential",
+    plants: Iterable[str] = (),
+) -> Wiring:
+    """Check a system's links against what its FMUs declare, and order its components.
+
+    Args:
+        system: what to wire.
+        fmus: what each component's FMU says.
+        order: `sequential` or `jacobi`.
+        plants: components to be stepped last whatever they declare.
+
+    Raises:
+        WiringError: types or units that do not fit, an input fed twice or not at all, a cycle without a
+            plant, steps that do not agree.
+        SspError: the package declares a variable otherwise than its FMU.
+        FmuError: a link or value names a variable that the FMU lacks.
+    """
+    fed: dict[tuple[str, str], Link] = {}
+    for link in system.links:
+        _check_link(link, fmus)
+        target = (link.target, link.target_variable)
+        if target in fed:
+            raise WiringError(
+                f"{link.target}.{link.target_variable} is fed twice: by {fed[target]} and {link}"
+            )
+        fed[target] = link
+    _check_values(system, fmus, fed)
+    _check_connectors(system, fmus)
+    free = {name: tuple(v for v in fmu.inputs if (name, v) not in fed) for name, fmu in fmus.items()}
+    for name, variables in free.items():
+        for variable in variables:
+            if fmus[name].inputs[variable].start is None and variable not in system.components[name].values:
+                raise WiringError(
+                    f"input {name}.{variable} has neither a source nor a start value; connect it"
+                )
+    last = frozenset(name for name, fmu in fmus.items() if not fmu.feedthrough) | frozenset(plants)
+    answering = [name for name in fmus if name not in last]
+    links = [link for link in system.links if link.source in answering and link.target in answering]
+    if order == "sequential":
+        answering = _data_flow(answering, links)
+    return Wiring(
+        order=(*answering, *(name for name in fmus if name in last)),
+        plants=last,
+        step=_common_step(fmus),
+        delays=tuple((link, int(order == "jacobi" or link.source in last)) for link in system.links),
+        free=free,
+    )
+
+
+def _check_link(link: Link, fmus: Mapping[str, FmuDescription]) -> None:
+    try:
+        source = fmus[link.source].find(link.source_variable, "output")
+        target = fmus[link.target].find(link.target_variable, "input")
+    except FmuError as reason:
+        raise WiringError(f"link {link}: {reason}") from None
+    if source.type is not target.type:
+        raise WiringError(
+            f"link {link}: the source is {source.type.value}, the target {target.type.value}; "
+            "connect equal types"
+        )
+    from_unit, to_unit = fmus[link.source].unit(source), fmus[link.target].unit(target)
+    if from_unit is None or to_unit is None:
+        return
+    if not from_unit.measures(to_unit):
+        raise WiringError(f'link {link}: unit "{from_unit.name}" cannot become "{to_unit.name}"')
+    if not link.converts and not from_unit.equals(to_unit):
+        raise WiringError(
+            f'link {link}: the source has unit "{from_unit.name}", the target "{to_unit.name}"; '
+            "give the connection a LinearTransformation, or export the same unit"
+        )
+
+
+def _check_values(
+    system: Description, fmus: Mapping[str, FmuDescription], fed: Mapping[tuple[str, str], Link]
+) -> None:
+    """The package's own start values."""
+    for name, component in system.components.items():
+        for variable, value in component.values.items():
+            quantity = fmus[name].find(variable, "parameter", "structuralParameter", "input")
+            if (name, variable) in fed:
+                raise WiringError(
+                    f"input {name}.{variable} is given a value, but is fed by {fed[name, variable]}"
+                )
+            unit = fmus[name].unit(quantity)
+            if value.unit is not None and unit is not None and value.unit != unit.name:
+                raise SspError(
+                    f'{name}.{variable} is given in "{value.unit}", the FMU declares "{unit.name}"; '
+                    "give the value in the FMU's unit"
+                )
+
+
+def _check_connectors(system: Description, fmus: Mapping[str, FmuDescription]) -> None:
+    """What the package says of its FMUs' variables: an end that declares no type or unit fits any."""
+    for name, component in system.components.items():
+        for connector in component.connectors.values():
+            quantity = fmus[name].quantities.get(connector.name)
+            if quantity is None:
+                continue
+            unit = fmus[name].unit(quantity)
+            of_fmu = quantity.type.value
+            declared = {"Enumeration": "Integer"}.get(connector.type or of_fmu, connector.type or of_fmu)
+            if declared != of_fmu:
+                got, expected = f"type {connector.type}", f"type {of_fmu}"
+            elif connector.unit and unit is not None and connector.unit != unit.name:
+                got, expected = f'unit "{connector.unit}"', f'unit "{unit.name}"'
+            else:
+                continue
+            raise SspError(
+                f"connector {name}.{connector.name} has {got}, {component.fmu.name} declares {expected}; "
+                "write into the package what the FMU declares"
+            )
+
+
+def _data_flow(names: list[str], links: list[Link]) -> list[str]:
+    """The names so that every source comes before its targets, as listed where it does not matter."""
+    done: list[str] = []
+    left = list(names)
+    while left:
+        ready = next((n for n in left if not any(k.target == n and k.source in left for k in links)), None)
+        if ready is None:
+            raise WiringError(
+                f"cycle without a delay: {_cycle(left, links)}; "
+                "sequential stepping needs a component in it whose outputs do not depend on its inputs "
+                "(a plant; its ModelStructure must say so), --order jacobi delays every link"
+            )
+        left.remove(ready)
+        done.append(ready)
+    return done
+
+
+def _cycle(left: list[str], links: list[Link]) -> str:
+    """One cycle among the components that are left, as text."""
+    path = [left[0]]
+    while True:  # everyone left has a source that is left
+        source = next(k.source for k in links if k.target == path[-1] and k.source in left)
+        if source in path:
+            cycle = path[path.index(source) :][::-1]
+            return " -> ".join([*cycle, cycle[0]])
+        path.append(source)
+
+
+def _common_step(fmus: Mapping[str, FmuDescription]) -> float:
+    """The communication step: the one that FMUs insist on, or else the largest that one states."""
+    fixed = {name: fmu.step for name, fmu in fmus.items() if fmu.step and fmu.fixed}
+    wished = [fmu.step for fmu in fmus.values() if fmu.step]
+    if not fixed:
+        return max(wished, default=DEFAULT_STEP)
+    first, step = next(iter(fixed.items()))
+    for name, own in fixed.items():
+        if not math.isclose(step, own, rel_tol=STEP_TOLERANCE):
+            raise WiringError(
+                f"{first} has a fixed step of {step:g} s, {name} of {own:g} s; "
+                "all components take one step: export one of them with the other's"
+            )
+    return step

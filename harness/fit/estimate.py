@@ -1,0 +1,353 @@
+"""The animal's statistics from logged trials: Table 5.1 for a dog of one's own (5.2).
+
+Each trial gives one value of what the model of the animal draws once a trial (harness/tracks.py); here they
+are pooled over trials, with intervals.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import stats
+from scipy.optimize import brentq
+
+from harness.fit.tracks import (
+    CRUISE_S,
+    ENDED_EARLY,
+    RATES,
+    SOURCES,
+    STATISTICS,
+    TURNS,
+    Source,
+    Track,
+    Trial,
+    measure,
+)
+from harness.log.log import Array, Log, LogError, read_log
+from models.errors import CanineError, UsageError
+from models.kit.units import DEG
+
+CONFIDENCE = 0.95
+REDRAWN = ("cruise_speed", "speeding_up", "slowing_down")  # which the model draws again below
+FLOOR = 0.2  # of their means
+ROUND_OFF = 1e-9  # of the mean, and in what a scenario states; less is no deviation of an animal
+DISTURBING = 0.01  # share of turns under the threshold, from which on a note is due
+
+
+class FitError(UsageError):
+    """Logs that hold nothing to estimate from."""
+
+
+def interval_of_mean(values: Array) -> tuple[float, float] | None:
+    """Confidence interval of the mean of a normal variable (Student's t), from two values on."""
+    if len(values) < 2:
+        return None
+    half = stats.t.ppf(0.5 + CONFIDENCE / 2, len(values) - 1) * values.std(ddof=1) / math.sqrt(len(values))
+    return float(values.mean() - half), float(values.mean() + half)
+
+
+def interval_of_deviation(values: Array) -> tuple[float, float] | None:
+    """Confidence interval of the standard deviation of a normal variable (chi-square), from two values on."""
+    if len(values) < 2:
+        return None
+    low, high = stats.chi2.ppf((0.5 + CONFIDENCE / 2, 0.5 - CONFIDENCE / 2), len(values) - 1)
+    squares = (len(values) - 1) * values.var(ddof=1)
+    return math.sqrt(squares / low), math.sqrt(squares / high)
+
+
+def before_redrawing(mean: float, deviation: float) -> tuple[float, float] | None:
+    """The model's parameters that give a mean and a standard deviation after its redrawing below FLOOR.
+
+    Found is the normal distribution that, cut off below FLOOR of its mean, has these moments; None where
+    there is none: cut off so, the deviation stays under 3/4 of the mean.
+    """
+
+    def moments(spread: float) -> tuple[float, float]:  # of the mean 1
+        cut = (FLOOR - 1) / spread
+        hazard = stats.norm.pdf(cut) / stats.norm.sf(cut)
+        return 1 + spread * hazard, spread * math.sqrt(1 + cut * hazard - hazard**2)
+
+    def excess(spread: float) -> float:
+        cut_mean, cut_deviation = moments(spread)
+        return cut_deviation / cut_mean - deviation / mean
+
+    if mean <= 0 or excess(WIDEST) < 0:
+        return None
+    if excess(NARROWEST) > 0:
+        return mean, deviation
+    spread = float(brentq(excess, NARROWEST, WIDEST))
+    full = mean / moments(spread)[0]
+    return full, spread * full
+
+
+NARROWEST, WIDEST = 0.05, 10.0  # deviations, as shares of the mean, between which redrawing is undone
+
+
+def pool(trials: Sequence[Trial], turned: float) -> dict[str, Any]:
+    """The statistics of all trials, angles in degrees: what fit.json holds.
+
+    Args:
+        turned: rad/s, turn rate from which on a command counted as obeyed.
+
+    Raises:
+        FitError: there is not one value and no response.
+    """
+    found: dict[str, Any] = {}
+    for statistic in STATISTICS:
+        values = np.array([t.values[statistic.key] for t in trials if statistic.key in t.values])
+        values = values * statistic.scale
+        found[statistic.key] = {
+            "label": statistic.label,
+            "unit": statistic.unit,
+            "n": len(values),
+            "mean": float(values.mean()) if len(values) else None,
+            "mean_interval": interval_of_mean(values),
+            "sd": float(values.std(ddof=1)) if len(values) > 1 else None,
+            "sd_interval": interval_of_deviation(values),
+            "left_out": _left_out(trials, statistic.key),
+            "published": statistic.published
+            and dict(zip(("mean", "sd", "n"), statistic.published, strict=True)),
+        }
+    rates: dict[str, Any] = {}
+    for name, (rate, issued) in RATES.items():
+        responses = [obeyed for trial in trials for obeyed in trial.responses[name]]
+        test = stats.binomtest(sum(responses), len(responses)) if responses else None
+        rates[name] = {
+            "label": f"{name.replace('_', ' ')} rate",
+            "n": len(responses),
+            "obeyed": sum(responses),
+            "rate": sum(responses) / len(responses) if responses else None,
+            "interval": test and [float(p) for p in test.proportion_ci(CONFIDENCE, method="wilson")],
+            "left_out": _left_out(trials, name),
+            "published": {"rate": rate, "n": issued},
+        }
+    if not any(row["n"] for row in (*found.values(), *rates.values())):
+        why = (f"{s.label}: {reasons(found[s.key]['left_out']) or f'no {s.needs}'}" for s in STATISTICS)
+        raise FitError(f"no trial holds a stretch to estimate from ({'; '.join(why)}); give longer trials")
+    return {
+        "confidence": CONFIDENCE,
+        "turned_deg_s": turned / DEG,
+        "statistics": found,
+        "responses": rates,
+        "notes": list(_cautions(trials, found, turned)),
+        "parameters": _parameters(found, rates),
+        "trials": [
+            {
+                "log": trial.name,
+                **{s.key: trial.values[s.key] * s.scale for s in STATISTICS if s.key in trial.values},
+                **trial.responses,
+            }
+            for trial in trials
+        ],
+    }
+
+
+def _left_out(trials: Sequence[Trial], key: str) -> dict[str, int]:
+    """Why, and how many stretches."""
+    count: Counter[str] = Counter()
+    for trial in trials:
+        count.update({why: n for (of, why), n in trial.left_out.items() if of == key})
+    return dict(count)
+
+
+def reasons(left_out: Mapping[str, int]) -> str:
+    return ", ".join(f"{why} ({n})" for why, n in left_out.items())
+
+
+def _cautions(trials: Sequence[Trial], found: Mapping[str, Any], turned: float) -> Iterable[str]:
+    """What the figures are biased by, as far as they tell themselves."""
+    cut = sum("cruise_speed" not in t.values and t.left_out["cruise_speed", ENDED_EARLY] > 0 for t in trials)
+    if cut:
+        yield (
+            f"velocity: {cut} of {len(trials)} trials never had {CRUISE_S:g} s of steady speed; those are of "
+            "fast dogs and slow starters, so that the mean is low; give longer legs"
+        )
+    for key, _ in TURNS.values():
+        row = found[key]
+        if row["sd"]:
+            below, upto = stats.norm.cdf((-turned / DEG, turned / DEG), row["mean"], row["sd"])
+            hidden = upto - below
+            if hidden > DISTURBING:
+                yield (
+                    f"{row['label']}: by its distribution {100 * hidden:.1f} % of the turns are slower than "
+                    f"{turned / DEG:g} deg/s and count as not obeyed: the success rate is too low by about "
+                    "that share of it, and the turn rate lacks them"
+                )
+    for key in REDRAWN:
+        row = found[key]
+        if row["sd"] and before_redrawing(row["mean"], row["sd"]) is None:
+            yield (
+                f"{row['label']}: spread too widely for the model, which draws again below {FLOOR:g} of the "
+                "mean; simulated, the mean is higher and the deviation less"
+            )
+
+
+def _parameters(found: Mapping[str, Any], rates: Mapping[str, Any]) -> dict[str, float]:
+    """The canine's parameters, angles in degrees, as a scenario states them."""
+    parameters = {}
+    for key, row in found.items():
+        if row["mean"] is None or key == "start_heading":
+            continue
+        mean, deviation = row["mean"], row["sd"]
+        if key in REDRAWN and deviation is not None:
+            mean, deviation = before_redrawing(mean, deviation) or (mean, deviation)
+        parameters[f"canine.{key}"] = settled(mean)
+        if deviation is not None:
+            parameters[f"canine.{key}_deviation"] = settled(deviation, mean)
+    for name, row in rates.items():
+        if row["rate"] is not None:
+            parameters[f"canine.{name}"] = row["rate"]
+    return {name: rounded(value) for name, value in parameters.items()}
+
+
+def rounded(value: float) -> float:
+    return float(f"{value:.6g}")
+
+
+def settled(value: float, mean: float = 0.0) -> float:
+    """Zero for what is round-off: beside the mean, or in m/s, m/s2, deg/s and deg as such."""
+    return 0.0 if abs(value) < ROUND_OFF * max(1.0, abs(mean)) else value
+
+
+def read_track(log: Log, source: Source) -> Track:
+    """A trial as a source of the log has it.
+
+    Raises:
+        FitError: the log lacks the command or the motion, or holds one tick.
+    """
+    told = ("plant", "controller") if source.component == "plant" else ("controller", "plant")
+    commands = [f"{name}.command" for name in told if f"{name}.command" in log]
+    motion = [f"{source.component}.{name}" for name in ("speed", "heading")]
+    missing = [signal for signal in motion if signal not in log]
+    if not commands or missing:
+        lacks = missing[0] if commands else "controller.command"
+        raise FitError(
+            f'{log.path}: the log has no signal "{lacks}"; expected the log of a guided trial, such as '
+            f"`canine run` writes, with the motion of {' or '.join(SOURCES)}"
+        )
+    if len(log.time) < 2:
+        raise FitError(f"{log.path}: holds one tick; expected a trial")
+    speed, heading = (log[signal] for signal in motion)
+    usable = np.isfinite(speed) & np.isfinite(heading)
+    if f"{source.component}.valid" in log:
+        usable &= log[f"{source.component}.valid"] > 0
+    fresh = np.ones(len(speed), dtype=bool)
+    if f"{source.component}.gps_fix" in log:  # between fixes the speed swings with the pack (B.4)
+        fresh = log[f"{source.component}.gps_fix"] > 0
+    aim = None
+    if log.route:
+        (_, first_north, first_east), (_, north, east) = log.route.places[0], log.route.places[-1]
+        aim = math.atan2(first_east - east, first_north - north)  # from home, where a trial starts
+    name = f"{log.path.resolve().parent.name}/{log.path.name}"
+    return Track(
+        name, log.time, log[commands[0]], speed, heading, usable, fresh, aim, log.parameter("plant.seed")
+    )
+
+
+def find_logs(given: Sequence[Path]) -> list[Path]:
+    """The logs themselves, and those in folders and folders of these, each once.
+
+    Raises:
+        FitError: one of them is not there, or a folder holds no log.
+    """
+    found: dict[Path, Path] = {}
+    for path in given:
+        if not path.exists():
+            raise FitError(f'there is no log "{path}"; expected a trial.mcap, or a folder that holds some')
+        logs = sorted(path.rglob("*.mcap")) if path.is_dir() else [path]
+        if not logs:
+            raise FitError(f"{path}: the folder holds no .mcap; expected logs of trials")
+        found |= {log.resolve(): log for log in logs}
+    return list(found.values())
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Trials that were read: each with what it was read from; what could not be read whole is noted."""
+
+    tracks: Sequence[tuple[Track, Source]]
+    notes: Sequence[str]
+
+
+def read_tracks(
+    paths: Sequence[Path], component: str | None = None, progress: Callable[[int], None] | None = None
+) -> Reading:
+    """Read logs: of the truth where they have it, else of the estimate, or of the component that is named.
+
+    Raises:
+        LogError, FitError: none of them can be read.
+    """
+    tracks: list[tuple[Track, Source]] = []
+    notes: list[str] = []
+    content: dict[bytes, Path] = {}
+    failures: list[CanineError] = []
+    for number, path in enumerate(paths, start=1):
+        if progress:
+            progress(number)
+        try:
+            digest = sha256(_content(path)).digest()
+            if digest in content:
+                notes.append(f"{path}: the same log as {content[digest]}; counted once")
+                continue
+            log = read_log(path)
+            name = component or ("plant" if "plant.speed" in log else "estimator")
+            tracks.append((read_track(log, SOURCES[name]), SOURCES[name]))
+            content[digest] = path
+            if log.broken:
+                notes.append(f"{path}: the log is not whole, {log.broken}")
+        except (LogError, FitError) as failure:
+            failures.append(failure)
+    if not tracks:
+        raise failures[0]
+    notes += [f"{failure}; left out" for failure in failures]
+    return Reading(tracks, [*notes, *_mixed(tracks)])
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise FitError(f"{path}: cannot be read ({error.strerror}); expected the log of a trial") from error
+
+
+def _mixed(tracks: Sequence[tuple[Track, Source]]) -> Iterable[str]:
+    """What the trials do not have in common, or should not."""
+    sources = Counter(source.component for _, source in tracks)
+    if len(sources) > 1:
+        counts = ", ".join(f"{name} of {n}" for name, n in sources.items())
+        yield f"the motion is read from {counts} logs: the estimate is less exact; --source takes one of them"
+    steps = Counter(f"{track.step:.4g}" for track, _ in tracks)
+    if len(steps) > 1:
+        counts = ", ".join(f"{step} s in {n}" for step, n in steps.items())
+        yield f"the logs have different sample times: {counts}; each is read with its own"
+    seeds = Counter(track.seed for track, _ in tracks if track.seed is not None)
+    again = sum(n - 1 for n in seeds.values())
+    if again:
+        yield (
+            f"{again} of the simulated logs have the seed of another, and so the same draws: they are no "
+            "trials of their own, and the intervals are too narrow; give each its own seed"
+        )
+
+
+def estimate(reading: Reading, turned: float | None = None) -> dict[str, Any]:
+    """What fit.json holds.
+
+    Args:
+        turned: rad/s, turn rate from which on a command counts as obeyed; the sources' own by default.
+
+    Raises:
+        FitError: there is nothing to estimate from.
+    """
+    used = [
+        (track, source if turned is None else replace(source, turned=turned))
+        for track, source in reading.tracks
+    ]
+    result = pool([measure(*each) for each in used], max(source.turned for _, source in used))
+    result["notes"] = [*reading.notes, *result["notes"]]
+    result["sources"] = sorted({source.component for _, source in used})
+    return result

@@ -1,0 +1,164 @@
+"""What is made of an animal's statistics: a table, a picture, parameters for a scenario, a file."""
+
+import io
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+from scipy import stats
+
+from harness.drawing import BELOW, DPI, ESTIMATES, GRID, TRUTH
+from harness.files import make_folder, write_whole
+from harness.fit.estimate import reasons, rounded, settled
+from harness.log.log import Array
+
+FOLDER = Path("out/fit")
+
+
+def fragment(result: Mapping[str, Any]) -> str:
+    """The parameters as the end of a scenario's file: fit.toml."""
+    lines = [
+        f"# The animal of {_trials(result)}, by `canine fit`: fit.json says how sure it is.",
+        "# Append it to a scenario without [parameters], or copy its lines into these. Angles in degrees.",
+        "",
+        "[parameters]",
+        *(f'"{name}" = {value!r}' for name, value in result["parameters"].items()),
+    ]
+    rows = {**result["statistics"], **result["responses"]}
+    for key, row in rows.items():
+        if row["n"] == 0:
+            lines.append(f"# nothing to tell canine.{key} by: it stays as the model has it")
+        elif row["n"] == 1 and key in result["statistics"]:
+            lines.append(f"# one value does not tell canine.{key}_deviation: it stays as the model has it")
+    start = result["statistics"]["start_heading"]
+    if start["sd"] is not None:
+        lines += [
+            f"# The handler's: the start was {start['mean']:.3g} deg off the first waypoint on average.",
+            f'# "canine.start_heading_deviation" = {rounded(settled(start["sd"], start["mean"]))!r}',
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def report(result: Mapping[str, Any], out: Path) -> None:
+    """Write fit.json, fit.toml and fit.png.
+
+    Raises:
+        UsageError: the folder cannot be made.
+        FileError: they cannot be written.
+    """
+    make_folder(out)
+    write_whole(out / "fit.json", (json.dumps(result, indent=2) + "\n").encode())
+    write_whole(out / "fit.toml", fragment(result).encode())
+    buffer = io.BytesIO()
+    figure(result).savefig(buffer, format="png")
+    write_whole(out / "fit.png", buffer.getvalue())
+
+
+def show(result: Mapping[str, Any], console: Console) -> None:
+    """Print the statistics beside Table 5.1, and what was left out."""
+    table = Table(box=None, padding=(0, 1, 0, 0), header_style="bold")
+    table.add_column(f"{_trials(result)} ({', '.join(result['sources'])})")
+    for heading in ("n", "mean ± sd", "mean, 95 %", "sd, 95 %", "Table 5.1", "n"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for row in result["statistics"].values():
+        known = row["published"]
+        spread = "" if row["sd"] is None else f" ± {_number(row['sd'])}"
+        table.add_row(
+            escape(f"{row['label']} [{row['unit']}]"),
+            str(row["n"]),
+            _number(row["mean"]) + spread,
+            _range(row["mean_interval"]),
+            _range(row["sd_interval"]),
+            *((f"{known['mean']:g} ± {known['sd']:g}", str(known["n"])) if known else ()),
+        )
+    for row in result["responses"].values():
+        known = (f"{row['published']['rate']:g}", str(row["published"]["n"]))
+        rate, interval = _number(row["rate"]), _range(row["interval"])
+        table.add_row(row["label"], str(row["n"]), rate, interval, "", *known)
+    console.print(table)
+    for row in (*result["statistics"].values(), *result["responses"].values()):
+        if row["left_out"]:
+            why = reasons(row["left_out"])
+            console.print(f"left out, {row['label']}: {why}", style="dim", markup=False, soft_wrap=True)
+    for note in result["notes"]:
+        console.print(f"note: {note}", style="dim", markup=False, soft_wrap=True)
+
+
+def _trials(result: Mapping[str, Any]) -> str:
+    count = len(result["trials"])
+    return "1 trial" if count == 1 else f"{count} trials"
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.{1 if abs(value) >= 10 else 2}f}"
+
+
+def _range(interval: Sequence[float] | None) -> str:
+    return "-" if interval is None else f"{_number(interval[0])}..{_number(interval[1])}"
+
+
+def figure(result: Mapping[str, Any]) -> Figure:
+    """Each statistic's values over the trials, with the normal distribution fitted and that of Table 5.1."""
+    drawn = Figure(figsize=(14, 6.6), dpi=DPI, layout="constrained")
+    *panels, last = drawn.subplots(2, 4).flat
+    for axes, (key, row) in zip(panels, result["statistics"].items(), strict=True):
+        values = np.array([trial[key] for trial in result["trials"] if key in trial])
+        _draw_statistic(axes, row, values)
+    _draw_responses(last, result["responses"].values())
+    for axes in (*panels, last):
+        axes.set_axisbelow(True)
+        axes.grid(**GRID)
+    known: dict[str, Any] = {}
+    for axes in (*panels, last):
+        known |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
+    drawn.legend(known.values(), known.keys(), loc="outside lower center", ncols=len(known), **BELOW)
+    drawn.suptitle(f"The animal of {_trials(result)}", fontsize=13)
+    return drawn
+
+
+def _draw_statistic(axes: Axes, row: Mapping[str, Any], values: Array) -> None:
+    """Histogram as a density; without spread there is one bar and no curve."""
+    axes.set_xlabel(f"{row['label']} [{row['unit']}]")
+    axes.set_title(f"n = {row['n']}", fontsize=10)
+    axes.set_yticks([])
+    if not len(values):
+        return
+    spread = row["sd"] is not None and row["sd"] > 1e-6 * (1 + abs(row["mean"]))
+    published = row["published"]
+    if not spread:
+        width = 0.1 * (1 + abs(row["mean"]))
+        axes.bar(row["mean"], 1, width / 10, color=ESTIMATES[0], alpha=0.45, label="trials")
+        axes.set_xlim(row["mean"] - width, row["mean"] + width)
+        return
+    axes.hist(values, bins="auto", density=True, color=ESTIMATES[0], alpha=0.45, label="trials")
+    low, high = values.min(), values.max()
+    x = np.linspace(low - 0.15 * (high - low), high + 0.15 * (high - low), 200)
+    axes.plot(
+        x, stats.norm.pdf(x, row["mean"], row["sd"]), color=TRUTH, linewidth=1.6, label="normal, fitted"
+    )
+    if published:
+        y = stats.norm.pdf(x, published["mean"], published["sd"])
+        axes.plot(x, y, color=ESTIMATES[1], linewidth=1.4, linestyle="--", label="Table 5.1")
+
+
+def _draw_responses(axes: Axes, rates: Iterable[Mapping[str, Any]]) -> None:
+    """Success rates with their intervals."""
+    for place, row in enumerate(rates):
+        axes.plot([place], [row["published"]["rate"]], "D", color=ESTIMATES[1], zorder=3)
+        axes.annotate(f"n = {row['n']}", (place, 0.02), ha="center", fontsize=9)
+        if row["rate"] is not None:
+            low, high = row["interval"]
+            axes.bar(place, row["rate"], 0.6, color=ESTIMATES[0], alpha=0.45, label="trials")
+            error = [[row["rate"] - low], [high - row["rate"]]]
+            axes.errorbar(place, row["rate"], yerr=error, color=TRUTH, capsize=5, label="95 %")
+    axes.set_xticks([0, 1], ["left", "right"])
+    axes.set_xlim(-0.6, 1.6)
+    axes.set_ylim(0, 1)
+    axes.set_xlabel("success rate")

@@ -1,0 +1,70 @@
+"""This machine's own processor: the onboard program as a shared library."""
+
+from __future__ import annotations
+
+import _ctypes
+import ctypes
+import shutil
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from codegen.firmware.bundle import Target, recorded
+from codegen.firmware.image import Image, host_image
+from harness.onboard.processors.processor import MAX_BYTES, SOURCES, Mailbox, ProcessorError, Received, Reply
+
+
+class Host:
+    """The program in this process, in a copy of its own of the library: its state is static."""
+
+    def __init__(self, image: Image) -> None:
+        self.image, self.mailbox = image, Mailbox()
+        self._folder = Path(tempfile.mkdtemp(prefix="canine-"))
+        try:
+            copy = shutil.copy(image.path, self._folder / image.path.name)
+            self._library = ctypes.CDLL(str(copy))
+        except OSError as reason:
+            shutil.rmtree(self._folder, ignore_errors=True)
+            raise ProcessorError(f"host: the onboard program cannot be loaded: {reason}") from None
+        self._received = self._variable("pil_received", ctypes.c_uint8 * MAX_BYTES * len(SOURCES))
+        self._counts = self._variable("pil_counts", ctypes.c_uint16 * len(SOURCES))
+        self._sent = self._variable("pil_sent", ctypes.c_uint8 * MAX_BYTES)
+        self._sent_count = self._variable("pil_sent_count", ctypes.c_uint16)
+        self._tone = self._variable("pil_tone_hz", ctypes.c_uint16)
+        self._left = self._variable("pil_vibrate_left", ctypes.c_uint8)
+        self._right = self._variable("pil_vibrate_right", ctypes.c_uint8)
+        self._record = self._variable("pil_recorded", ctypes.c_uint32 * len(recorded()))
+        self._library.pil_start()
+        self.start = bytes(self._record)
+
+    def _variable(self, name: str, kind: Any) -> Any:
+        return kind.in_dll(self._library, name)
+
+    def tick(self, received: Received) -> Reply:
+        """One tick of the program."""
+        for i, data in enumerate(self.mailbox.put(received, self._counts)):
+            ctypes.memmove(self._received[i], data, len(data))
+            self._counts[i] = len(data)
+        self._library.pil_tick()
+        return Reply(
+            bytes(self._record),
+            bytes(self._sent[: self._sent_count.value]),
+            self._tone.value,
+            bool(self._left.value),
+            bool(self._right.value),
+        )
+
+    def stack(self) -> int | None:
+        """Not known."""
+        return None
+
+    def close(self) -> None:
+        """Unload the library."""
+        _ctypes.dlclose(self._library._handle)
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+
+def start(target: Target, files: Mapping[str, str]) -> Host:
+    """The processor with a program of these sources."""
+    return Host(host_image(target, files))

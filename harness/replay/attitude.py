@@ -1,0 +1,75 @@
+"""From raw inertial samples to roll, pitch and heading on the estimator's ticks, causally.
+
+Every value at a tick depends only on samples and fixes at or before it, so a replay sees what a wearable
+computer would have seen. Body axes are forward, right, down; roll, pitch (nose up positive) and heading
+(clockwise from north) are the aerospace Euler angles, in rad.
+"""
+
+import numpy as np
+import numpy.typing as npt
+from ahrs.common.orientation import acc2q
+from ahrs.filters import Madgwick
+from scipy.signal import butter, sosfilt, sosfilt_zi
+
+from models.kit.block import Block
+
+Array = npt.NDArray[np.float64]
+
+TICK_S = Block.sample_time
+OVERSAMPLING = 40  # the filter runs at 1 kHz, the resolution of the sample times
+CUTOFF_HZ = 8.0  # -3 dB; 12.5 Hz is the Nyquist frequency of the ticks, 25 Hz (-40 dB) aliases to 0
+FILTER_ORDER = 4  # below 2 Hz its group delay is 2.613 / (2 pi CUTOFF_HZ) = 52 ms
+
+
+def anti_alias(t: Array, samples: Array, ticks: int) -> Array:
+    """Low-pass `samples` (n, m) taken at uneven times `t` (n,) s, and read them at the ticks k * TICK_S.
+
+    Each instant of a uniform 1 kHz grid holds the last sample (the first one before it), then comes a
+    Butterworth filter that starts settled on its first input. Returns (ticks, m).
+    """
+    grid = np.arange((ticks - 1) * OVERSAMPLING + 1) * (TICK_S / OVERSAMPLING)
+    held = samples[np.maximum(np.searchsorted(t, grid + 1e-9, side="right") - 1, 0)]
+    sos = butter(FILTER_ORDER, CUTOFF_HZ, fs=OVERSAMPLING / TICK_S, output="sos")
+    settled = sosfilt_zi(sos)[:, :, None] * held[0]
+    filtered, _ = sosfilt(sos, held, axis=0, zi=settled)
+    return np.asarray(filtered[::OVERSAMPLING], dtype=np.float64)
+
+
+def euler_angles(t: Array, specific_force: Array, rate: Array) -> Array:
+    """Roll, pitch and heading from an arbitrary zero, unwrapped, (n, 3) rad.
+
+    `t` (n,) s, `specific_force` (n, 3) m/s2 and `rate` (n, 3) rad/s in body axes.
+    Madgwick's gradient filter (Madgwick, Harrison, Vaidyanathan, ICORR 2011) at the library's gain of
+    0.033 rad/s: its step has a fixed length, so the centripetal acceleration of a long turn tilts it slowly,
+    and it has no bias state to wind up in one, as Mahony's has. Its vertical is gravity
+    (minus the specific force), so its earth frame is north, east, down up to the unknown heading.
+    """
+    madgwick = Madgwick()
+    q = np.empty((len(t), 4))
+    q[0] = acc2q(-specific_force[0])
+    for i in range(1, len(t)):
+        q[i] = madgwick.updateIMU(q[i - 1], rate[i], -specific_force[i], dt=t[i] - t[i - 1])
+    w, x, y, z = q.T
+    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1, 1))
+    heading = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return np.column_stack([np.unwrap(roll), pitch, np.unwrap(heading)])
+
+
+def align_heading(
+    heading: Array, fix_tick: npt.NDArray[np.int64], course: Array, time_constant_s: float
+) -> Array:
+    """Turn a heading with an arbitrary zero (ticks,) into one clockwise from north, by courses over ground.
+
+    `fix_tick` (f,) are the ascending ticks at which `course` (f,) rad became known. The offset is the mean of
+    course - heading over the fixes so far, later one that forgets with `time_constant_s`, and zero before
+    the first. Returns (ticks,) rad in (-pi, pi].
+    """
+    offset = np.zeros_like(heading)
+    mean, last = 0j, 0
+    for n, (k, direction) in enumerate(zip(fix_tick, course, strict=True), start=1):
+        forgetting = 1 - np.exp(-(k - last) * TICK_S / time_constant_s)
+        mean += max(1 / n, forgetting) * (np.exp(1j * (direction - heading[k])) - mean)
+        offset[k:] = np.angle(mean)
+        last = k
+    return np.asarray(np.angle(np.exp(1j * (heading + offset))), dtype=np.float64)

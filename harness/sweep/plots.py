@@ -1,0 +1,243 @@
+"""Pictures of a sweep, as Figures 5.3 and 5.5 show it: success rate and mean time over what was varied."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from decimal import Decimal
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import FuncFormatter, MaxNLocator
+from numpy.polynomial import Polynomial
+
+from harness.drawing import BESIDE, GRID, new_figure, png_of
+from harness.log.log import Array
+from harness.sweep.table import Z_95, Point, plain
+
+Varied = tuple[str, str, Sequence[Decimal]]  # label, unit, values
+SUCCESS, TIME, TREND, BEST, FRONTS = "#0072B2", "#7B3FB5", "#111111", "#00A06D", "#D7263D"
+COURSES = ("#D55E00", "#E69F00", "#009E73", "#CC79A7")
+# The text does not say what its trend lines are. A polynomial of this degree, cut at 100 %, has the R2 of its
+# two-waypoint trials (89.1 %); that of its three-waypoint trials (95.4 %) is a straight line's.
+DEGREE = 4
+FEW = 10  # values that get a tick each
+FRONT = "Pareto front"
+RINGS: dict[str, Any] = {
+    "linestyle": "none", "marker": "o", "markersize": 9, "markerfacecolor": "none", "markeredgecolor": FRONTS,
+    "markeredgewidth": 1.5, "clip_on": False, "path_effects": [withStroke(linewidth=3, foreground="white")],
+}  # fmt: skip
+STAR: dict[str, Any] = {
+    "linestyle": "none", "marker": "*", "color": "white", "markeredgecolor": "black", "markersize": 15,
+    "clip_on": False,
+}  # fmt: skip
+OUTLINE: dict[str, Any] = {
+    "label": "outlined",
+    "snap": False,
+    "color": "white",
+    "linewidth": 2.5,
+    "path_effects": [withStroke(linewidth=4, foreground="black")],
+}
+DASHES: dict[str, Any] = {"label": "dashed", "color": "#00D68F", "linewidth": 2.0, "linestyle": (0, (3, 1.5))}
+
+
+def sweep_png(axes: Sequence[Varied], table: Sequence[Point], result: Mapping[str, Any], title: str) -> bytes:
+    """The picture of a sweep over one or two parameters as a PNG.
+
+    Args:
+        axes: label, unit and values of what was varied.
+        table: what each point came to.
+        result: what is recommended, as `harness.recommend.recommend` gives it.
+    """
+    return png_of(sweep_figure(axes, table, result, title))
+
+
+def sweep_figure(
+    axes: Sequence[Varied], table: Sequence[Point], result: Mapping[str, Any], title: str
+) -> Figure:
+    """The figure of `sweep_png`: curves over one parameter, maps over two."""
+    figure = _curves(axes[0], table, result) if len(axes) == 1 else _maps(axes, table, result)
+    figure.suptitle(title, fontsize=11)
+    return figure
+
+
+def trend(x: Array, rate: Array) -> tuple[Callable[[Array], Array], float] | None:
+    """The polynomial of least squares through success rates, within 0 and 1, and its R2.
+
+    None of too few points, or if all are equal.
+    """
+    if len(x) < DEGREE + 2 or np.ptp(rate) == 0.0:  # a mean of equal numbers need not equal them
+        return None
+    spread = float(np.sum((rate - rate.mean()) ** 2))
+    fitted = Polynomial.fit(x, rate, DEGREE)
+
+    def line(at: Array) -> Array:
+        rates: Array = np.clip(fitted(at), 0.0, 1.0)
+        return rates
+
+    return line, 1 - float(np.sum((rate - line(x)) ** 2)) / spread
+
+
+def _curves(varied: Varied, table: Sequence[Point], result: Mapping[str, Any]) -> Figure:
+    """Success rate above, mean time below, over one parameter."""
+    label, unit, values = varied
+    x = np.array([float(value) for value in values])
+    figure = new_figure(12, 8)
+    success, time = figure.subplots(2, 1, sharex=True, height_ratios=(1.25, 1))
+    _draw_success(success, x, table)
+    _draw_time(time, x, table)
+    for axes, measured in ((success, "success_rate"), (time, "mean_time_s")):
+        front = [(_place(point, 1), point[measured]) for point in result["pareto"]["points"]]
+        if front:
+            axes.plot([x for (x,), _ in front], [y for _, y in front], label=FRONT, zorder=3, **RINGS)
+    for axes, key, words in (
+        (success, "success", "best for success"),
+        (time, "time", "shortest time"),
+        (time, "both", "fastest of the best for success"),
+    ):
+        _draw_range(axes, x, result[key], words, hatch="///" if key == "both" else "")
+        axes.grid(**GRID)
+        axes.set_axisbelow(True)
+        axes.legend(**BESIDE)
+    time.set_xlabel(f"{label} [{unit}]" if unit else label)
+    time.set_xlim(x[0] - (len(x) == 1), x[-1] + (len(x) == 1))
+    _set_ticks(time.xaxis, values)
+    figure.align_ylabels([success, time])
+    return figure
+
+
+def _draw_success(axes: Axes, x: Array, table: Sequence[Point]) -> None:
+    """Rates with their intervals, the trend, and each type of trial."""
+    rate = np.array([point.success_rate for point in table])
+    low, high = np.array([point.interval for point in table]).T
+    axes.fill_between(x, low, high, color=SUCCESS, alpha=0.18, linewidth=0, label="95 % interval (Wilson)")
+    axes.plot(x, rate, "o-", color=SUCCESS, markersize=3.5, linewidth=1.2, label="success rate")
+    fitted = trend(x, rate)
+    if fitted is not None:
+        line, r_squared = fitted
+        fine = np.linspace(x[0], x[-1], 400)
+        label = f"trend (degree {DEGREE}),\n$R^2$ = {100 * r_squared:.1f} %"
+        axes.plot(fine, line(fine), color=TREND, linewidth=1.2, linestyle=(0, (5, 2)), label=label)
+    drawn = [low.min(), high.max()]
+    for color, course in zip(COURSES, table[0].courses, strict=False):
+        own = _numbers([point.rate_of(course) for point in table])
+        axes.plot(x, own, color=color, linewidth=1.1, label=course.replace("_", " "))
+        drawn += [np.nanmin(own), np.nanmax(own)] if np.isfinite(own).any() else []
+    margin = 0.05 * (max(drawn) - min(drawn)) + 0.005
+    axes.set_ylim(max(-0.02, min(drawn) - margin), min(1.02, max(drawn) + margin))
+    axes.yaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda rate, _: f"{100 * rate:.4g} %"))
+    axes.set_ylabel("success rate")
+
+
+def _draw_time(axes: Axes, x: Array, table: Sequence[Point]) -> None:
+    """Mean time of the successful trials with its interval."""
+    mean = _numbers([point.mean_time for point in table])
+    error = _numbers([None if p.sd_time is None else Z_95 * p.sd_time / p.successes**0.5 for p in table])
+    axes.fill_between(
+        x, mean - error, mean + error, color=TIME, alpha=0.18, linewidth=0, label="95 % interval"
+    )
+    axes.plot(
+        x, mean, "o-", color=TIME, markersize=3.5, linewidth=1.2, label="mean time of\nsuccessful trials"
+    )
+    axes.set_ylabel("time [s]")
+
+
+def _draw_range(axes: Axes, x: Array, found: Mapping[str, Any], words: str, hatch: str) -> None:
+    """Shade a recommended range."""
+    if "range" not in found or found["flat"]:
+        return
+    ((first, last),) = found["range"].values()
+    half = 0.5 * float(np.diff(x).mean()) if len(x) > 1 else 0.5
+    style: dict[str, Any] = {"facecolor": BEST, "alpha": 0.12, "linewidth": 0}
+    if hatch:
+        style = {"facecolor": "none", "edgecolor": BEST, "alpha": 0.5, "hatch": hatch, "linewidth": 0}
+    axes.axvspan(first - half, last + half, zorder=0, label=words, **style)
+
+
+def _maps(axes: Sequence[Varied], table: Sequence[Point], result: Mapping[str, Any]) -> Figure:
+    """Success rate and mean time over two parameters as maps; what is best is outlined, the front ringed."""
+    (label, unit, values), (other_label, other_unit, others) = axes
+    x, y = (np.array([float(v) for v in part]) for part in (values, others))
+    figure = new_figure(14, 6.2)
+    rate = _numbers([point.success_rate for point in table])
+    time = _numbers([point.mean_time for point in table])
+    for panel, numbers, key, colours, words in zip(
+        figure.subplots(1, 2, sharey=True),
+        (100 * rate, time),
+        ("success", "time"),
+        ("cividis", "plasma_r"),
+        ("success rate [%]", "mean time of successful trials [s]"),
+        strict=True,
+    ):
+        field = numbers.reshape(len(x), len(y)).T
+        mesh = panel.pcolormesh(_edges(x), _edges(y), field, cmap=colours)
+        figure.colorbar(mesh, ax=panel, label=words, pad=0.02)
+        panel.set_facecolor("#E3E6EA")  # no trial succeeded
+        caption = []
+        for best_for, style, named in (
+            (key, OUTLINE, {"success": "best for success", "time": "shortest time"}[key]),
+            ("both", DASHES, "fastest of the best for success"),
+        ):
+            if not _is_shown(result[best_for]):
+                caption.append(f"{named}: no optimum shown")
+                continue
+            found = {tuple(map(float, place)) for place in result[best_for]["points"]}
+            mask = np.array([[(float(v), float(w)) in found for v in values] for w in others])
+            _outline(panel, _edges(x), _edges(y), mask, style)
+            caption.append(f"{style['label']}: {named}{', the star did best' if best_for == key else ''}")
+        if _is_shown(result[key]):
+            panel.plot(*_place(result[key]["best"], 2), **STAR)
+        front = [_place(point, 2) for point in result["pareto"]["points"]]
+        panel.plot([x for x, _ in front], [y for _, y in front], label=FRONT, **RINGS | {"markersize": 19})
+        panel.set_xlabel(f"{label} [{unit}]" if unit else label)
+        _set_ticks(panel.xaxis, values)
+        _set_ticks(panel.yaxis, others)
+        caption.append(f"rings: {FRONT}" if front else f"{FRONT}: empty")
+        panel.set_title("\n".join(caption), fontsize=9, loc="left")
+    figure.axes[0].set_ylabel(f"{other_label} [{other_unit}]" if other_unit else other_label)
+    return figure
+
+
+def _is_shown(found: Mapping[str, Any]) -> bool:
+    """Whether some points are shown to be better than others."""
+    return "points" in found and not found["flat"]
+
+
+def _place(point: Mapping[str, Any], axes: int) -> tuple[float, ...]:
+    """A recommended point's values of what was varied, which are its first."""
+    return tuple(map(float, list(point.values())[:axes]))
+
+
+def _set_ticks(axis: Axis, values: Sequence[Decimal]) -> None:
+    """A tick a value if they are few, as those of a switch are; else round numbers."""
+    if len(values) <= FEW:
+        axis.set_ticks([float(value) for value in values], [plain(value) for value in values])
+    else:
+        axis.set_major_locator(MaxNLocator(8, steps=[1, 2, 5, 10]))
+
+
+def _outline(axes: Axes, x: Array, y: Array, mask: Any, style: Mapping[str, Any]) -> None:
+    """Draw the border of the cells in a mask (y, x), whose edges lie at x and y."""
+    padded = np.pad(mask, 1)
+    upright = zip(*np.nonzero(padded[:, 1:] != padded[:, :-1]), strict=True)
+    level = zip(*np.nonzero(padded[1:, :] != padded[:-1, :]), strict=True)
+    lines = [[(x[column], y[row - 1]), (x[column], y[row])] for row, column in upright]
+    lines += [[(x[column - 1], y[row]), (x[column], y[row])] for row, column in level]
+    axes.add_collection(LineCollection(lines, clip_on=False, **style), autolim=False)
+
+
+def _edges(centres: Array) -> Array:
+    """The borders of cells around values in equal steps."""
+    half = 0.5 * (centres[1] - centres[0]) if len(centres) > 1 else 0.5
+    edges: Array = np.append(centres - half, centres[-1] + half)
+    return edges
+
+
+def _numbers(values: Sequence[float | None]) -> Array:
+    """NaN where there is no number."""
+    return np.array([np.nan if value is None else value for value in values], dtype=float)

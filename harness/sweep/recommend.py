@@ -1,0 +1,303 @@
+"""Which values of what was varied are best, as far as the trials tell.
+
+The difficulty is to choose among many points by chance results. The rule: a point counts as among the best
+unless the trials show it to be worse than the one that did best. Which one does best is chance too, so each
+of the K (K - 1) ordered pairs of points gets its equal part of 5 % (Bonferroni's bound): in 95 % of all
+sweeps and more, every point that is left out is truly worse, the best one is among those named, and a curve
+that is flat is called so. It gets sharper with more trials.
+
+Trial i has the same seed at every point, so points are compared trial by trial, which takes out most of the
+chance:
+
+- **success**: McNemar's exact test, one-sided: of the trials that succeeded at only one of both points, how
+  many were the best one's?
+- **time**, of the successful trials: the difference of both means over its standard error. Each trial's
+  share in a mean is its deviation from it over the number of successes, 0 if it failed, so the paired shares
+  give the error of the difference. It needs successes: a point with fewer than 30 is not judged. Where few
+  succeed they are the easy ones, so a short time with a low success rate is no merit; hence
+- **both**: among the best for success, the fastest.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from harness.sweep.table import Point, plain
+
+ALPHA = 0.05  # how often, of all sweeps, the best point may be missing among those named
+LEAST = 30  # successes, below which a point's mean time is not judged
+RULE = (
+    "A point is named unless it is shown to be worse than the one that did best: one-sided tests of the "
+    "trials paired by their seeds, at 5 % over all pairs of points (Bonferroni). Success: McNemar's exact "
+    "test. Time, of the successful trials: t-test of the paired difference of the means; points with fewer "
+    f"than {LEAST} successes are not judged. Both: the fastest among the best for success. The range is the "
+    "connected stretch of named points around the best one. Pareto: by the means as measured; no other point "
+    "has a success rate at least as high and a time at least as short, and one of both better."
+)
+ENDS = {(False, False): "inside", (True, False): "start", (False, True): "end", (True, True): "both"}
+WORDS = {
+    "inside": "",
+    "start": "; it begins where the range{} begins: no optimum inside is shown, smaller values may do better",
+    "end": "; it goes on to where the range{} ends: no optimum inside is shown, larger values may do better",
+    "both": "; it spans the whole range{}: no optimum inside is shown",
+}
+UNJUDGED = {
+    "start": "; below the stretch{} nothing could be judged: no optimum inside is shown",
+    "end": "; above the stretch{} nothing could be judged: no optimum inside is shown",
+    "both": "; below and above the stretch{} nothing could be judged: no optimum inside is shown",
+}
+MENTIONED = 6  # points that a text names one by one
+Mask = npt.NDArray[np.bool_]
+Ticks = npt.NDArray[np.unsignedinteger[Any]]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The points that are best for something, of K.
+
+    Attributes:
+        best: index of the one that did best.
+        named: (K,) which are not shown to be worse.
+        unjudged: (K,) which could not be compared.
+    """
+
+    best: int
+    named: Mask
+    unjudged: Mask
+
+
+def best_for_success(ticks: Ticks) -> Finding:
+    """Which of K points are not shown to succeed less often than the best; ticks (K, trials), 0 is a failure.
+
+    Of several that did best, the fastest counts as the best.
+    """
+    from scipy.stats import binom  # noqa: PLC0415 - it takes half a second, which errors need not wait
+
+    successes = [int(np.count_nonzero(row)) for row in ticks]
+    mean = [row.sum(dtype=np.int64) / max(n, 1) for row, n in zip(ticks, successes, strict=True)]
+    best = min(range(len(ticks)), key=lambda i: (-successes[i], mean[i], i))
+    only_best = [int(np.count_nonzero((ticks[best] > 0) & (row == 0))) for row in ticks]
+    only_this = [int(np.count_nonzero((ticks[best] == 0) & (row > 0))) for row in ticks]
+    gains, losses = np.array(only_best), np.array(only_this)
+    by_chance = binom.sf(gains - 1, gains + losses, 0.5)  # one trial in doubt is as likely this way as that
+    named = by_chance > ALPHA / _pairs(len(ticks))
+    return Finding(best, named, np.zeros(len(ticks), dtype=bool))
+
+
+def best_for_time(ticks: Ticks, among: Mask | None = None) -> Finding | None:
+    """Which of K points (of those `among` them) are not shown to be slower than the fastest; None: too few
+    successes everywhere. ticks (K, trials), 0 is a failure."""
+    from scipy.stats import t  # noqa: PLC0415
+
+    successes = np.array([np.count_nonzero(row) for row in ticks])
+    asked = np.ones(len(ticks), dtype=bool) if among is None else among
+    judged = asked & (successes >= LEAST)
+    if not judged.any():
+        return None
+    means = np.array([row.sum(dtype=np.int64) for row in ticks]) / np.maximum(successes, 1)
+    best = int(np.argmin(np.where(judged, means, np.inf)))
+    share = error_shares(ticks[best], means[best])
+    level = 1 - ALPHA / _pairs(int(judged.sum()))
+    named = np.zeros(len(ticks), dtype=bool)
+    for i in np.flatnonzero(judged):
+        error = math.sqrt(float(np.sum((error_shares(ticks[i], means[i]) - share) ** 2)))
+        least = min(successes[i], successes[best])
+        named[i] = means[i] - means[best] <= t.ppf(level, least - 1) * error * math.sqrt(least / (least - 1))
+    return Finding(best, named, asked & ~judged)
+
+
+def _pairs(points: int) -> int:
+    """Ordered pairs, of which any may turn out to be the best and one compared with it."""
+    return max(1, points * (points - 1))
+
+
+def error_shares(row: Ticks, mean: float) -> npt.NDArray[np.float64]:
+    """What each trial adds to the error of a mean [ticks] over the successful ones: (trials,), as `row`.
+
+    The root of the sum of their squares is the mean's standard error; of the squares of two rows' paired
+    differences, that of the difference of the means.
+    """
+    shares: npt.NDArray[np.float64] = np.where(row > 0, row - mean, 0.0) / np.count_nonzero(row)
+    return shares
+
+
+def pareto(table: Sequence[Point]) -> list[int]:
+    """The points of which none other is at least as good in success rate and mean time, and better in one."""
+    known = [(i, p.successes / p.trials, p.mean_time) for i, p in enumerate(table)]
+    front: list[int] = []
+    least = math.inf
+    last: tuple[float, float] | None = None
+    for i, rate, time in sorted(
+        ((i, rate, time) for i, rate, time in known if time is not None), key=lambda p: (-p[1], p[2], p[0])
+    ):
+        if time < least or (rate, time) == last:
+            front.append(i)
+            least, last = time, (rate, time)
+    return sorted(front)
+
+
+def recommend(
+    axes: Sequence[tuple[str, str, Sequence[Decimal]]], table: Sequence[Point], ticks: Ticks
+) -> dict[str, Any]:
+    """What the sweep recommends: the keys of recommendation.json.
+
+    Args:
+        axes: column, unit and values of each varied parameter; the last varies first from point to point.
+        table: what each point came to.
+        ticks: (points, trials), the tick on which a trial succeeded, 0 if it did not.
+    """
+    describe = _Describer(axes, table)
+    front = pareto(table)
+    success = best_for_success(ticks)
+    time = best_for_time(ticks)
+    both = best_for_time(ticks, success.named)
+    no_time = f"too few successes to compare times; expected {LEAST} at a point: run more trials"
+    return {
+        "rule": RULE,
+        "confidence": 1 - ALPHA,
+        "success": describe("best success rate", success, _rate),
+        "time": describe("shortest time", time, _time) if time else {"text": no_time},
+        "both": describe("fastest of those with the best success rate", both, _time)
+        if both
+        else {"text": no_time},
+        "pareto": {"text": describe.front(front), "points": [describe.point(i) for i in front]},
+    }
+
+
+def _rate(point: Point) -> str:
+    return f"{100 * point.success_rate:.1f} %"
+
+
+def _time(point: Point) -> str:
+    return f"{point.mean_time:.2f} s"
+
+
+def _reaches(places: Sequence[int], size: int) -> tuple[bool, bool]:
+    """Whether places along an axis begin where it begins, and end where it ends."""
+    return places[0] == 0, places[-1] == size - 1
+
+
+class _Describer:
+    """Findings in words and as plain data."""
+
+    def __init__(self, axes: Sequence[tuple[str, str, Sequence[Decimal]]], table: Sequence[Point]) -> None:
+        self.axes, self.table = axes, table
+        self.grid = tuple(len(values) for _, _, values in axes)
+
+    def __call__(self, what: str, finding: Finding, said: Callable[[Point], str]) -> dict[str, Any]:
+        """What is best: its range, whether that is an optimum inside what was varied, and both in words."""
+        region = self.around(finding.best, finding.named)
+        open_region = self.around(finding.best, finding.named | finding.unjudged)
+        ranges, ends, words = {}, {}, ""
+        for axis, (column, _, values) in enumerate(self.axes):
+            places = self.places(region, axis)
+            ranges[column] = [number(values[places[0]]), number(values[places[-1]])]
+            ends[column], shown, unknown = "one value", "inside", "inside"
+            if len(values) > 1:
+                start, end = _reaches(places, len(values))
+                open_start, open_end = _reaches(self.places(open_region, axis), len(values))
+                ends[column] = ENDS[open_start, open_end]
+                shown = ENDS[start, end]
+                unknown = ENDS[open_start and not start, open_end and not end]
+            of = f" of {column}" if len(self.axes) > 1 else ""
+            words += WORDS[shown].format(of) + UNJUDGED.get(unknown, "").format(of)
+        flat = bool(finding.named.all())
+        interior = all(end in ("inside", "one value") for end in ends.values()) and not flat
+        text = f"{what}: "
+        if not self.table[finding.best].successes:
+            text += "no trial succeeded at any point"
+        elif len(self.table) == 1:
+            text += f"one point, nothing to compare ({self.ranges(region)}: {said(self.table[0])})"
+        elif flat:
+            text += f"no value of {self.ranges(region)} is shown to be better than another: flat, no optimum"
+            text += f" (best measured at {self.value(finding.best)}: {said(self.table[finding.best])})"
+        else:
+            text += f"{self.ranges(region)} (best at {self.value(finding.best)}: "
+            text += f"{said(self.table[finding.best])})"
+            text += words
+        text += self.rest("; besides ", finding.named & ~region)
+        text += self.rest("; too few successes to judge ", finding.unjudged)
+        return {
+            "text": text,
+            "best": self.point(finding.best),
+            "range": ranges,
+            "points": [self.place(int(i)) for i in np.flatnonzero(finding.named)],
+            "interior_optimum": interior,
+            "flat": flat,
+            "range_ends": ends,
+        }
+
+    def front(self, indices: Sequence[int]) -> str:
+        """The Pareto front in words: its ends and some points between."""
+        if not indices:
+            return "Pareto front of success rate and time: empty, no trial succeeded"
+        steps = min(len(indices), MENTIONED)
+        chosen = [indices[round(k * (len(indices) - 1) / max(1, steps - 1))] for k in range(steps)]
+        points = (self.table[i] for i in chosen)
+        texts = [f"{self.value(i)} ({_rate(p)}, {_time(p)})" for i, p in zip(chosen, points, strict=True)]
+        left_out = f" and {len(indices) - steps} between" if len(indices) > steps else ""
+        return f"Pareto front of success rate and time, as measured: {', '.join(texts)}{left_out}"
+
+    def around(self, best: int, mask: Mask) -> Mask:
+        """Those of the points that are connected with the best one, neighbour by neighbour."""
+        from scipy.ndimage import label  # noqa: PLC0415
+
+        numbered = label(mask.reshape(self.grid))[0].ravel()
+        region: Mask = numbered == numbered[best]
+        return region
+
+    def places(self, region: Mask, axis: int) -> list[int]:
+        """The places along an axis where a region has points."""
+        return sorted({int(place) for place in np.nonzero(region.reshape(self.grid))[axis]})
+
+    def ranges(self, region: Mask) -> str:
+        """How far a region reaches: `20 to 32 deg`."""
+        texts = []
+        for axis, (column, unit, values) in enumerate(self.axes):
+            places = self.places(region, axis)
+            first, last = plain(values[places[0]]), plain(values[places[-1]])
+            span = first if first == last else f"{first} to {last}"
+            texts.append(f"{column} {span} {unit}".rstrip())
+        return " and ".join(texts)
+
+    def rest(self, what: str, mask: Mask) -> str:
+        """Some more points, by their values."""
+        indices = np.flatnonzero(mask)
+        if not indices.size:
+            return ""
+        more = f" and {indices.size - MENTIONED} more" if indices.size > MENTIONED else ""
+        return what + ", ".join(self.value(int(i)) for i in indices[:MENTIONED]) + more
+
+    def value(self, index: int) -> str:
+        """A point's values as written."""
+        written = self.table[index].written
+        return plain(written[0]) if len(written) == 1 else f"({', '.join(map(plain, written))})"
+
+    def place(self, index: int) -> Any:
+        """A point's value, or the list of its values."""
+        values = [number(value) for value in self.table[index].written]
+        return values[0] if len(values) == 1 else values
+
+    def point(self, index: int) -> dict[str, Any]:
+        """A point with its rate and time."""
+        point = self.table[index]
+        low, high = point.interval
+        return {
+            **{column: number(value) for (column, _, _), value in zip(self.axes, point.written, strict=True)},
+            "success_rate": point.success_rate,
+            "ci_low": low,
+            "ci_high": high,
+            "mean_time_s": point.mean_time,
+        }
+
+
+def number(value: Decimal) -> int | float:
+    """A value as JSON has it."""
+    return int(value) if value == int(value) else float(value)

@@ -1,0 +1,147 @@
+"""The table of a sweep: what the trials of each point came to, from integers alone."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from harness.sweep.chunks import ANOMALIES, SUMS, Outcomes
+from models.kit.block import Block
+
+TICK_S = Block.sample_time
+Z_95 = 1.959963984540054  # the normal distribution's 97.5 % point
+BLOCK = 1 << 18  # ticks whose squares are added up at a time: less than 2^63 for the longest trials
+
+
+@dataclass(frozen=True)
+class Point:
+    """A point and what its trials came to.
+
+    Attributes:
+        written: the varied parameters, as users write them.
+        ticks, squares, commands: sums over the successful trials, of ticks, their squares, and directional
+            commands (5.3.1 records them for these).
+        timeouts: trials that no status had ended when they were cut.
+        anomalies: ticks that reported each kind, over all trials.
+        courses: successes and trials of each type, if there are several.
+    """
+
+    written: tuple[Decimal, ...]
+    trials: int
+    successes: int
+    ticks: int
+    squares: int
+    commands: int
+    timeouts: int
+    anomalies: Mapping[str, int]
+    courses: Mapping[str, tuple[int, int]]
+
+    @property
+    def success_rate(self) -> float:
+        """Of all trials."""
+        return self.successes / self.trials
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % confidence interval of the success rate."""
+        return wilson(self.successes, self.trials)
+
+    @property
+    def mean_time(self) -> float | None:
+        """s, of the successful trials."""
+        return TICK_S * (self.ticks / self.successes) if self.successes else None
+
+    @property
+    def sd_time(self) -> float | None:
+        """s, of the successful trials; None of fewer than two."""
+        n = self.successes
+        return TICK_S * math.sqrt((n * self.squares - self.ticks**2) / (n * (n - 1))) if n > 1 else None
+
+    @property
+    def mean_commands(self) -> float | None:
+        """Directional commands in a successful trial."""
+        return self.commands / self.successes if self.successes else None
+
+    def rate_of(self, course: str) -> float | None:
+        """The success rate of one type of trial."""
+        successes, trials = self.courses[course]
+        return successes / trials if trials else None
+
+
+def wilson(successes: int, trials: int) -> tuple[float, float]:
+    """The 95 % confidence interval of a success rate (Wilson 1927)."""
+    rate, spread = successes / trials, Z_95**2 / trials
+    middle = (rate + spread / 2) / (1 + spread)
+    half = Z_95 * math.sqrt(rate * (1 - rate) / trials + spread / (4 * trials)) / (1 + spread)
+    return (middle - half if successes else 0.0), (middle + half if successes < trials else 1.0)
+
+
+def table_of(points: Sequence[tuple[Decimal, ...]], outcomes: Outcomes) -> list[Point]:
+    """What each point came to, in the order of `points`."""
+    names = [course.name for course in outcomes.job.courses]
+    table = []
+    for index, written in enumerate(points):
+        ticks = outcomes.ticks[index]
+        turns = {name: ticks[turn :: len(names)] for turn, name in enumerate(names)}
+        courses = {name: (int(np.count_nonzero(mine)), mine.size) for name, mine in turns.items()}
+        sums = dict(zip(SUMS, map(int, outcomes.sums[index]), strict=True))
+        table.append(
+            Point(
+                written,
+                ticks.size,
+                int(np.count_nonzero(ticks)),
+                int(ticks.sum(dtype=np.int64)),
+                _squares(ticks),
+                sums["commands"],
+                sums["timeouts"],
+                {name: sums[name] for name in ANOMALIES},
+                courses if len(names) > 1 else {},
+            )
+        )
+    return table
+
+
+def _squares(ticks: npt.NDArray[np.unsignedinteger[Any]]) -> int:
+    blocks = (ticks[at : at + BLOCK].astype(np.int64) for at in range(0, ticks.size, BLOCK))
+    return sum(int(np.dot(block, block)) for block in blocks)
+
+
+def csv_of(columns: Sequence[str], table: Sequence[Point]) -> bytes:
+    """The table as CSV; a cell is empty where there is nothing to take a mean of."""
+    courses = list(table[0].courses)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(
+        [
+            *columns, "trials", "successes", "success_rate", "ci_low", "ci_high", "mean_time_s", "sd_time_s",
+            "mean_commands", "timeouts", *ANOMALIES, *courses,
+        ]
+    )  # fmt: skip
+    for point in table:
+        numbers = [point.success_rate, *point.interval, point.mean_time, point.sd_time, point.mean_commands]
+        writer.writerow(
+            [
+                *map(plain, point.written), point.trials, point.successes, *map(_cell, numbers),
+                point.timeouts, *point.anomalies.values(), *(_cell(point.rate_of(name)) for name in courses),
+            ]
+        )  # fmt: skip
+    return text.getvalue().encode()
+
+
+def _cell(number: float | None) -> str:
+    return "" if number is None else f"{number:.6f}"
+
+
+def plain(value: Decimal) -> str:
+    """A value without exponent, and without zeros at the end of its fraction."""
+    text = f"{value:f}"
+    text = text.rstrip("0").rstrip(".") if "." in text else text
+    return "0" if text == "-0" else text

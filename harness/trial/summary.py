@@ -1,0 +1,156 @@
+"""What a trial came to, from its log alone: `summary.json`, a table for the terminal, the page trial.html."""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from codegen.templating import environment
+from harness.files import write_whole
+from harness.log.foxglove import named
+from harness.log.log import Array, Log
+from models.cmec import Anomaly
+from models.commands import Status
+
+TEMPLATES = environment(Path(__file__).parent / "templates")
+OUTCOMES = {Status.SUCCESS: "success", Status.FAILED: "failed", Status.STOPPED: "stopped"}
+LABELS = {
+    "scenario": "scenario",
+    "seed": "seed",
+    "outcome": "outcome",
+    "time_s": "time",
+    "waypoints_reached": "waypoints reached",
+    "directional_commands": "directional commands",
+    "anomalies": "anomalies",
+    "position_error_m": "position error",
+    "ticks": "ticks",
+    "real_time_factor": "times real time",
+    "log": "log",
+}
+
+
+def summarize(log: Log, real_time_factor: float | None = None) -> dict[str, Any]:
+    """The keys of summary.json; `real_time_factor` is the caller's, for no clock is in a log.
+
+    - `outcome` is `success`, `failed` or `stopped` as the controller's last `status` says; else `timeout`, or
+      `stopped` if the log is broken (the run was ended from outside). A run without a controller times out.
+    - `time_s` is when the controller came to that status, or the end of the run.
+    - `anomalies` counts the ticks that reported each kind, by name.
+    - `position_error_m` is the horizontal distance of the estimate from the truth over all ticks; None
+      without an estimator, or if an estimate is no number.
+    """
+    scenario = log.metadata.get("scenario", {})
+    outcome, time = _outcome(log)
+    return {
+        "scenario": scenario.get("name", ""),
+        "seed": _seed(scenario.get("seed", "")),
+        "outcome": outcome,
+        "time_s": time,
+        "waypoints_reached": _last(log, "controller.waypoint"),
+        "directional_commands": _last(log, "controller.directional_commands"),
+        "anomalies": _anomalies(log),
+        "position_error_m": _position_error(log),
+        "ticks": len(log.time),
+        "real_time_factor": real_time_factor,
+        "log": log.path.name,
+    }
+
+
+def _outcome(log: Log) -> tuple[str, float]:
+    end = float(log.time[-1])
+    if "controller.status" in log:
+        status = log["controller.status"]
+        if status[-1] in OUTCOMES:
+            before = np.flatnonzero(status != status[-1])
+            since = before[-1] + 1 if before.size else 0
+            return OUTCOMES[Status(int(status[-1]))], float(log.time[since])
+    return ("stopped" if log.broken else "timeout"), end
+
+
+def _seed(text: str) -> int | str:
+    return int(text) if text.lstrip("-").isdigit() else text
+
+
+def _last(log: Log, signal: str) -> int:
+    return int(log[signal][-1]) if signal in log and math.isfinite(log[signal][-1]) else 0
+
+
+def _anomalies(log: Log) -> dict[str, int]:
+    if "controller.anomaly" not in log:
+        return {}
+    codes, counts = np.unique(log["controller.anomaly"], return_counts=True)
+    return {named(Anomaly, code): int(count) for code, count in zip(codes, counts, strict=True) if code != 0}
+
+
+def position_error(log: Log) -> Array | None:
+    """Horizontal distance of the estimate from the truth at each tick, (ticks,) in m; None without both."""
+    signals = [f"{role}.{axis}" for axis in ("north", "east") for role in ("estimator", "plant")]
+    if not all(signal in log for signal in signals):
+        return None
+    north, true_north, east, true_east = (log[signal] for signal in signals)
+    error: Array = np.hypot(north - true_north, east - true_east)
+    return error
+
+
+def _position_error(log: Log) -> dict[str, float] | None:
+    error = position_error(log)
+    if error is None or not np.isfinite(error).all():
+        return None
+    return {"mean": float(error.mean()), "max": float(error.max()), "final": float(error[-1])}
+
+
+def write_summary(summary: Mapping[str, Any], path: Path) -> None:
+    """Write summary.json. Raises FileError as `write_whole` does."""
+    write_whole(path, (json.dumps(summary, indent=2, allow_nan=False) + "\n").encode())
+
+
+def words(summary: Mapping[str, Any]) -> dict[str, str]:
+    """The summary in words, label to text."""
+    text = {key: str(summary[key]) for key in LABELS}
+    text["time_s"] = f"{summary['time_s']:.2f} s"
+    counts = (f"{name.lower().replace('_', ' ')} {n}" for name, n in summary["anomalies"].items())
+    text["anomalies"] = ", ".join(counts) or "none"
+    error = summary["position_error_m"]
+    text["position_error_m"] = (
+        "mean {mean:.2f} m, max {max:.2f} m, final {final:.2f} m".format(**error) if error else "no estimator"
+    )
+    factor = summary["real_time_factor"]
+    text["real_time_factor"] = "not measured" if factor is None else f"{factor:.0f}"
+    return {LABELS[key]: value for key, value in text.items()}
+
+
+def show(summary: Mapping[str, Any], console: Console | None = None) -> None:
+    """Print the summary as a table."""
+    colour = {"success": "green", "failed": "red"}.get(summary["outcome"], "yellow")
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    for label, text in words(summary).items():
+        table.add_row(label, f"[bold {colour}]{text}[/]" if label == "outcome" else escape(text))
+    (console or Console()).print(table)
+
+
+def write_page(log: Log, summary: Mapping[str, Any], picture: bytes, path: Path) -> None:
+    """Write trial.html, one page that needs no other file; `picture` is the trial's PNG.
+
+    Raises:
+        FileError: it cannot be written.
+    """
+    page = TEMPLATES.get_template("trial.html.jinja").render(
+        summary=words(summary),
+        outcome=summary["outcome"],
+        title=summary["scenario"] or log.path.name,
+        seed=summary["seed"],
+        broken=log.broken,
+        picture=base64.b64encode(picture).decode(),
+        records=log.metadata,
+        channels=log.channels,
+    )
+    write_whole(path, page.encode())

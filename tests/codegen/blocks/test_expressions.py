@@ -1,0 +1,247 @@
+"""CasADi instructions to C expressions: what is printed for each kind of node."""
+
+from __future__ import annotations
+
+import enum
+import math
+import struct
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from codegen.blocks.block_c import generate
+from codegen.blocks.expressions import Writer, c_name, condition, fields, literal, read, statements
+from models.errors import DeclarationError
+from models.kit.block import GROUPS, Block
+from models.kit.declaration import Boolean, Input, Integer, Output, Parameter, State, Variable
+
+
+class Colour(enum.IntEnum):
+    """What it looks like."""
+
+    RED = 0
+    GREEN = 1
+
+
+class Sample(Block):
+    """One variable of each type."""
+
+    x = Input("m", "a real")
+    n = Input(Integer, "an integer")
+    on = Input(Boolean, "a Boolean")
+    colour = Input(Colour, "an enumeration")
+    gain = Parameter("1", "a vector", start=1, size=3)
+    memory = State("m", "a vector", size=2)
+    count = State(Integer, "an integer")
+    shown = State(Colour, "an enumeration")
+    y = Output("m", "a real")
+
+    def output(m) -> None:
+        """Set the output."""
+        m.y = m.x
+
+
+def traced(expression: Any) -> Any:
+    """A function as a block's tracing makes them: `expression(m)` with m's variables as symbols."""
+    groups = [Sample.group(kind) for kind in GROUPS]
+    symbols = {v.name: ca.SX.sym(v.name, v.width) for group in groups for v in group}
+    m = Sample(symbols, set())
+    arguments = [ca.vertcat(*(symbols[v.name] for v in group)) for group in groups]
+    return ca.Function("f", arguments, [ca.vertcat(expression(m))])
+
+
+def writer(precision: Any = "double") -> Writer:
+    def enum_name(variable: Variable, value: int) -> str:
+        assert variable.choices
+        return f"COLOUR_{variable.choices(value).name}"
+
+    return Writer(precision, enum_name)
+
+
+def printed(expression: Any, precision: Any = "double", target: str = "y") -> list[str]:
+    return statements(traced(expression), Sample, [target], writer(precision))[0]
+
+
+@pytest.mark.parametrize(
+    ("value", "precision", "text"),
+    [
+        (0.1, "double", "0.1"),
+        (2.0, "double", "2.0"),
+        (1e22, "double", "1e+22"),
+        (-0.5, "double", "-0.5"),
+        (0.1, "float", "0.1f"),
+        (2.0, "float", "2.0f"),
+        (math.pi, "float", "3.1415927f"),
+        (16777217.0, "float", "1.6777216e+07f"),
+        (1e-45, "float", "1e-45f"),
+    ],
+)
+def test_literals(value: float, precision: Any, text: str) -> None:
+    assert literal(value, precision) == text
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False))
+def test_a_double_literal_reads_back_bit_for_bit(value: float) -> None:
+    assert struct.pack("d", float(literal(value, "double"))) == struct.pack("d", value)
+
+
+@given(st.floats(width=32, allow_nan=False, allow_infinity=False))
+def test_a_float_literal_reads_back_bit_for_bit_and_is_no_longer_than_needed(value: float) -> None:
+    text = literal(value, "float")
+    assert text.endswith("f")
+    assert struct.pack("f", float(text[:-1])) == struct.pack("f", value)
+    digits = len(text.partition("e")[0].rstrip("f").replace(".0", "").replace(".", "").strip("-0"))
+    if digits > 1:
+        assert np.float32(f"{value:.{digits - 2}e}") != np.float32(value)
+
+
+def test_if_else_is_a_conditional() -> None:
+    assert printed(lambda m: ca.if_else(m.x > 2, m.x, 3)) == ["m->out.y = (m->in.x > 2.0) ? m->in.x : 3.0;"]
+
+
+def test_if_else_with_a_zero_branch_is_a_conditional() -> None:
+    assert printed(lambda m: ca.if_else(m.on, m.x, 0)) == ["m->out.y = m->in.on ? m->in.x : 0.0;"]
+
+
+def test_if_else_of_two_variables_is_one_conditional_and_no_sum() -> None:
+    (line,) = printed(lambda m: ca.if_else(m.on, m.x, m.gain[0]))
+    assert line.count("?") == 1
+    assert "+" not in line
+
+
+def test_sums_that_only_look_like_if_else_stay_sums() -> None:
+    # (on ? x : 0) + (!(n < 1) ? x : 0): two different conditions
+    (line,) = printed(lambda m: ca.if_else(m.on, m.x, 0) + ca.if_else(m.n < 1, 0, m.x))
+    assert line.count("?") == 2
+    assert "+" in line
+
+
+def test_integers_stay_integers() -> None:
+    assert printed(lambda m: m.count + 1, target="count") == ["m->state.count = m->state.count + 1;"]
+    (line,) = printed(lambda m: m.n * 0.5)
+    assert line == "m->out.y = 0.5 * (double)m->in.n;"
+    (line,) = printed(lambda m: ca.if_else(m.n < 3, 1, 2), target="count")
+    assert line == "m->state.count = (m->in.n < 3) ? 1 : 2;"
+
+
+def test_an_integer_compared_with_a_fraction_is_compared_as_a_real() -> None:
+    (line,) = printed(lambda m: ca.if_else(m.n < 2.5, m.x, 0))
+    assert "((double)m->in.n < 2.5)" in line
+
+
+def test_booleans_and_float_suffixes() -> None:
+    (line,) = printed(lambda m: ca.if_else(ca.logic_and(m.on, m.x < 0.1), ca.sqrt(m.x), 0), "float")
+    assert line == "m->out.y = (m->in.on && (m->in.x < 0.1f)) ? sqrtf(m->in.x) : 0.0f;"
+
+
+def test_calls_by_precision() -> None:
+    assert printed(lambda m: ca.floor(m.x)) == ["m->out.y = floor(m->in.x);"]
+    assert printed(lambda m: ca.fabs(m.x), "float") == ["m->out.y = fabsf(m->in.x);"]
+
+
+def test_enumerations_are_compared_and_assigned_by_name() -> None:
+    assert printed(lambda m: ca.if_else(m.colour == Colour.GREEN, m.x, 0)) == [
+        "m->out.y = (m->in.colour == COLOUR_GREEN) ? m->in.x : 0.0;"
+    ]
+    assert printed(lambda m: ca.SX(Colour.GREEN), target="shown") == ["m->state.shown = COLOUR_GREEN;"]
+
+
+@pytest.mark.parametrize("value", [7, -1, 0.5])
+def test_an_enumeration_compared_with_no_value_of_it_is_compared_with_the_number(value: float) -> None:
+    (line,) = printed(lambda m: ca.if_else(m.colour > value, m.x, 0))
+    assert "COLOUR" not in line
+    assert str(value).lstrip("-") in line
+
+
+def test_indices_count_from_1_in_names_and_from_0_in_c() -> None:
+    assert c_name("waypoint_north[1]") == "waypoint_north[0]"
+    assert c_name("waypoint_north[16]") == "waypoint_north[15]"
+    assert c_name("speed") == "speed"
+    assert printed(lambda m: m.gain[2] + m.memory[0]) == ["m->out.y = m->par.gain[2] + m->state.memory[0];"]
+
+
+def test_results_are_stored_after_all_are_computed() -> None:
+    # given a swap, when it is printed, then no store comes before the last read
+    lines, _ = statements(
+        traced(lambda m: ca.vertcat(m.memory[1], m.memory[0])), Sample, ["memory[1]", "memory[2]"], writer()
+    )
+    stores = [line.startswith("m->") for line in lines]
+    assert stores == sorted(stores)
+    assert lines[0] == "const double next_memory_1 = m->state.memory[1];"
+
+
+def test_a_value_used_twice_has_one_name() -> None:
+    lines = printed(lambda m: ca.sqrt(m.x + 1) * ca.fabs(ca.sqrt(m.x + 1)))
+    assert sum("sqrt(" in line for line in lines) == 1
+
+
+@pytest.mark.parametrize("links", [400, 5000])
+def test_a_chain_of_operations_may_be_longer_than_python_calls_are_deep(links: int) -> None:
+    # given x halved and raised by x, over and over
+    def chain(m: Any) -> Any:
+        value = m.x
+        for _ in range(links):
+            value = 0.5 * value + m.x
+        return value
+
+    function = traced(chain)
+    # when it is written
+    lines, operations = statements(function, Sample, ["y"], writer())
+    # then no line is long, and the lines, read as Python, give the traced function's bits
+    assert operations == 2 * links
+    assert max(map(len, lines)) < 120
+    script = "\n".join(line.removeprefix("const double ") for line in lines)
+    values: dict[str, float] = {}
+    exec(script.replace("m->in.x", "1.1").replace("m->out.y", "y").replace(";", ""), values)
+    inputs = [1.1 if name == "x" else 0.0 for name in Sample.flat_names("input")]
+    blank = [[0.0] * len(Sample.flat_names(kind)) for kind in GROUPS]
+    blank[GROUPS.index("input")] = inputs
+    assert values["y"] == float(function(*blank))
+
+
+def test_a_chain_of_choices_may_be_as_long() -> None:
+    def chain(m: Any) -> Any:
+        value = ca.SX(Colour.RED)
+        for limit in range(1500):
+            value = ca.if_else(m.x > limit, Colour.GREEN if limit % 2 else Colour.RED, value)
+        return value
+
+    lines = printed(chain, target="shown")
+    # the first choice is between RED and RED, which is none
+    assert sum(line.count("?") for line in lines) == 1499
+    assert sum(line.count("COLOUR_GREEN") for line in lines) == 750
+
+
+def test_operations_are_counted() -> None:
+    assert read(traced(lambda m: m.x * 3 + 1), fields(Sample))[1] == 2
+
+
+def test_a_guard_is_one_condition() -> None:
+    text, operations = condition(traced(lambda m: ca.logic_and(m.on, m.n > 2)), Sample, writer())
+    assert text == "m->in.on && (m->in.n > 2)"
+    assert operations == 2
+
+
+def test_an_operation_without_c_is_refused() -> None:
+    with pytest.raises(DeclarationError, match=r"^f: operation \d+ has no C without a library$"):
+        read(traced(lambda m: ca.exp(m.x)), fields(Sample))
+
+
+@pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan])
+def test_a_constant_that_c_cannot_write_is_refused(value: float) -> None:
+    with pytest.raises(DeclarationError, match=r"^f: constant (-?inf|nan) has no C literal$"):
+        printed(lambda m: ca.if_else(m.on, m.x, value))
+
+
+def test_a_constant_beyond_float_is_refused_in_float_alone() -> None:
+    assert "1e+300" in printed(lambda m: m.x * 1e300)[0]
+    with pytest.raises(DeclarationError, match=r"1e\+300"):
+        printed(lambda m: m.x * 1e300, "float")
+
+
+def test_sample_generates() -> None:
+    assert "m->out.y = m->in.x;" in generate(Sample)["sample.c"]

@@ -1,0 +1,421 @@
+"""Python model = our C (three builds) = CasADi's own C, bit for bit in double; C float = its float program.
+
+Two things count as the same: NaN and NaN, and in single steps -0.0 and 0.0 (CasADi computes a select as a sum
+with zero, C does not).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from codegen.blocks.block_c import generate
+from models.canine import Canine
+from models.cmec import Cmec, Mode
+from models.command_module import CommandModule
+from models.four_state import FourState
+from models.kit.block import Block
+from models.kit.declaration import SUBSTREAMS, Type, flatten
+from models.kit.model import Model
+from models.kit.random import start_state
+from models.local_plane import LocalPlane
+from models.pedestrian import Pedestrian
+from models.sensors import Sensors
+from models.system import System, full_system, trial_simulator
+from tests.codegen.blocks.float32 import Lanes
+from tests.codegen.compiled import (
+    BLOCKS,
+    BUILDS,
+    QUICKEST,
+    Build,
+    CompiledModel,
+    Library,
+    compile_c,
+    get,
+    put,
+    random_states,
+)
+
+Libraries = Callable[[Build, str], Library]
+Make = Callable[[type[Block], Mapping[str, float]], Any]
+LEFT = {
+    "waypoint_count": 2, "waypoint_north[1]": 35.73, "waypoint_north[2]": 35.73, "waypoint_east[2]": -35.73,
+}  # fmt: skip
+RIGHT = LEFT | {"waypoint_east[2]": 35.73}
+SPREAD = {"cruise_speed_deviation": 1.49, "speeding_up_deviation": 0.67, "slowing_down_deviation": 1.31}
+MAX_TICKS = 7500
+REAL_CHOICES = [math.nan, math.inf, -math.inf, 0.0, 1e-300, 1e30]
+each_block = pytest.mark.parametrize("block", BLOCKS, ids=lambda b: b.title())
+
+
+def vector(machine: Any) -> np.ndarray[Any, Any]:
+    """States and outputs."""
+    if isinstance(machine, CompiledModel):
+        return np.concatenate([machine.vector("state"), machine.vector("output")])
+    return np.concatenate([machine.state, machine.output])
+
+
+def run_trial(system: System, parameters: Mapping[str, Mapping[str, float]], make: Make) -> Any:
+    """Step the components in sequential order until the trial ends: (ticks, all states and outputs)."""
+    machines = {c: make(block, parameters.get(c, {})) for c, block in system.components.items()}
+    machines["controller"]["start"] = 1
+    order, rows = system.order(), []
+    for _ in range(MAX_TICKS):
+        for component in order:
+            for link in system.connections:
+                if link.target == component:
+                    machines[component][link.target_variable] = machines[link.source][link.source_variable]
+            machines[component].step()
+        rows.append(np.concatenate([vector(machines[c]) for c in order]))
+        if machines["controller"]["status"] >= 2:
+            break
+    return np.array(rows)
+
+
+def python(block: type[Block], parameters: Mapping[str, float]) -> Model:
+    model = Model(block, parameters)
+    model.initialize()
+    return model
+
+
+def compiled(library: Library) -> Make:
+    return lambda block, parameters: CompiledModel(library, block, parameters)
+
+
+TRIALS: dict[str, tuple[System, dict[str, dict[str, float]]]] = {
+    **{
+        f"full-{seed}": (
+            full_system(),
+            {
+                "controller": RIGHT if seed % 2 else LEFT,
+                "plant": {"seed": seed, **(SPREAD if seed == 3 else {})},
+                "sensors": {"seed": seed, "outage_start[1]": 8, "outage_end[1]": 14},
+                "estimator": {"fuzzy": seed != 4},
+            },
+        )
+        for seed in (1, 2, 3, 4)
+    },
+    **{
+        f"cts-{seed}": (
+            trial_simulator(),
+            {"controller": LEFT, "plant": {"seed": seed, "start_heading_deviation": 0.17}},
+        )
+        for seed in (5, 6, 2147483647)
+    },
+    "pedestrian": (trial_simulator(Pedestrian), {"controller": LEFT}),
+}
+
+
+class Reference:
+    """The trials in Python, each run once, and which triggered updates ran in them."""
+
+    def __init__(self) -> None:
+        self.known: dict[str, np.ndarray[Any, Any]] = {}
+        self.fired: set[str] = set()
+
+    def __call__(self, name: str) -> np.ndarray[Any, Any]:
+        """The rows of a trial."""
+        if name not in self.known:
+            self.known[name] = run_trial(*TRIALS[name], self.make)
+        return self.known[name]
+
+    def make(self, block: type[Block], parameters: Mapping[str, float]) -> Model:
+        """A model that records which of its triggers fire."""
+        model = python(block, parameters)
+        for i, phase in enumerate(block.program().tick):
+            if phase.guard is not None:
+                model._tick[i] = self.recording(
+                    model, f"{block.title()}.{phase.name}", phase.guard, model._tick[i]
+                )
+        return model
+
+    def recording(self, model: Model, name: str, guard: Any, run: Callable[[], None]) -> Callable[[], None]:
+        def step() -> None:
+            if name not in self.fired and guard(model.state, model.input, model.parameter, model.output):
+                self.fired.add(name)
+            run()
+
+        return step
+
+
+@pytest.fixture(scope="module")
+def reference() -> Reference:
+    return Reference()
+
+
+@pytest.mark.parametrize("name", TRIALS)
+def test_whole_trial_in_c_has_the_bits_of_the_python_models(
+    name: str, build: Build, libraries: Libraries, reference: Reference
+) -> None:
+    # given a trial that lasts many ticks in Python
+    expected = reference(name)
+    assert len(expected) > 300
+    # when the same is run in C
+    rows = run_trial(*TRIALS[name], compiled(libraries(build, "double")))
+    # then every state and every output of every tick has the same bits
+    assert rows.tobytes() == expected.tobytes()
+
+
+def test_trials_exercise_every_triggered_update(reference: Reference) -> None:
+    # given the trials above, when their triggers are recorded
+    for name in TRIALS:
+        reference(name)
+    # then each has fired (else they show nothing), but for two that no plain trial needs
+    blocks = {block for system, _ in TRIALS.values() for block in system.components.values()}
+    triggers = {f"{b.title()}.{p.name}" for b in blocks for p in b.program().tick if p.guard is not None}
+    assert triggers - reference.fired == {"cmec.end", "cmec.interrupt"}
+
+
+@pytest.fixture(scope="session")
+def casadi_c(tmp_path_factory: pytest.TempPathFactory) -> Callable[[type[Block]], Callable[[Any], Any]]:
+    """`casadi_c(block)`: the compiled form, by CasADi's own C generator, of each of its functions."""
+    libraries: dict[type[Block], Path] = {}
+
+    def make(block: type[Block]) -> Callable[[Any], Any]:
+        if block not in libraries:
+            folder = tmp_path_factory.mktemp(f"casadi_{block.title()}")
+            generator = ca.CodeGenerator(f"{block.title()}.c", {"with_header": False})
+            for function in {f.name(): f for f in block.program().functions}.values():
+                generator.add(function)
+            generator.generate(f"{folder}/")
+            flags = ("-O1", "-ffp-contract=off", "-w")
+            plain = Build("casadi", QUICKEST.compiler, flags)
+            libraries[block] = compile_c(
+                plain, [f"{block.title()}.c"], folder, "block.so", ("-shared", "-fPIC", "-lm")
+            )
+        path = str(libraries[block])
+        return lambda function: ca.external(function.name(), path)
+
+    return make
+
+
+@pytest.mark.parametrize("name", ["full-1", "full-3", "cts-5", "pedestrian"])
+def test_whole_trial_in_casadis_own_c_has_the_same_bits(
+    name: str, casadi_c: Any, reference: Reference
+) -> None:
+    def make(block: type[Block], parameters: Mapping[str, float]) -> Model:
+        model = Model(block, parameters, replace=casadi_c(block))
+        model.initialize()
+        return model
+
+    assert run_trial(*TRIALS[name], make).tobytes() == reference(name).tobytes()
+
+
+def values(variable: Any, wild: bool) -> st.SearchStrategy[float]:
+    """What an input may be given: its declared range, and what lies outside of it."""
+    if variable.type is Type.BOOLEAN:
+        return st.sampled_from([0.0, 1.0])
+    if variable.type is Type.INTEGER:
+        low, high = int(variable.min), int(variable.max)
+        return st.integers(low - 3 * wild, high + 3 * wild).map(float)
+    low = -1e3 if variable.min is None else variable.min
+    high = 1e3 if variable.max is None else variable.max
+    inside = st.floats(low, high)
+    return inside | st.sampled_from(REAL_CHOICES) if wild else inside
+
+
+def same(a: np.ndarray[Any, Any], b: np.ndarray[Any, Any]) -> bool:
+    return bool(np.array_equal(a, b, equal_nan=True))
+
+
+@each_block
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@given(data=st.data())
+def test_steps_with_any_input_have_the_same_bits(
+    block: type[Block], libraries: Libraries, casadi_c: Any, data: st.DataObject
+) -> None:
+    # given a block in Python, in CasADi's C and in our C by every compiler
+    seed = {"seed": data.draw(st.integers(0, 2**31 - 1))} if "seed" in block.flat_names("parameter") else {}
+    model = python(block, seed)
+    casadi = Model(block, seed, replace=casadi_c(block))
+    casadi.initialize()
+    machines = [CompiledModel(libraries(build, "double"), block, seed) for build in BUILDS]
+    # when all are given the same inputs, NaN, infinities and values out of range among them
+    for _ in range(data.draw(st.integers(1, 4))):
+        for name, variable in flatten(block.group("input")):
+            value = data.draw(values(variable, wild=True), label=name)
+            for machine in (model, casadi, *machines):
+                machine[name] = value
+        for machine in (model, casadi, *machines):
+            machine.step()
+        # then all have the same states and outputs
+        for machine in (casadi, *machines):
+            assert same(vector(machine), vector(model))
+
+
+@each_block
+def test_a_tick_from_any_state_has_the_same_bits(
+    block: type[Block], build: Build, libraries: Libraries
+) -> None:
+    # given states, inputs and parameters drawn at random: every mode, every row of a table
+    count = 1500
+    drawn = random_states(block, count, np.random.default_rng(7))
+    library = libraries(build, "double")
+    records = library.records(block, count)
+    for name, column in drawn.items():
+        put(block, records, name, column)
+    model = Model(block)
+    rows = []
+    for i in range(count):
+        for name, column in drawn.items():
+            model[name] = column[i]
+        model.output[:] = 0
+        model.step()
+        rows.append(vector(model))
+    # when each makes a tick in C
+    library.step(block, records)
+    # then it ends where Python does
+    names = [*block.flat_names("state"), *block.flat_names("output")]
+    for name, column in zip(names, np.array(rows).T, strict=True):
+        assert same(np.asarray(get(block, records, name), dtype=np.float64), column), name
+
+
+# not the local plane: the reference keeps integers in float32, where its 32 bits have no room
+FLOAT = [b for b in BLOCKS if "float" in b.precisions and b is not LocalPlane]
+
+
+@pytest.mark.parametrize("block", FLOAT, ids=lambda b: b.title())
+def test_float_c_is_the_float_program_operation_by_operation(
+    block: type[Block], build: Build, libraries: Libraries
+) -> None:
+    # given many instances at random states, in C float and as the program's instructions in float32
+    count = 400
+    rng = np.random.default_rng(11)
+    library = libraries(build, "float")
+    records, lanes = library.records(block, count), Lanes(block, "float", count)
+    drawn = random_states(block, count, rng)
+    for step in range(6):
+        # when both tick with the same inputs, NaN among them
+        for name, column in drawn.items() if step == 0 else random_states(block, count, rng).items():
+            if step == 0 or name in block.flat_names("input"):
+                values_of_all = np.array(column)
+                variable = dict(flatten(block.group("input"))).get(name)
+                if variable is not None and variable.type is Type.REAL:
+                    values_of_all[rng.random(count) < 0.02] = np.nan
+                put(block, records, name, values_of_all)
+                lanes[name] = values_of_all
+        library.step(block, records)
+        lanes.step()
+        # then they agree
+        for name in [*block.flat_names("state"), *block.flat_names("output")]:
+            assert same(np.asarray(get(block, records, name), dtype=np.float32), lanes[name]), (step, name)
+
+
+def test_float_controller_and_estimator_over_a_whole_trial(
+    libraries: Libraries, reference: Reference
+) -> None:
+    # given the sensors' outputs of a trial
+    system, _ = TRIALS["full-1"]
+    order = system.order()
+    rows = reference("full-1")
+    widths = {
+        c: (len(b.flat_names("state")), len(b.flat_names("output"))) for c, b in system.components.items()
+    }
+    start = sum(sum(widths[c]) for c in order[: order.index("sensors")]) + widths["sensors"][0]
+    sensed = dict(zip(Sensors.flat_names("output"), rows[:, start:].T, strict=False))
+    library = libraries(QUICKEST, "float")
+    machines = [
+        (FourState, library.records(FourState, 1), Lanes(FourState, "float", 1)),
+        (Cmec, library.records(Cmec, 1, RIGHT), Lanes(Cmec, "float", 1, RIGHT)),
+        (CommandModule, library.records(CommandModule, 1), Lanes(CommandModule, "float", 1)),
+    ]
+    statuses = set()
+    for k in range(0, min(len(rows), 400)):
+        given_: dict[str, float] = {n: column[k] for n, column in sensed.items()} | {"start": 1.0}
+        for block, records, lanes in machines:
+            for name in block.flat_names("input"):
+                if name in given_:
+                    put(block, records, name, np.float32(given_[name]))
+                    lanes[name] = np.float32(given_[name])
+            library.step(block, records)
+            lanes.step()
+            for name in [*block.flat_names("state"), *block.flat_names("output")]:
+                assert get(block, records, name)[0] == lanes[name][0], (k, name)
+            given_ |= {n: float(lanes[n][0]) for n in block.flat_names("output")}
+        statuses.add((given_["status"], given_["tone_hz"]))
+    # and it was a trial, in which tones were played
+    assert {(1.0, 1500.0), (1.0, 3500.0)} <= statuses
+
+
+def test_blocks_streams_start_in_c_where_they_start_in_python(libraries: Libraries) -> None:
+    for seed in (0, 1, 77, 2**31 - 1):
+        model = CompiledModel(libraries(QUICKEST, "double"), Canine, {"seed": seed})
+        for stream in (Canine.right_stream, Canine.left_stream, Canine.jerk_stream, Canine.search_stream):
+            state = tuple(int(model[name]) for name in stream.flat_names)
+            assert state == start_state(seed, stream.substream)
+
+
+def test_any_stream_starts_in_c_where_it_starts_in_python(libraries: Libraries) -> None:
+    # given all substreams of some streams, and some substreams of streams from the whole range
+    c = libraries(QUICKEST, "double").c
+    rng = np.random.default_rng(3)
+    drawn = np.column_stack([rng.integers(2**31, size=150), rng.integers(SUBSTREAMS, size=150)]).tolist()
+    cases = [(seed, k) for seed in (0, 1, 2**31 - 1, drawn[0][0]) for k in range(SUBSTREAMS)] + drawn
+    for seed, substream in cases:
+        # when C makes their starts: that of the stream, then that of the substream from it
+        stream, state = (ctypes.c_uint32 * 6)(), (ctypes.c_double * 6)()
+        c.mrg32k3a_stream(ctypes.c_uint32(seed), stream)
+        c.mrg32k3a_substream(stream, ctypes.c_uint32(substream), state)
+        # then they are Python's
+        assert tuple(stream) == start_state(seed, 0)
+        assert tuple(state) == start_state(seed, substream), (seed, substream)
+
+
+@pytest.mark.skipif(not (shutil.which("gcc") and shutil.which("nm")), reason="needs gcc and nm")
+@pytest.mark.parametrize(
+    ("block", "precision"),
+    [(b, p) for b in BLOCKS for p in b.precisions],
+    ids=lambda x: getattr(x, "__name__", x),
+)
+def test_objects_need_nothing_of_libm_but_sqrt_floor_fabs(
+    block: type[Block], precision: Any, tmp_path: Path
+) -> None:
+    files = generate(block, precision)
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    plain = Build("gcc", ("gcc",), ("-std=c99", "-O0", "-ffp-contract=off"))
+    compile_c(plain, [f"{block.title()}.c"], tmp_path, "block.o", ("-c",))
+    symbols = subprocess.run(
+        ["nm", "-u", "block.o"], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    needed = {line.split()[-1] for line in symbols.stdout.splitlines()}
+    suffix = "f" if precision == "float" else ""
+    allowed = {f"{f}{suffix}" for f in ("sqrt", "floor", "fabs")} | {"memcpy", "memset"}
+    allowed |= {"mrg32k3a_stream", "mrg32k3a_substream"}
+    assert needed - {"__stack_chk_fail", "_GLOBAL_OFFSET_TABLE_"} <= allowed
+
+
+def test_another_process_generates_the_same_bytes() -> None:
+    # given the C of every block here, when a process with another hash seed generates it
+    program = (
+        f"import sys; sys.path[:0] = [{str(Path(__file__).parents[3])!r}]\n"
+        "from tests.codegen.compiled import BLOCKS; from codegen.blocks.block_c import generate\n"
+        "for b in BLOCKS:\n  for p in b.precisions: print(generate(b, p))\n"
+    )
+    other = subprocess.run(
+        [sys.executable, "-c", program],
+        env=os.environ | {"PYTHONHASHSEED": "12345"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    # then it is the same, byte for byte
+    assert other.stdout.splitlines() == [str(generate(b, p)) for b in BLOCKS for p in b.precisions]
+
+
+def test_modes_of_the_random_states_are_all_modes() -> None:
+    # the ticks from any state are to pass through every row of the controller's table
+    assert set(random_states(Cmec, 1500, np.random.default_rng(7))["now"]) == {int(m) for m in Mode}

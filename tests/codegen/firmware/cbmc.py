@@ -1,0 +1,85 @@
+"""The bounded model checker CBMC, unpacked from Debian's packages as SDCC is.
+
+python tests/codegen/cbmc.py          fetches it, once
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from codegen.toolchains.debian import folder_of, unpack
+from models.errors import CanineError
+
+NAME = "cbmc-6.6.0"
+PACKAGES = ("cbmc", "minisat")
+
+
+class CbmcError(CanineError):
+    """CBMC gives no answer, or refuses the C."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What CBMC says of a program.
+
+    Attributes:
+        checks: number of properties that it looked at.
+        failed: those that do not hold: file, line and what.
+    """
+
+    checks: int
+    failed: tuple[str, ...]
+
+
+def program() -> Path:
+    """CBMC: the one unpacked before, else fetched.
+
+    Raises:
+        ToolchainError: it cannot be fetched.
+    """
+    found = folder_of(NAME) / "bin" / "cbmc"
+    return found if found.is_file() else unpack(NAME, PACKAGES, ("bin/cbmc",)) / "bin" / "cbmc"
+
+
+def check(
+    sources: Sequence[str],
+    function: str,
+    folder: Path,
+    *,
+    unwind: int,
+    checks: Sequence[str] = (),
+    timeout: float = 60.0,
+) -> Answer:
+    """Check everything that a function reaches, for all values of what it does not set.
+
+    Args:
+        sources: C files, relative to the folder.
+        unwind: loops are followed so many times; that they end by then is checked too.
+        checks: beside CBMC's own (bounds, pointers, signed overflow, division by zero, shifts).
+
+    Raises:
+        CbmcError: no answer in time (s), or the sources are refused.
+    """
+    command = [
+        str(program()), *sources, "-I.", "--function", function, "--unwind", str(unwind), *checks,
+        "--slice-formula", "--no-malloc-may-fail",
+    ]  # fmt: skip
+    try:
+        done = subprocess.run(
+            command, cwd=folder, capture_output=True, text=True, timeout=timeout, check=False
+        )
+    except subprocess.TimeoutExpired:
+        raise CbmcError(f"{function}: no answer after {timeout:g} s") from None
+    counted = re.search(r"^\*\* (\d+) of (\d+) failed", done.stdout, re.MULTILINE)
+    if done.returncode not in (0, 10) or counted is None:
+        raise CbmcError(f"{function}: CBMC says\n{(done.stdout + done.stderr)[-2000:]}")
+    failed = re.findall(r"^\[.*\] (line .*): FAILURE$", done.stdout, re.MULTILINE)
+    return Answer(int(counted[2]), tuple(failed))
+
+
+if __name__ == "__main__":
+    print(program())

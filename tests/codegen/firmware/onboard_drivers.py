@@ -1,0 +1,187 @@
+"""The onboard drivers as a library, with the structs of their headers, and frames made without them."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import re
+import struct
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from pyubx2 import calc_checksum
+
+import codegen
+from codegen.toolchains.compiler import NUMERICS, WARNINGS, build_library
+from harness.onboard import radio
+
+ONBOARD = Path(codegen.__file__).parent / "onboard"
+SOURCES = ("scanner.c", "ubx.c", "mt.c", "link.c")
+TYPES: dict[str, Any] = {
+    "uint8_t": ctypes.c_uint8, "uint16_t": ctypes.c_uint16, "uint32_t": ctypes.c_uint32,
+    "int16_t": ctypes.c_int16, "int32_t": ctypes.c_int32, "float": ctypes.c_float, "bool": ctypes.c_bool,
+    "const uint8_t *": ctypes.c_void_p,
+}  # fmt: skip
+CONSTANTS = {"SCANNER_SIZE": 145, "LINK_MAX_WAYPOINTS": 16, "4U * MT_VALUES": 48}
+PROJECT = Path(__file__).resolve().parents[3]
+DATA = Path(os.environ.get("CANINE_DATA", PROJECT.parent / "shared" / "data"))
+POSLLH, SOL, PVT, VELNED = 0x02, 0x06, 0x07, 0x12
+NOTHING, FRAME, FIX = range(3)
+MISSION, START, OVERRIDE, ABORT, HEARTBEAT = range(1, 6)
+
+
+def _structs() -> dict[str, Any]:
+    """The structs of the headers, by name."""
+    types = dict(TYPES)
+    for header in ("scanner.h", "ubx.h", "mt.h", "link.h"):
+        text = re.sub(r"/\*.*?\*/", "", (ONBOARD / header).read_text(), flags=re.DOTALL)
+        for body, name in re.findall(r"typedef struct \{(.*?)\} (\w+);", text, flags=re.DOTALL):
+            fields = []
+            for of, field, size in re.findall(r"([\w ]+(?: \*|\s))(\w+)(?:\[([\w *]+)\])?;", body):
+                kind = types[of.strip()]
+                fields.append((field, kind * (CONSTANTS.get(size) or int(size)) if size else kind))
+            types[name] = type(name, (ctypes.Structure,), {"_fields_": fields})
+    return {name: kind for name, kind in types.items() if name not in TYPES}
+
+
+STRUCTS = _structs()
+
+
+def library(folder: Path) -> ctypes.CDLL:
+    """The drivers, compiled for this machine."""
+    flags = (*NUMERICS, *WARNINGS, "-Wsign-conversion", "-Wshadow", "-fno-sanitize=all", f"-I{ONBOARD}")
+    sources = [*SOURCES, str(Path(__file__).with_suffix(".c"))]
+    return ctypes.CDLL(
+        str(build_library(ONBOARD, sources, folder / "drivers.so", what="drivers", flags=flags))
+    )
+
+
+class Driver:
+    """One parser; `receive` yields what it finds, its state being as it was found with."""
+
+    def __init__(self, c: ctypes.CDLL, name: str, *arguments: Any):
+        self.c, self.name = c, name
+        self.state = STRUCTS[{"link": "radio_link"}.get(name, name)]()
+        self._call("init", *arguments)
+
+    def _call(self, what: str, *arguments: Any) -> int:
+        function = getattr(self.c, f"{self.name}_{what}")
+        function.restype = ctypes.c_bool if self.name == "mt" else ctypes.c_int
+        return int(function(ctypes.byref(self.state), *arguments))
+
+    def receive(self, data: bytes, block: int = 65535) -> Iterator[int]:
+        """What is found in data that comes in blocks of so many bytes."""
+        for start in range(0, len(data), block):
+            yield from self.receive_block(data[start : start + block])
+
+    def receive_block(self, data: bytes) -> Iterator[int]:
+        """What is found in one block; all of it is read."""
+        buffer = ctypes.create_string_buffer(data, len(data))
+        waiting = STRUCTS["scanner_input"](ctypes.addressof(buffer), len(data))
+        while found := self._call("receive", ctypes.byref(waiting)):
+            yield found
+        assert waiting.count == 0
+
+    def idle(self) -> Iterator[int]:
+        """What is found when nothing has come for long, as often as it takes to give everything up."""
+        while self.state.scanner.count > 0:
+            self.c.scanner_abandon(ctypes.byref(self.state.scanner))
+            yield from self.receive_block(b"")
+
+    @property
+    def sample(self) -> dict[str, Any]:
+        """The inertial unit's last sample by name."""
+        self.c.mt_value.restype = ctypes.c_float
+        values = [self.c.mt_value(ctypes.byref(self.state), i) for i in range(12)]
+        vectors = {name: values[3 * i : 3 * i + 3] for i, name in enumerate(("accel", "gyro", "mag"))}
+        return vectors | dict(zip(("roll", "pitch", "heading"), values[9:], strict=True))
+
+    @property
+    def frame(self) -> bytes:
+        """The frame found last, until the next call."""
+        return ctypes.string_at(self.state.scanner.frame, self.state.scanner.length)
+
+    def frames(self, data: bytes, block: int = 65535) -> list[bytes]:
+        """The frames in data."""
+        return [self.frame for _ in self.receive(data, block)]
+
+    @property
+    def accounted(self) -> int:
+        """Bytes that were skipped or are held."""
+        return int(self.state.scanner.skipped + self.state.scanner.count)
+
+
+def as_dict(structure: Any) -> dict[str, Any]:
+    """A struct's values; arrays as lists."""
+    values = {name: getattr(structure, name) for name, *_ in structure._fields_}
+    return {n: list(v) if isinstance(v, ctypes.Array) else v for n, v in values.items()}
+
+
+# --- frames ---
+
+
+def ubx_frame(message: int, payload: bytes) -> bytes:
+    """A frame of class NAV."""
+    body = bytes([1, message]) + struct.pack("<H", len(payload)) + payload
+    return b"\xb5\x62" + body + bytes(calc_checksum(body))
+
+
+def posllh(time: int, latitude: int = 325_000_000, longitude: int = -855_000_000, h_acc: int = 2500) -> bytes:
+    return ubx_frame(
+        POSLLH, struct.pack("<IiiiiII", time, longitude, latitude, 200_000, 230_000, h_acc, 4000)
+    )
+
+
+def velned(time: int, speed: int = 112, course: int = 18_152_648, s_acc: int = 20) -> bytes:
+    return ubx_frame(VELNED, struct.pack("<IiiiIIiII", time, 100, -50, 0, 112, speed, course, s_acc, 300_000))
+
+
+def sol(time: int, fix: int = 3, flags: int = 0x0D) -> bytes:
+    return ubx_frame(
+        SOL, struct.pack("<IihBBiiiIiiiIHBBI", time, 0, 1500, fix, flags, *[0] * 8, 150, 0, 8, 0)
+    )
+
+
+def pvt(time: int, **values: Any) -> bytes:
+    """A NAV-PVT; values by name of its fields in the receiver description."""
+    v = {"fix": 3, "flags": 1, "lon": -855_000_000, "lat": 325_000_000, "hAcc": 2500, "gSpeed": 1120,
+         "headMot": 18_152_648, "sAcc": 200} | values  # fmt: skip
+    payload = bytearray(92)
+    struct.pack_into("<I", payload, 0, time)
+    payload[20:22] = v["fix"], v["flags"]
+    struct.pack_into("<ii", payload, 24, v["lon"], v["lat"])
+    struct.pack_into("<I", payload, 40, v["hAcc"])
+    struct.pack_into("<iiI", payload, 60, v["gSpeed"], v["headMot"], v["sAcc"])
+    return ubx_frame(PVT, bytes(payload))
+
+
+MT_SAMPLE = bytes.fromhex(
+    "faff32323e800000bdcccccd411cf5c33c23d70abca3d70a3cf5c28f3e4ccccd00000000bf4ccccd"
+    "3fc00000c00000004234000004d2d4"
+)
+
+
+def mt_frame(values: Sequence[float], counter: int) -> bytes:
+    """An MTData of twelve floats."""
+    body = struct.pack(">BBB12fH", 0xFF, 0x32, 50, *values, counter)
+    return b"\xfa" + body + bytes([-sum(body) % 256])
+
+
+VELNED_SAMPLE = bytes.fromhex(
+    "b5620112240078e0010064000000ceffffff01000000700000007000000007c8fc0114000000f0490200bb7e"
+)
+MISSION_16 = radio.Mission(
+    radio.Position(32.6, -85.49), tuple(radio.Position(32.6 + k / 1e4, -85.49 - k / 1e4) for k in range(16))
+)
+GOOD: dict[str, list[bytes]] = {
+    "ubx": [VELNED_SAMPLE, posllh(123_000), sol(123_000), pvt(123_250)],
+    "mt": [MT_SAMPLE],
+    "link": [
+        radio.encode(message, 200 + i)
+        for i, message in enumerate(
+            (MISSION_16, radio.Start(MISSION_16.id), radio.Override(radio.Command.LEFT), radio.Abort(),
+             radio.Heartbeat())
+        )
+    ],
+}  # fmt: skip

@@ -1,0 +1,887 @@
+"""The bundles: they build with their own Makefiles, call nothing that they should not, and run."""
+
+from __future__ import annotations
+
+import ctypes
+import datetime
+import graphlib
+import itertools
+import json
+import math
+import os
+import pty
+import re
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+import tty
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from elftools.elf.elffile import ELFFile
+
+import codegen
+from codegen.firmware import bundle
+from codegen.firmware.bundle import BLOCKS, SOURCES, TARGETS
+from codegen.toolchains import sdcc
+from codegen.toolchains.compiler import FLAGS, CompileError, build_library
+from harness import main
+from harness.log.geodesy import TangentPlane
+from harness.onboard.instruments import InertialUnit, Receiver
+from harness.onboard.processors import Received, open_processor
+from harness.onboard.radio import Decoder, Flag, Mission, Position, Start, Telemetry, encode
+from models.errors import UsageError
+from tests.codegen.firmware.vest import LATITUDE, LONGITUDE, lead, still
+
+PROJECT = Path(codegen.__file__).resolve().parents[1]
+PROGRAM = {"host": "onboard", "cortex-m4f": "onboard.elf", "rabbit4000": "onboard.ihx"}
+ZIG = [f"CC={sys.executable} -m ziglang cc", "CFLAGS=-fno-sanitize=all"]
+ZIG_CPU = "CPU=-target thumb-freestanding-eabihf -mcpu=cortex_m4+vfp4d16sp"
+FORBIDDEN = re.compile(
+    r"_*(malloc|calloc|realloc|free|alloca|sbrk|(sin|cos|tan|atan2?|log|exp|pow|fmod)[fl]?)$"
+)
+DOUBLE = re.compile(r"__aeabi_(d|f2d|i2d|ui2d|l2d|ul2d|cd)|__\w+df\w*$|__extendsf|__truncdf|___ds|___fs2d")
+FRAME = 26 * 4 + 4  # bytes that an exception puts on the stack, FPU registers included, and what aligns it
+Make = Callable[..., Path]
+
+
+def tool(name: str, package: str) -> str:
+    """A program of the system; tests that need it are left out without it, but not in CI."""
+    path = shutil.which(name)
+    if path is None:
+        if os.environ.get("CI") == "true":
+            pytest.fail(f"{name} is missing: apt install {package}")
+        pytest.skip(f"{name} is missing: apt install {package}")
+    return path
+
+
+def rabbit_tools() -> list[str]:
+    """Variables of the Rabbit's Makefile."""
+    try:
+        place = sdcc.home() / "bin"
+    except CompileError as missing:
+        if os.environ.get("CI") == "true":
+            raise
+        pytest.skip(f"sdcc 4.5 (packages sdcc, sdcc-libraries): {missing}")
+    return [f"SDCC={place / 'sdcc'}", f"SDAS={place / 'sdasrab'}", f"PATH={place}:{os.environ['PATH']}"]
+
+
+def variables(target: str) -> list[str]:
+    """What its Makefile must be told on this machine."""
+    if target == "rabbit4000":
+        return rabbit_tools()
+    if target == "host":
+        tool("cc", "gcc")
+        return []
+    return [] if shutil.which("arm-none-eabi-gcc") else [*ZIG, ZIG_CPU]
+
+
+def run_make(folder: Path, *settings: str) -> str:
+    tool("make", "make")
+    done = subprocess.run(
+        ["make", "-s", "-j2", *settings], cwd=folder, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr + done.stdout
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Make:
+    """`made(target, constants=False)`: the folder of the bundle, built; each once."""
+    folders: dict[tuple[str, bool], Path] = {}
+
+    def make(target: str, constants: bool = False) -> Path:
+        if (target, constants) not in folders:
+            settings = variables(target)
+            folder = tmp_path_factory.mktemp(target)
+            bundle.write(TARGETS[target], folder, constants=constants)
+            run_make(folder, *settings)
+            folders[target, constants] = folder
+        return folders[target, constants]
+
+    return make
+
+
+def canine(monkeypatch: pytest.MonkeyPatch, capsys: Any, *arguments: object) -> tuple[int, str]:
+    """Exit status and standard error of the command."""
+    monkeypatch.setattr(sys, "argv", ["canine", *map(str, arguments)])
+    with pytest.raises(SystemExit) as ended:
+        main.main()
+    return int(ended.value.code or 0), capsys.readouterr().err
+
+
+# --- it builds ---
+
+
+@pytest.mark.parametrize("constants", [False, True], ids=["fields", "constants"])
+@pytest.mark.parametrize("target", TARGETS)
+def test_a_bundle_builds_with_its_own_makefile_and_is_small_enough(
+    target: str, constants: bool, made: Make
+) -> None:
+    # given a bundle in a folder of its own, when `make` is called (warnings are errors)
+    folder = made(target, constants)
+
+    # then there is the program, and it fits
+    assert (folder / PROGRAM[target]).stat().st_size > 0
+    if target == "cortex-m4f":
+        code, data, bss = elf_sizes(folder / PROGRAM[target])
+        assert code + data <= TARGETS[target].code
+        assert bss <= TARGETS[target].ram
+    if target == "rabbit4000":
+        areas = map_areas(folder)
+        assert 0x80 + areas["_CODE"] + areas["_CONST"] <= TARGETS[target].code
+        assert areas["_DATA"] <= TARGETS[target].ram
+
+
+def elf_sizes(path: Path) -> tuple[int, int, int]:
+    with path.open("rb") as file:
+        elf: Any = ELFFile(file)
+        size = {s.name: s["sh_size"] for s in elf.iter_sections()}
+        return size[".vectors"] + size[".text"] + size.get(".rodata", 0), size.get(".data", 0), size[".bss"]
+
+
+def map_areas(folder: Path) -> dict[str, int]:
+    found = re.finditer(r"^(_\w+) +[0-9A-F]+ +([0-9A-F]+) =", (folder / "onboard.map").read_text(), re.M)
+    return {m[1]: int(m[2], 16) for m in found}
+
+
+def test_the_cortex_bundle_builds_with_zig_too(tmp_path: Path) -> None:
+    # given the bundle, when it is made with pip's compiler
+    bundle.write(TARGETS["cortex-m4f"], tmp_path)
+    run_make(tmp_path, *ZIG, ZIG_CPU)
+
+    # then there is the program
+    assert elf_sizes(tmp_path / "onboard.elf")[0] > 10_000
+
+
+def test_an_image_for_the_rabbit_that_reaches_into_the_ram_is_refused(tmp_path: Path, made: Make) -> None:
+    # given the bundle's objects, and 8 kB of constants more than there is room
+    settings = rabbit_tools()
+    for path in made("rabbit4000").iterdir():
+        shutil.copy2(path, tmp_path)
+    (tmp_path / "parameters.c").write_text(
+        (tmp_path / "parameters.c").read_text() + "const char filler[8192] = {1};\n"
+    )
+
+    # when it is made
+    done = subprocess.run(
+        ["make", "-s", *settings], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+
+    # then it says so, and leaves none
+    assert done.returncode != 0
+    assert "code and constants reach into the RAM" in done.stdout
+    assert not (tmp_path / "onboard.ihx").exists()
+
+
+# --- what it calls ---
+
+
+def symbols(path: Path, *options: str) -> set[str]:
+    listed = subprocess.run(
+        [tool("nm", "binutils"), *options, path], capture_output=True, text=True, check=True
+    ).stdout
+    return {line.split()[-1] for line in listed.splitlines() if line.strip()}
+
+
+def test_the_program_on_the_host_needs_nothing_but_copies_and_square_roots(made: Make) -> None:
+    # given the objects but the port's, which calls POSIX
+    objects = [path for path in made("host").glob("*.o") if path.stem != "port"]
+
+    # when their undefined symbols are taken together
+    wanted = set.union(*(symbols(path, "-u") for path in objects))
+    defined = set.union(*(symbols(path, "--defined-only") for path in made("host").glob("*.o")))
+
+    # then the rest is this, whatever of it the compiler does not write out
+    assert wanted - defined <= {"memcpy", "memmove", "memset", "sqrtf", "floorf", "_GLOBAL_OFFSET_TABLE_"}
+
+
+def test_no_image_holds_a_heap_a_sine_or_a_double(made: Make) -> None:
+    # given all symbols of the images
+    rabbit = set(re.findall(r"^ +[0-9A-F]{8} +(\w+)", (made("rabbit4000") / "onboard.map").read_text(), re.M))
+    found = symbols(made("host") / "onboard") | symbols(made("cortex-m4f") / "onboard.elf") | rabbit
+
+    # then these are among them, so that the list is one
+    assert {"onboard_tick", "_onboard_tick", "___fsadd", "Reset_Handler"} <= found
+    # and those are not
+    assert sorted(n for n in found if FORBIDDEN.match(n.split("@")[0]) or DOUBLE.match(n)) == []
+
+
+def test_the_rabbits_arithmetic_is_its_own_and_not_sdccs(made: Make) -> None:
+    # given the map, which names the module of each symbol
+    text = (made("rabbit4000") / "onboard.map").read_text()
+    modules = dict(re.findall(r"^ +[0-9A-F]{8} +(\w+) +(\w+)", text, re.M))
+
+    # then every operation on floats is float.s's
+    assert {m for n, m in modules.items() if n.startswith("___fs")} == {"float"}
+    assert modules["_sqrtf"] == modules["_floorf"] == "float"
+    # and constants lie in flash, before the RAM
+    assert int(re.search(r"([0-9A-F]{8}) +s__CONST", text)[1], 16) < 0xC000  # type: ignore[index]
+
+
+class Calls:
+    """The call graph that gcc tells: who calls whom, and bytes of stack of each.
+
+    A function pointer is only called in scanner.c; where it may go stands in the drivers' tables.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.stack: dict[str, int] = {}
+        self.callees: dict[str, set[str]] = {}
+        protocols = "".join(p.read_text() for p in folder.glob("*.c"))
+        tables = re.findall(r"scanner_protocol protocol = \{.*?, (\w+), (\w+)\}", protocols)
+        for path in folder.glob("*.ci"):
+            text = path.read_text()
+            kinds = set(re.findall(r"bytes \((\w+)", text))
+            assert kinds <= {"static"}, path.name  # no stack that grows with data
+            for title, size in re.findall(r'title: "([^"]+)" label: "[^"]*?(\d+) bytes', text):
+                self.stack[title] = int(size)
+            for source, callee in re.findall(r'sourcename: "([^"]+)" targetname: "([^"]+)"', text):
+                self.callees.setdefault(source, set()).add(callee)
+        pointed = {n for n in self.stack if n.split(":")[-1] in {f for pair in tables for f in pair}}
+        assert len(tables) == 3
+        assert len(pointed) == 6
+        pointing = {n for n, c in self.callees.items() if "__indirect_call" in c}
+        assert pointing
+        assert all(n.startswith(("scanner.c:", "scanner_")) for n in pointing)
+        self.callees |= {n: set() for n in self.stack if n not in self.callees}
+        self.callees["__indirect_call"] = pointed
+
+    def order(self) -> list[str]:
+        """Callees first; raises graphlib.CycleError if one calls itself, however far round."""
+        return list(graphlib.TopologicalSorter(self.callees).static_order())
+
+    def deepest(self, function: str) -> int:
+        """Most bytes of stack from a function on."""
+        deepest: dict[str, int] = {}
+        for name in self.order():
+            below = max((deepest[callee] for callee in self.callees.get(name, ())), default=0)
+            deepest[name] = self.stack.get(name, 0) + below
+        return deepest[function]
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "arm-none-eabi-gcc"])
+def test_no_function_calls_itself_and_the_stack_has_a_bound(
+    compiler: str, tmp_path: Path, record_property: Callable[[str, object], None]
+) -> None:
+    # given a bundle whose compiler writes down who calls whom
+    tool(compiler, {"gcc": "gcc"}.get(compiler, "gcc-arm-none-eabi"))
+    target = "host" if compiler == "gcc" else "cortex-m4f"
+    bundle.write(TARGETS[target], tmp_path)
+    run_make(tmp_path, f"CC={compiler}", "CFLAGS=-fcallgraph-info=su")
+
+    # when the graph is put in order (a cycle raises)
+    calls = Calls(tmp_path)
+    order = calls.order()
+
+    # then the tick is in it, and its worst path is short
+    assert order.index("scanner_next") < order.index("onboard_tick") < order.index("main")
+    worst = calls.deepest("main")
+    record_property("stack", worst)
+    print(f"{compiler}: {worst} bytes of stack")
+    assert worst > calls.stack["onboard_tick"] > 0
+    if target == "cortex-m4f":  # and with one interrupt on top (all are of one priority) it fits
+        handlers = [n for n in calls.stack if n.startswith("port.c:") or n.endswith("_Handler")]
+        worst += FRAME + max(calls.deepest(n) for n in handlers if n != "Reset_Handler")
+        print(f"{worst} with an interrupt")
+        assert worst <= 1024  # stack_size of link.ld
+
+
+def test_a_function_that_calls_itself_would_be_found(tmp_path: Path) -> None:
+    # given a program with a function that calls back to the one that calls it, through a driver's table
+    tool("gcc", "gcc")
+    bundle.write(TARGETS["host"], tmp_path)
+    path = tmp_path / "mt.c"
+    found = "static bool mt_intact(const uint8_t *frame, uint8_t length)\n{\n"
+    assert found in path.read_text()
+    again = "    static mt other;\n    scanner_input none = {frame, length};\n\n"
+    path.write_text(path.read_text().replace(found, f"{found}{again}    (void)mt_receive(&other, &none);\n"))
+    run_make(tmp_path, "CC=gcc", "CFLAGS=-fcallgraph-info=su")
+
+    # when the graph is put in order, then that is an error
+    with pytest.raises(graphlib.CycleError):
+        Calls(tmp_path).order()
+
+
+# --- it computes the same ---
+
+
+def test_parameters_as_constants_give_the_same_bits() -> None:
+    # given the program with fields and with macros, values of their own, and a mission that is started
+    values = {"controller": {"moving_deviation": math.radians(37)}, "estimator": {"sigma_floor": 0.02}}
+    plane = TangentPlane(math.radians(LATITUDE), math.radians(LONGITUDE))
+    receiver, unit = Receiver(plane), InertialUnit()
+    mission = Mission(Position(LATITUDE, LONGITUDE), (Position(LATITUDE + 3e-4, LONGITUDE + 1e-4),))
+    commands = encode(mission, 1) + encode(Start(mission.id), 2)
+    fields, constants = (open_processor("host", values, constants=c) for c in (False, True))
+    assert fields.image.path != constants.image.path
+
+    # when both make 400 ticks with a turning, accelerating animal
+    records, tones = set(), set()
+    for tick in range(400):
+        signals = still(tick % 6 == 0)
+        signals |= {"heading_meas": math.sin(tick / 30), "accel_x": math.cos(tick / 7)}
+        signals |= {"gps_north": 0.02 * tick, "gps_speed": 0.5}
+        received = Received(
+            receiver.fix(tick * 0.04, signals),
+            unit.sample(tick, signals),
+            commands if tick % 10 == 0 else b"",
+        )
+        one, other = fields.tick(received), constants.tick(received)
+
+        # then all that they remember, play and send is the same
+        assert one == other, f"tick {tick}"
+        records.add(one.record)
+        tones.add(one.tone_hz)
+    assert len(records) == 400
+    assert len(tones) > 1  # the controller has decided something
+    fields.close()
+    constants.close()
+
+
+def test_parameters_of_a_scenario_arrive_in_radians(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    # given a scenario with an angle in degrees
+    scenario = tmp_path / "my.toml"
+    scenario.write_text('[parameters]\n"cmec.moving_deviation" = 37\n')
+
+    # when bundles are written from it, one with a further parameter, one with constants
+    for options in (["--set", "cmec.capture_radius=2.5"], ["--constants"]):
+        status, _ = canine(
+            monkeypatch, capsys, "firmware", "--target", "host", "--parameters", scenario,
+            "--out", tmp_path / options[0], *options,
+        )  # fmt: skip
+        assert status == 0
+
+    # then they have it in float32 radians: 37 * pi / 180 = 0.64577182
+    text = (tmp_path / "--set" / "parameters.c").read_text()
+    field = re.search(r"m->controller\.par\.moving_deviation = ([\d.e-]+)f;", text)
+    macro = re.search(
+        r"#define CMEC_MOVING_DEVIATION ([\d.e-]+)f", (tmp_path / "--constants" / "cmec.h").read_text()
+    )
+    assert field
+    assert macro
+    assert np.float32(field[1]) == np.float32(macro[1]) == np.float32(0.64577182)
+    assert "m->controller.par.capture_radius = 2.5f;" in text
+    assert "moving_deviation" not in (tmp_path / "--constants" / "parameters.c").read_text()
+
+
+# --- what is written ---
+
+
+def test_the_same_inputs_give_the_same_bytes(tmp_path: Path) -> None:
+    # given a bundle, when it is written again, by a process that hashes otherwise
+    bundle.write(TARGETS["rabbit4000"], tmp_path / "one")
+    script = "import sys; from pathlib import Path; from codegen.firmware.bundle import *; "
+    script += "write(TARGETS['rabbit4000'], Path(sys.argv[1]))"
+    environment = os.environ | {"PYTHONHASHSEED": "7", "TZ": "Asia/Tokyo"}
+    subprocess.run([sys.executable, "-c", script, tmp_path / "two"], cwd=PROJECT, env=environment, check=True)
+
+    # then it has the same files and bytes
+    one, two = ({p.name: p.read_bytes() for p in (tmp_path / n).iterdir()} for n in ("one", "two"))
+    assert one == two
+    assert "README.md" in one
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_no_file_names_this_machine_or_a_date(target: str) -> None:
+    # given a bundle, when its texts are searched
+    home, user = os.path.expanduser("~"), os.environ.get("USER", "")
+    places = [str(PROJECT), sys.prefix, tempfile.gettempdir(), home, socket.gethostname()]
+    for name, text in bundle.bundle(TARGETS[target]).items():
+        # then there is none of these
+        assert [p for p in places if len(p) > 3 and p in text] == [], name
+        assert len(user) < 5 or user not in text, name
+        assert re.search(r"\b20\d\d-\d\d-\d\d\b|\b\d\d:\d\d:\d\d\b", text) is None, name
+        assert str(datetime.date.today().year) not in text, name
+
+
+@pytest.mark.parametrize("constants", [False, True], ids=["fields", "constants"])
+@pytest.mark.parametrize("target", TARGETS)
+def test_the_readme_names_every_file_and_every_function_of_the_port_and_no_other(
+    target: str, constants: bool
+) -> None:
+    # given a bundle
+    files = bundle.bundle(TARGETS[target], constants=constants)
+    readme = files["README.md"]
+
+    # when names are looked for in its README
+    functions = set(re.findall(r"\b(port_\w+)\(", files["port.h"]))
+    tables = "\n".join(line.split("|")[1] for line in readme.splitlines() if line.startswith("| "))
+    listed = re.findall(r"(?<![\w.])(\w+\.(?:c|h|s|ld|md)|Makefile)(?![\w.])", tables)
+
+    # then every file is listed once, every function is there, and neither is one that is not
+    assert sorted(listed) == sorted(files)
+    assert len(functions) == 5
+    assert set(re.findall(r"\b(port_[a-z_]+)\b", readme)) == functions
+    mentioned = set(re.findall(r"(?<![\w./])(\w+\.(?:c|h|s|ld))(?![\w.])", readme))
+    assert mentioned <= set(files)
+    # and functions, fields (or their macros) and constants that it tells of are in the C
+    c = "".join(text for name, text in files.items() if name != "README.md")
+    for name in re.findall(r"`([a-z][a-z0-9]*_[a-z_]+)`", readme):
+        assert name in c or name.upper() in c, name
+    for name in re.findall(r"\b((?:ONBOARD|PORT|VEST)_[A-Z_]+)\b", readme):
+        assert name in c, name
+
+
+def test_the_readme_tells_what_a_tick_costs_once_it_is_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given costs of one target, as `canine pil` leaves them, and none of the others
+    cost = {"ticks": 3, "clocks": {"worst": 654321, "mean": 1234}, "accesses": {"worst": 99, "mean": 98},
+            "instructions": {"worst": 4321, "mean": 1}, "worst_ms_by_wait_states": [11.5, 12.25]}  # fmt: skip
+    entry = {"target": "rabbit4000", "ticks": 2750, "identical": True, "with_fix": cost,
+             "without_fix": cost, "stack_bytes": None, "code_bytes": 43210, "constants_bytes": 18,
+             "ram_bytes": 2100, "scenario": "patrol", "seed": 1}  # fmt: skip
+    path = tmp_path / "costs.json"
+    path.write_text(json.dumps({"rabbit4000": entry}))
+    monkeypatch.setattr("codegen.firmware.bundle.COSTS", path)
+
+    # when the READMEs are written
+    rabbit, cortex, host = (
+        bundle.bundle(TARGETS[t])["README.md"] for t in ("rabbit4000", "cortex-m4f", "host")
+    )
+
+    # then one tells them
+    assert "over 2,750 ticks of the trial `patrol` (seed 1)" in rabbit
+    assert "| with a fix, clocks | 654,321 | 1,234 |" in rabbit
+    assert "| without a fix, ms of 40 at 58.98 MHz and 0, 1 wait states | 11.5, 12.25 | |" in rabbit
+    assert "| code | 43,210 |" in rabbit
+    assert "| stack | not known |" in rabbit
+    # and the others that they are not known
+    assert "Not measured: run `canine pil --target cortex-m4f`" in cortex
+    assert "Not measured" in host
+    assert "pil --target host" not in host
+
+
+def test_all_ports_say_that_they_are_and_none_is_missing() -> None:
+    # given each target's folder, then it has a port, and every function of port.h is in it
+    functions = re.findall(r"^\w[\w ]* (port_\w+)\(", (SOURCES / "port.h").read_text(), re.M)
+    for target in TARGETS.values():
+        text = (SOURCES / target.folder / "port.c").read_text()
+        assert [f for f in functions if not re.search(rf"^\w.* {f}\(.*\)\n\{{", text, re.M)] == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--target", "cortex-m4"], 'not for "cortex-m4"; did you mean'),
+        (["--target", "host", "--set", "cmec.moving_deviaton=3"], "moving_deviaton"),
+        (["--target", "host", "--set", "cmec.waypoint_north=3"], "waypoint_north"),
+        (["--target", "host", "--parameters", "nowhere.toml"], "nowhere.toml"),
+    ],
+    ids=["target", "parameter", "mission", "scenario"],
+)
+def test_wrong_usage_is_told_and_writes_nothing(
+    arguments: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    # given a wish that cannot be met, when it is asked for
+    status, said = canine(monkeypatch, capsys, "firmware", *arguments, "--out", tmp_path / "out")
+
+    # then the answer names it, with the status of wrong usage, and there is no folder
+    assert status == 2
+    assert message in " ".join(said.split())
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_that_cannot_be_written_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    # given a file where a folder would have to be
+    (tmp_path / "file").write_text("")
+
+    # when the bundle is to go under it
+    status, said = canine(
+        monkeypatch, capsys, "firmware", "--target", "host", "--out", tmp_path / "file" / "out"
+    )
+
+    # then that is wrong usage
+    assert status == 2
+    assert "cannot be written" in " ".join(said.split())
+
+
+# --- it runs ---
+
+
+def check_what_it_told(told: list[Telemetry]) -> None:
+    """Of an animal that stands still at home and looks to the waypoint 50 m to the east."""
+    last = told[-1]
+    assert (
+        Flag(last.flags) == Flag.VALID | Flag.IMU_OK | Flag.LINK_OK | Flag.FIXED | Flag.LOADED | Flag.STARTED
+    )
+    assert abs(last.latitude - 326_000_000) <= 10  # 1e-7 deg: 0.1 m
+    assert abs(last.longitude + 855_000_000) <= 10
+    assert abs(last.heading - 15_708) <= 1  # 1e-4 rad: pi / 2
+    assert abs(last.distance - 500) <= 2  # dm
+    assert last.command == 1  # FORWARD
+    assert last.gps_frames >= 9  # three a fix
+    assert last.imu_frames >= 25
+    assert all(b.time_ms - a.time_ms in (160, 200, 240) for a, b in itertools.pairwise(told))
+
+
+def test_the_host_program_leads_over_pseudo_terminals(made: Make, tmp_path: Path) -> None:
+    # given the program with a pseudo-terminal for each line
+    ours: dict[str, int] = {}
+    environment = {"VEST_PLAYS": str(tmp_path / "plays")}
+    for name in ("GPS", "IMU", "RADIO"):
+        ours[name], theirs = pty.openpty()
+        tty.setraw(theirs)
+        os.set_blocking(ours[name], False)
+        environment[f"VEST_{name}"] = os.ttyname(theirs)
+
+    def heard() -> bytes:
+        try:
+            return os.read(ours["RADIO"], 65536)
+        except BlockingIOError:
+            return b""
+
+    # when instruments and operator talk to it
+    with subprocess.Popen([made("host") / "onboard"], env=environment) as program:
+        try:
+            lines = [(lambda data, file=ours[n]: os.write(file, data)) for n in ("GPS", "IMU", "RADIO")]
+            told = lead_until_forward(lines, heard)
+        finally:
+            program.terminate()
+
+    # then it answers, and plays FORWARD: 1500 Hz (Table 4.1), neither vibrator
+    check_what_it_told(told)
+    assert re.fullmatch(r"\d+ 1500 0 0", (tmp_path / "plays").read_text().splitlines()[-1])
+
+
+def lead_until_forward(lines: list[Any], heard: Callable[[], bytes]) -> list[Telemetry]:
+    """What the vest tells until it has been leading for a second; the animal would be late after three."""
+    told: list[Telemetry] = []
+    for telemetry in lead(*lines, heard, seconds=30.0):
+        told.append(telemetry)
+        if len(told) >= 5 and telemetry.command == 1 and telemetry.imu_frames >= 25:
+            return told
+    raise AssertionError(f"the animal is not led; the last of {len(told)}: {told[-1:]}")
+
+
+@pytest.mark.parametrize(
+    ("variables", "message"),
+    [
+        ({"VEST_IMU": "/dev/null", "VEST_RADIO": "/dev/null"}, "VEST_GPS: not set: expected a device"),
+        ({"VEST_GPS": "/nowhere/tty"}, "VEST_GPS: /nowhere/tty: No such file or directory"),
+    ],
+    ids=["not set", "not there"],
+)
+def test_the_host_program_refuses_to_start_without_a_line(
+    variables: dict[str, str], message: str, made: Make
+) -> None:
+    # given a line that is missing, when it is started
+    done = subprocess.run(
+        [made("host") / "onboard"], env=variables, capture_output=True, text=True, timeout=10, check=False
+    )
+
+    # then it says which
+    assert done.returncode == 1
+    assert message in done.stderr
+
+
+@contextmanager
+def board(program: Path, folder: Path) -> Iterator[dict[str, socket.socket]]:
+    """QEMU's MPS2-AN386 with a program: sockets of its three serial ports and of its monitor."""
+    names = ("radio", "gps", "imu")
+    command = [tool("qemu-system-arm", "qemu-system-arm"), "-M", "mps2-an386", "-kernel", str(program)]
+    command += ["-display", "none", "-nodefaults"]
+    for name in names:
+        command += ["-serial", f"unix:{folder / name},server=on,wait=off"]
+    command += ["-monitor", f"unix:{folder / 'monitor'},server=on,wait=off"]
+    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as machine:
+        try:
+            sockets = {name: connect(folder / name) for name in (*names, "monitor")}
+            yield sockets
+            for each in sockets.values():
+                each.close()
+        finally:
+            machine.terminate()
+
+
+def connect(path: Path) -> socket.socket:
+    end = time.monotonic() + 20
+    while True:
+        line = socket.socket(socket.AF_UNIX)
+        try:
+            line.connect(str(path))
+        except OSError:
+            line.close()
+            assert time.monotonic() < end, f"QEMU did not open {path.name}"
+            time.sleep(0.05)
+        else:
+            return line
+
+
+def register(monitor: socket.socket, address: int) -> int:
+    """What stands in a register of the board."""
+    monitor.sendall(f"xp /1wx {address:#x}\n".encode())
+    said = b""
+    while not (found := re.search(rb"%016x: 0x([0-9a-f]+)" % address, said)):
+        said += monitor.recv(4096)
+    return int(found[1], 16)
+
+
+@pytest.mark.parametrize("constants", [False, True], ids=["fields", "constants"])
+def test_the_cortex_program_leads_on_a_simulated_board(constants: bool, made: Make) -> None:
+    # given the program on QEMU's board (a short folder: the name of a socket has at most 107 bytes)
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        board(made("cortex-m4f", constants) / "onboard.elf", Path(folder)) as lines,
+    ):
+        lines["radio"].setblocking(False)
+
+        def heard() -> bytes:
+            try:
+                return lines["radio"].recv(65536)
+            except BlockingIOError:
+                return b""
+
+        # when instruments and operator talk to it
+        told = lead_until_forward([lines[n].sendall for n in ("gps", "imu", "radio")], heard)
+        tone = [register(lines["monitor"], at) for at in (0x40000000, 0x40000008)]
+        lamps = register(lines["monitor"], 0x40028000)
+
+    # then it answers by its UART; timer 0 runs at twice 1500 Hz (25 MHz / 3000 - 1 = 8332); no lamp is on
+    check_what_it_told(told)
+    assert tone == [9, 8332]
+    assert lamps == 0
+
+
+class SimulatedRabbit:
+    """The Rabbit's bundle on ucsim, stopped where main asks for the time.
+
+    The simulator has no peripherals: what is written to an I/O register stays there, what is read comes (its
+    fault) from the same address of the program's memory, where the tests put it.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        text = (folder / "onboard.map").read_text()
+        self.at = {n: int(a, 16) for a, n in re.findall(r"^ +([0-9A-F]{8}) +_(\w+)", text, re.M)}
+        command = [sdcc.home() / "bin" / "ucsim_rxk", "-q", "-P", "-b", "-t", "R4K", folder / "onboard.ihx"]
+        self.simulator = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, bufsize=0
+        )
+        self.said = b""
+        for name in ("port_clock_ms", "onboard_tick"):
+            self.ask(f"break {self.at[name]:#06x}", rb"Breakpoint \d+ at .*\n")
+
+    def ask(self, command: str, answer: bytes) -> re.Match[bytes]:
+        """What it prints to a command that matches."""
+        assert self.simulator.stdin
+        assert self.simulator.stdout
+        self.simulator.stdin.write(f"{command}\n".encode())
+        while not (found := re.search(answer, self.said, re.DOTALL)):
+            part = os.read(self.simulator.stdout.fileno(), 65536)
+            assert part, f"{command}: the simulator has ended"
+            self.said += part
+        self.said = self.said[found.end() :]
+        return found
+
+    def run(self) -> int:
+        """Until the next stop; where that is."""
+        stop = self.ask("step 3000000 vclk", rb"Stop at 0x(\w+):.*?\nSP= 0x\w{4} (\w\w) (\w\w).*?\nF 0x\w+\n")
+        self.caller = int(stop[3] + stop[2], 16)  # the return address, if it is at the begin of a function
+        return int(stop[1], 16)
+
+    def run_to(self, name: str) -> None:
+        """It is to stop there and nowhere else."""
+        assert self.run() == self.at[name], name
+
+    def write(self, register: int, value: int) -> None:
+        self.ask(f"set memory rom {register:#06x} {value}", rb"\n0x%04x +%02x " % (register, value))
+
+    def read(self, register: int) -> int:
+        command = f"dump /b ioi {register:#06x} {register:#06x}"
+        return self.ask(command, command.encode() + rb"\n(.)")[1][0]
+
+    def interrupt(self, vector: int) -> None:
+        """A handler in the place of a call of port_clock_ms, then that call again."""
+        back = self.caller
+        self.ask(f"break {back:#06x}", rb"Breakpoint \d+ at .*?\n")
+        self.ask(f"pc {vector:#06x}", rb"\n0x%04x .*?\n" % vector)
+        assert self.run() == back
+        self.ask(f"clear {back:#06x}\npc {back - 3:#06x}", rb"\n0x%04x .*?\n" % (back - 3))
+        self.run_to("port_clock_ms")
+
+    def close(self) -> None:
+        self.simulator.kill()
+        self.simulator.communicate()
+
+
+def test_the_rabbits_port_moves_bytes_both_ways_with_its_registers_as_memory(
+    tmp_path: Path, made: Make
+) -> None:
+    # given the program on the simulator, linked so that the registers' addresses are free, after port_init
+    settings = rabbit_tools()
+    for path in made("rabbit4000").iterdir():
+        shutil.copy2(path, tmp_path)
+    (tmp_path / "onboard.ihx").unlink()
+    run_make(tmp_path, "CODE=0x0200", *settings)
+    rabbit = SimulatedRabbit(tmp_path)
+    rtc1r = 0x03
+    scdr, scsr, sddr, sdsr, sedr, sesr = 0xE0, 0xE3, 0xF0, 0xF3, 0xC8, 0xCB
+    rabbit.run_to("port_clock_ms")
+    for register in (rtc1r, scsr, sdsr, sesr):
+        rabbit.write(register, 0)
+
+    # then the dividers are 58982400 / 32 / baud - 1: 31, 47, 15 for 57600, 38400, 115200
+    assert [rabbit.read(at) for at in (0xAD, 0xAF, 0xA5)] == [31, 47, 15]
+
+    # when a fix, a sample, a mission and its start come by interrupts, and two ticks are made: that with the
+    # fix, and after 46.9 ms (6 of 256/32768 s) that which listens to the operator and answers
+    plane = TangentPlane(math.radians(LATITUDE), math.radians(LONGITUDE))
+    signals = still(True)
+    mission = Mission(Position(LATITUDE, LONGITUDE), (Position(LATITUDE, LONGITUDE + 1e-3),))
+    for vector, data, status, stream in (
+        (0xC0F0, sddr, sdsr, Receiver(plane).fix(0.0, signals)),
+        (0xC1C0, sedr, sesr, InertialUnit().sample(0, signals)),
+        (0xC0E0, scdr, scsr, encode(mission, 1) + encode(Start(mission.id), 2)),
+    ):
+        for byte in stream:
+            rabbit.write(data, byte)
+            rabbit.write(status, 0x80)
+            rabbit.interrupt(vector)
+        rabbit.write(status, 0)
+    rabbit.run_to("port_clock_ms")
+    rabbit.run_to("onboard_tick")
+    rabbit.run_to("port_clock_ms")
+    rabbit.write(rtc1r, 6)
+    rabbit.run_to("onboard_tick")
+    rabbit.run_to("port_clock_ms")
+
+    # then the telemetry leaves byte by byte, each with an interrupt
+    sent = [rabbit.read(scdr)]
+    for _ in range(51):
+        rabbit.interrupt(0xC0E0)
+        sent.append(rabbit.read(scdr))
+    (told,) = Decoder().receive(bytes(sent))
+    assert (
+        Flag(told.flags) == Flag.VALID | Flag.IMU_OK | Flag.LINK_OK | Flag.FIXED | Flag.LOADED | Flag.STARTED
+    )
+    assert (told.gps_frames, told.imu_frames, told.received, told.command) == (3, 1, 2, 1)
+    assert abs(told.heading - 15_708) <= 1
+    # and the watchdog was hit
+    assert rabbit.read(0x08) == 0x5A
+
+    # when 78.1 ms have passed since the first tick, then the third is not due; after 85.9 ms it is
+    rabbit.write(rtc1r, 10)
+    rabbit.run_to("port_clock_ms")
+    rabbit.write(rtc1r, 11)
+    rabbit.run_to("onboard_tick")
+    rabbit.close()
+
+
+# --- rings ---
+
+RING = """#include "ring.h"
+static ring r;
+int put(int byte);
+int take(void);
+int room(void);
+int lend(uint8_t *copy);
+int put(int byte) { ring_put(&r, (uint8_t)byte); return r.put; }
+int take(void) { uint8_t byte = 0U; return ring_take(&r, &byte) ? byte : -1; }
+int room(void) { return ring_room(&r); }
+int lend(uint8_t *copy) {
+    const uint8_t *bytes;
+    const int count = ring_lend(&r, &bytes);
+    for (int i = 0; i < count; i++) { copy[i] = bytes[i]; }
+    return count;
+}
+"""
+
+
+def test_a_ring_gives_back_in_order_what_was_put_and_drops_what_has_no_room(tmp_path: Path) -> None:
+    # given an empty ring of 256 places, of which one stays free
+    (tmp_path / "ring.h").write_text((SOURCES / "ring.h").read_text())
+    (tmp_path / "ring.c").write_text(RING)
+    flags = tuple(f for f in FLAGS if f != "-fvisibility=hidden")
+    ring = ctypes.CDLL(str(build_library(tmp_path, ["ring.c"], tmp_path / "r.so", what="ring", flags=flags)))
+    assert ring.take() == -1
+    assert ring.room() == 255
+    lent = (ctypes.c_uint8 * 256)()
+    for turn in range(5):  # from other places each time: 0, 255, 254...
+        # when 300 bytes are put
+        for i in range(300):
+            ring.put((i + turn) % 256)
+
+        # then the first 255 are there, in order, those up to the end of the ring first
+        assert ring.room() == 0
+        found: list[int] = []
+        for count in (255,) if turn == 0 else (turn, 255 - turn):
+            assert ring.lend(lent) == count
+            # and what is lent keeps its place: only what was lent before has become free
+            assert ring.room() == len(found)
+            found += lent[:count]
+        assert found == [(i + turn) % 256 for i in range(255)]
+        # and nothing is left
+        assert ring.lend(lent) == 0
+        assert ring.room() == 255
+        assert ring.take() == -1
+
+    # when one byte is put, then it can be taken by itself
+    ring.put(7)
+    assert (ring.take(), ring.take()) == (7, -1)
+
+
+def test_every_block_of_the_program_is_in_every_bundle() -> None:
+    # given the bundles, then all have C and header of all blocks, and no mailbox of the processor in the loop
+    for target in TARGETS.values():
+        names = set(bundle.bundle(target))
+        assert {f"{b.title()}.{kind}" for b in BLOCKS.values() for kind in "ch"} <= names
+        assert not any(name.startswith("pil") for name in names)
+
+
+# --- what an engineer has written is kept ---
+
+
+def test_a_bundle_is_made_anew_over_itself_but_not_over_what_was_changed(tmp_path: Path) -> None:
+    # given a bundle, made once more with other parameters
+    bundle.write(TARGETS["host"], tmp_path)
+    bundle.write(TARGETS["host"], tmp_path, {"controller": {"moving_deviation": 0.5}})
+    assert "moving_deviation = 0.5f;" in (tmp_path / "parameters.c").read_text()
+    checked = subprocess.run(["sha256sum", "-c", "--quiet", bundle.SUMS], cwd=tmp_path, check=False)
+    assert checked.returncode == 0
+    # when its port has been changed, then it is named, and nothing is written
+    port = tmp_path / "port.c"
+    port.write_text(port.read_text() + "/* ours */\n")
+    with pytest.raises(UsageError, match=r"not made here: port\.c; nothing is written"):
+        bundle.write(TARGETS["host"], tmp_path)
+    assert port.read_text().endswith("/* ours */\n")
+    assert "moving_deviation = 0.5f;" in (tmp_path / "parameters.c").read_text()
+
+
+def test_a_file_of_somebody_else_is_not_overwritten(tmp_path: Path) -> None:
+    (tmp_path / "main.c").write_text("int main(void) { return 0; }\n")
+    with pytest.raises(UsageError, match=r"main\.c"):
+        bundle.write(TARGETS["cortex-m4f"], tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["main.c"]
+
+
+@pytest.mark.parametrize(
+    ("setting", "told"),
+    [
+        ("command_module.stop_tone=0", "is 0 Hz, as for NONE"),
+        ("command_module.stop_tone=1500", "is 1500 Hz, as for FORWARD"),
+        ("command_module.stop_tone=3500.5", "is 3500.5 Hz, no whole number"),
+        ("canine.drift=3", "--set canine.drift: not in the firmware"),
+        ("cmec.waypoint_count=3", "waypoints and home come by radio"),
+    ],
+)
+def test_a_vest_that_could_not_be_understood_is_refused(
+    setting: str, told: str, monkeypatch: pytest.MonkeyPatch, capsys: Any, tmp_path: Path
+) -> None:
+    status, error = canine(
+        monkeypatch, capsys, "firmware", "--target", "host", "--out", tmp_path / "fw", "--set", setting
+    )
+    assert status == 2
+    assert told in error.replace("\n", " ")
+    assert not (tmp_path / "fw").exists()

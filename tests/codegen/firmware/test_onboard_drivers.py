@@ -1,0 +1,633 @@
+"""The parsers on board: captures against pyubx2, damaged and random bytes, and what the messages mean."""
+
+from __future__ import annotations
+
+import ctypes
+import io
+import math
+import struct
+from collections.abc import Iterable
+from functools import cache
+from itertools import permutations
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pyubx2 import UBX_PROTOCOL, UBXReader
+
+from harness.onboard import radio
+from tests.codegen.firmware.onboard_drivers import (
+    ABORT,
+    DATA,
+    FIX,
+    FRAME,
+    GOOD,
+    HEARTBEAT,
+    MISSION,
+    MISSION_16,
+    MT_SAMPLE,
+    ONBOARD,
+    OVERRIDE,
+    POSLLH,
+    PVT,
+    SOL,
+    START,
+    STRUCTS,
+    VELNED,
+    VELNED_SAMPLE,
+    Driver,
+    as_dict,
+    library,
+    mt_frame,
+    posllh,
+    pvt,
+    sol,
+    ubx_frame,
+    velned,
+)
+
+SIZE = 144  # bytes; no frame is longer
+U16, U32 = 2**16 - 1, 2**32 - 1
+positions = st.builds(
+    radio.Position,
+    st.integers(-900_000_000, 900_000_000).map(lambda x: x / 1e7),
+    st.integers(-1_800_000_000, 1_800_000_000).map(lambda x: x / 1e7),
+)
+missions = st.builds(
+    radio.Mission, home=positions, waypoints=st.lists(positions, min_size=1, max_size=16).map(tuple)
+)
+FRAMES = [pytest.param(name, frame, id=f"{name}-{i}") for name in GOOD for i, frame in enumerate(GOOD[name])]
+each_driver = pytest.mark.parametrize("name", GOOD)
+
+
+@pytest.fixture(scope="session")
+def c(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
+    """The drivers as a library."""
+    return library(tmp_path_factory.mktemp("onboard"))
+
+
+def driver(c: ctypes.CDLL, name: str) -> Driver:
+    """A parser; the radio's holds the mission that GOOD starts."""
+    parser = Driver(c, name, *([False] if name == "mt" else []))
+    if name == "link":
+        parser.state.mission.count, parser.state.mission.id = 16, MISSION_16.id
+    return parser
+
+
+@cache
+def capture(path: str) -> bytes:
+    if not (DATA / path).is_file():
+        pytest.skip(f"no capture {path} in {DATA}; set CANINE_DATA to the folder of ubx_captures")
+    return (DATA / path).read_bytes()
+
+
+@cache
+def messages_of_pyubx2(data: bytes) -> list[tuple[bytes, Any]]:
+    """Frames and their meaning, of the kinds and lengths that are read on board."""
+    sizes = {POSLLH: 28, SOL: 52, PVT: 92, VELNED: 36}
+    stream = UBXReader(io.BytesIO(data), protfilter=UBX_PROTOCOL, quitonerror=0)
+    return [(raw, m) for raw, m in stream if raw[2] == 1 and len(raw) == sizes.get(raw[3], -1) + 8]
+
+
+def frames_of_pyubx2(data: bytes) -> list[bytes]:
+    return [raw for raw, _ in messages_of_pyubx2(data)]
+
+
+def fixes(c: ctypes.CDLL, *frames: bytes) -> list[dict[str, Any]]:
+    ubx = driver(c, "ubx")
+    return [as_dict(ubx.state.fix) for found in ubx.receive(b"".join(frames)) if found == FIX]
+
+
+def test_structs_are_laid_out_as_the_compiler_does(c: ctypes.CDLL) -> None:
+    names = [n for n in STRUCTS if n != "scanner_protocol"]
+    sizes = (ctypes.c_size_t * len(names)).in_dll(c, "SIZES")
+    assert dict(zip(names, sizes, strict=True)) == {n: ctypes.sizeof(STRUCTS[n]) for n in names}
+
+
+# --- samples and captures ---
+
+
+def test_sample_of_velned_is_read(c: ctypes.CDLL) -> None:
+    # given the sample, of 1.12 m/s on 33.34 deg (0x01fcc807 = 33343495) +- 0.20 m/s by hand
+    ubx = driver(c, "ubx")
+    # when it comes
+    assert list(ubx.receive(VELNED_SAMPLE)) == [FRAME]
+    # then its speeds are in mm/s, and without position and solution there is no fix
+    epoch = as_dict(ubx.state.epoch)
+    assert (epoch["time_ms"], epoch["speed"], epoch["s_acc"], epoch["course"]) == (
+        123_000,
+        1120,
+        200,
+        33_343_495,
+    )
+    assert not ubx.state.fixed
+    # and pyubx2 reads the same
+    ((_, peer),) = UBXReader(io.BytesIO(VELNED_SAMPLE))
+    assert (peer.gSpeed, peer.sAcc, round(peer.heading * 1e5)) == (112, 20, 33_343_495)
+
+
+def test_sample_of_mt_is_read_in_z_down_axes_as_it_is(c: ctypes.CDLL) -> None:
+    mt = Driver(c, "mt", False)
+    assert list(mt.receive(MT_SAMPLE)) == [True]
+    values = struct.unpack(">12fH", MT_SAMPLE[4:-1])
+    sample = mt.sample
+    assert [*sample["accel"], *sample["gyro"], *sample["mag"]] == list(values[:9])
+    assert sample["accel"] == [0.25, np.float32(-0.1), np.float32(9.81)]
+    degrees = np.degrees([sample["roll"], sample["pitch"], sample["heading"]])
+    np.testing.assert_allclose(degrees, [1.5, -2.0, 45.0], rtol=1.2e-7)  # two roundings of 2^-24
+    assert mt.state.counter == 1234
+
+
+def test_sample_of_mt_is_turned_from_z_up_axes(c: ctypes.CDLL) -> None:
+    # given a unit at rest with z up, turned 45 deg counter-clockwise from north, its nose up (pitch -2 deg)
+    mt = Driver(c, "mt", True)
+    list(mt.receive(MT_SAMPLE))
+    sample = mt.sample
+    # then gravity's reaction points up, that is, against z down; left becomes minus right
+    assert sample["accel"] == [0.25, np.float32(0.1), np.float32(-9.81)]
+    assert sample["gyro"] == [np.float32(0.01), np.float32(0.02), np.float32(-0.03)]
+    assert sample["mag"] == [np.float32(0.2), 0.0, np.float32(0.8)]
+    assert math.degrees(sample["roll"]) == pytest.approx(1.5)
+    assert math.degrees(sample["pitch"]) == pytest.approx(2.0)
+    assert math.degrees(sample["heading"]) == pytest.approx(-45.0)
+
+
+def test_mt_makes_what_is_no_finite_number_the_greatest(c: ctypes.CDLL) -> None:
+    for z_up in (False, True):
+        mt = Driver(c, "mt", z_up)
+        list(
+            mt.receive(mt_frame([math.nan, math.inf, -math.inf, *[0.0] * 6, math.nan, math.inf, math.nan], 0))
+        )
+        sample = mt.sample
+        greatest = float(np.finfo(np.float32).max)
+        assert sample["accel"] == [greatest] * 3
+        # angles from degrees as all others: beyond every range of the estimator's, and finite
+        for angle in (sample["roll"], sample["pitch"], sample["heading"]):
+            assert angle == pytest.approx(math.radians(greatest))
+
+
+@pytest.mark.parametrize(
+    ("path", "count"),
+    [
+        ("ubx_captures/pygpsdata-MIXED.log", 108),
+        ("ubx_captures/pygpsdata-SF-calibration.log", 0),
+        ("walk_ublox_imu/gnss_1730.ubx", 536),
+    ],
+)
+@pytest.mark.parametrize("block", [65535, 255, 7])
+def test_captures_hold_the_frames_that_pyubx2_finds(
+    c: ctypes.CDLL, path: str, count: int, block: int
+) -> None:
+    data = capture(path)
+    expected = frames_of_pyubx2(data)
+    assert len(expected) == count
+    ubx = driver(c, "ubx")
+    assert ubx.frames(data, block) == expected
+    assert sum(map(len, expected)) + ubx.accounted == len(data)
+    assert ubx.state.scanner.errors == 0
+
+
+@pytest.mark.parametrize("path", ["ubx_captures/pygpsdata-MIXED.log", "walk_ublox_imu/gnss_1730.ubx"])
+def test_captures_hold_the_fixes_that_pyubx2_reads(c: ctypes.CDLL, path: str) -> None:
+    data = capture(path)
+    expected = []
+    for raw, m in messages_of_pyubx2(data):
+        if m.identity == "NAV-PVT" and m.fixType in (3, 4) and m.gnssFixOk:
+            expected.append({
+                "time_ms": struct.unpack_from("<I", raw, 6)[0],  # pyubx2 makes a time of day of it
+                "latitude": round(m.lat * 1e7), "longitude": round(m.lon * 1e7), "h_acc": m.hAcc,
+                "speed": m.gSpeed, "course": round(m.headMot * 1e5), "s_acc": m.sAcc,
+            })  # fmt: skip
+    assert len(expected) in (39, 536)
+    # each epoch's triple, where there is one, comes beside its PVT: one fix nevertheless
+    assert fixes(c, data) == expected
+
+
+def test_capture_gives_the_same_fix_by_three_messages_as_by_one(c: ctypes.CDLL) -> None:
+    # given the epochs that were sent both ways
+    frames = frames_of_pyubx2(capture("ubx_captures/pygpsdata-MIXED.log"))
+    by_one = {fix["time_ms"]: fix for fix in fixes(c, *(f for f in frames if f[3] == PVT))}
+    by_three = fixes(c, *(f for f in frames if f[3] != PVT))
+    # then those with all three messages are fixes
+    times = [
+        {struct.unpack_from("<I", f, 6)[0] for f in frames if f[3] == kind} for kind in (POSLLH, SOL, VELNED)
+    ]
+    assert {fix["time_ms"] for fix in by_three} == set.intersection(*times)
+    assert len(by_three) > 5
+    # with the same values, but that VELNED counts in cm/s
+    for fix in by_three:
+        one = by_one[fix["time_ms"]]
+        for name in ("latitude", "longitude", "h_acc", "course"):
+            assert fix[name] == one[name]
+        for name in ("speed", "s_acc"):
+            assert abs(fix[name] - one[name]) < 10
+
+
+# --- the stream: cut, damaged, foreign ---
+
+
+def counted(driver: Driver) -> tuple[int, int, int, bytes]:
+    """What a driver has found, but for where its scanner keeps it."""
+    s = driver.state.scanner
+    return s.frames, s.errors, s.skipped, bytes(driver.state)[ctypes.sizeof(s) :]
+
+
+@each_driver
+@settings(max_examples=100, deadline=None)
+@given(data=st.data())
+def test_stream_gives_the_same_however_it_is_cut(c: ctypes.CDLL, name: str, data: st.DataObject) -> None:
+    # given good, damaged and foreign bytes
+    pieces = st.one_of(
+        st.sampled_from(GOOD[name]),
+        st.sampled_from(GOOD[name]).flatmap(lambda f: st.integers(0, len(f)).map(lambda n: f[:n])),
+        st.binary(max_size=9),
+    )
+    stream = b"".join(data.draw(st.lists(pieces, max_size=12)))
+    whole, cut = driver(c, name), driver(c, name)
+    # when they come at once and in blocks
+    at_once = [(found, counted(whole)) for found in whole.receive(stream)]
+    in_blocks = []
+    start = 0
+    while start < len(stream):
+        size = data.draw(st.integers(1, 40))
+        in_blocks += [(found, counted(cut)) for found in cut.receive_block(stream[start : start + size])]
+        start += size
+    # then they give the same frames, values and counts
+    assert at_once == in_blocks
+    assert whole.frames(b"") == cut.frames(b"")
+    assert whole.accounted == cut.accounted
+
+
+@pytest.mark.parametrize(("name", "frame"), FRAMES)
+def test_no_frame_with_one_bit_changed_is_taken_and_the_next_is_found(
+    c: ctypes.CDLL, name: str, frame: bytes
+) -> None:
+    for good in GOOD[name]:
+        for bit in range(8 * len(frame)):
+            damaged = bytearray(frame)
+            damaged[bit // 8] ^= 1 << bit % 8
+            assert driver(c, name).frames(bytes(damaged) + good + bytes(SIZE)) == [good]
+
+
+@pytest.mark.parametrize(("name", "frame"), FRAMES)
+def test_a_frame_cut_off_takes_none_along(c: ctypes.CDLL, name: str, frame: bytes) -> None:
+    for good in GOOD[name]:
+        for length in range(len(frame)):
+            # however the stream goes on
+            assert driver(c, name).frames(frame[:length] + good + bytes(SIZE)) == [good]
+            # and when it does not, once it is given up
+            silent = driver(c, name)
+            found = silent.frames(frame[:length] + good) + [silent.frame for _ in silent.idle()]
+            assert found == [good]
+
+
+@each_driver
+def test_repeated_beginnings_of_frames_hide_none(c: ctypes.CDLL, name: str) -> None:
+    for frame in GOOD[name]:
+        for length in range(1, 7):
+            parser = driver(c, name)
+            stream = frame[:length] * 100 + frame + bytes(SIZE)
+            assert parser.frames(stream, 13) == [frame]
+
+
+def random_bytes(seed: int, count: int) -> bytes:
+    return np.random.default_rng(seed).bytes(count)
+
+
+@pytest.mark.parametrize(
+    ("name", "expected_errors"),
+    [
+        # In 1e7 places a header stands by chance; its checksum is right in 1 of 65536 (mt: 256):
+        ("ubx", 4e7 / 2**48),  # B5 62 01, one of four messages, its length 0: six bytes
+        ("mt", 1e7 / 2**32),  # FA FF 32 32: four bytes
+        ("link", 1e7 / 2**16 * 137 / 256),  # A5 5A, any type and number, 0 to 136: 82 headers, 0.001 frames
+    ],
+)
+def test_ten_million_random_bytes_hold_no_frame(c: ctypes.CDLL, name: str, expected_errors: float) -> None:
+    parser = driver(c, name)
+    data = random_bytes(1, 10_000_000)
+    assert parser.frames(data) == []
+    assert abs(parser.state.scanner.errors - expected_errors) <= 5 * math.sqrt(expected_errors)
+    assert parser.accounted == len(data)
+    for good in GOOD[name]:
+        assert good in parser.frames(good + bytes(SIZE))
+
+
+@pytest.mark.parametrize(("name", "odds"), [("ubx", 2**16), ("mt", 2**8), ("link", 2**16)])
+def test_random_bytes_behind_a_header_pass_as_often_as_the_checksum_lets_them(
+    c: ctypes.CDLL, name: str, odds: int
+) -> None:
+    # given 50,000 headers with random bytes behind: false frames that only the checksum tells
+    header = {
+        "ubx": velned(0)[:6],
+        "mt": MT_SAMPLE[:4],
+        "link": radio.encode(radio.Override(radio.Command.NONE), 0)[:5],
+    }
+    rest = {"ubx": 38, "mt": 51, "link": 3}[name]
+    noise = random_bytes(2, 50_000 * rest)
+    stream = b"".join(header[name] + noise[i : i + rest] for i in range(0, len(noise), rest))
+    parser = driver(c, name)
+    # then no more of them pass than 50,000 / odds and five standard deviations: 266 for mt, 5 for the others
+    parser.frames(stream)
+    passed = parser.state.scanner.frames
+    assert abs(passed - 50_000 / odds) <= 5 * math.sqrt(50_000 / odds)
+
+
+@each_driver
+def test_counters_stop_at_their_greatest_value(c: ctypes.CDLL, name: str) -> None:
+    parser = driver(c, name)
+    frame = GOOD[name][0]
+    for counter in ("frames", "errors", "skipped"):
+        setattr(parser.state.scanner, counter, U32 - 1)
+    damaged = frame[:-1] + bytes([frame[-1] ^ 1])
+    parser.frames((frame + damaged) * 3 + bytes(SIZE))
+    scanner = parser.state.scanner
+    assert (scanner.frames, scanner.errors, scanner.skipped) == (U32, U32, U32)
+
+
+# --- epochs of the receiver ---
+
+FIX_VALUES = {
+    "latitude": 325_000_000, "longitude": -855_000_000, "h_acc": 2500,
+    "speed": 1120, "course": 18_152_648, "s_acc": 200,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "order", list(permutations((posllh, velned, sol))), ids=lambda o: "-".join(f.__name__ for f in o)
+)
+def test_three_messages_of_one_time_are_a_fix_in_any_order(c: ctypes.CDLL, order: Iterable[Any]) -> None:
+    assert fixes(c, *(make(5000) for make in order)) == [{"time_ms": 5000, **FIX_VALUES}]
+
+
+def test_pvt_is_a_fix(c: ctypes.CDLL) -> None:
+    assert fixes(c, pvt(5000), pvt(5250, fix=4)) == [{"time_ms": t, **FIX_VALUES} for t in (5000, 5250)]
+
+
+@pytest.mark.parametrize(
+    "frames",
+    [
+        pytest.param([posllh(0), velned(0)], id="no solution"),
+        pytest.param([posllh(0), sol(0)], id="no velocity"),
+        pytest.param([velned(0), sol(0), velned(0), sol(0)], id="no position"),
+        pytest.param([posllh(0), velned(250), sol(0)], id="three times mixed"),
+        pytest.param([posllh(0), velned(0), sol(250)], id="solution of the next time"),
+        pytest.param([posllh(0), velned(0), sol(0, fix=2)], id="two-dimensional"),
+        pytest.param([posllh(0), velned(0), sol(0, fix=4)], id="with dead reckoning"),
+        pytest.param([posllh(0), velned(0), sol(0, flags=0x0C)], id="not called good"),
+        pytest.param([pvt(0, fix=2)], id="pvt two-dimensional"),
+        pytest.param([pvt(0, fix=5)], id="pvt time only"),
+        pytest.param([pvt(0, flags=0xFE)], id="pvt not called good"),
+    ],
+)
+def test_what_is_not_whole_or_not_called_good_is_no_fix(c: ctypes.CDLL, frames: list[bytes]) -> None:
+    ubx = driver(c, "ubx")
+    assert set(ubx.receive(b"".join(frames))) == {FRAME}
+    assert ubx.state.refused == 0
+    # and the next epoch is not in its way
+    assert list(ubx.receive(posllh(9000) + velned(9000) + sol(9000))) == [FRAME, FRAME, FIX]
+
+
+def test_an_epoch_is_one_fix_when_sent_both_ways(c: ctypes.CDLL) -> None:
+    three = [posllh(5000), velned(5000), sol(5000)]
+    assert len(fixes(c, pvt(5000), *three)) == 1
+    assert len(fixes(c, *three, pvt(5000), *three)) == 1
+    assert len(fixes(c, *three[:2], pvt(5000), three[2], pvt(5250))) == 2
+
+
+def test_the_epoch_at_the_beginning_of_the_week_is_a_fix(c: ctypes.CDLL) -> None:
+    assert [fix["time_ms"] for fix in fixes(c, pvt(604_799_750), pvt(0), pvt(250))] == [604_799_750, 0, 250]
+    assert len(fixes(c, posllh(0), velned(0), sol(0))) == 1
+
+
+@pytest.mark.parametrize(
+    "frames",
+    [
+        [posllh(0, latitude=900_000_001)],
+        [posllh(0, latitude=-900_000_001)],
+        [posllh(0, longitude=1_800_000_001)],
+        [posllh(0, longitude=-1_800_000_001)],
+        [posllh(0, h_acc=0)],
+        [velned(0, s_acc=0)],
+        [velned(0, course=36_000_001)],
+        [velned(0, course=-36_000_001)],
+        [velned(0, speed=51_501)],
+        [velned(0, speed=429_496_730)],  # times 10 is 4 modulo 2^32
+        [pvt(0, gSpeed=-1)],
+        [pvt(0, lat=-(2**31))],
+        [pvt(0, hAcc=0)],
+        [pvt(0, sAcc=0)],
+    ],
+    ids=str,
+)
+def test_a_fix_with_a_value_out_of_range_is_refused_and_counted(c: ctypes.CDLL, frames: list[bytes]) -> None:
+    ubx = driver(c, "ubx")
+    kinds = {frame[3] for frame in frames}
+    rest = [] if PVT in kinds else [f for f in (posllh(0), velned(0), sol(0)) if f[3] not in kinds]
+    assert FIX not in list(ubx.receive(b"".join(frames + rest)))
+    assert ubx.state.refused == 1
+    assert not ubx.state.fixed
+    ubx.state.refused = U32
+    list(ubx.receive(pvt(250, hAcc=0)))
+    assert ubx.state.refused == U32
+
+
+def test_the_edges_of_the_ranges_are_fixes(c: ctypes.CDLL) -> None:
+    found = fixes(
+        c,
+        pvt(1, lat=900_000_000, lon=1_800_000_000, hAcc=1, sAcc=1, gSpeed=515_000, headMot=36_000_000),
+        pvt(2, lat=-900_000_000, lon=-1_800_000_000, hAcc=U32, sAcc=U32, gSpeed=0, headMot=-36_000_000),
+        posllh(3), velned(3, speed=51_500, s_acc=U32), sol(3),
+    )  # fmt: skip
+    assert [fix["time_ms"] for fix in found] == [1, 2, 3]
+    assert (found[2]["speed"], found[2]["s_acc"]) == (515_000, U32)
+
+
+def test_messages_of_another_length_or_class_are_passed_over(c: ctypes.CDLL) -> None:
+    ubx = driver(c, "ubx")
+    other = posllh(0)[:2] + b"\x02" + posllh(0)[3:]
+    assert (
+        ubx.frames(ubx_frame(PVT, bytes(84)) + ubx_frame(0x03, bytes(16)) + ubx_frame(POSLLH, b"") + other)
+        == []
+    )
+    assert ubx.state.scanner.errors == 0
+
+
+# --- samples of the inertial unit ---
+
+
+@pytest.mark.parametrize(
+    ("counters", "lost"),
+    [
+        ([7, 8, 9], 0),
+        ([7, 9], 1),
+        ([65_534, 65_535, 0, 1], 0),
+        ([65_534, 2], 3),
+        ([7, 7 + 32_768], 32_767),
+        ([500, 0, 1], 0),  # begun anew
+    ],
+)
+def test_samples_that_the_counter_jumps_over_are_lost(c: ctypes.CDLL, counters: list[int], lost: int) -> None:
+    mt = Driver(c, "mt", False)
+    frames = b"".join(mt_frame([0.0] * 12, counter) for counter in counters)
+    assert list(mt.receive(frames)) == [True] * len(counters)
+    assert mt.state.lost == lost
+
+
+def test_a_sample_whose_counter_stands_still_is_the_old_one(c: ctypes.CDLL) -> None:
+    mt = Driver(c, "mt", False)
+    frames = mt_frame([1.0] * 12, 7) + mt_frame([2.0] * 12, 7) + mt_frame([3.0] * 12, 8)
+    assert [mt.sample["accel"][0] for _ in mt.receive(frames)] == [1.0, 3.0]
+    assert mt.state.scanner.frames == 3
+
+
+# --- the radio ---
+
+
+def degrees_e7(position: radio.Position) -> tuple[int, int]:
+    return round(position.latitude * 1e7), round(position.longitude * 1e7)
+
+
+def position_of(c_position: Any) -> tuple[int, int]:
+    return c_position.latitude, c_position.longitude
+
+
+@settings(max_examples=100, deadline=None)
+@given(mission=missions, sequence=st.integers(0, 255))
+def test_mission_arrives_whole_and_starts(c: ctypes.CDLL, mission: radio.Mission, sequence: int) -> None:
+    link = driver(c, "link")
+    assert list(link.receive(radio.encode(mission, sequence))) == [MISSION]
+    held = link.state.mission
+    assert position_of(held.home) == degrees_e7(mission.home)
+    assert held.count == len(mission.waypoints)
+    assert [position_of(p) for p in held.waypoints[: held.count]] == [
+        degrees_e7(p) for p in mission.waypoints
+    ]
+    assert (held.id, link.state.sequence) == (mission.id, sequence)
+    assert list(link.receive(radio.encode(radio.Start(mission.id), 9))) == [START]
+
+
+def test_the_other_messages_arrive(c: ctypes.CDLL) -> None:
+    link = driver(c, "link")
+    for command in radio.Command:
+        assert list(link.receive(radio.encode(radio.Override(command), 3))) == [OVERRIDE]
+        assert link.state.override == command
+    assert list(link.receive(radio.encode(radio.Abort(), 4) + radio.encode(radio.Heartbeat(), 5))) == [
+        ABORT,
+        HEARTBEAT,
+    ]
+    assert link.state.sequence == 5
+
+
+def raw_message(type: int, payload: bytes, sequence: int = 77) -> bytes:
+    body = bytes([type, sequence, len(payload)]) + payload
+    return b"\xa5\x5a" + body + struct.pack(">H", radio.crc16(body))
+
+
+HERE = struct.pack(">ii", 326_000_000, -854_900_000)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        pytest.param(raw_message(MISSION, b""), id="mission of nothing"),
+        pytest.param(raw_message(MISSION, HERE), id="mission without a waypoint"),
+        pytest.param(raw_message(MISSION, HERE * 3 + b"1234"), id="mission of half a waypoint"),
+        pytest.param(
+            raw_message(MISSION, HERE * 16 + struct.pack(">ii", 900_000_001, 0)), id="latitude at last"
+        ),
+        pytest.param(
+            raw_message(MISSION, struct.pack(">ii", 0, 1_800_000_001) + HERE), id="longitude of home"
+        ),
+        pytest.param(raw_message(MISSION, HERE + struct.pack(">ii", -(2**31), 0)), id="least latitude"),
+        pytest.param(raw_message(START, b"\0\0"), id="start of another mission"),
+        pytest.param(raw_message(START, struct.pack(">HB", MISSION_16.id, 0)), id="start too long"),
+        pytest.param(raw_message(OVERRIDE, b"\6"), id="unknown command"),
+        pytest.param(raw_message(OVERRIDE, b""), id="no command"),
+        pytest.param(raw_message(ABORT, b"\0"), id="abort too long"),
+        pytest.param(raw_message(HEARTBEAT, b"\0"), id="heartbeat too long"),
+    ],
+)
+def test_a_message_with_a_wrong_value_changes_nothing_and_is_counted(c: ctypes.CDLL, message: bytes) -> None:
+    # given a mission held
+    link = driver(c, "link")
+    list(link.receive(radio.encode(MISSION_16, 1)))
+    before = bytes(link.state.mission), link.state.override, link.state.sequence
+    # when it comes, then
+    assert list(link.receive(message)) == []
+    assert (bytes(link.state.mission), link.state.override, link.state.sequence) == before
+    assert (link.state.refused, link.state.unknown) == (1, 0)
+    link.state.refused = U32
+    list(link.receive(message))
+    assert link.state.refused == U32
+
+
+def test_a_start_without_a_mission_is_refused(c: ctypes.CDLL) -> None:
+    link = Driver(c, "link")
+    assert list(link.receive(raw_message(START, b"\0\0"))) == []
+    assert link.state.refused == 1
+
+
+def test_a_mission_too_long_is_no_frame(c: ctypes.CDLL) -> None:
+    link = Driver(c, "link")
+    assert list(link.receive(raw_message(MISSION, HERE * 18) + raw_message(ABORT, b""))) == [ABORT]
+    assert link.state.mission.count == 0
+
+
+def test_messages_of_unknown_types_are_counted(c: ctypes.CDLL) -> None:
+    link = driver(c, "link")
+    for type in (0, 6, 16, 255):
+        assert list(link.receive(raw_message(type, b"any"))) == []
+    assert (link.state.unknown, link.state.refused, link.state.sequence) == (4, 0, 0)
+    # and a known one right behind is found in the same call
+    assert list(link.receive(raw_message(99, b"") + raw_message(ABORT, b""))) == [ABORT]
+
+
+def test_an_abort_behind_half_a_mission_waits_no_longer_than_the_radio_pauses(c: ctypes.CDLL) -> None:
+    # given a mission that lost its end
+    link = driver(c, "link")
+    assert list(link.receive(radio.encode(MISSION_16, 1)[:60] + radio.encode(radio.Abort(), 2))) == []
+    # when nothing more comes
+    link.c.link_idle(ctypes.byref(link.state))
+    # then
+    assert list(link.receive_block(b"")) == [ABORT]
+
+
+def c_telemetry(telemetry: radio.Telemetry) -> Any:
+    """The struct of link.h; the bools that it has are the flags of the same names."""
+    values = dict(vars(telemetry))
+    flags = values.pop("flags")
+    structure = STRUCTS["link_telemetry"]()
+    names = {name for name, *_ in structure._fields_}
+    bools = {flag.name.lower(): bool(flags & flag) for flag in radio.Flag}  # type: ignore[union-attr]
+    assert names == values.keys() | bools.keys()
+    for name, value in (values | bools).items():
+        setattr(structure, name, value)
+    return structure
+
+
+BITS = {"B": (0, 255), "H": (0, U16), "I": (0, U32), "h": (-(2**15), 2**15 - 1), "i": (-(2**31), 2**31 - 1)}
+telemetries = st.builds(
+    lambda values, flags: radio.Telemetry(*values[:15], flags, *values[16:]),
+    st.tuples(*(st.integers(*BITS[code]) for code in radio.TELEMETRY.format[1:])),
+    st.integers(0, 63),
+)
+
+
+@settings(max_examples=200, deadline=None)
+@given(telemetry=telemetries, sequence=st.integers(0, 255))
+def test_telemetry_of_the_vest_is_what_the_laptop_reads(
+    c: ctypes.CDLL, telemetry: radio.Telemetry, sequence: int
+) -> None:
+    frame = ctypes.create_string_buffer(radio.Decoder.SIZE)
+    write = c.link_write_telemetry
+    write.restype = ctypes.c_uint8
+    assert write(frame, sequence, ctypes.byref(c_telemetry(telemetry))) == radio.Decoder.SIZE
+    assert radio.Decoder().receive(frame.raw) == [telemetry]
+    assert frame.raw == radio.encode(telemetry, sequence)
+
+
+def test_header_states_the_size_of_telemetry() -> None:
+    assert f"#define LINK_TELEMETRY_SIZE {radio.Decoder.SIZE}U" in (ONBOARD / "link.h").read_text()

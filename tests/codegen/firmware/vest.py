@@ -1,0 +1,51 @@
+"""A vest that runs a bundle's program, spoken to as by its instruments and its operator, in real time.
+
+The animal stands still and looks at the one waypoint, 50 m to the east.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+
+from harness.log.geodesy import TangentPlane
+from harness.onboard.instruments import InertialUnit, Receiver
+from harness.onboard.radio import Mission, Position, Telemetry
+from harness.onboard.stand_in import Operator
+from models.commands import Command
+
+LATITUDE, LONGITUDE = 32.6, -85.5  # deg
+EAST = 50.0  # m from home to the waypoint
+TICK = 0.04  # s
+TICKS_PER_FIX = 6  # about 4 Hz
+
+Send = Callable[[bytes], object]
+
+
+def still(fix: bool) -> dict[str, float]:
+    """The sensors' signals: it looks to the east; gravity is what the accelerometer feels of standing."""
+    signals = {f"{kind}_{axis}": 0.0 for kind in ("accel", "gyro", "mag") for axis in "xyz"}
+    signals |= {"accel_z": -9.81, "roll_meas": 0.0, "pitch_meas": 0.0, "heading_meas": math.pi / 2}
+    signals |= {"gps_fix": float(fix), "gps_north": 0.0, "gps_east": 0.0, "gps_speed": 0.0}
+    return signals | {"gps_course": 0.0, "gps_h_acc": 1.0, "gps_s_acc": 0.2}
+
+
+def lead(
+    gps: Send, imu: Send, radio: Send, heard: Callable[[], bytes], seconds: float
+) -> Iterator[Telemetry]:
+    """What the vest tells while it is to lead the animal, tick by tick, for so many seconds at most."""
+    plane = TangentPlane(math.radians(LATITUDE), math.radians(LONGITUDE))
+    receiver, unit = Receiver(plane), InertialUnit()
+    waypoint = (math.degrees(x) for x in plane.from_plane(0.0, EAST))
+    operator = Operator(Mission(Position(LATITUDE, LONGITUDE), (Position(*waypoint),)))
+    began = time.monotonic()
+    for tick in range(round(seconds / TICK)):
+        signals = still(tick % TICKS_PER_FIX == 0)
+        gps(receiver.fix(tick * TICK, signals))
+        imu(unit.sample(tick, signals))
+        radio(operator.send(tick * TICK, True, Command.NONE, True))
+        time.sleep(max(0.0, began + (tick + 1) * TICK - time.monotonic()))
+        told = operator.receive(heard())
+        if told is not None:
+            yield told

@@ -1,0 +1,197 @@
+"""Loading FMUs, and what is said when one goes wrong."""
+
+import tempfile
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from harness.cosim.fmu import Component, FmuError, describe
+from harness.cosim.loop import Simulation
+from harness.cosim.ssp import Description, Member
+from models.kit.declaration import Type
+from tests.harness.cosim.tiny_fmu import V, tiny_fmu
+
+GAIN = [V("u", "input", unit="m"), V("k", "parameter", start="2"), V("y", unit="m"), V("n", type="Integer")]
+
+
+def alone(path: Path) -> Description:
+    return Description("alone", {"plant": Member("plant", path)}, ())
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_describes_variables_units_and_dependencies(tmp_path: Path, version: int) -> None:
+    # given
+    path = tiny_fmu(tmp_path / "gain.fmu", GAIN, version=version, step_size=0.04, fixed=True)
+    # when
+    fmu = describe(path)
+    # then
+    assert (fmu.model, fmu.version, fmu.step, fmu.fixed, fmu.feedthrough) == (
+        "tiny",
+        version,
+        0.04,
+        True,
+        True,
+    )
+    assert list(fmu.inputs) == ["u"]
+    assert list(fmu.outputs) == ["y", "n"]
+    assert fmu.parameters["k"].start == 2.0
+    assert fmu.outputs["n"].type is Type.INTEGER
+    assert fmu.unit(fmu.outputs["y"]).name == "m"
+    assert fmu.warnings == ()
+
+
+def test_a_plant_is_known_by_its_model_structure(tmp_path: Path) -> None:
+    assert not describe(tiny_fmu(tmp_path / "plant.fmu", GAIN, depends=False)).feedthrough
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_values_go_in_and_come_out(tmp_path: Path, version: int) -> None:
+    # given y = k u, and n counting the steps
+    path = tiny_fmu(tmp_path / "gain.fmu", GAIN, "v[2] = v[1] * v[0]; v[3] += 1;", version=version)
+    rows = []
+    # when it is run for 2 steps with k = 5, u = 3
+    with Simulation(alone(path), {"plant": {"k": 5, "u": 3}}) as simulation:
+        outcome = simulation.run(duration=0.08, record=lambda t, v: rows.append((t.tolist(), v["plant"])))
+    # then there is a row at 0, 0.04 and 0.08
+    ((times, values),) = rows
+    assert outcome.ticks == 3
+    assert times == [0.0, 0.04, 0.08]
+    np.testing.assert_array_equal(values, [[3, 15, 1], [3, 15, 2], [3, 15, 3]])
+
+
+def test_other_number_types_and_enumerations_are_exchanged(tmp_path: Path) -> None:
+    # given
+    variables = [V("f", type="Float32"), V("i", type="Int64"), V("b", type="Boolean")]
+    path = tiny_fmu(tmp_path / "three.fmu", variables, start="v[0] = 0.5; v[1] = -7; v[2] = 1;", version=3)
+    foreign = [V("command", "input", "Enumeration"), V("y", type="Integer")]
+    two = tiny_fmu(tmp_path / "two.fmu", foreign, "v[1] = v[0];")
+    rows = []
+    # when
+    for fmu, values in ((path, {}), (two, {"plant": {"command": 4}})):
+        with Simulation(alone(fmu), values) as simulation:
+            simulation.run(duration=0, record=lambda t, v: rows.append(v["plant"].tolist()))
+    # then
+    assert rows == [[[0.5, -7.0, 1.0]], [[4.0, 4.0]]]
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_an_error_names_fmu_function_status_time_and_what_it_says(tmp_path: Path, version: int) -> None:
+    # given an FMU that fails on the step from 0.12 s, and says why
+    broken = 'if (t > 0.1) { say("the leash is too short"); return 3; }'
+    path = tiny_fmu(tmp_path / "dog.fmu", GAIN, broken, version=version)
+    rows = []
+    # when
+    with Simulation(alone(path)) as simulation, pytest.raises(FmuError) as caught:
+        simulation.run(record=lambda t, v: rows.extend(t))
+    # then the error says so, and the rows up to it are kept
+    assert str(caught.value) == (
+        f'plant dog.fmu: fmi{version}DoStep returned error at t = 0.12 s; it says: "the leash is too short"'
+    )
+    assert rows == [0.0, 0.04, 0.08]
+
+
+@pytest.mark.parametrize(("value", "name"), [("NAN", "nan"), ("INFINITY", "inf"), ("-INFINITY", "-inf")])
+def test_an_output_that_is_no_number_is_named_with_its_time(tmp_path: Path, value: str, name: str) -> None:
+    path = tiny_fmu(tmp_path / "dog.fmu", GAIN, f"v[2] = t > 0.05 ? {value} : 1e308;")
+    with Simulation(alone(path)) as simulation, pytest.raises(FmuError) as caught:
+        simulation.run()
+    assert str(caught.value) == f'plant dog.fmu: output "y" is {name} at t = 0.08 s; expected a finite number'
+
+
+def test_nothing_is_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # given a folder for temporary files that can be looked at
+    path = tiny_fmu(tmp_path / "dog.fmu", GAIN, "return 4;")
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    # when one instance fails fatally, and one cannot be made
+    with pytest.raises(FmuError, match="returned fatal"), Simulation(alone(path)) as simulation:
+        simulation.run()
+    path.write_text("no archive")
+    with pytest.raises(Exception, match="ZIP"):
+        Component("plant", path)
+    # then
+    assert list(folder.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("xml", "text"),
+    [
+        ("<a>", "modelDescription.xml: malformed XML"),
+        ('<fmiModelDescription fmiVersion="1.0"/>', "is FMI 1.0; expected 2.0 or 3.0"),
+        (
+            '<fmiModelDescription fmiVersion="2.0" modelName="m" guid="g"/>',
+            "is not for co-simulation; export it as a co-simulation FMU",
+        ),
+    ],
+)
+def test_what_is_no_cosimulation_fmu_is_refused(tmp_path: Path, xml: str, text: str) -> None:
+    path = tmp_path / "dog.fmu"
+    with zipfile.ZipFile(path, "w") as packed:
+        packed.writestr("modelDescription.xml", xml)
+    with pytest.raises(Exception, match=text) as caught:
+        describe(path)
+    assert str(caught.value).startswith(str(path))
+
+
+def altered(folder: Path, old: str, new: str, version: int = 2) -> Path:
+    """An FMU with a step of 0.04 s whose description says `new` for `old`."""
+    made = tiny_fmu(folder / "made.fmu", GAIN, version=version, step_size=0.04, fixed=True)
+    path = folder / "dog.fmu"
+    with zipfile.ZipFile(made) as packed, zipfile.ZipFile(path, "w") as repacked:
+        xml = packed.read("modelDescription.xml").decode()
+        assert old in xml
+        repacked.writestr("modelDescription.xml", xml.replace(old, new, 1))
+    return path
+
+
+@pytest.mark.parametrize("text", ["1e-300", "9.9e-7", "0", "-0.04", "nan", "inf", "abc", ""])
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_step_that_is_none_is_refused(tmp_path: Path, version: int, text: str) -> None:
+    expected = "expected a finite number of seconds, 1e-06 or more; export it with one"
+    wished = altered(tmp_path, 'stepSize="0.04"', f'stepSize="{text}"', version)
+    with pytest.raises(FmuError) as caught:
+        describe(wished)
+    assert str(caught.value) == f'{wished}: DefaultExperiment has stepSize="{text}"; {expected}'
+    if version == 3:
+        fixed = altered(tmp_path, "<CoSimulation", f'<CoSimulation fixedInternalStepSize="{text}"', 3)
+        with pytest.raises(FmuError) as caught:
+            describe(fixed)
+        assert str(caught.value) == f'{fixed}: CoSimulation has fixedInternalStepSize="{text}"; {expected}'
+
+
+def test_the_fixed_step_comes_before_the_wished_one(tmp_path: Path) -> None:
+    fixed = altered(tmp_path, "<CoSimulation", '<CoSimulation fixedInternalStepSize="1e-6"', 3)
+    assert describe(fixed).step == 1e-6
+
+
+@pytest.mark.parametrize("reference", [-1, 2**32])
+def test_a_value_reference_that_is_none_is_refused(tmp_path: Path, reference: int) -> None:
+    path = altered(tmp_path, 'name="k" valueReference="1"', f'name="k" valueReference="{reference}"')
+    with pytest.raises(FmuError) as caught:
+        describe(path)
+    assert str(caught.value) == (
+        f'{path}: "k" has valueReference="{reference}"; '
+        "expected a whole number from 0 to 4294967295; export it again"
+    )
+
+
+def test_what_an_fmu_says_on_two_lines_is_one(tmp_path: Path) -> None:
+    path = tiny_fmu(tmp_path / "dog.fmu", GAIN, r'say("too short:\n\tthe leash"); return 3;')
+    with Simulation(alone(path)) as simulation, pytest.raises(FmuError) as caught:
+        simulation.run()
+    assert str(caught.value).endswith('; it says: "too short: the leash"')
+
+
+def test_an_fmu_for_another_machine_is_named_as_such(tmp_path: Path) -> None:
+    path = tiny_fmu(tmp_path / "dog.fmu", GAIN)
+    other = tmp_path / "other.fmu"
+    with zipfile.ZipFile(path) as packed, zipfile.ZipFile(other, "w") as repacked:
+        repacked.writestr("modelDescription.xml", packed.read("modelDescription.xml"))
+        repacked.writestr("binaries/amiga/tiny.library", b"")
+    with pytest.raises(
+        FmuError, match=r"plant other.fmu: .* no binary for this machine \(\w+\); it has amiga"
+    ):
+        Component("plant", other)

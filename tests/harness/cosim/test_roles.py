@@ -1,0 +1,187 @@
+"""Does a foreign FMU fit a role: error texts, mapping files, and the system with it in place."""
+
+from pathlib import Path
+
+import pytest
+
+from harness.cosim.fmu import describe
+from harness.cosim.loop import Simulation
+from harness.cosim.roles import (
+    MISSION,
+    Fit,
+    Rename,
+    RoleError,
+    find_role,
+    fit,
+    read_adapter,
+    replace_component,
+)
+from harness.cosim.ssp import Description, Link, Member, Value
+from models.errors import UsageError
+from tests.harness.cosim.tiny_fmu import V, tiny_fmu
+
+DOG = [V("command", "input", "Integer"), V("north", unit="m"), V("east", unit="m"), V("speed", unit="m/s")]
+EXPECTED = (
+    'expected a name, or { name = "...", factor = 1.0, offset = 0.0 } with finite numbers, factor not 0'
+)
+HEADING = V("heading", unit="rad")
+
+
+def fitted(tmp_path: Path, variables: list[V], toml: str = "", version: int = 2) -> Fit:
+    path = tiny_fmu(tmp_path / "dog.fmu", variables, version=version, depends=False)
+    if toml:
+        path.with_suffix(".toml").write_text(toml)
+    role = find_role("plant")
+    return fit(describe(path), role, read_adapter(path, role))
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_dog_with_the_four_outputs_fits(tmp_path: Path, version: int) -> None:
+    found = fitted(tmp_path, [*DOG, HEADING], version=version)
+    assert found.problems == ()
+    assert set(found.outputs) == {"north", "east", "speed", "heading"}
+    assert found.notes == ("plant dog.fmu: has no output acceleration, pitch, roll, yaw_rate; taken as zero",)
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (
+            V("speed", unit="km/h"),
+            'output "speed" has unit "km/h", the plant role needs "m/s"; map it in dog.toml or export it in m/s',  # noqa: E501
+        ),
+        (
+            V("speed", unit="kg"),
+            'output "speed" has unit "kg", the plant role needs "m/s"; no factor makes one of the other',
+        ),
+        (
+            V("speed", type="Integer"),
+            'output "speed" is Integer, the plant role needs Real; export it as Real',
+        ),
+        (
+            V("speed", "local", unit="m/s"),
+            '"speed" has causality local; the plant role needs output, export it as such',
+        ),
+        (
+            V("sped", unit="m/s"),
+            'has no output "speed" (Real, m/s), which the plant role needs; did you mean "sped"?; '
+            "map it in dog.toml or export it",
+        ),
+    ],
+)
+def test_what_does_not_fit_is_named(tmp_path: Path, change: V, text: str) -> None:
+    found = fitted(tmp_path, [*DOG[:-1], change, HEADING])
+    assert found.problems == (f"plant dog.fmu: {text}",)
+
+
+def test_an_enumeration_serves_as_the_command(tmp_path: Path) -> None:
+    found = fitted(tmp_path, [V("command", "input", "Enumeration"), *DOG[1:], HEADING])
+    assert found.problems == ()
+    assert found.inputs == {"command": Rename("command")}
+
+
+def test_a_mapping_file_renames_and_converts(tmp_path: Path) -> None:
+    toml = '[outputs]\nspeed = { name = "v", factor = 0.2777777777777778 }\nheading = "course"\n[inputs]\ncommand = "cmd"'  # noqa: E501
+    variables = [V("cmd", "input", "Integer"), *DOG[1:3], V("v", unit="km/h"), V("course", unit="rad")]
+    found = fitted(tmp_path, variables, toml)
+    assert found.problems == ()
+    assert found.outputs["speed"] == Rename("v", 0.2777777777777778, 0.0, mapped=True)
+    assert found.inputs == {"command": Rename("cmd", mapped=True)}
+
+
+def test_one_output_may_serve_for_two(tmp_path: Path) -> None:
+    found = fitted(tmp_path, [*DOG, V("a", unit="m")], '[outputs]\nnorth = "a"\neast = "a"')
+    assert found.outputs["north"] == found.outputs["east"] == Rename("a", mapped=True)
+
+
+@pytest.mark.parametrize(
+    ("toml", "text"),
+    [
+        ("[output]", 'dog.toml: unknown key "output"; expected the tables [outputs], [inputs], [parameters]'),
+        (
+            '[outputs]\nsped = "v"',
+            'dog.toml: [outputs] the plant role has no "sped"; did you mean "speed"?',
+        ),
+        (
+            "[outputs]\nspeed = 3",
+            f'dog.toml: "speed" is 3; {EXPECTED}',
+        ),
+        ("[outputs]\nspeed = { factor = nan }", f"dog.toml: \"speed\" is {{'factor': nan}}; {EXPECTED}"),
+        ("[outputs]\nspeed = { offset = -inf }", f"dog.toml: \"speed\" is {{'offset': -inf}}; {EXPECTED}"),
+        ("[outputs]\nspeed = { factor = 0 }", f"dog.toml: \"speed\" is {{'factor': 0}}; {EXPECTED}"),
+        (
+            f"[outputs]\nspeed = {{ factor = 1{'0' * 400} }}",
+            f"dog.toml: \"speed\" is {{'factor': 1{'0' * 400}}}; {EXPECTED}",
+        ),
+    ],
+)
+def test_a_wrong_mapping_file_is_refused(tmp_path: Path, toml: str, text: str) -> None:
+    with pytest.raises(RoleError) as caught:
+        fitted(tmp_path, [*DOG, HEADING], toml)
+    assert str(caught.value) == text
+
+
+def test_it_takes_the_place_of_the_plant(tmp_path: Path) -> None:
+    # given a dog at 36 km/h that takes no command, in a system whose sensors want speed and acceleration
+    dog = tiny_fmu(tmp_path / "dog.fmu", [V("v", unit="km/h")], depends=False, start="v[0] = 36;")
+    dog.with_suffix(".toml").write_text('[outputs]\nspeed = { name = "v", factor = 0.2777777777777778 }')
+    sensors = [V("speed", "input", unit="m/s"), V("acceleration", "input", start="5"), V("y", type="Integer")]
+    other = tiny_fmu(tmp_path / "sensors.fmu", sensors)
+    members = {"plant": Member("plant", Path("own.fmu")), "sensors": Member("sensors", other)}
+    links = (
+        Link("plant", "speed", "sensors", "speed"),
+        Link("plant", "acceleration", "sensors", "acceleration"),
+        Link("sensors", "y", "plant", "command"),
+    )
+    # when
+    role = find_role("plant")
+    system, found = replace_component(
+        Description("toy", members, links), "plant", describe(dog), read_adapter(dog, role)
+    )
+    rows = []
+    with Simulation(system) as simulation:
+        simulation.run(duration=0, record=lambda t, v: rows.append(v["sensors"].tolist()))
+    # then the sensors see 10 m/s, the acceleration that it lacks is zero, and it is told nothing
+    assert system.links == (Link("plant", "v", "sensors", "speed", 0.2777777777777778, 0.0),)
+    assert system.components["sensors"].values == {"acceleration": Value(0.0)}
+    assert rows == [[[10.0, 0.0, 0.0]]]
+    assert found.notes == (
+        "plant dog.fmu: has no output acceleration; taken as zero",
+        "plant dog.fmu: has no input command; what the role is told there is not given to it",
+    )
+
+
+def test_a_role_that_is_none_is_missed_by_name() -> None:
+    with pytest.raises(UsageError, match=r'there is no role "plnt"; did you mean "plant"\?'):
+        find_role("plnt")
+
+
+PARAMETERS = [V("start_heading", "parameter", unit="deg"), V("seed", "parameter")]
+
+
+def test_a_parameter_in_another_unit_is_refused_by_name(tmp_path: Path) -> None:
+    found = fitted(tmp_path, [*DOG, HEADING, *PARAMETERS])
+    assert found.problems == (
+        'plant dog.fmu: parameter "start_heading" has unit "deg", the plant role needs "rad"; '
+        "map it in dog.toml or export it in rad",
+    )
+
+
+def test_a_mapping_file_converts_a_parameter(tmp_path: Path) -> None:
+    toml = "[parameters]\nstart_heading = { factor = 57.29577951308232 }"
+    found = fitted(tmp_path, [*DOG, HEADING, *PARAMETERS], toml)
+    assert found.problems == ()
+    assert found.parameters == {
+        "start_heading": Rename("start_heading", 57.29577951308232, 0.0, mapped=True),
+        "seed": Rename("seed"),
+    }
+
+
+def test_a_mapped_parameter_must_be_there(tmp_path: Path) -> None:
+    found = fitted(tmp_path, [*DOG, HEADING, *PARAMETERS[1:]], '[parameters]\nstart_heading = "psi"')
+    assert found.problems == ('plant dog.fmu: has no parameter "psi", which dog.toml names',)
+
+
+def test_the_parameters_of_the_roles_are_declared_by_our_blocks() -> None:
+    for name, parameters in MISSION.items():
+        assert {n.partition("[")[0] for n in find_role(name).parameters} == parameters

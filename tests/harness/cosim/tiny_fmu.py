@@ -1,0 +1,210 @@
+"""FMUs as other tools might make them, good and bad: a few lines of C for each, compiled on the spot."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import fmpy.fmi2
+import fmpy.fmi3
+
+from codegen.toolchains.compiler import build_library, find_platform, this_platform
+
+UNITS = {
+    "m": 'm="1"',
+    "rad": 'rad="1"',
+    "deg": 'rad="1" factor="0.017453292519943295"',
+    "kg": 'kg="1"',
+    "m/s": 'm="1" s="-1"',
+    "km/h": 'm="1" s="-1" factor="0.2777777777777778"',
+}
+ENUMERATION = (
+    '<TypeDefinitions><SimpleType name="E"><Enumeration><Item name="NONE" value="0"/></Enumeration>'
+    "</SimpleType></TypeDefinitions>"
+)
+C = """#include <stddef.h>
+#include <math.h>
+typedef struct { double v[32]; } tiny;
+static tiny pool[8];
+static int used;
+static void say(const char *text);
+static int step(tiny *m, double t, double h) {
+  double *v = m->v; (void)v; (void)t; (void)h; %(step)s return 0; }
+%(api)s
+"""
+API2 = """
+typedef void (*logger)(void *, const char *, int, const char *, const char *, ...);
+static logger log_;
+void *fmi2Instantiate(const char *n, int k, const char *g, const char *r, const void *f, int a, int b) {
+  (void)n; (void)k; (void)g; (void)r; (void)a; (void)b; log_ = *(logger *const *)f ? *(const logger *)f : 0;
+  tiny *m = &pool[used++ %% 8]; double *v = m->v; (void)v; %(start)s return m; }
+int fmi2DoStep(void *c, double t, double h, int n) { (void)n; return step(c, t, h); }
+void fmi2FreeInstance(void *c) { (void)c; }
+"""
+API3 = """
+typedef void (*logger)(void *, int, const char *, const char *);
+static logger log_;
+void *fmi3InstantiateCoSimulation(const char *n, const char *g, const char *r,
+  _Bool a, _Bool b, _Bool c, _Bool d, const void *e, size_t f, void *env, logger l, const void *u) {
+  (void)n; (void)g; (void)r; (void)a; (void)b; (void)c; (void)d; (void)e; (void)f;
+  (void)env; (void)u; log_ = l;
+  tiny *m = &pool[used++ %% 8]; double *v = m->v; (void)v; %(start)s return m; }
+int fmi3DoStep(void *c, double t, double h, _Bool n, _Bool *e, _Bool *x, _Bool *y, double *z) {
+  (void)n; *e = 0; *x = 0; *y = 0; *z = t + h; return step(c, t, h); }
+void fmi3FreeInstance(void *c) { (void)c; }
+"""
+SAID = {
+    2: 'static void say(const char *text) { log_(0, "plant", 3, "error", text); }',
+    3: 'static void say(const char *text) { log_(0, 3, "error", text); }',
+}
+ACCESS = {
+    2: {"Real": "double", "Integer": "int", "Boolean": "int"},
+    3: {"Float64": "double", "Float32": "float", "Int32": "int", "Int64": "long long", "Boolean": "_Bool"},
+}
+
+
+@dataclass(frozen=True)
+class V:
+    """One variable; the C sees it as `v[i]`, i its place in the list."""
+
+    name: str
+    causality: str = "output"
+    type: str = "Real"
+    unit: str = ""
+    start: str = "0"
+
+
+def tiny_fmu(
+    path: Path,
+    variables: Sequence[V],
+    step: str = "",
+    *,
+    version: int = 2,
+    start: str = "",
+    depends: bool = True,
+    step_size: float | None = None,
+    fixed: bool = False,
+) -> Path:
+    """Build an FMU.
+
+    Args:
+        step: C that is run on each step: `v[i]`, `t`, `h`, `say("...")`, `return <status>`.
+        start: C that is run when it is instantiated.
+        depends: its outputs depend on its inputs.
+    """
+    work = path.parent / f".{path.stem}"
+    work.mkdir(parents=True, exist_ok=True)
+    slave = fmpy.fmi2.FMU2Slave if version == 2 else fmpy.fmi3.FMU3Slave
+    api = (API2 if version == 2 else API3) % {"start": start}
+    count = "" if version == 2 else ", size_t k"
+    unused = "" if version == 2 else " (void)k;"
+    for fmi, c in ACCESS[version].items():
+        for verb, body in (
+            ("Get", f"x[i] = ({c})((tiny *)m)->v[r[i]]"),
+            ("Set", "((tiny *)m)->v[r[i]] = (double)x[i]"),
+        ):
+            api += f"int fmi{version}{verb}{fmi}(void *m, const unsigned *r, size_t n, {c} *x{count}) "
+            api += f"{{{unused} for (size_t i = 0; i < n; i++) {body}; return 0; }}\n"
+    written = {
+        word.split("(")[0].split()[-1].lstrip("*")
+        for word in api.splitlines()
+        if f"fmi{version}" in word.split("(")[0]
+    }
+    for name in dir(slave):
+        if name.startswith(f"fmi{version}") and name not in written:
+            api += f"int {name}(void) {{ return 0; }}\n"
+    api += SAID[version]
+    (work / "tiny.c").write_text(C % {"step": step, "api": api})
+    platform = find_platform(this_platform())
+    library = build_library(
+        work, ["tiny.c"], work / f"tiny{platform.suffix}", what="tiny", flags=("-O1", "-w")
+    )
+    folder = platform.fmi2 if version == 2 else platform.fmi3
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("modelDescription.xml", _description(variables, version, depends, step_size, fixed))
+        archive.write(library, f"binaries/{folder}/{library.name}")
+    return path
+
+
+def _description(
+    variables: Sequence[V], version: int, depends: bool, step_size: float | None, fixed: bool
+) -> str:
+    known = {v.unit: UNITS[v.unit] for v in variables if v.unit in UNITS}
+    units = "".join(f'<Unit name="{name}"><BaseUnit {base}/></Unit>' for name, base in known.items())
+    units = f"<UnitDefinitions>{units}</UnitDefinitions>" if units else ""
+    experiment = f'<DefaultExperiment stepSize="{step_size}"/>' if step_size else ""
+    varying = f'canHandleVariableCommunicationStepSize="{"false" if fixed else "true"}"'
+    inputs = [i for i, v in enumerate(variables) if v.causality == "input"]
+    outputs = [i for i, v in enumerate(variables) if v.causality == "output"]
+    write = _xml2 if version == 2 else _xml3
+    return write(
+        variables,
+        units=units,
+        experiment=experiment,
+        varying=varying,
+        inputs=inputs if depends else [],
+        outputs=outputs,
+    )
+
+
+def _attributes(v: V) -> str:
+    unit = f' unit="{v.unit}"' if v.unit else ""
+    start = f' start="{v.start}"' if v.causality in ("input", "parameter") else ""
+    return unit + start
+
+
+def _xml2(
+    variables: Sequence[V],
+    *,
+    units: str,
+    experiment: str,
+    varying: str,
+    inputs: list[int],
+    outputs: list[int],
+) -> str:
+    scalars = ""
+    for i, v in enumerate(variables):
+        varies = "fixed" if v.causality == "parameter" else "continuous" if v.type == "Real" else "discrete"
+        declared = ' declaredType="E"' if v.type == "Enumeration" else ""
+        scalars += f'<ScalarVariable name="{v.name}" valueReference="{i}" causality="{v.causality}" '
+        scalars += f'variability="{varies}"><{v.type}{declared}{_attributes(v)}/></ScalarVariable>'
+    needs = " ".join(str(i + 1) for i in inputs)
+    unknowns = "".join(f'<Unknown index="{i + 1}" dependencies="{needs}"/>' for i in outputs)
+    initial = "".join(f'<Unknown index="{i + 1}"/>' for i in outputs)
+    structure = (
+        f"<Outputs>{unknowns}</Outputs><InitialUnknowns>{initial}</InitialUnknowns>" if outputs else ""
+    )
+    return (
+        '<?xml version="1.0"?><fmiModelDescription fmiVersion="2.0" modelName="tiny" guid="g">'
+        f'<CoSimulation modelIdentifier="tiny" {varying}/>{units}'
+        f"{ENUMERATION if any(v.type == 'Enumeration' for v in variables) else ''}{experiment}"
+        f"<ModelVariables>{scalars}</ModelVariables><ModelStructure>{structure}</ModelStructure></fmiModelDescription>"
+    )
+
+
+def _xml3(
+    variables: Sequence[V],
+    *,
+    units: str,
+    experiment: str,
+    varying: str,
+    inputs: list[int],
+    outputs: list[int],
+) -> str:
+    scalars = ""
+    for i, v in enumerate(variables):
+        kind = {"Real": "Float64", "Integer": "Int32"}.get(v.type, v.type)
+        varies = "fixed" if v.causality == "parameter" else "continuous" if "Float" in kind else "discrete"
+        scalars += f'<{kind} name="{v.name}" valueReference="{i}" causality="{v.causality}" '
+        scalars += f'variability="{varies}"{_attributes(v)}/>'
+    needs = " ".join(str(i) for i in inputs)
+    unknowns = "".join(f'<Output valueReference="{i}" dependencies="{needs}"/>' for i in outputs)
+    unknowns += "".join(f'<InitialUnknown valueReference="{i}"/>' for i in outputs)
+    return (
+        '<?xml version="1.0"?><fmiModelDescription fmiVersion="3.0" modelName="tiny" instantiationToken="g">'
+        f'<CoSimulation modelIdentifier="tiny" {varying}/>{units}{experiment}'
+        f'<ModelVariables>{scalars}<Float64 name="time" valueReference="99" causality="independent" '
+        f'variability="continuous"/></ModelVariables><ModelStructure>{unknowns}</ModelStructure></fmiModelDescription>'
+    )

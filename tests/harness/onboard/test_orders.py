@@ -1,0 +1,193 @@
+"""The operator's orders to the program on board, in the sequences that a radio makes of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import count
+from typing import Any
+
+import pytest
+
+from harness.log.geodesy import TangentPlane
+from harness.onboard.instruments import InertialUnit, Receiver
+from harness.onboard.processors import Received, open_processor
+from harness.onboard.radio import Abort, Decoder, Flag, Heartbeat, Mission, Position, Start, encode
+from harness.onboard.stand_in import Memory
+from models.cmec import Mode
+from models.commands import Command
+
+PLANE = TangentPlane(math.radians(32.6), math.radians(-85.49))
+RUNNING = {Mode.FORWARD, Mode.STOP_TO_TURN, Mode.LEFT, Mode.RIGHT, Mode.DEAD}
+
+
+def place(north: float, east: float) -> Position:
+    latitude, longitude = PLANE.from_plane(north, east)
+    return Position(math.degrees(latitude), math.degrees(longitude))
+
+
+HOME = place(0, 0)
+A, B = Mission(HOME, (place(50, 0),)), Mission(HOME, (place(0, 50),))
+
+
+class Vest:
+    """The program on this machine, at rest at home: ticks with or without a fix, and what it then knows."""
+
+    def __init__(self) -> None:
+        self.processor, self.numbers, self.decoder = open_processor("host"), count(1), Decoder()
+        self.k = 0
+        self.told: Any = None
+
+    def tick(self, *messages: Any, fix: bool | None = None, **sensed: float) -> Memory:
+        """One tick: messages in one piece; a fix on each sixth tick unless told otherwise."""
+        signals = {f"{n}_{a}": 0.0 for n in ("accel", "gyro", "mag") for a in "xyz"}
+        signals |= {
+            "roll_meas": 0.0,
+            "pitch_meas": 0.0,
+            "heading_meas": 0.0,
+            "gps_fix": 1.0,
+            "gps_north": 0.0,
+        }
+        signals |= {"gps_east": 0.0, "gps_speed": 0.0, "gps_course": 0.0, "gps_h_acc": 3.5, "gps_s_acc": 0.1}
+        signals |= sensed
+        due = self.k % 6 == 5 if fix is None else fix
+        reply = self.processor.tick(
+            Received(
+                Receiver(PLANE).fix(0.04 * self.k, signals) if due else b"",
+                InertialUnit().sample(self.k, signals),
+                b"".join(encode(message, next(self.numbers)) for message in messages),
+            )
+        )
+        self.k += 1
+        for told in self.decoder.receive(reply.sent):
+            self.told = told
+        return Memory(reply.record)
+
+    def ticks(self, number: int, *messages: Any, **sensed: float) -> Memory:
+        """So many, with signs of life (or these messages) on every fifth."""
+        for i in range(number):
+            memory = self.tick(*(messages or (Heartbeat(),)) if i % 5 == 0 else (), **sensed)
+        return memory
+
+
+@pytest.fixture
+def vest() -> Iterator[Vest]:
+    made = Vest()
+    yield made
+    made.processor.close()
+
+
+def target(memory: Memory) -> tuple[float, float]:
+    return tuple(round(memory[f"controller.state.target_{axis}"]) for axis in ("north", "east"))  # type: ignore[return-value]
+
+
+def test_abort_and_another_start_in_one_piece_end_the_one_and_begin_the_other(vest: Vest) -> None:
+    # given a trial under way
+    vest.ticks(10)
+    vest.tick(A, Start(A.id))
+    memory = vest.ticks(10)
+    assert memory["controller.output.mode"] in RUNNING
+    assert target(memory) == (50, 0)
+    # when an abort, another mission and its start come in the same tick
+    memory = vest.tick(Abort(), B, Start(B.id))
+    memory = vest.tick()
+    # then the first one is stopped, the telemetry says that the other waits, and it begins after the stop
+    assert memory["controller.output.mode"] == Mode.STOPPED
+    vest.ticks(10)
+    assert Flag.WAITING in Flag(vest.told.flags)
+    assert Flag.STARTED not in Flag(vest.told.flags)
+    memory = vest.ticks(60)
+    assert memory["controller.output.mode"] in RUNNING
+    assert target(memory) == (0, 50)
+    assert vest.told.mission_id == B.id
+
+
+def test_a_mission_that_comes_while_another_is_under_way_changes_nothing(vest: Vest) -> None:
+    vest.ticks(10)
+    vest.tick(A, Start(A.id))
+    memory = vest.ticks(20, B, Start(B.id))
+    # it is held, but neither led to nor told as if it were
+    assert target(memory) == (50, 0)
+    assert vest.told.mission_id == A.id
+    assert Flag.STARTED in Flag(vest.told.flags)
+    assert Flag.WAITING not in Flag(vest.told.flags)
+
+
+def test_a_start_that_waits_is_undone_by_another_mission(vest: Vest) -> None:
+    # given a start before the first fix
+    for _ in range(5):
+        vest.tick(A, Start(A.id), fix=False)
+    # when another mission comes, and then the fix
+    vest.tick(B, fix=False)
+    vest.tick(fix=True)
+    memory = vest.ticks(20)
+    # then nothing begins until that one is started
+    assert memory["controller.output.mode"] == Mode.IDLE
+    vest.tick(Start(B.id), fix=False)
+    assert target(vest.ticks(5)) == (0, 50)
+
+
+def test_a_start_that_waits_is_forgotten_with_the_link(vest: Vest) -> None:
+    vest.tick(A, Start(A.id), fix=False)
+    for _ in range(60):  # 2.4 s
+        vest.tick(fix=False)
+    vest.tick(fix=True)
+    memory = vest.ticks(20)
+    assert memory["controller.output.mode"] == Mode.IDLE
+    assert memory["controller.output.command"] == Command.NONE
+
+
+def test_a_start_soon_after_an_abort_begins_when_the_stop_has_been_held(vest: Vest) -> None:
+    vest.ticks(10)
+    vest.tick(A, Start(A.id))
+    vest.ticks(10)
+    vest.tick(Abort(), fix=False)
+    memory = vest.ticks(10, Start(A.id))
+    assert memory["controller.output.mode"] == Mode.STOPPED
+    assert vest.ticks(60)["controller.output.mode"] in RUNNING
+
+
+@pytest.mark.parametrize("sensed", [{"accel_x": math.nan}, {"heading_meas": math.inf}, {"accel_x": 1e4}])
+def test_samples_that_are_of_no_use_are_a_silent_unit(vest: Vest, sensed: dict[str, float]) -> None:
+    vest.ticks(10)
+    vest.tick(A, Start(A.id))
+    assert vest.ticks(10)["guard.output.imu_ok"] == 1
+    # when the unit sends on, but nothing that the estimator takes, then 5 ticks are borne
+    assert vest.ticks(5, **sensed)["guard.output.imu_ok"] == 1
+    memory = vest.ticks(1, **sensed)
+    assert memory["guard.output.imu_ok"] == 0
+    assert memory["controller.output.command"] == Command.STOP
+
+
+def test_a_unit_that_repeats_itself_is_a_silent_one(vest: Vest) -> None:
+    vest.ticks(10)
+    for _ in range(6):
+        vest.k -= 1  # so the sample has the number of the one before
+        memory = vest.tick(Heartbeat(), fix=False)
+    assert memory["guard.output.imu_ok"] == 0
+
+
+def test_a_bad_first_fix_does_not_settle_the_plane(vest: Vest) -> None:
+    # given a first fix that is 150 km off and says so
+    memory = vest.tick(fix=True, gps_north=150_000.0, gps_h_acc=5000.0)
+    assert memory["plane.state.settled"] == 0
+    # when good ones come, then it is settled there
+    memory = vest.ticks(30)
+    assert memory["plane.state.settled"] == 1
+    assert memory["estimator.output.valid"] == 1
+    assert abs(memory["estimator.output.north"]) < 1
+
+
+def test_a_vest_that_was_carried_far_away_settles_anew_before_a_trial(vest: Vest) -> None:
+    assert vest.ticks(12)["estimator.output.valid"] == 1
+    far = vest.ticks(60, gps_north=150_000.0)
+    assert far["estimator.output.valid"] == 1
+    assert abs(far["estimator.output.north"]) < 1
+    # but not in one: there it is a fix that cannot be
+    vest.tick(Mission(place(150_000, 0), (place(150_050, 0),)), fix=False)
+    vest.tick(Start(Mission(place(150_000, 0), (place(150_050, 0),)).id), fix=False, gps_north=150_000.0)
+    assert vest.ticks(2, gps_north=150_000.0)["controller.output.mode"] in RUNNING
+    origin = far["plane.state.origin_latitude"]
+    memory = vest.ticks(30, gps_north=0.0)
+    assert memory["plane.state.origin_latitude"] == origin
+    assert memory["estimator.state.bad_fixes"] > 0

@@ -1,0 +1,745 @@
+"""The onboard computer in the closed loop: the operator's laptop, the vest's answers, and whole trials."""
+
+from __future__ import annotations
+
+import ctypes
+import dataclasses
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from harness.cosim.fmu import Call, FmuDescription, FmuError, Quantity
+from harness.cosim.loop import Event, Outcome, Simulation
+from harness.log.geodesy import TangentPlane
+from harness.log.log import Log, read_log
+from harness.onboard import radio
+from harness.onboard.processors import Processor, ProcessorError, Reply, open_processor
+from harness.onboard.radio import Decoder, Flag, Mission, Position, Telemetry, encode
+from harness.onboard.stand_in import RESEND, SIGNALS, Memory, Onboard, Operator, StandIn
+from harness.trial import trial
+from harness.trial.scenario import Scenario, load
+from harness.trial.summary import position_error, summarize
+from models.cmec import Anomaly, Cmec, Mode
+from models.command_module import CommandModule
+from models.commands import ENDS, Command, Status
+from models.errors import UsageError
+from models.four_state import FourState
+from tests.harness.cosim.tiny_fmu import V, tiny_fmu
+
+TICK = 0.04  # s
+ORIGIN = (32.6, -85.49)  # deg
+MISSION = Mission(Position(32.6, -85.49), (Position(32.601, -85.49),))
+START = {"start": 1.0}
+
+# --- the operator's laptop ---
+
+
+def types(sent: bytes) -> list[Any]:
+    """The messages of which the bytes are whole frames, by their classes."""
+    known = {m.type: m for m in (radio.Mission, radio.Start, radio.Override, radio.Abort, radio.Heartbeat)}
+    found = []
+    while sent:
+        _, kind, _, length = sent[:2], sent[2], sent[3], sent[4]
+        assert radio.crc16(sent[2 : length + 7]) == 0
+        found.append(known[kind])
+        sent = sent[length + 7 :]
+    return found
+
+
+def overrides(sent: bytes) -> list[int]:
+    """The commands of the OVERRIDE frames in the bytes: type 3, a payload of one byte."""
+    return [sent[i + 5] for i in range(len(sent) - 5) if sent[i : i + 3] == b"\xa5\x5a\x03"]
+
+
+def told(**fields: Any) -> bytes:
+    """Telemetry as a frame, all zeros but these."""
+    nothing = {f.name: 0 for f in dataclasses.fields(Telemetry)}
+    return encode(Telemetry(**(nothing | fields)), 0)
+
+
+def test_mission_and_start_are_sent_again_until_the_telemetry_tells_them() -> None:
+    operator = Operator(MISSION)
+    # given a wish: all of it goes out at once
+    assert types(operator.send(0.0, True, Command.NONE, True))[:2] == [radio.Mission, radio.Start]
+    # when nothing comes back, then nothing is sent for 0.4 s, and all again
+    assert RESEND == 0.4
+    for tick in range(1, 10):
+        assert operator.send(tick * TICK, True, Command.NONE, True) == b""
+    assert types(operator.send(10 * TICK, True, Command.NONE, True))[:2] == [radio.Mission, radio.Start]
+    # when the telemetry tells another mission, then both again
+    operator.receive(told(mission_id=MISSION.id ^ 1, flags=Flag.LOADED))
+    assert types(operator.send(0.8, True, Command.NONE, True))[:2] == [radio.Mission, radio.Start]
+    # when it tells the mission, then START alone
+    operator.receive(told(mission_id=MISSION.id, flags=Flag.LOADED))
+    assert types(operator.send(1.2, True, Command.NONE, True))[0] is radio.Start
+    # when it tells that it is under way, then neither: but the vest still hears something
+    operator.receive(told(mission_id=MISSION.id, flags=Flag.LOADED | Flag.STARTED))
+    sent = types(operator.send(1.6, True, Command.NONE, True))
+    assert sent
+    assert not {radio.Mission, radio.Start, radio.Abort} & set(sent)
+    # when the vest has begun anew (its battery), then all again
+    operator.receive(told())
+    assert types(operator.send(2.0, True, Command.NONE, True))[:2] == [radio.Mission, radio.Start]
+
+
+def test_messages_are_counted_from_1() -> None:
+    operator = Operator(MISSION)
+    sent = operator.send(0.0, True, Command.NONE, True)
+    numbers = []
+    while sent:
+        numbers.append(sent[3])
+        sent = sent[sent[4] + 7 :]
+    assert numbers == list(range(1, len(numbers) + 1))
+
+
+def test_abort_is_sent_at_once_and_again_until_the_telemetry_tells() -> None:
+    # given a mission under way
+    operator = Operator(MISSION)
+    operator.receive(told(mission_id=MISSION.id, flags=Flag.STARTED))
+    operator.send(0.0, True, Command.NONE, True)
+    # when the wish changes a tick later
+    assert radio.Abort in types(operator.send(TICK, False, Command.NONE, True))
+    # then it is repeated in its turn
+    assert operator.send(2 * TICK, False, Command.NONE, True) == b""
+    assert radio.Abort in types(operator.send(TICK + RESEND, False, Command.NONE, True))
+    # and no more once the vest tells that it has stopped
+    operator.receive(told(mission_id=MISSION.id))
+    assert radio.Abort not in types(operator.send(TICK + 2 * RESEND, False, Command.NONE, True))
+
+
+def test_override_is_sent_at_once_and_its_release_is_repeated_as_well() -> None:
+    # given a mission under way
+    operator = Operator(MISSION)
+    operator.receive(told(mission_id=MISSION.id, flags=Flag.STARTED))
+    operator.send(0.0, True, Command.NONE, True)
+    # when the operator's command comes, and goes
+    sent = [
+        operator.send(k * TICK, True, Command.STOP if k < 25 else Command.NONE, True) for k in range(1, 50)
+    ]
+    # then it goes out on its tick and each 0.4 s from there, and so does the release: one may get lost
+    by_tick = {k: overrides(data) for k, data in enumerate(sent, start=1) if data}
+    assert by_tick == {1: [2], 11: [2], 21: [2], 25: [0], 35: [0], 45: [0]}
+
+
+def test_nothing_passes_without_a_link_and_the_wish_is_told_when_it_is_back() -> None:
+    # given a mission under way
+    operator = Operator(MISSION)
+    operator.receive(told(mission_id=MISSION.id, flags=Flag.STARTED))
+    operator.send(0.0, True, Command.NONE, True)
+    # when the link is lost and the operator wants it to end
+    assert [operator.send(k * TICK, False, Command.RECALL, False) for k in range(1, 100)] == [b""] * 99
+    # then it goes out on the first tick with a link
+    sent = operator.send(100 * TICK, False, Command.RECALL, True)
+    assert radio.Abort in types(sent)
+    assert overrides(sent) == [Command.RECALL]
+
+
+def test_laptop_knows_what_it_was_told_last_in_pieces_too() -> None:
+    operator = Operator(MISSION)
+    frames = told(time_ms=40) + told(time_ms=80)
+    assert operator.receive(frames[:10]) is None
+    last = operator.receive(frames[10:])
+    assert last is not None
+    assert last.time_ms == 80
+
+
+# --- the vest, driven tick by tick ---
+
+STILL = dict.fromkeys(
+    [f"{n}_{a}" for n in ("accel", "gyro", "mag") for a in "xyz"]
+    + ["roll_meas", "pitch_meas", "heading_meas", "gps_north", "gps_east", "gps_speed", "gps_course"],
+    0.0,
+) | {"accel_z": -9.81, "gps_h_acc": 3.5, "gps_s_acc": 0.1}
+NO_MISSION = {"controller": {"waypoint_count": 1, "waypoint_north[1]": 100.0}}
+
+
+class Silent:
+    """A processor whose wires are cut from a tick on."""
+
+    def __init__(self, processor: Processor) -> None:
+        self.processor, self.image, self.start = processor, processor.image, processor.start
+        self.cut: set[str] = set()
+
+    def tick(self, received: Any) -> Reply:
+        return self.processor.tick(replace(received, **dict.fromkeys(self.cut, b"")))
+
+    def stack(self) -> int | None:
+        return None
+
+    def close(self) -> None:
+        self.processor.close()
+
+
+class Walk:
+    """An onboard computer on a standing animal; each call is one tick, with a fix on every seventh."""
+
+    def __init__(
+        self, origin: tuple[float, float] = ORIGIN, values: Any = NO_MISSION, **firmware: Any
+    ) -> None:
+        self.wires = Silent(open_processor("host", firmware))
+        self.onboard = Onboard(self.wires, origin, values)
+        self.decoder, self.told = Decoder(), list[Telemetry]()
+
+    def __call__(self, wishes: Mapping[str, float] = START, signals: Mapping[str, float] = STILL) -> Memory:
+        tick = self.onboard.tick
+        reply = self.onboard.step(tick * TICK, {**signals, "gps_fix": tick % 7 == 0}, wishes)
+        self.told += self.decoder.receive(reply.sent)
+        return self.onboard.memory
+
+    def until(self, mode: Mode, wishes: Mapping[str, float] = START, most: int = 100) -> int:
+        """Tick until the controller is in a mode; how many ticks that took."""
+        for k in range(1, most + 1):
+            if self(wishes)["controller.output.mode"] == mode:
+                return k
+        raise AssertionError(f"{mode.name} was not reached in {most} ticks")
+
+    def commands(self, ticks: int, wishes: Mapping[str, float] = START) -> list[Command]:
+        """What the animal is told on so many ticks."""
+        found = []
+        for _ in range(ticks):
+            self(wishes)
+            found.append(self.onboard.command)
+        return found
+
+
+@pytest.fixture
+def walk() -> Iterator[Callable[..., Walk]]:
+    """`walk(origin, values, **parameters by member)`: an onboard computer, stopped at the end."""
+    made: list[Walk] = []
+
+    def make(*arguments: Any, **firmware: Any) -> Walk:
+        made.append(Walk(*arguments, **firmware))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.onboard.close()
+
+
+def heard_last(vest: Walk, wishes: Mapping[str, float]) -> int:
+    """Tick until the operator has just been heard; the number of ticks since then is 0."""
+    for _ in range(20):
+        if vest(wishes)["guard.state.link_age"] == 0:
+            return 0
+    raise AssertionError("the operator was not heard in 20 ticks")
+
+
+def test_animal_stands_until_the_trial_starts(walk: Callable[..., Walk]) -> None:
+    vest = walk()
+    # given no start: the link comes up, and nothing is commanded from then on
+    assert vest.commands(50, {})[5:] == [Command.NONE] * 45
+    # when started, then forward, 1500 Hz (Table 4.1), at most two ticks later: a fix makes the radio wait
+    assert vest.until(Mode.FORWARD) <= 2
+    assert vest.onboard.command is Command.FORWARD
+
+
+def test_lost_link_stops_the_animal_2_s_after_the_last_message(walk: Callable[..., Walk]) -> None:
+    # given an animal that goes, and a message on this very tick
+    vest = walk()
+    vest.until(Mode.FORWARD)
+    heard_last(vest, START)
+    # when the link is lost, then it goes on for 2 s, 50 ticks, and stops on the next
+    commands = vest.commands(60, START | {"link_ok": 0.0})
+    assert commands.index(Command.STOP) == 50
+    assert set(commands[50:]) == {Command.STOP}
+    assert vest.onboard.memory["controller.state.overruled"] == Anomaly.LOST_LINK
+    # and nothing was told to the operator meanwhile
+    row = dict(zip((s[0] for s in SIGNALS), vest.onboard.row((vest.onboard.tick - 1) * TICK), strict=True))
+    assert row["time_ms"] <= (vest.onboard.tick - 60) * TICK
+    # when it is back, then it stops to turn, at least 1.5 s (Table 4.2), and goes on
+    assert vest.until(Mode.FORWARD) >= 1.5 / TICK
+
+
+def test_no_message_of_the_operator_is_enough_to_stop(walk: Callable[..., Walk]) -> None:
+    # given an animal that goes, and a link that the laptop takes for good: the vest's receiver is deaf
+    vest = walk()
+    vest.until(Mode.FORWARD)
+    heard_last(vest, START)
+    vest.wires.cut = {"radio"}
+    # then
+    assert vest.commands(60).index(Command.STOP) == 50
+    # and the telemetry says so
+    assert not vest.told[-1].flags & Flag.LINK_OK
+
+
+def test_link_timeout_is_a_parameter_of_the_firmware(walk: Callable[..., Walk]) -> None:
+    vest = walk(guard={"link_timeout": 0.8})
+    vest.until(Mode.FORWARD)
+    heard_last(vest, START)
+    assert vest.commands(60, START | {"link_ok": 0.0}).index(Command.STOP) == 20
+
+
+def test_silent_inertial_unit_stops_the_animal_after_a_fifth_of_a_second(walk: Callable[..., Walk]) -> None:
+    # given an animal that goes
+    vest = walk()
+    vest.until(Mode.FORWARD)
+    # when
+    vest.wires.cut = {"imu"}
+    commands = vest.commands(20)
+    # then 0.2 s are 5 ticks without a sample
+    assert commands.index(Command.STOP) == 5
+    assert set(commands[5:]) == {Command.STOP}
+    assert vest.onboard.memory["controller.state.overruled"] == Anomaly.INVALID_ESTIMATE
+    assert not vest.told[-1].flags & Flag.IMU_OK
+    # and the estimator skipped what did not come
+    assert vest.onboard.memory["estimator.state.bad_samples"] == 20
+    # when samples come again, then it goes on after the stop
+    vest.wires.cut = set()
+    assert vest.until(Mode.FORWARD) >= 1.5 / TICK
+
+
+def test_silent_receiver_stops_the_animal_when_the_last_fix_is_too_old(walk: Callable[..., Walk]) -> None:
+    # given an estimate that is trusted for 3 s, and a fix on this tick
+    vest = walk(estimator={"max_age": 3.0})
+    vest.until(Mode.FORWARD)
+    while (vest.onboard.tick - 1) % 7:
+        vest()
+    assert vest.onboard.memory["estimator.state.age"] == 0
+    # when no more fixes come to an animal that walks north at 1 m/s as far as it knows
+    vest.wires.cut = {"gps"}
+    memories = [vest() for _ in range(90)]
+    # then: 75 ticks are 3 s
+    overruled = [m["controller.state.overruled"] for m in memories]
+    assert overruled.index(Anomaly.INVALID_ESTIMATE) == 75
+    assert vest.onboard.command is Command.STOP
+    assert not vest.told[-1].flags & Flag.VALID
+    # when a fix comes again, then it is trusted at once
+    vest.wires.cut = set()
+    for _ in range(8):
+        memory = vest()
+    assert memory["controller.state.overruled"] == Anomaly.NONE
+
+
+def test_receiver_is_trusted_for_15_s_by_default(walk: Callable[..., Walk]) -> None:
+    vest = walk()
+    for _ in range(8):  # fixes on ticks 0 and 7
+        vest()
+    vest.wires.cut = {"gps"}
+    valid = [bool(vest()["estimator.output.valid"]) for _ in range(380)]
+    assert valid == [True] * 375 + [False] * 5
+
+
+def test_nothing_starts_before_the_first_fix(walk: Callable[..., Walk]) -> None:
+    # given a receiver that is silent
+    vest = walk()
+    vest.wires.cut = {"gps"}
+    # when the operator starts
+    vest.commands(30)
+    # then the mission is held and the start is remembered
+    memory = vest.onboard.memory
+    assert (memory["radio.mission.count"], memory["start_wanted"], memory["controller.output.mode"]) == (
+        1,
+        1,
+        0,
+    )
+    assert vest.told[-1].flags & (Flag.LOADED | Flag.FIXED | Flag.STARTED) == Flag.LOADED
+    # when a fix comes, then it begins
+    vest.wires.cut = set()
+    assert vest.until(Mode.FORWARD, most=10)
+
+
+@pytest.mark.parametrize(("far", "begins"), [(99_900.0, True), (100_100.0, False)])
+def test_a_mission_too_far_away_is_not_started(walk: Callable[..., Walk], far: float, begins: bool) -> None:
+    # given a waypoint about 100 km east, the controller's range
+    vest = walk(ORIGIN, {"controller": {"waypoint_count": 2, "waypoint_east[2]": far}})
+    # when
+    vest.commands(30)
+    # then it is started or refused as a whole, and the operator is told
+    assert (vest.onboard.memory["controller.output.mode"] != Mode.IDLE) == begins
+    assert bool(vest.told[-1].flags & Flag.STARTED) == begins
+    assert vest.told[-1].flags & Flag.LOADED
+
+
+def test_start_of_another_mission_is_refused(walk: Callable[..., Walk]) -> None:
+    # given a vest that holds a mission
+    vest = walk()
+    vest.commands(10, {})
+    assert vest.onboard.memory["radio.mission.count"] == 1
+    refused = vest.onboard.memory["radio.refused"]
+    # when another is started
+    held = vest.onboard.operator.mission
+    another = encode(radio.Start(held.id ^ 0x8000), 99)
+    vest.onboard.operator.send = lambda *_: another  # type: ignore[method-assign]
+    for _ in range(3):
+        vest({})
+    # then it counts that, and stands
+    memory = vest.onboard.memory
+    assert memory["radio.refused"] == refused + 3
+    assert (memory["start_wanted"], memory["controller.output.mode"]) == (0, Mode.IDLE)
+
+
+def test_after_an_abort_it_stops_and_can_be_started_again(walk: Callable[..., Walk]) -> None:
+    # given an animal that goes
+    vest = walk()
+    vest.until(Mode.FORWARD)
+    # when it is aborted, then it is stopped at once (two ticks: a fix makes the radio wait)
+    assert vest.until(Mode.STOPPED, {}) <= 2
+    assert vest.onboard.command is Command.STOP
+    # and the stop is held 1.5 s (Table 4.2)
+    held = vest.until(Mode.IDLE, {})
+    assert held == pytest.approx(1.5 / TICK, abs=1)
+    assert not vest.told[-1].flags & Flag.STARTED
+    # when started again, then it goes
+    assert vest.until(Mode.FORWARD) <= 2
+
+
+def test_override_beats_the_controller_and_is_released(walk: Callable[..., Walk]) -> None:
+    # given an animal that goes
+    vest = walk()
+    vest.until(Mode.FORWARD)
+    # when
+    for command in (Command.RECALL, Command.LEFT, Command.RIGHT, Command.STOP):
+        told_ = vest.commands(3, START | {"override": float(command)})
+        # then within two ticks
+        assert told_[-1] is command
+    # when released, then the stop is the controller's own, before it goes on
+    vest.commands(2)
+    assert vest.onboard.memory["radio.override"] == Command.NONE
+    assert vest.until(Mode.FORWARD) >= 1.5 / TICK - 2
+
+
+def test_a_message_on_a_tick_with_a_fix_is_obeyed_on_the_next(walk: Callable[..., Walk]) -> None:
+    # given an animal that goes, and a fix on the next tick
+    vest = walk()
+    vest.until(Mode.FORWARD)
+    while vest.onboard.tick % 7:
+        vest()
+    # when the operator's command is sent on it
+    commands = vest.commands(2, START | {"override": float(Command.RECALL)})
+    # then it is not lost
+    assert commands == [Command.FORWARD, Command.RECALL]
+
+
+@pytest.mark.parametrize("origin", [(0.0, 180.0), (-16.5, -179.9999), (60.0, 179.9999), (-89.0, 12.0)])
+def test_vest_works_far_from_home_and_across_the_date_line(
+    walk: Callable[..., Walk], origin: tuple[float, float]
+) -> None:
+    # given a mission of four waypoints around the origin, and an animal a little off it
+    places = [(30.0, 40.0), (30.0, -40.0), (-30.0, -40.0), (-30.0, 40.0)]
+    mission = {"waypoint_count": 4, "home_north": 5.0, "home_east": -5.0}
+    for i, (north, east) in enumerate(places, start=1):
+        mission |= {f"waypoint_north[{i}]": north, f"waypoint_east[{i}]": east}
+    vest = walk(origin, {"controller": mission})
+    here = STILL | {"gps_north": 3.0, "gps_east": -12.0}
+    # when it starts
+    for _ in range(20):
+        memory = vest(START, here)
+    # then the waypoints lie where they should, as seen from the first fix; a unit is 1.1 cm, twice
+    got = [
+        (memory[f"controller.state.route_north[{i}]"], memory[f"controller.state.route_east[{i}]"])
+        for i in range(1, 5)
+    ]
+    expected = [(north - 3, east + 12) for north, east in places]
+    np.testing.assert_allclose(got, expected, atol=0.025)
+    assert memory["controller.state.base_north"] == pytest.approx(2.0, abs=0.025)
+    # and the estimate is back in the sensors' frame, and as the telemetry has it
+    assert vest.onboard.output("estimator", "north") == pytest.approx(3.0, abs=0.025)
+    assert vest.onboard.output("estimator", "east") == pytest.approx(-12.0, abs=0.025)
+    plane = TangentPlane(*map(math.radians, origin))
+    latitude, longitude = (math.degrees(x) for x in plane.from_plane(3.0, -12.0))
+    last = vest.told[-1]
+    assert last.latitude / 1e7 == pytest.approx(latitude, abs=2e-7)
+    unit = 1e-7 / math.cos(math.radians(origin[0]))  # a cm of east in deg
+    assert abs((last.longitude / 1e7 - longitude + 180) % 360 - 180) <= 2 * unit
+    # the 30 m north and 52 m east of the first waypoint
+    assert last.distance == pytest.approx(10 * math.hypot(27, 52), abs=1)
+
+
+def test_a_sound_that_is_no_command_ends_the_trial() -> None:
+    # given a vest that plays what nobody has taught the animal
+    reply = Reply(open_processor("host").start, b"", 440, False, False)
+    image = SimpleNamespace(path=Path("vest.elf"))
+    processor: Any = SimpleNamespace(image=image, start=reply.record, tick=lambda received: reply)
+    onboard = Onboard(processor, ORIGIN, NO_MISSION)
+    # then
+    with pytest.raises(
+        ProcessorError, match=r"vest.elf: the vest plays 440 Hz, left False, right False at t = 0.2 s"
+    ):
+        onboard.step(0.2, STILL | {"gps_fix": 0.0}, {})
+
+
+@pytest.mark.parametrize(
+    ("tones", "told_"),
+    [
+        ({"stop_tone": 1500.0}, "command_module.stop_tone is 1500 Hz, as for FORWARD"),
+        (
+            {"recall_tone": 3500.4},
+            "command_module.recall_tone is 3500.4 Hz, as for STOP",
+        ),  # whole Hz are played
+        ({"forward_tone": 0.0}, "command_module.forward_tone is 0 Hz, as for NONE"),
+    ],
+)
+def test_tones_that_coincide_are_refused(tones: dict[str, float], told_: str) -> None:
+    processor: Any = SimpleNamespace(start=bytes(4 * len(Memory._kinds)))
+    with pytest.raises(UsageError, match=told_):
+        Onboard(processor, ORIGIN, {"command_module": tones})
+
+
+# --- whole trials ---
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> Log:
+    """The log of three_waypoint, seed 1, through bytes."""
+    return fly(load("three_waypoint"), tmp_path_factory.mktemp("onboard"))
+
+
+def fly(scenario: Scenario, folder: Path, onboard: str = "host") -> Log:
+    request = trial.Request(scenario, onboard=onboard)
+    trial.build_missing(request)
+    with trial.prepared(request) as ready:
+        trial.run(request, ready, folder)
+    return read_log(folder / trial.LOG)
+
+
+def test_default_trial_through_bytes_succeeds_from_start_to_recall(flown: Log) -> None:
+    # then both waypoints, the recall, and home
+    summary = summarize(flown)
+    assert (summary["outcome"], summary["waypoints_reached"]) == ("success", 2)
+    assert flown["controller.command"][-2] == Command.RECALL
+    assert flown["controller.status"][-1] == Status.SUCCESS
+    assert math.hypot(flown["plant.north"][-1], flown["plant.east"][-1]) < 7 + 3  # d' and the error
+    assert flown.metadata["run"]["onboard"] == "host"
+    # and what was logged of the command module is what the vest played (Table 4.1)
+    tones = {0: 0, 1: 1500, 2: 3500, 3: 9500, 4: 0, 5: 0}
+    played = [tones[int(c)] for c in flown["controller.command"]]
+    assert flown["command_module.tone_hz"].tolist() == played
+    assert flown["command_module.vibrate_right"].tolist() == (flown["controller.command"] == 5).tolist()
+
+
+def test_estimate_in_the_log_is_in_the_frame_of_the_sensors(flown: Log, tmp_path: Path) -> None:
+    # given the same trial with the FMUs
+    by_fmus = fly(load("three_waypoint"), tmp_path, "")
+    onboard_error, fmu_error = position_error(flown), position_error(by_fmus)
+    assert onboard_error is not None
+    assert fmu_error is not None
+    # then the errors are of one size: GPS wanders by 1 m (gps_wander); a frame that is off by the first fix's
+    # error would add about as much
+    assert onboard_error.mean() == pytest.approx(fmu_error.mean(), abs=0.3)
+    assert onboard_error.max() < fmu_error.max() + 0.7
+    # and right behind a fix, the estimate is as near to it as the filter brings it, first tick included
+    assert flown["estimator.north"][0] == pytest.approx(flown["sensors.gps_north"][0], abs=0.012)
+    assert flown["estimator.east"][0] == pytest.approx(flown["sensors.gps_east"][0], abs=0.012)
+
+
+def test_telemetry_in_the_log_tells_what_the_program_knew(flown: Log) -> None:
+    # given the rows on which telemetry came
+    sent = flown["telemetry.time"]
+    rows = np.flatnonzero(np.diff(sent, prepend=0.0) > 0)
+    # then 5 a second
+    assert len(rows) == pytest.approx(len(sent) / 5, abs=2)
+    # and each is of the tick on which it came, within half a unit of the radio's
+    np.testing.assert_allclose(sent[rows], flown.time[rows], atol=1e-9)
+    plane = TangentPlane(*map(math.radians, flown.origin))
+    north, east = plane.to_plane(flown["telemetry.latitude"], flown["telemetry.longitude"])
+    for name, got, unit in (
+        ("estimator.north", north, 0.0112), ("estimator.east", east, 0.0112), ("estimator.speed", None, 1e-2),
+        ("controller.distance", None, 1e-1), ("controller.deviation", None, 1e-4),
+        ("estimator.heading", None, 1e-4), ("estimator.speed_sd", None, 1e-2), ("controller.status", None, 0),
+        ("controller.command", None, 0), ("controller.mode", None, 0), ("controller.waypoint", None, 0),
+        ("controller.directional_commands", None, 0),
+    ):  # fmt: skip
+        values = flown[f"telemetry.{name.split('.')[1]}"] if got is None else got
+        assert np.abs(values[rows] - flown[name][rows]).max() <= 0.51 * unit + (unit == 0.0112) * 0.0112, name
+    # on every tick of the trial a sample came, and on every fourth of a second a fix
+    assert flown["telemetry.imu_frames"][rows[-1]] == rows[-1] + 1
+    assert flown["telemetry.gps_frames"][rows[-1]] == 3 * (math.floor(sent[rows[-1]] / 0.25) + 1)
+    assert not flown["telemetry.gps_errors"].any()
+    assert not flown["telemetry.imu_errors"].any()
+    assert not flown["telemetry.link_errors"].any()
+
+
+def test_log_runs_again_to_the_same_log(flown: Log, tmp_path: Path) -> None:
+    changes = trial.Changes()
+    with trial.requested(str(flown.path), changes) as request, trial.prepared(request) as ready:
+        assert request.onboard == "host"
+        trial.run(request, ready, tmp_path)
+    assert (tmp_path / trial.LOG).read_bytes() == flown.path.read_bytes()
+
+
+def test_log_of_a_processor_can_be_run_with_fmus(flown: Log) -> None:
+    with trial.requested(str(flown.path), trial.Changes(onboard="fmu")) as request:
+        assert request.onboard == ""
+
+
+def test_outage_sends_no_fixes_and_the_estimate_ages(tmp_path: Path) -> None:
+    # given no GPS from 6 to 9 s
+    outage = {"sensors.outage_start": [6.0], "sensors.outage_end": [9.0]}
+    scenario = replace(load("three_waypoint"), parameters=outage, duration=12.0)
+    log = fly(scenario, tmp_path)
+    # then no frame comes in that time (3 a fix, at 0.25 s), and they go on behind it
+    frames, time = log["telemetry.gps_frames"], log.time
+    at = {t: frames[np.searchsorted(time, t + 1e-9) - 1] for t in (5.96, 8.96, 12.0)}
+    assert at == {5.96: 3 * 24, 8.96: 3 * 24, 12.0: 3 * (24 + 12)}
+    # the deviation of the position grows, the estimate stays valid (15 s), and falls with the next fix
+    deviation = log["estimator.north_sd"]
+    assert deviation[time <= 8.99][-1] > 2 * deviation[time < 6][-1]
+    assert deviation[-1] < deviation[time <= 8.99][-1]
+    assert log["estimator.valid"].all()
+
+
+DOG = [V("command", "input", "Integer"), V("north", unit="m"), V("east", unit="m"),
+       V("heading", unit="rad"), V("v", unit="m/s")]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("does", "ends"),
+    [
+        ("v[1] = NAN", 'output "north" is nan at t = 1.28 s; expected a finite number'),
+        ("v[4] = NAN", 'output "v" is nan at t = 1.28 s; expected a finite number'),
+        ("v[1] = 1e8", ""),  # 100 000 km north, 900 deg of latitude: what no receiver can say
+        ("v[4] = 1e9", ""),
+        ("v[1] = 1e300", ""),
+    ],
+)
+def test_a_dog_beyond_what_instruments_can_say_is_no_crash(tmp_path: Path, does: str, ends: str) -> None:
+    # given a dog that does so from the step to 1.28 s on, when a fix is due
+    dog = tiny_fmu(tmp_path / "dog.fmu", DOG, f"if (t > 1.23) {does};", depends=False)
+    dog.with_suffix(".toml").write_text('[outputs]\nspeed = { name = "v" }')
+    scenario = replace(load("two_waypoint"), duration=3.0)
+    request = trial.Request(scenario, swaps={"plant": dog}, onboard="host")
+    with trial.prepared(request) as ready:
+        # when
+        if ends:
+            # then the loop ends it, and names it
+            with pytest.raises(FmuError, match=ends):
+                trial.run(request, ready, tmp_path / "out")
+        else:
+            # then the receiver has no fix, and the trial goes on
+            assert trial.run(request, ready, tmp_path / "out")["ticks"] == 76
+
+
+# --- float32 through direct signals and through bytes ---
+
+ROLES = {"estimator": FourState, "controller": Cmec, "command_module": CommandModule}
+
+
+class Float32(StandIn):
+    """A component's C in float32 in the place of its FMU: the loop's signals come as they are."""
+
+    def __init__(self, native: Any, name: str, description: FmuDescription) -> None:
+        self.block, self.native = ROLES[name], native(ROLES[name], "float")
+        self.name, self.description, self.label = name, description, f"{name} in float32"
+        self._step = getattr(self.native.library, f"{self.block.title()}_step")
+
+    def initialize(self, values: Mapping[str, float]) -> None:
+        self.native._call("defaults")
+        for name in values.keys() & set(self.block.flat_names("parameter")):
+            self.native[name] = values[name]
+        self.native._call("initialize")
+
+    def _fields(self, quantities: Sequence[Quantity], address: int) -> tuple[list[Any], Any]:
+        kind: Any = np.ctypeslib.as_ctypes_type(np.dtype(quantities[0].access.dtype).str)
+        places = [self.native._place(q.name) for q in quantities]
+        cast = {"Real": float, "Integer": int, "Boolean": bool}
+        fields = [
+            (group, q.name, cast[v.type.value]) for q, (group, v, _) in zip(quantities, places, strict=True)
+        ]
+        return fields, (kind * len(fields)).from_address(address)
+
+    def setting(self, quantities: Sequence[Quantity], address: int) -> Call:
+        fields, values = self._fields(quantities, address)
+
+        def set_all(_: Any) -> None:
+            for (group, name, cast), value in zip(fields, values, strict=True):
+                setattr(group, name, cast(value))
+
+        return set_all, (object(),)
+
+    def getting(self, quantities: Sequence[Quantity], address: int) -> Call:
+        fields, values = self._fields(quantities, address)
+
+        def get_all(_: Any) -> None:
+            for i, (group, name, _cast) in enumerate(fields):
+                values[i] = getattr(group, name)
+
+        return get_all, (object(),)
+
+    def stepping(self, time: Any, step: float, ended: int) -> Call:
+        return (lambda _: self._step(ctypes.byref(self.native.data))), (time,)
+
+
+@dataclass
+class Flight:
+    """How a trial went, and the tick on which the controller began."""
+
+    outcome: Outcome
+    began: int
+
+
+@contextmanager
+def simulated(
+    scenario: Scenario, stand_ins: Callable[[trial.Prepared], Mapping[str, Any]]
+) -> Iterator[Simulation]:
+    with (
+        trial.prepared(trial.Request(scenario)) as ready,
+        Simulation(ready.system, ready.plan.values, stand_ins=stand_ins(ready)) as simulation,
+    ):
+        yield simulation
+
+
+def rows_of(simulation: Simulation, scenario: Scenario, events: Sequence[Event] = ()) -> Flight:
+    modes: list[float] = []
+    column = [q.name for q in simulation.columns("controller")].index("mode")
+    outcome = simulation.run(
+        events,
+        duration=scenario.duration,
+        stop=trial._stop(simulation),
+        record=lambda times, values: modes.extend(values["controller"][:, column]),
+    )
+    return Flight(outcome, int(np.flatnonzero(modes)[0]))
+
+
+def through_bytes(scenario: Scenario, pvt: bool = False) -> Flight:
+    boards: list[Onboard] = []
+
+    def on_board(ready: trial.Prepared) -> Mapping[str, Any]:
+        boards.append(trial._onboard(trial.Request(scenario, onboard="host"), ready, open_processor))
+        boards[0].receiver = replace(boards[0].receiver, pvt=pvt)
+        return boards[0].stand_ins(ready.fmus)
+
+    with simulated(scenario, on_board) as simulation:
+        boards[0].connect(simulation.outputs("sensors"))
+        try:
+            return rows_of(simulation, scenario)
+        finally:
+            boards[0].close()
+
+
+def through_signals(scenario: Scenario, native: Any, start: int = 0) -> Flight:
+    def in_float32(ready: trial.Prepared) -> Mapping[str, Any]:
+        return {name: Float32(native, name, ready.fmus[name]) for name in ROLES}
+
+    with simulated(scenario, in_float32) as simulation:
+        events = [Event(0.0, "controller", "start", 0.0), Event(start * TICK, "controller", "start", 1.0)]
+        return rows_of(simulation, scenario, events)
+
+
+def test_default_trial_succeeds_in_float32_through_signals_and_through_bytes(native: Any) -> None:
+    scenario = load("three_waypoint")
+    assert scenario.seed == 1
+    assert through_signals(scenario, native).outcome.stopped_by == Status.SUCCESS
+    for pvt in (False, True):
+        assert through_bytes(scenario, pvt).outcome.stopped_by == Status.SUCCESS
+
+
+@pytest.mark.parametrize("seed", range(1, 11))
+def test_bytes_make_no_other_outcome_than_signals_that_start_on_the_same_tick(seed: int, native: Any) -> None:
+    # given a trial through bytes; its start comes by radio, a tick after a fix that makes it wait
+    scenario = replace(load("three_waypoint"), seed=seed)
+    bytes_ = through_bytes(scenario)
+    assert 0 < bytes_.began <= 2
+    # when float32 gets the sensors' signals as they are, and the start on that tick
+    signals = through_signals(scenario, native, bytes_.began)
+    # then it comes to the same; units of 1 cm and 1 cm/s move decisions by some ticks
+    assert signals.began == bytes_.began
+    assert signals.outcome.stopped_by == bytes_.outcome.stopped_by
+    assert signals.outcome.stopped_by in ENDS
+    assert signals.outcome.time == pytest.approx(bytes_.outcome.time, abs=1.0)

@@ -1,0 +1,225 @@
+"""Trials in chunks: the same counts however they are cut, and in whatever order and threads they are run."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from harness.sweep import chunks, sweep
+from harness.sweep.chunks import Chunk, ClusterError, Course, Job, Outcomes, Pool, cut, run_all, run_chunk
+from harness.sweep.journal import open_journal
+from harness.sweep.sweep import wanted
+from models.commands import Status
+from tests.harness.sweep.runner import Runner, dog, install
+
+COURSES = (Course("a", {}, (), 7500), Course("b", {}, (), 7500), Course("c", {}, (), 7500))
+JOB = Job("cts", ("x",), tuple((np.radians(h),) for h in (20, 25, 30, 35)), COURSES, 50, 7)
+
+
+@pytest.fixture
+def runner(monkeypatch: pytest.MonkeyPatch) -> Runner:
+    return install(monkeypatch, Runner(dog))
+
+
+def counted(job: Job, size: int, threads: int) -> Outcomes:
+    outcomes = Outcomes(job)
+    with ThreadPoolExecutor(threads) as executor:
+        run_all(outcomes, Pool(executor, threads), lambda chunk: None, size=size)
+    return outcomes
+
+
+def test_counts_do_not_depend_on_chunks_and_threads(runner: Runner):
+    # given what each trial comes to, one by one
+    ticks, sums = np.zeros((4, 50), int), np.zeros((4, len(chunks.SUMS)), int)
+    for p, threshold in enumerate((20, 25, 30, 35)):
+        for i in range(50):
+            status, tick, commands, anomalies = dog(threshold, 7 + i, None)
+            if status == Status.SUCCESS:
+                ticks[p, i] = tick
+                sums[p, 0] += commands
+            sums[p, 1] += status == Status.RUNNING
+            for anomaly, count in anomalies.items():
+                sums[p, 1 + anomaly] += count
+    assert sums[:, 1].sum() > 0  # there are timeouts
+    # then they are so in any chunks
+    for size, threads in ((1, 1), (3, 4), (7, 2), (50, 1), (64, 3), (1000, 2)):
+        outcomes = counted(JOB, size, threads)
+        assert outcomes.done == 200
+        assert (outcomes.ticks == ticks).all()
+        assert (outcomes.sums == sums).all()
+
+
+def test_every_trial_runs_once_with_its_own_seed(runner: Runner):
+    counted(JOB, 13, 2)
+    assert Counter(runner.seeds) == dict.fromkeys(range(7, 57), 4)
+
+
+def test_a_tick_beyond_16_bits_is_kept(monkeypatch: pytest.MonkeyPatch):
+    # given a trial of a day, which is 2,160,000 ticks
+    install(monkeypatch, Runner(lambda threshold, seed, _: (Status.SUCCESS, 2_000_000 + seed, 0, {})))
+    day = replace(JOB, courses=(Course("day", {}, (), 2_160_000),))
+    assert counted(day, 10, 1).ticks[0, :3].tolist() == [2_000_007, 2_000_008, 2_000_009]
+
+
+@given(st.sets(st.integers(0, 99), max_size=10).map(sorted), st.integers(1, 40))
+@settings(max_examples=100, deadline=None)
+def test_what_is_missing_is_covered_once(marks: list[int], size: int):
+    # given a job of 100 trials of which every other stretch between the marks is done
+    outcomes = Outcomes(replace(JOB, points=JOB.points[:2]))
+    for start, stop in list(pairwise(marks))[::2]:
+        outcomes.add(
+            Chunk(start, stop, np.zeros(stop - start, np.uint16), np.zeros((1, len(chunks.SUMS)), int))
+        )
+    # then pieces and what is done make up the job
+    pieces = list(cut(outcomes.missing(), size))
+    assert all(stop - start <= size for start, stop in pieces)
+    covered = [k for start, stop in [*pieces, *outcomes.spans] for k in range(start, stop)]
+    assert sorted(covered) == list(range(100))
+
+
+def test_only_the_points_that_a_chunk_needs_travel_with_it():
+    part = JOB.of(49, 101)
+    assert (part.points, part.first) == (JOB.points[0:3], 0)
+    assert (JOB.of(100, 150).points, JOB.of(100, 150).first) == (JOB.points[2:3], 2)
+
+
+def test_a_bounded_number_of_chunks_is_under_way(runner: Runner):
+    most = under_way = 0
+
+    class Counting(ThreadPoolExecutor):
+        def submit(self, *arguments, **options):  # type: ignore[no-untyped-def]
+            nonlocal most, under_way
+            under_way += 1
+            most = max(most, under_way)
+            return super().submit(*arguments, **options)
+
+    def keep(chunk: Chunk) -> None:
+        nonlocal under_way
+        under_way -= 1
+
+    with Counting(2) as executor:
+        run_all(Outcomes(JOB), Pool(executor, 2), keep, size=1)
+    assert most == 4
+
+
+@pytest.mark.parametrize(
+    ("system", "ticks", "left", "expected"),
+    [
+        ("cts", 7500, 10**7, 32_768),
+        ("cts", 250, 10**7, 32_768),
+        ("cts", 7500, 40_000, 5_000),  # 4 for each of 2 cores
+        ("cts", 7500, 1_000, 2_048),
+        ("cts", 75_000, 10**7, 3_276),  # ten times as long
+        ("cts", 75_000, 1_000, 204),
+        ("full", 2_160_000, 10**7, 14),  # a day
+        ("full", 10**9, 10**7, 1),
+    ],
+)
+def test_chunks_of_longer_trials_have_fewer(system: str, ticks: int, left: int, expected: int):
+    job = replace(JOB, system=system, courses=(Course("a", {}, (), ticks),))
+    assert chunks.chunk_size(job, left, 2) == expected
+
+
+def test_a_chunk_whose_workers_die_is_handed_in_again_but_not_for_ever(runner: Runner):
+    class KilledWorker(Exception):  # noqa: N818 - as distributed calls it
+        pass
+
+    class Dying(ThreadPoolExecutor):
+        deaths = 0
+
+        def submit(self, function, *arguments, **options):  # type: ignore[no-untyped-def]
+            if self.deaths:
+                self.deaths -= 1
+                return super().submit(self.die)
+            return super().submit(function, *arguments, **options)
+
+        def die(self) -> None:
+            raise KilledWorker("worker gone")
+
+    with Dying(1) as executor:
+        executor.deaths = 3
+        outcomes = Outcomes(JOB)
+        run_all(outcomes, Pool(executor, 1), lambda chunk: None, size=100)
+        assert outcomes.done == 200
+        executor.deaths = 8
+        with pytest.raises(ClusterError, match="the cluster lost every worker that ran a chunk: worker gone"):
+            run_all(Outcomes(JOB), Pool(executor, 1), lambda chunk: None, size=100)
+
+
+def test_another_program_does_not_run_chunks(runner: Runner):
+    with pytest.raises(ClusterError, match="a worker runs another version of this program"):
+        run_chunk(JOB, 0, 10, "another")
+
+
+def test_the_journal_gives_back_what_it_was_given(runner: Runner, tmp_path: Path):
+    given_chunks = [run_chunk(JOB, start, start + 30, chunks.program()) for start in (0, 30, 100)]
+    with open_journal(tmp_path, JOB, "fingerprint", "about") as journal:
+        for chunk in given_chunks:
+            journal.append(chunk)
+    with open_journal(tmp_path, JOB, "fingerprint", "about") as journal:
+        for kept, chunk in zip(journal.found, given_chunks, strict=True):
+            assert (kept.start, kept.stop) == (chunk.start, chunk.stop)
+            assert kept.ticks.dtype == chunk.ticks.dtype
+            assert (kept.ticks == chunk.ticks).all()
+            assert (kept.sums == chunk.sums).all()
+
+
+def test_the_journal_does_not_count_a_trial_twice(runner: Runner, tmp_path: Path):
+    # given chunks that overlap, of other sizes
+    with open_journal(tmp_path, JOB, "fingerprint", "about") as journal:
+        for start, stop in ((60, 90), (0, 30), (80, 110), (29, 40), (110, 120)):
+            journal.append(run_chunk(JOB, start, stop, chunks.program()))
+    # then no trial is taken from two of them
+    with open_journal(tmp_path, JOB, "fingerprint", "about") as journal:
+        assert [(c.start, c.stop) for c in journal.found] == [(0, 30), (60, 90), (110, 120)]
+        assert journal.dropped == 2
+
+
+KILLED = """
+import sys
+import pytest
+sys.path.insert(0, {here!r})
+from pathlib import Path
+from tests.harness.sweep.runner import Runner, dog, install
+from harness.sweep import chunks
+from harness.sweep import sweep
+install(pytest.MonkeyPatch(), Runner(dog, pause=0.03))
+chunks.SMALLEST = chunks.LARGEST["cts"] = 10
+sweep.run(sweep.wanted("two", thresholds="20:29", trials=100), Path(sys.argv[1]))
+"""
+
+
+def test_a_killed_sweep_keeps_its_chunks(runner: Runner, tmp_path: Path):
+    # given a process that is killed when some chunks are done
+    script = KILLED.format(here=str(Path(__file__).parents[3]))
+    process = subprocess.Popen([sys.executable, "-c", script, str(tmp_path / "s")])
+    path, deadline = tmp_path / "s" / "sweep.journal", time.monotonic() + 60
+    while not (path.exists() and path.read_bytes().count(b"\n") > 5):
+        assert time.monotonic() < deadline
+        assert process.poll() is None
+        time.sleep(0.01)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    # when the same sweep is run
+    notes: list[str] = []
+    asked = wanted("two", thresholds="20:29", trials=100)
+    sweep.run(asked, tmp_path / "s", note=notes.append)
+    # then it goes on, and comes to the same
+    assert int(notes[0].split()[0]) >= 50
+    assert len(runner.seeds) == 1000 - int(notes[0].split()[0])
+    sweep.run(asked, tmp_path / "whole")
+    for name in ("sweep.csv", "recommendation.json", "sweep.png"):
+        assert (tmp_path / "s" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()

@@ -1,0 +1,131 @@
+"""The picture of a sweep: its trend line, and what it shows."""
+
+from __future__ import annotations
+
+from decimal import Decimal
+from itertools import product
+
+import numpy as np
+import pytest
+
+from harness.sweep.plots import sweep_figure, trend
+from harness.sweep.recommend import recommend
+from harness.sweep.table import Point
+
+X = np.arange(15.0, 91.0)
+
+
+def test_the_trend_is_the_polynomial_of_degree_4_within_100_percent():
+    # given rates on such a polynomial
+    on_it = 0.5 + 1e-7 * (X - 20) * (X - 40) * (X - 60) * (X - 80)
+    fitted = trend(X, on_it)
+    assert fitted is not None
+    assert fitted[1] == pytest.approx(1.0)
+    # when rates rise to 100 %, it is numpy's, cut where it would be more
+    rate = np.minimum(1.0, 1 - 0.14 * np.exp(-(X - 15) / 4))
+    fitted = trend(X, rate)
+    assert fitted is not None
+    line, r_squared = fitted
+    other = np.minimum(1.0, np.polyval(np.polyfit(X, rate, 4), X))
+    assert other.max() == 1.0
+    assert line(X) == pytest.approx(other, abs=1e-9)
+    assert r_squared == pytest.approx(1 - np.sum((rate - other) ** 2) / np.sum((rate - rate.mean()) ** 2))
+
+
+def test_there_is_no_trend_of_equal_rates_or_of_few():
+    assert trend(X, np.ones(76)) is None
+    equal = np.full(76, 0.997)
+    assert equal.mean() != 0.997  # in floating point
+    assert trend(X, equal) is None
+    assert trend(X[:5], X[:5] / 100) is None
+
+
+def points(written: list[tuple[int, ...]], types: bool) -> list[Point]:
+    """Points whose success rate rises from 40 % on; those of the first value never succeed."""
+    table = []
+    for place in written:
+        n = 0 if place[0] == 0 else 40 + place[0]
+        courses = {"left_90": (n // 4, 50), "right_90": (n - n // 4, 50)} if types else {}
+        values = tuple(Decimal(v) for v in place)
+        table.append(Point(values, 100, n, 500 * n, 500 * 500 * n + n, n, 0, {}, courses))
+    return table
+
+
+def test_the_curves_show_rate_trend_types_time_and_ranges():
+    # given a sweep whose first point has no time
+    table = points([(k,) for k in range(30)], types=True)
+    ticks = np.array([[500] * p.successes + [0] * (100 - p.successes) for p in table], dtype=np.uint16)
+    values = [Decimal(k) for k in range(30)]
+    # when
+    figure = sweep_figure(
+        [("drift", "deg/s", values)], table, recommend([("x", "deg/s", values)], table, ticks), "title"
+    )
+    # then
+    success, time = figure.axes
+    labels = success.get_legend_handles_labels()[1]
+    assert labels[:2] == ["95 % interval (Wilson)", "success rate"]
+    assert {"left 90", "right 90", "best for success"} <= set(labels)
+    assert any(label.startswith("trend (degree 4)") for label in labels)
+    rate = next(line for line in success.lines if line.get_label() == "success rate")
+    assert np.asarray(rate.get_ydata())[[0, 1, 29]].tolist() == [0.0, 0.41, 0.69]
+    mean = np.asarray(time.lines[0].get_ydata(), dtype=float)
+    assert np.isnan(mean[0])
+    assert mean[1:] == pytest.approx(np.full(29, 20.0))
+    assert time.get_xlabel() == "drift [deg/s]"
+    # and the front is the last point alone: the most successes, in the same time
+    for axes, value in ((success, 0.69), (time, 20.0)):
+        ring = next(line for line in axes.lines if line.get_label() == "Pareto front")
+        assert ring.get_xydata() == pytest.approx(np.array([[29.0, value]]))
+        assert "Pareto front" in axes.get_legend_handles_labels()[1]
+
+
+def test_the_maps_have_the_first_parameter_to_the_right():
+    # given three values of one parameter, two of another
+    places = list(product(range(3), range(2)))
+    table = points(places, types=False)
+    ticks = np.array([[500] * p.successes + [0] * (100 - p.successes) for p in table], dtype=np.uint16)
+    axes = [("a", "", [Decimal(k) for k in range(3)]), ("b", "m", [Decimal(k) for k in range(2)])]
+    # when
+    figure = sweep_figure(axes, table, recommend(axes, table, ticks), "title")
+    # then
+    success = figure.axes[0]
+    field = np.asarray(success.collections[0].get_array())
+    assert field == pytest.approx(np.array([[0, 41, 42], [0, 41, 42]]))
+    assert (success.get_xlabel(), success.get_ylabel()) == ("a", "b [m]")
+    time = np.ma.filled(figure.axes[1].collections[0].get_array(), np.nan)
+    assert np.isnan(time[:, 0]).all()
+    # and each value of so few has its tick
+    assert [text.get_text() for text in success.get_xticklabels()] == ["0", "1", "2"]
+    assert [text.get_text() for text in success.get_yticklabels()] == ["0", "1"]
+    # 41 and 42 in 100 are not shown to differ, nor are times, but that none succeed at 0 is
+    assert success.get_title("left").splitlines() == [
+        "outlined: best for success, the star did best",
+        "dashed: fastest of the best for success",
+        "rings: Pareto front",
+    ]
+    # the borders of the 2 x 2 cells from 0.5 to 2.5 and from -0.5 to 1.5, in 8 pieces of length 1
+    for outline in success.collections[1:3]:
+        pieces = np.array(outline.get_segments())
+        assert len(pieces) == 8
+        assert np.hypot(*(pieces[:, 1] - pieces[:, 0]).T) == pytest.approx(np.ones(8))
+        assert (pieces[..., 0].min(), pieces[..., 0].max()) == (0.5, 2.5)
+        assert (pieces[..., 1].min(), pieces[..., 1].max()) == (-0.5, 1.5)
+    # the front has both points with the most successes
+    for panel in figure.axes[:2]:
+        rings = next(line for line in panel.lines if line.get_label() == "Pareto front")
+        assert rings.get_xydata() == pytest.approx(np.array([[2.0, 0.0], [2.0, 1.0]]))
+
+
+def test_a_map_of_what_is_flat_promises_no_outline():
+    places = list(product(range(1, 4), range(2)))
+    table = points(places, types=False)
+    ticks = np.array([[500] * p.successes + [0] * (100 - p.successes) for p in table], dtype=np.uint16)
+    axes = [("a", "", [Decimal(k) for k in range(1, 4)]), ("b", "m", [Decimal(k) for k in range(2)])]
+    success, time = sweep_figure(axes, table, recommend(axes, table, ticks), "title").axes[:2]
+    for panel, best_for in ((success, "best for success"), (time, "shortest time")):
+        assert panel.get_title("left").splitlines() == [
+            f"{best_for}: no optimum shown",
+            "fastest of the best for success: no optimum shown",
+            "rings: Pareto front",
+        ]
+        assert len(panel.collections) == 1  # the map

@@ -1,0 +1,181 @@
+"""A summary's numbers are those that its log's rows give by hand."""
+
+import json
+import math
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from harness.files import FileError
+from harness.log.log import Channel, Log
+from harness.trial.summary import show, summarize, write_page, write_summary
+
+VOID = {"meta", "img"}
+
+
+def little(
+    *,
+    status: list[float],
+    anomaly: list[float] | None = None,
+    estimate: list[tuple[float, float]] | None = None,
+    broken: str = "",
+) -> Log:
+    """A dog that stands on the origin; ticks of 0.5 s."""
+    ticks = len(status)
+
+    def channel(component: str, *names: str) -> Channel:
+        blank = ("",) * len(names)
+        return Channel(component, component, names, blank, ("Real",) * len(names), blank)
+
+    channels = [
+        channel("plant", "north", "east"),
+        channel("controller", "status", "waypoint", "directional_commands", "anomaly"),
+    ]
+    values = {
+        "plant": np.zeros((ticks, 2)),
+        "controller": np.column_stack(
+            [status, np.minimum(np.arange(ticks), 2), np.arange(ticks) * 3, anomaly or [0.0] * ticks]
+        ),
+    }
+    if estimate:
+        channels.append(channel("estimator", "north", "east"))
+        values["estimator"] = np.array(estimate)
+    metadata = {"scenario": {"name": "<three>", "seed": "7"}, "parameters": {"canine.seed": "7"}}
+    time = np.arange(ticks) * 0.5
+    return Log(Path("out/trial.mcap"), tuple(channels), metadata, {}, time, values, broken=broken)
+
+
+def test_the_summary_of_a_trial_by_hand() -> None:
+    # given a trial that succeeds on its fourth tick, with estimates off by 0, 5, 1, 2 and 2 m
+    log = little(
+        status=[1, 1, 1, 2, 2],
+        anomaly=[0, 2, 2, 5, 0],
+        estimate=[(0, 0), (3, 4), (0, -1), (-2, 0), (0, 2)],
+    )
+    # then its mean error is 10 m / 5
+    assert summarize(log, 40.5) == {
+        "scenario": "<three>",
+        "seed": 7,
+        "outcome": "success",
+        "time_s": 1.5,
+        "waypoints_reached": 2,
+        "directional_commands": 12,
+        "anomalies": {"TURN_FAILURE": 2, "TRIAL_FAILURE": 1},
+        "position_error_m": {"mean": 2.0, "max": 5.0, "final": 2.0},
+        "ticks": 5,
+        "real_time_factor": 40.5,
+        "log": "trial.mcap",
+    }
+
+
+@pytest.mark.parametrize(
+    ("status", "broken", "outcome", "time"),
+    [
+        ([1, 1, 2], "", "success", 1.0),
+        ([1, 3, 3], "", "failed", 0.5),
+        ([4, 4, 4], "", "stopped", 0.0),
+        ([2, 1, 2], "", "success", 1.0),  # the status it ended with, not an earlier trial's
+        ([1, 1, 1], "", "timeout", 1.0),
+        ([0, 0, 0], "", "timeout", 1.0),
+        ([1, 1, 1], "killed", "stopped", 1.0),
+        ([1, 2, 2], "killed", "success", 0.5),
+    ],
+)
+def test_the_outcome_is_the_last_status(status: list[float], broken: str, outcome: str, time: float) -> None:
+    summary = summarize(little(status=status, broken=broken))
+    assert (summary["outcome"], summary["time_s"]) == (outcome, time)
+
+
+def test_without_an_estimator_there_is_no_position_error() -> None:
+    summary = summarize(little(status=[1, 2]))
+    assert summary["position_error_m"] is None
+    assert summary["real_time_factor"] is None
+
+
+def test_an_estimate_that_is_no_number_gives_no_position_error() -> None:
+    log = little(status=[1, 2], estimate=[(0, math.nan), (1, 1)])
+    assert summarize(log)["position_error_m"] is None
+
+
+def test_a_run_without_a_controller_is_summarized() -> None:
+    log = little(status=[1, 1])
+    log = Log(log.path, log.channels[:1], {}, {}, log.time, log.values)
+    summary = summarize(log)
+    assert (summary["outcome"], summary["waypoints_reached"], summary["anomalies"]) == ("timeout", 0, {})
+
+
+def test_an_unnamed_anomaly_keeps_its_code() -> None:
+    assert summarize(little(status=[1, 1], anomaly=[0, 77]))["anomalies"] == {"77": 1}
+
+
+def test_the_file_is_whole_or_not_at_all(tmp_path: Path) -> None:
+    path = tmp_path / "summary.json"
+    summary = summarize(little(status=[1, 2]))
+    write_summary(summary, path)
+    assert json.loads(path.read_text()) == summary
+    # when a second one cannot be made, then the first stays and nothing lies beside it
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        write_summary({**summary, "time_s": math.inf}, path)
+    assert json.loads(path.read_text()) == summary
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_folder_that_is_not_there_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match=r"no/summary.json: cannot be written \(No such file or directory\)"):
+        write_summary(summarize(little(status=[2])), tmp_path / "no" / "summary.json")
+
+
+def test_the_table_shows_every_key_in_words() -> None:
+    console = Console(width=100, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
+    show(summarize(little(status=[1, 3], anomaly=[0, 5], estimate=[(0, 0), (3, 4)])), console)
+    rows = [" ".join(line.split()) for line in console.export_text().splitlines()]
+    assert rows == [
+        "scenario <three>",
+        "seed 7",
+        "outcome failed",
+        "time 0.50 s",
+        "waypoints reached 1",
+        "directional commands 3",
+        "anomalies trial failure 1",
+        "position error mean 2.50 m, max 5.00 m, final 5.00 m",
+        "ticks 2",
+        "times real time not measured",
+        "log trial.mcap",
+    ]
+
+
+class Page(HTMLParser):
+    """Checks that elements nest, and keeps text and sources."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.text = ""
+        self.sources: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in VOID:
+            self.open.append(tag)
+        self.sources += [value or "" for name, value in attrs if name in ("src", "href")]
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+def test_the_page_needs_no_other_file(tmp_path: Path) -> None:
+    log = little(status=[1, 3], anomaly=[0, 5], broken="the file ends early")
+    write_page(log, summarize(log), b"\x89PNG picture", tmp_path / "trial.html")
+    page: Any = Page()
+    page.feed((tmp_path / "trial.html").read_text())
+    page.close()
+    assert page.open == []
+    assert page.sources == ["data:image/png;base64,iVBORyBwaWN0dXJl"]
+    for text in ("<three>, seed 7", "failed", "the file ends early", "canine.seed", "controller.status"):
+        assert text in page.text
