@@ -106,11 +106,11 @@ def _typed(parent: ET.Element, prefix: str, scalar: Scalar, **attributes: str) -
 
 
 def _connect(parent: ET.Element, system: System) -> None:
-    for link in system.connections:
+    for link in system.links:
         source = system.components[link.source].variables()[link.source_variable]
         target = system.components[link.target].variables()[link.target_variable]
         for start, end in zip(source.flat_names, target.flat_names, strict=True):
             ET.SubElement(
-                parent, "ssd:Connection",
+                parent, "ssd:Link",
                 startElement=link.source, startConnector=start, endElement=link.target, endConnector=end,
             )  # fmt: skip

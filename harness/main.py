@@ -23,7 +23,7 @@ from fmus.build import BUILD, build_all
 from harness.cosim.fmu import FmuDescription, describe
 from harness.cosim.loop import DURATION, Simulation
 from harness.cosim.roles import find_role, fit, read_adapter
-from harness.cosim.ssp import Description, Member
+from harness.cosim.ssp import FmuComponent, FmuSystem
 from harness.cosim.wiring import Order, wire
 from harness.pil import compare
 from harness.trial import trial
@@ -439,7 +439,7 @@ def fit_animal(
 
 def _try_out(description: FmuDescription, name: str) -> None:
     """Step it alone for a while, inputs at their start values."""
-    alone = Description(name, {name: Member(name, description.path)}, ())
+    alone = FmuSystem(name, {name: FmuComponent(name, description.path)}, ())
     with Simulation(alone) as simulation:
         simulation.run(duration=TRY_OUT_S)
 

@@ -9,7 +9,7 @@ import casadi as ca
 from models.commands import Command
 from models.kit.block import Block, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State, Stream
-from models.kit.geometry import clip, either, every, some, wrap
+from models.kit.geometry import all_of, any_of, clip, where, wrap
 from models.kit.random import normal, normals, uniform
 from models.kit.units import DEG
 
@@ -42,16 +42,16 @@ class Plant(Block):
     position_north = State("m", "position")
     position_east = State("m", "position")
     velocity = State("m/s", "ground speed")
-    course = State("rad", "heading")
+    body_heading = State("rad", "heading")
     bearing = State("rad", "on recall: direction to the start, in which the animal moves")
     past_velocity = State("m/s", "ground speed a tick ago")
-    past_course = State("rad", "heading a tick ago")
+    past_heading = State("rad", "heading a tick ago")
 
     def _place(m) -> None:
         """Put the animal at rest at the start."""
         m.position_north, m.position_east = m.start_north, m.start_east
         m.velocity = m.past_velocity = 0
-        m.course = m.past_course = wrap(m.start_heading)
+        m.body_heading = m.past_heading = wrap(m.start_heading)
 
     def hear(m) -> None:
         """Obey at once."""
@@ -59,7 +59,7 @@ class Plant(Block):
 
     def remember(m) -> None:
         """What accelerations and yaw rates are differences to."""
-        m.past_velocity, m.past_course = m.velocity, m.course
+        m.past_velocity, m.past_heading = m.velocity, m.body_heading
 
     @triggered(lambda m: m.obeyed == Command.RECALL)
     def turn_home(m) -> None:
@@ -70,18 +70,18 @@ class Plant(Block):
         """
         m.bearing = ca.atan2(m.start_east - m.position_east, m.start_north - m.position_north)
         most = m.recall_turn_rate * m.sample_time
-        m.course = wrap(m.course + clip(wrap(m.bearing - m.course), -most, most))
+        m.body_heading = wrap(m.body_heading + clip(wrap(m.bearing - m.body_heading), -most, most))
 
     def _move(m, acceleration: SX, top_speed: SX, turn_rate: SX) -> None:
         """Kinematics of a tick."""
         m.velocity = clip(m.velocity + acceleration * m.sample_time, 0.0, top_speed)  # eq. D.9
-        turned = wrap(m.course + turn_rate * m.sample_time)  # eq. D.10
+        turned = wrap(m.body_heading + turn_rate * m.sample_time)  # eq. D.10
         homing = m.obeyed == Command.RECALL
-        m.course = either(homing, m.course, turned)
-        direction = either(homing, m.bearing, m.course)
+        m.body_heading = where(homing, m.body_heading, turned)
+        course = where(homing, m.bearing, m.body_heading)
         step = 0.5 * (m.past_velocity + m.velocity) * m.sample_time
-        m.position_north = m.position_north + step * ca.cos(direction)  # eq. B.5, D.11
-        m.position_east = m.position_east + step * ca.sin(direction)
+        m.position_north = m.position_north + step * ca.cos(course)  # eq. B.5, D.11
+        m.position_east = m.position_east + step * ca.sin(course)
 
 
 class Canine(Plant):
@@ -178,8 +178,8 @@ class Canine(Plant):
         """Draw what holds for the whole trial (eq. 5.1, 5.2, 5.5)."""
         draws, m.temper_stream = normals(m.temper_stream, 4)
         m._place()
-        m.course = wrap(m.start_heading + m.start_heading_deviation * draws[0])  # eq. 5.1
-        m.past_course = m.course
+        m.body_heading = wrap(m.start_heading + m.start_heading_deviation * draws[0])  # eq. 5.1
+        m.past_heading = m.body_heading
         m.trial_drift = m.drift + m.drift_deviation * draws[1]  # eq. 5.2
         m.trial_right_rate = m.right_turn_rate + m.right_turn_rate_deviation * draws[2]  # eq. 5.5
         m.trial_left_rate = m.left_turn_rate + m.left_turn_rate_deviation * draws[3]
@@ -187,7 +187,7 @@ class Canine(Plant):
         m.trial_speeding_up, m.trial_slowing_down = m.speeding_up, m.slowing_down
 
     @triggered(
-        lambda m: some(
+        lambda m: any_of(
             m.cruise_speed_deviation > 0, m.speeding_up_deviation > 0, m.slowing_down_deviation > 0
         )
     )
@@ -199,7 +199,7 @@ class Canine(Plant):
         m.trial_speeding_up = _redrawn(m.speeding_up, m.speeding_up_deviation, ups)
         m.trial_slowing_down = _redrawn(m.slowing_down, m.slowing_down_deviation, downs)
 
-    @triggered(lambda m: some(m.command != m.past_command, m.command != m.obeyed), seldom=True)
+    @triggered(lambda m: any_of(m.command != m.past_command, m.command != m.obeyed), seldom=True)
     def hear(m) -> None:
         """Obey a command once it has been on for its time (5.3.7.1).
 
@@ -207,25 +207,25 @@ class Canine(Plant):
         starts it early enters as a delay of the first command.
         """
         given = m.command != m.past_command
-        searching = every(given, m.command == Command.RECALL, ca.logic_not(m.recalled))
+        searching = all_of(given, m.command == Command.RECALL, ca.logic_not(m.recalled))
         draw, stream = uniform(m.search_stream)
-        m.search_stream = either(searching, stream, m.search_stream)
-        longest = either(m.bumper_search_max < m.bumper_search_min, m.bumper_search_min, m.bumper_search_max)
+        m.search_stream = where(searching, stream, m.search_stream)
+        longest = where(m.bumper_search_max < m.bumper_search_min, m.bumper_search_min, m.bumper_search_max)
         search = m.bumper_search_min + draw * (longest - m.bumper_search_min)
-        time = m.response_delay + either(m.told, 0, m.start_delay) + either(searching, search, 0)
+        time = m.response_delay + where(m.told, 0, m.start_delay) + where(searching, search, 0)
         ticks = ca.floor(time / m.sample_time - 0.1) + 1  # with a tenth of a tick's tolerance
-        wait = either(given, ticks, m.wait)
-        m.told, m.recalled = 1, some(m.recalled, searching)
-        m.obeyed = either(wait > 0, m.obeyed, m.command)
-        m.wait = either(wait > 0, wait - 1, 0)
+        wait = where(given, ticks, m.wait)
+        m.told, m.recalled = 1, any_of(m.recalled, searching)
+        m.obeyed = where(wait > 0, m.obeyed, m.command)
+        m.wait = where(wait > 0, wait - 1, 0)
 
-    @triggered(lambda m: every(m.command == Command.RIGHT, m.past_command != Command.RIGHT), seldom=True)
+    @triggered(lambda m: all_of(m.command == Command.RIGHT, m.past_command != Command.RIGHT), seldom=True)
     def hear_right(m) -> None:
         """Draw the response to a RIGHT just issued (eq. 5.3, 5.4)."""
         draw, m.right_stream = uniform(m.right_stream)
         m.obeys_right = draw <= m.right_success
 
-    @triggered(lambda m: every(m.command == Command.LEFT, m.past_command != Command.LEFT), seldom=True)
+    @triggered(lambda m: all_of(m.command == Command.LEFT, m.past_command != Command.LEFT), seldom=True)
     def hear_left(m) -> None:
         """Draw the response to a LEFT just issued."""
         draw, m.left_stream = uniform(m.left_stream)
@@ -234,11 +234,11 @@ class Canine(Plant):
     def move(m) -> None:
         """Tones are always obeyed; the dog brakes on whatever does not tell it to run."""
         m.past_command = m.command
-        running = some(m.obeyed == Command.FORWARD, m.obeyed == Command.RECALL)
-        drift = either(some(running, m.velocity > 0), m.trial_drift, 0)
-        turn = either(every(m.obeyed == Command.RIGHT, m.obeys_right), m.trial_right_rate, 0)
-        turn = either(every(m.obeyed == Command.LEFT, m.obeys_left), m.trial_left_rate, turn)
-        m._move(either(running, m.trial_speeding_up, -m.trial_slowing_down), m.trial_speed, drift + turn)
+        running = any_of(m.obeyed == Command.FORWARD, m.obeyed == Command.RECALL)
+        drift = where(any_of(running, m.velocity > 0), m.trial_drift, 0)
+        turn = where(all_of(m.obeyed == Command.RIGHT, m.obeys_right), m.trial_right_rate, 0)
+        turn = where(all_of(m.obeyed == Command.LEFT, m.obeys_left), m.trial_left_rate, turn)
+        m._move(where(running, m.trial_speeding_up, -m.trial_slowing_down), m.trial_speed, drift + turn)
 
     @triggered("shaking")
     def swing(m) -> None:
@@ -247,15 +247,15 @@ class Canine(Plant):
         rate = walk * m.walk_stride + run * m.run_stride
         phase = m.stride + 2 * math.pi * rate * m.sample_time
         m.jerk_due = phase >= 2 * math.pi
-        m.stride = phase - either(m.jerk_due, 2 * math.pi, 0)
+        m.stride = phase - where(m.jerk_due, 2 * math.pi, 0)
         m.jerk = 0
 
-    @triggered(lambda m: every(m.shaking, m.jerk_due))
+    @triggered(lambda m: all_of(m.shaking, m.jerk_due))
     def shake(m) -> None:
         """The pack may hit the dog's back once a stride: spikes, sometimes over 20 m/s2 (B.4)."""
         chance, stream = uniform(m.jerk_stream)
         size, m.jerk_stream = normal(stream)
-        m.jerk = either(chance <= m.jerk_rate, m.jerk_deviation * size, 0)
+        m.jerk = where(chance <= m.jerk_rate, m.jerk_deviation * size, 0)
         m.jerk_due = 0
 
     def output(m) -> None:
@@ -264,18 +264,20 @@ class Canine(Plant):
         The heading is the animal's: the pack's swing about it, which the gyroscope sees, is not in it (B.4).
         """
         m.north, m.east = m.position_north, m.position_east
-        m.speed, m.heading = m.velocity, m.course
+        m.speed, m.heading = m.velocity, m.body_heading
         walk, run = m._gait()
         sine, cosine = ca.sin(m.stride), ca.cos(m.stride)
-        moving = either(m.shaking, walk + run, 0)
+        moving = where(m.shaking, walk + run, 0)
         forward = walk * m.walk_acceleration_swing + run * m.run_acceleration_swing
         nodding = walk * m.walk_pitch_swing + run * m.run_pitch_swing
-        m.acceleration = (m.velocity - m.past_velocity) / m.sample_time + either(
+        m.acceleration = (m.velocity - m.past_velocity) / m.sample_time + where(
             m.shaking, 0.5 * forward * cosine + m.jerk, 0
         )
-        m.pitch = either(m.shaking, m.pitch_mean + 0.5 * nodding * sine, 0)
+        m.pitch = where(m.shaking, m.pitch_mean + 0.5 * nodding * sine, 0)
         m.roll = moving * 0.5 * m.roll_swing * cosine
-        m.yaw_rate = wrap(m.course - m.past_course) / m.sample_time + moving * 0.5 * m.yaw_rate_swing * sine
+        m.yaw_rate = (
+            wrap(m.body_heading - m.past_heading) / m.sample_time + moving * 0.5 * m.yaw_rate_swing * sine
+        )
 
     def _gait(m) -> tuple[SX, SX]:
         """How much it walks and runs, by its speed, with the breakpoints of eq. 3.19."""
@@ -289,5 +291,5 @@ def _redrawn(mean: SX, deviation: SX, draws: list[SX]) -> SX:
     value = floor
     for draw in reversed(draws):
         candidate = mean + deviation * draw
-        value = either(candidate >= floor, candidate, value)
+        value = where(candidate >= floor, candidate, value)
     return value

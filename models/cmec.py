@@ -10,7 +10,7 @@ import casadi as ca
 from models.commands import Command, Status
 from models.kit.block import Block, Row, table, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State
-from models.kit.geometry import COUNT_MAX, counted, either, every, some, wrap
+from models.kit.geometry import COUNT_MAX, all_of, any_of, counted, where, wrap
 from models.kit.units import DEG
 
 MAX_WAYPOINTS = 16
@@ -155,15 +155,15 @@ class Cmec(Block):
     def watch(m) -> None:
         """The order of precedence: a lost link, the operator, bad input, an invalid estimate, the table."""
         good = m.within("north", "east", "speed", "heading", "override")
-        cause = either(m.valid, Anomaly.NONE, Anomaly.INVALID_ESTIMATE)
-        cause = either(good, cause, Anomaly.BAD_INPUT)
-        cause = either(every(m.override > Command.NONE, m.within("override")), Anomaly.NONE, cause)
-        cause = either(m.link_ok, cause, Anomaly.LOST_LINK)
-        m.anomaly = either(cause != m.overruled, cause, Anomaly.NONE)
+        cause = where(m.valid, Anomaly.NONE, Anomaly.INVALID_ESTIMATE)
+        cause = where(good, cause, Anomaly.BAD_INPUT)
+        cause = where(all_of(m.override > Command.NONE, m.within("override")), Anomaly.NONE, cause)
+        cause = where(m.link_ok, cause, Anomaly.LOST_LINK)
+        m.anomaly = where(cause != m.overruled, cause, Anomaly.NONE)
         m.overruled = cause
         m.ticks = counted(m.ticks)
 
-    @triggered(lambda m: every(m.start, m.now == Mode.IDLE, ca.logic_not(m._blocked())), seldom=True)
+    @triggered(lambda m: all_of(m.start, m.now == Mode.IDLE, ca.logic_not(m._blocked())), seldom=True)
     def begin(m) -> None:
         """Latch the mission; the first command is forward."""
         m.route_north, m.route_east, m.count = m.waypoint_north, m.waypoint_east, m.waypoint_count
@@ -175,54 +175,55 @@ class Cmec(Block):
         m.issue_north, m.issue_east = m.north, m.east
 
     @triggered(
-        lambda m: every(
+        lambda m: all_of(
             ca.logic_not(m.start),
             m.now > Mode.IDLE,
-            some(m.now != Mode.STOPPED, m._lasted(m.stop_hold)),  # a stop is held, this one too
+            any_of(m.now != Mode.STOPPED, m._lasted(m.stop_hold)),  # a stop is held, this one too
         ),
         seldom=True,
     )
     def end(m) -> None:
         """The start signal is withdrawn: a running trial is stopped, an ended one makes room for the next."""
         running = m.now < Mode.SUCCESS
-        m.now = either(running, Mode.STOPPED, Mode.IDLE)
+        m.now = where(running, Mode.STOPPED, Mode.IDLE)
         m.ticks = 0
 
-    @triggered(lambda m: every(m._blocked(), m.now > Mode.IDLE, m.now <= Mode.STOP_AT_WAYPOINT), seldom=True)
+    @triggered(lambda m: all_of(m._blocked(), m.now > Mode.IDLE, m.now <= Mode.STOP_AT_WAYPOINT), seldom=True)
     def interrupt(m) -> None:
         """What the animal does meanwhile is not ours: afterwards begin again from a stop."""
-        m.now = either(m.now == Mode.STOP_AT_WAYPOINT, m.now, Mode.STOP_TO_TURN)
+        m.now = where(m.now == Mode.STOP_AT_WAYPOINT, m.now, Mode.STOP_TO_TURN)
         m.ticks = 0
 
     @triggered(
-        lambda m: every(m.now == Mode.STOP_AT_WAYPOINT, ca.logic_not(m._blocked()), m._at_rest()), seldom=True
+        lambda m: all_of(m.now == Mode.STOP_AT_WAYPOINT, ca.logic_not(m._blocked()), m._at_rest()),
+        seldom=True,
     )
     def advance(m) -> None:
         """Aim at the next waypoint once the animal has stopped at one, or home after the last (4.1.4.1)."""
-        m.turns = either(m.reset_turns, 0, m.turns)
+        m.turns = where(m.reset_turns, 0, m.turns)
         m.reached = m.reached + 1
         last = m.reached >= m.count
-        m.target_north = either(last, m.base_north, _element(m.route_north, m.reached))
-        m.target_east = either(last, m.base_east, _element(m.route_east, m.reached))
+        m.target_north = where(last, m.base_north, _element(m.route_north, m.reached))
+        m.target_east = where(last, m.base_east, _element(m.route_east, m.reached))
 
     def aim(m) -> None:
         """Distance to the target and orientation deviation from it; 0 on bad input."""
         good = m.within("north", "east", "heading")
-        north_difference = either(good, m.target_north - m.north, 0)  # eq. 4.1
-        east_difference = either(good, m.target_east - m.east, 0)
+        north_difference = where(good, m.target_north - m.north, 0)  # eq. 4.1
+        east_difference = where(good, m.target_east - m.east, 0)
         m.distance = ca.sqrt(north_difference**2 + east_difference**2)  # eq. 4.2
         desired = ca.atan2(east_difference, north_difference)  # eq. 4.3
         deviation = wrap(desired - m.heading)  # eq. 4.4
-        m.deviation = either(good, deviation, 0)
+        m.deviation = where(good, deviation, 0)
 
-    @triggered(lambda m: every(m.now > Mode.IDLE, ca.logic_not(m._blocked())))
+    @triggered(lambda m: all_of(m.now > Mode.IDLE, ca.logic_not(m._blocked())))
     @table("now")
     def decide(m) -> Iterator[Row]:
         """The controller's table: Figure 4.2 and the anomalies of Table 4.3."""
         won = m.distance <= m.capture_radius
         off = ca.fabs(m.deviation)
-        limit = either(
-            every(m.limit_stop_deviation, m.moving_deviation < m.stop_deviation),
+        limit = where(
+            all_of(m.limit_stop_deviation, m.moving_deviation < m.stop_deviation),
             m.moving_deviation,
             m.stop_deviation,
         )
@@ -240,7 +241,7 @@ class Cmec(Block):
         )
 
         yield Row(Mode.STOP_TO_TURN, won, Mode.STOP_AT_WAYPOINT)  # the stop command is on already
-        yield Row(Mode.STOP_TO_TURN, every(m._at_rest(), off < limit), Mode.FORWARD, forward)
+        yield Row(Mode.STOP_TO_TURN, all_of(m._at_rest(), off < limit), Mode.FORWARD, forward)
         yield from m._turn(Mode.STOP_TO_TURN, m._at_rest(), counts=ca.SX(1))
 
         for mode, same, side in (
@@ -252,7 +253,7 @@ class Cmec(Block):
             yield Row(mode, off < m.turn_end_deviation, Mode.FORWARD, forward)
             yield Row(
                 mode,
-                every(side, off >= limit),
+                all_of(side, off >= limit),
                 Mode.DEAD,
                 {"ticks": 0, "planned": opposite, "uncounted": 0},
                 Anomaly.DIRECTION_SWITCH,
@@ -270,14 +271,16 @@ class Cmec(Block):
         go_on = m.planned == Command.FORWARD
         changed = Anomaly.NO_COMMAND
         yield Row(Mode.DEAD, won, Mode.STOP_AT_WAYPOINT, at_waypoint, changed)
-        yield Row(Mode.DEAD, every(over, go_on, off < m.moving_deviation), Mode.FORWARD, forward)
-        yield Row(Mode.DEAD, every(over, go_on), Mode.STOP_TO_TURN, {"ticks": 0}, changed)
-        yield Row(Mode.DEAD, every(over, off < limit), Mode.FORWARD, forward, changed)
-        reissued = m.planned == either(m.deviation >= 0, Command.RIGHT, Command.LEFT)
-        yield from m._turn(Mode.DEAD, over, counts=ca.logic_not(every(m.uncounted, reissued)))
+        yield Row(Mode.DEAD, all_of(over, go_on, off < m.moving_deviation), Mode.FORWARD, forward)
+        yield Row(Mode.DEAD, all_of(over, go_on), Mode.STOP_TO_TURN, {"ticks": 0}, changed)
+        yield Row(Mode.DEAD, all_of(over, off < limit), Mode.FORWARD, forward, changed)
+        reissued = m.planned == where(m.deviation >= 0, Command.RIGHT, Command.LEFT)
+        yield from m._turn(Mode.DEAD, over, counts=ca.logic_not(all_of(m.uncounted, reissued)))
 
-        yield Row(Mode.STOP_AT_WAYPOINT, every(m._at_rest(), m.reached >= m.count), Mode.RECALL, {"ticks": 0})
-        yield Row(Mode.STOP_AT_WAYPOINT, every(m._at_rest(), off < limit), Mode.FORWARD, forward)
+        yield Row(
+            Mode.STOP_AT_WAYPOINT, all_of(m._at_rest(), m.reached >= m.count), Mode.RECALL, {"ticks": 0}
+        )
+        yield Row(Mode.STOP_AT_WAYPOINT, all_of(m._at_rest(), off < limit), Mode.FORWARD, forward)
         yield from m._turn(Mode.STOP_AT_WAYPOINT, m._at_rest(), counts=ca.SX(1))
 
         yield Row(Mode.RECALL, won, Mode.SUCCESS, {"ticks": 0})
@@ -293,16 +296,16 @@ class Cmec(Block):
     def answer(m) -> None:
         """The mode's command, unless something beats it."""
         command = _choose(m.now, COMMANDS, Command.NONE)
-        command = either(m.overruled > Anomaly.NONE, Command.STOP, command)
-        overridden = every(m.override > Command.NONE, m.overruled == Anomaly.NONE)
-        m.command = either(overridden, m.override, command)
+        command = where(m.overruled > Anomaly.NONE, Command.STOP, command)
+        overridden = all_of(m.override > Command.NONE, m.overruled == Anomaly.NONE)
+        m.command = where(overridden, m.override, command)
         m.mode = m.now
         m.status = _choose(m.now, STATUSES, Status.RUNNING)
         m.waypoint = m.reached
         m.directional_commands = m.issued
 
     def _blocked(m) -> SX:
-        return some(m.overruled > Anomaly.NONE, m.override > Command.NONE)
+        return any_of(m.overruled > Anomaly.NONE, m.override > Command.NONE)
 
     def _lasted(m, time: SX, ticks_ago: int = 0) -> SX:
         """Had the mode lasted this long [s]? A tenth of a tick's tolerance keeps it the same in float32."""
@@ -310,18 +313,18 @@ class Cmec(Block):
 
     def _at_rest(m) -> SX:
         """The stop command has been on long enough, and the animal has stopped."""
-        return every(m._lasted(m.stop_hold), m.speed < m.stopped_speed)
+        return all_of(m._lasted(m.stop_hold), m.speed < m.stopped_speed)
 
     def _stuck(m) -> SX:
         """The animal was told to go, and has not moved far enough when its time is up."""
         moved = (m.north - m.issue_north) ** 2 + (m.east - m.issue_east) ** 2
-        due = every(m._lasted(m.forward_timeout), ca.logic_not(m._lasted(m.forward_timeout, ticks_ago=1)))
-        return every(due, moved < m.forward_distance**2)
+        due = all_of(m._lasted(m.forward_timeout), ca.logic_not(m._lasted(m.forward_timeout, ticks_ago=1)))
+        return all_of(due, moved < m.forward_distance**2)
 
     def _turn(m, mode: Mode, when: SX, counts: SX) -> Iterator[Row]:
         """Issue the directional command that is asked for; one more than MAXTURN fails the trial."""
         failure = {"ticks": 0, "target_north": m.base_north, "target_east": m.base_east}
-        too_many = every(when, counts, m.turns >= m.max_turns)
+        too_many = all_of(when, counts, m.turns >= m.max_turns)
         yield Row(mode, too_many, Mode.FAILURE_RECALL, failure, Anomaly.TRIAL_FAILURE)
         for next, command, side in (
             (Mode.RIGHT, Command.RIGHT, m.deviation >= 0),
@@ -329,17 +332,17 @@ class Cmec(Block):
         ):
             issue = {"ticks": 0, "issued": m.issued + 1, "turns": m.turns + counts}
             if mode is Mode.DEAD:
-                yield Row(mode, every(when, side, m.planned == command), next, issue)
-                yield Row(mode, every(when, side), next, issue, Anomaly.NO_COMMAND)
+                yield Row(mode, all_of(when, side, m.planned == command), next, issue)
+                yield Row(mode, all_of(when, side), next, issue, Anomaly.NO_COMMAND)
             else:
-                yield Row(mode, every(when, side), next, issue)
+                yield Row(mode, all_of(when, side), next, issue)
 
 
 def _choose(key: SX, table: dict[Mode, Command] | dict[Mode, Status], other: IntEnum) -> SX:
     """The table's value for the key, or `other`."""
     value: SX = ca.SX(other)
     for k, v in table.items():
-        value = either(key == k, v, value)
+        value = where(key == k, v, value)
     return value
 
 
@@ -347,5 +350,5 @@ def _element(vector: SX, index: SX) -> SX:
     """vector[index], index from 0."""
     value = vector[0]
     for i in range(1, vector.numel()):
-        value = either(index == i, vector[i], value)
+        value = where(index == i, vector[i], value)
     return value

@@ -5,7 +5,7 @@ from __future__ import annotations
 from models.commands import Command
 from models.kit.block import Block
 from models.kit.declaration import Boolean, Input, Output, Parameter
-from models.kit.geometry import either
+from models.kit.geometry import where
 
 
 class CommandModule(Block):
@@ -26,8 +26,8 @@ class CommandModule(Block):
 
     def answer(m) -> None:
         """Tones are for forward, stop and recall; vibrations for left and right."""
-        tone = either(m.command == Command.FORWARD, m.forward_tone, 0)
-        tone = either(m.command == Command.STOP, m.stop_tone, tone)
-        m.tone_hz = either(m.command == Command.RECALL, m.recall_tone, tone)
+        tone = where(m.command == Command.FORWARD, m.forward_tone, 0)
+        tone = where(m.command == Command.STOP, m.stop_tone, tone)
+        m.tone_hz = where(m.command == Command.RECALL, m.recall_tone, tone)
         m.vibrate_left = m.command == Command.LEFT
         m.vibrate_right = m.command == Command.RIGHT

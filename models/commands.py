@@ -26,5 +26,4 @@ class Status(IntEnum):
     STOPPED = 4
 
 
-GRAVITY = 9.81  # m/s2 (eq. 3.10)
 ENDS = frozenset({int(Status.SUCCESS), int(Status.FAILED), int(Status.STOPPED)})  # with which a trial is over

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import casadi as ca
 
-from models.commands import GRAVITY
+from models.earth import GRAVITY
 from models.fuzzy import RUNS_FROM, noise_running, noise_walking
 from models.kit.block import Block, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State
 from models.kit.ekf import Factors, propagate
-from models.kit.geometry import COUNT_MAX, counted, either, every, some, wrap
+from models.kit.geometry import COUNT_MAX, all_of, any_of, counted, where, wrap
 from models.kit.units import DEG
 
 SPEED, BIAS, NORTH, EAST = range(4)  # order of the state, eq. 3.9
@@ -67,8 +67,10 @@ class FourState(Block):
     started = State(Boolean, "a first fix has set the state")
     x = State("1", "speed, bias, north, east (eq. 3.9)", size=4)
     covariance = State("1", "UD factors of P for north, east, speed, bias: D, then U by rows", size=10)
-    force = State("m/s2", "specific force without gravity, or the bias where the sample is bad")
-    course = State("rad", "last good heading")
+    acceleration = State(
+        "m/s2", "longitudinal acceleration with its bias; the bias alone where the sample is bad"
+    )
+    held_heading = State("rad", "last good heading")
     sigma = State("m/s2", "process noise of the acceleration in force", start=0.1)
     age = State(Integer, "ticks since the last accepted fix", max=COUNT_MAX)
     good = State(Boolean, "the last fix has all its values in range")
@@ -80,20 +82,20 @@ class FourState(Block):
     def listen(m) -> None:
         """Take the sample if all of it is good, else hold speed and heading, and count it."""
         good = m.within("accel_x", "pitch_meas", "heading_meas")
-        gravity = either(m.use_pitch, GRAVITY * ca.sin(m.pitch_meas), 0)
-        m.force = either(good, m.accel_x - gravity, m.x[BIAS])  # eq. 3.10
-        m.course = either(good, m.heading_meas, m.course)
+        gravity = where(m.use_pitch, GRAVITY * ca.sin(m.pitch_meas), 0)
+        m.acceleration = where(good, m.accel_x - gravity, m.x[BIAS])  # eq. 3.10
+        m.held_heading = where(good, m.heading_meas, m.held_heading)
         m.bad_samples = counted(m.bad_samples, ca.logic_not(good))
         m.age = counted(m.age)
         m.accepted = 0
         m.sigma = m.sigma_constant
 
-    @triggered(lambda m: every(m.fuzzy, ca.fabs(m.x[SPEED]) < RUNS_FROM))
+    @triggered(lambda m: all_of(m.fuzzy, ca.fabs(m.x[SPEED]) < RUNS_FROM))
     def tune_walking(m) -> None:
         """Process noise by speed (eq. 3.18-3.21) of an animal that stands or walks."""
         m.sigma = m._at_least_floor(noise_walking(m.x[SPEED]))
 
-    @triggered(lambda m: every(m.fuzzy, ca.fabs(m.x[SPEED]) >= RUNS_FROM))
+    @triggered(lambda m: all_of(m.fuzzy, ca.fabs(m.x[SPEED]) >= RUNS_FROM))
     def tune_running(m) -> None:
         """Process noise by speed (eq. 3.18-3.21) of an animal that runs."""
         m.sigma = m._at_least_floor(noise_running(m.x[SPEED]))
@@ -102,10 +104,10 @@ class FourState(Block):
     def predict(m) -> None:
         """Time update over one tick (eq. 3.5, 3.6, 3.10-3.12, 3.16)."""
         derivative = ca.vertcat(
-            m.force - m.x[BIAS],  # eq. 3.10
+            m.acceleration - m.x[BIAS],  # eq. 3.10
             0,  # the bias is a random walk
-            m.x[SPEED] * ca.cos(m.course),  # eq. 3.11
-            m.x[SPEED] * ca.sin(m.course),
+            m.x[SPEED] * ca.cos(m.held_heading),  # eq. 3.11
+            m.x[SPEED] * ca.sin(m.held_heading),
         )
         position_noise = m.sigma_position**2
         noise = [m.sigma**2 * m.sample_time, m.sigma_bias**2, position_noise, position_noise]  # eq. 3.16
@@ -119,13 +121,13 @@ class FourState(Block):
         age = m.age * m.sample_time
         position_variance = 2 * (0.5 * m.gps_h_acc) ** 2 + (m.gate_position_growth * age) ** 2
         speed_variance = 2 * m.gps_s_acc**2 + (m.gate_speed_growth * age) ** 2
-        near = every(
+        near = all_of(
             (m.gps_north - m.x[NORTH]) ** 2 <= m.gate**2 * position_variance,
             (m.gps_east - m.x[EAST]) ** 2 <= m.gate**2 * position_variance,
             (m.gps_speed - m.x[SPEED]) ** 2 <= m.gate**2 * speed_variance,
         )
-        m.accepted = every(m.good, near, m.started)
-        m.rejected = either(m.good, either(m.accepted, 0, m.rejected + 1), m.rejected)
+        m.accepted = all_of(m.good, near, m.started)
+        m.rejected = where(m.good, where(m.accepted, 0, m.rejected + 1), m.rejected)
         m.bad_fixes = counted(m.bad_fixes, ca.logic_not(m.good))
 
     @triggered("accepted")
@@ -146,7 +148,7 @@ class FourState(Block):
         m.age = 0
 
     @triggered(
-        lambda m: every(m.gps_fix, m.good, some(ca.logic_not(m.started), m.rejected >= m.recovery_fixes))
+        lambda m: all_of(m.gps_fix, m.good, any_of(ca.logic_not(m.started), m.rejected >= m.recovery_fixes))
     )
     def recover(m) -> None:
         """Begin (anew) at the fix; the bias is kept if there is one.
@@ -160,7 +162,7 @@ class FourState(Block):
         m.covariance = Factors.diagonal(
             [
                 m.initial_speed_variance + m.gps_s_acc**2,
-                either(m.started, bias_variance, m.initial_bias_variance),
+                where(m.started, bias_variance, m.initial_bias_variance),
                 position_variance,
                 position_variance,
             ],
@@ -174,9 +176,9 @@ class FourState(Block):
         factors = Factors.unpack(m.covariance, FACTORED)
         m.speed, m.accel_bias, m.north, m.east = (m.x[i] for i in range(4))
         m.speed_sd, m.accel_bias_sd, m.north_sd, m.east_sd = (ca.sqrt(factors.variance(i)) for i in range(4))
-        m.heading, m.heading_sd = wrap(m.course), m.heading_accuracy
+        m.heading, m.heading_sd = wrap(m.held_heading), m.heading_accuracy
         m.sigma_accel = m.sigma
-        m.valid = every(m.started, m.age * m.sample_time <= m.max_age)
+        m.valid = all_of(m.started, m.age * m.sample_time <= m.max_age)
 
     def _at_least_floor(m, sigma: SX) -> SX:
-        return either(sigma > m.sigma_floor, sigma, m.sigma_floor)
+        return where(sigma > m.sigma_floor, sigma, m.sigma_floor)

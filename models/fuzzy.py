@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 
 from models.kit.declaration import SX
-from models.kit.geometry import clip, either
+from models.kit.geometry import clip, where
 
 RUNS_FROM = 3.0  # m/s, from which on the membership of running is not 0
 STEP = 0.2  # m/s2, the grid of eq. 3.21
@@ -17,13 +17,13 @@ RAMP = 5  # of these, those before mu_H is 1
 def memberships_walking(speed: SX) -> tuple[SX, SX]:
     """Firing strengths of stopped and walking for a speed from 0 to 3 [m/s] (eq. 3.19)."""
     slow = speed < 0.5
-    return either(slow, 1.0 - 2.0 * speed, 0.0), either(slow, 2.0 * speed, 1.0)
+    return where(slow, 1.0 - 2.0 * speed, 0.0), where(slow, 2.0 * speed, 1.0)
 
 
 def memberships_running(speed: SX) -> tuple[SX, SX]:
     """Firing strengths of walking and running for a speed from 3 [m/s] on (eq. 3.19)."""
     slow = speed < 4.0
-    return either(slow, 4.0 - speed, 0.0), either(slow, speed - RUNS_FROM, 1.0)
+    return where(slow, 4.0 - speed, 0.0), where(slow, speed - RUNS_FROM, 1.0)
 
 
 def noise_walking(speed: SX) -> SX:

@@ -72,13 +72,13 @@ def interconnect(system: System, parameters: Mapping[str, Mapping[str, float]] |
     systems = {
         c: control_system(block, c, (parameters or {}).get(c)) for c, block in system.components.items()
     }
-    fed = {(link.target, link.target_variable) for link in system.connections}
+    fed = {(link.target, link.target_variable) for link in system.links}
     free = [(c, n) for c, b in system.components.items() for n in b.flat_names("input") if (c, n) not in fed]
     outputs = [f"{c}.{n}" for c, b in system.components.items() for n in b.flat_names("output")]
     whole = control.interconnect(
         list(systems.values()),
         connections=[
-            [f"{x.target}.{x.target_variable}", f"{x.source}.{x.source_variable}"] for x in system.connections
+            [f"{x.target}.{x.target_variable}", f"{x.source}.{x.source_variable}"] for x in system.links
         ],
         inplist=[f"{c}.{n}" for c, n in free],
         inputs=[f"{c}_{n}" for c, n in free],

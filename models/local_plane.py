@@ -6,13 +6,13 @@ import math
 
 import casadi as ca
 
+from models.earth import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS
 from models.kit.block import Block, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State
-from models.kit.geometry import either, some
+from models.kit.geometry import any_of, where
 
 ANGLE = 1e-7 * math.pi / 180  # rad in a unit of 1e-7 deg
 QUARTER, HALF = 900_000_000, 1_800_000_000  # units in 90 and 180 deg
-SEMI_MAJOR_AXIS, ECCENTRICITY_SQUARED = 6_378_137.0, 6.694_379_990_14e-3  # m, 1: WGS 84
 
 
 class LocalPlane(Block):
@@ -46,7 +46,7 @@ class LocalPlane(Block):
         normal = SEMI_MAJOR_AXIS / ca.sqrt(flattening)
         parallel = normal * ca.cos(latitude)
         m.north_scale = ANGLE * (normal * (1 - ECCENTRICITY_SQUARED) / flattening)
-        m.east_scale = ANGLE * either(parallel > m.least_parallel, parallel, m.least_parallel)
+        m.east_scale = ANGLE * where(parallel > m.least_parallel, parallel, m.least_parallel)
         m.origin_latitude, m.origin_longitude = m.latitude, m.longitude
         m.settled = 1
 
@@ -59,6 +59,6 @@ class LocalPlane(Block):
         """Longitude from the origin's, the short way round; no difference leaves 32 bits."""
         apart = 0.5 * m.longitude - 0.5 * m.origin_longitude  # as Reals: coarse, but far from the limit
         onward, back = apart < -QUARTER, apart > QUARTER  # across the date line, to the east and to the west
-        turn = either(onward, HALF, either(back, -HALF, 0))
+        turn = where(onward, HALF, where(back, -HALF, 0))
         longitude, origin = m.longitude + turn, m.origin_longitude - turn
-        return either(some(onward, back), longitude - origin, m.longitude - m.origin_longitude)
+        return where(any_of(onward, back), longitude - origin, m.longitude - m.origin_longitude)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from models.canine import Plant
 from models.commands import Command
 from models.kit.declaration import Parameter
-from models.kit.geometry import either, some, wrap
+from models.kit.geometry import any_of, where, wrap
 from models.kit.units import DEG
 
 
@@ -24,15 +24,15 @@ class Pedestrian(Plant):
 
     def move(m) -> None:
         """Walk, stop, turn as told."""
-        walking = some(m.command == Command.FORWARD, m.command == Command.RECALL)
-        turn = either(m.command == Command.RIGHT, m.turning_rate, 0)
-        turn = either(m.command == Command.LEFT, -m.turning_rate, turn)
-        m._move(either(walking, 1, -1) * m.walking_acceleration, m.walking_speed, turn)
+        walking = any_of(m.command == Command.FORWARD, m.command == Command.RECALL)
+        turn = where(m.command == Command.RIGHT, m.turning_rate, 0)
+        turn = where(m.command == Command.LEFT, -m.turning_rate, turn)
+        m._move(where(walking, 1, -1) * m.walking_acceleration, m.walking_speed, turn)
 
     def output(m) -> None:
         """A level pack that moves as the person does."""
         m.north, m.east = m.position_north, m.position_east
-        m.speed, m.heading = m.velocity, m.course
+        m.speed, m.heading = m.velocity, m.body_heading
         m.acceleration = (m.velocity - m.past_velocity) / m.sample_time
         m.pitch = m.roll = 0
-        m.yaw_rate = wrap(m.course - m.past_course) / m.sample_time
+        m.yaw_rate = wrap(m.body_heading - m.past_heading) / m.sample_time

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import casadi as ca
 
-from models.commands import GRAVITY
+from models.earth import GRAVITY
 from models.kit.block import Block, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State, Stream
-from models.kit.geometry import COUNT_MAX, clip, counted, either, every, some, wrap
+from models.kit.geometry import COUNT_MAX, all_of, any_of, clip, counted, where, wrap
 from models.kit.random import normals
 from models.kit.units import DEG
 
@@ -115,22 +115,22 @@ class Sensors(Block):
         driven = m.gps_wander * ca.sqrt(1 - kept * kept)
         m.wander_north = kept * m.wander_north + driven * draws[0]
         m.wander_east = kept * m.wander_east + driven * draws[1]
-        on = either(m.noisy, 1, 0)
+        on = where(m.noisy, 1, 0)
         time = m.tick * m.sample_time
         m.fixed = ca.logic_not(
-            some(*(every(time >= m.outage_start[i], time < m.outage_end[i]) for i in range(OUTAGES)))
+            any_of(*(all_of(time >= m.outage_start[i], time < m.outage_end[i]) for i in range(OUTAGES)))
         )
         north = m.north + on * (m.wander_north + m.gps_position_noise * draws[2])
         east = m.east + on * (m.wander_east + m.gps_position_noise * draws[3])
         speed = ca.fabs(m.speed + on * m.gps_speed_noise * draws[4])
-        course_noise = m.gps_speed_noise / either(m.speed > m.gps_slow_speed, m.speed, m.gps_slow_speed)
+        course_noise = m.gps_speed_noise / where(m.speed > m.gps_slow_speed, m.speed, m.gps_slow_speed)
         course = wrap(m.heading + on * course_noise * draws[5])
-        m.fix_north, m.fix_east = either(m.fixed, north, m.fix_north), either(m.fixed, east, m.fix_east)
-        m.fix_speed, m.fix_course = either(m.fixed, speed, m.fix_speed), either(m.fixed, course, m.fix_course)
+        m.fix_north, m.fix_east = where(m.fixed, north, m.fix_north), where(m.fixed, east, m.fix_east)
+        m.fix_speed, m.fix_course = where(m.fixed, speed, m.fix_speed), where(m.fixed, course, m.fix_course)
 
     def output(m) -> None:
         """Eq. D.16 and D.17 in three axes, C.3 the other way round."""
-        n = [either(m.noisy, m.noise[i], 0) for i in range(12)]
+        n = [where(m.noisy, m.noise[i], 0) for i in range(12)]
         sine_pitch, cosine_pitch = ca.sin(m.pitch), ca.cos(m.pitch)
         sine_roll, cosine_roll = ca.sin(m.roll), ca.cos(m.roll)
 
@@ -145,8 +145,8 @@ class Sensors(Block):
         )
 
         began = m.tick > 0
-        pitching = either(began, (m.pitch - m.past_pitch) / m.sample_time, 0)
-        rolling = either(began, (m.roll - m.past_roll) / m.sample_time, 0)
+        pitching = where(began, (m.pitch - m.past_pitch) / m.sample_time, 0)
+        rolling = where(began, (m.roll - m.past_roll) / m.sample_time, 0)
         rate = (
             rolling - m.yaw_rate * sine_pitch,
             pitching * cosine_roll + m.yaw_rate * cosine_pitch * sine_roll,
@@ -179,4 +179,4 @@ class Sensors(Block):
         m.tick = counted(m.tick)
 
     def _sensed(m, truth: SX, bias: SX, noise: SX, limit: SX) -> SX:
-        return either(m.noisy, clip(truth + bias + noise, -limit, limit), truth)
+        return where(m.noisy, clip(truth + bias + noise, -limit, limit), truth)

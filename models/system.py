@@ -13,23 +13,11 @@ from models.errors import WiringError, nearest
 from models.four_state import FourState
 from models.kit.block import Block
 from models.kit.declaration import Input, Output, Variable, flatten
+from models.kit.link import Link
 from models.local_plane import LocalPlane
 from models.pedestrian import Pedestrian
 from models.sensors import Sensors
 from models.watchdog import Watchdog
-
-
-@dataclass(frozen=True)
-class Connection:
-    """One link: `source_variable` of component `source` feeds `target_variable` of component `target`."""
-
-    source: str
-    source_variable: str
-    target: str
-    target_variable: str
-
-    def __str__(self) -> str:
-        return f"{self.source}.{self.source_variable} -> {self.target}.{self.target_variable}"
 
 
 @dataclass(frozen=True)
@@ -43,11 +31,11 @@ class System:
 
     name: str
     components: dict[str, type[Block]]
-    connections: tuple[Connection, ...]
+    links: tuple[Link, ...]
 
     def __post_init__(self) -> None:
-        sources: dict[tuple[str, str], Connection] = {}
-        for link in self.connections:
+        sources: dict[tuple[str, str], Link] = {}
+        for link in self.links:
             source = self._variable(link, link.source, link.source_variable, Output)
             target = self._variable(link, link.target, link.target_variable, Input)
             for what, got, expected in (
@@ -69,7 +57,7 @@ class System:
                     )
         self.order()
 
-    def _variable(self, link: Connection, component: str, name: str, kind: type[Variable]) -> Variable:
+    def _variable(self, link: Link, component: str, name: str, kind: type[Variable]) -> Variable:
         if component not in self.components:
             raise WiringError(
                 f'{self.name}: {link}: no component "{component}"{nearest(component, self.components)}'
@@ -93,7 +81,7 @@ class System:
         """The components in data-flow order within a tick; plants, whose outputs wait for no input, last."""
         plants = [c for c, block in self.components.items() if block.moore]
         graph: dict[str, set[str]] = {c: set() for c in self.components if c not in plants}
-        for link in self.connections:
+        for link in self.links:
             if link.target in graph and link.source in graph:
                 graph[link.target].add(link.source)
         try:
@@ -102,10 +90,10 @@ class System:
             raise WiringError(f"{self.name}: no plant delays the loop {' -> '.join(cycle.args[1])}") from None
 
 
-def by_name(components: Mapping[str, type[Block]], links: Mapping[str, str]) -> tuple[Connection, ...]:
+def by_name(components: Mapping[str, type[Block]], links: Mapping[str, str]) -> tuple[Link, ...]:
     """Link every input to the output of the same name: `links` gives the source component of each target."""
     return tuple(
-        Connection(source, name, target, name)
+        Link(source, name, target, name)
         for target, source in links.items()
         for name in components[target].flat_names("input")
         if name in components[source].flat_names("output")

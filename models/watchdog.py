@@ -6,7 +6,7 @@ import casadi as ca
 
 from models.kit.block import Block
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State
-from models.kit.geometry import COUNT_MAX, counted, either, every
+from models.kit.geometry import COUNT_MAX, all_of, counted, where
 
 
 class Watchdog(Block):
@@ -42,13 +42,13 @@ class Watchdog(Block):
 
     def watch(m) -> None:
         """Count what does not come."""
-        m.imu_age = either(m.sampled, 0, counted(m.imu_age))
-        m.link_age = either(m.heard, 0, counted(m.link_age))
+        m.imu_age = where(m.sampled, 0, counted(m.imu_age))
+        m.link_age = where(m.heard, 0, counted(m.link_age))
         m.imu_ok, m.link_ok = m.imu_age <= m.imu_limit, m.link_age <= m.link_limit
-        m.estimate_ok = every(m.valid, m.imu_ok)
+        m.estimate_ok = all_of(m.valid, m.imu_ok)
         m.report_age = counted(m.report_age)
         m.report = m.report_age >= m.report_ticks
-        m.report_age = either(m.report, 0, m.report_age)
+        m.report_age = where(m.report, 0, m.report_age)
 
     def _ticks(m, time: SX) -> SX:
         """A time in whole ticks; a tenth of a tick's tolerance makes it the same in float32."""

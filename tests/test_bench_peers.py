@@ -14,7 +14,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bench.cts_numpy import (
+from scipy.stats import norm
+
+from codegen.blocks.block_c import generate, write_files
+from codegen.toolchains.compiler import NUMERICS, build_library
+from models.canine import Canine
+from models.cmec import Cmec
+from models.commands import Status
+from models.kit.units import DEG
+from models.readings import READINGS, start_heading_deviation
+from tests.bench.cts_numpy import (
     EVERY_EQUATION,
     FAST,
     PARAMETERS,
@@ -25,15 +34,6 @@ from bench.cts_numpy import (
     setting,
     simulate,
 )
-from scipy.stats import norm
-
-from codegen.blocks.block_c import generate, write_files
-from codegen.toolchains.compiler import NUMERICS, build_library
-from models.canine import Canine
-from models.cmec import Cmec
-from models.commands import Status
-from models.kit.units import DEG
-from models.readings import READINGS, start_heading_deviation
 
 SCENARIOS = Path(__file__).parents[1] / "harness" / "scenarios"
 NAMES = ("two_waypoint", "right_90", "left_90", "right_45", "left_45")

@@ -16,8 +16,8 @@ import pytest
 from scipy.stats import chi2
 
 from codegen.batch.batch import Batch
-from harness.sweep.sweep import COURSES
-from harness.trial.scenario import load, parts_of_system, plan
+from harness.sweep.sweep import TRIAL_TYPES
+from harness.trial.scenario import interfaces_of_system, load, plan
 from models.commands import Status
 from models.readings import READINGS
 from models.system import SYSTEMS
@@ -46,15 +46,15 @@ TABLES = {
 Array = np.ndarray[Any, Any]
 
 
-def outcomes(runner: Batch, reading: str, course: str, seed: int) -> tuple[Array, Array]:
+def outcomes(runner: Batch, reading: str, type_: str, seed: int) -> tuple[Array, Array]:
     """Did each trial succeed, and when [s]: (thresholds, trials) both, from `seed` on each of its own."""
-    thresholds = np.radians([[float(h)] for h in TABLES[reading, course]])
-    names = COURSES[course]
+    thresholds = np.radians([[float(h)] for h in TABLES[reading, type_]])
+    names = TRIAL_TYPES[type_]
     each = TRIALS // len(names)
     successes, times = [], []
     for name in names:
         scenario = replace(load(name), system="cts", reading=reading)
-        found = plan(scenario, parts_of_system(SYSTEMS["cts"]))
+        found = plan(scenario, interfaces_of_system(SYSTEMS["cts"]))
         seeds = np.arange(seed, seed + each * len(thresholds))
         seed += len(seeds)
         done = runner.run(
@@ -82,8 +82,8 @@ def deviations() -> dict[str, Array]:
     with ThreadPoolExecutor(2) as pool:
         results = pool.map(lambda key: outcomes(runner, *key, seeds[key]), TABLES)
     found: dict[str, list[float]] = {"rate": [], "time": []}
-    for (reading, course), (success, time) in zip(TABLES, results, strict=True):
-        rows = zip(TABLES[reading, course].items(), success, time, strict=True)
+    for (reading, type_), (success, time) in zip(TABLES, results, strict=True):
+        rows = zip(TABLES[reading, type_].items(), success, time, strict=True)
         for (h, (percent, printed)), succeeded, seconds in rows:
             published, rate = percent / 100, succeeded.mean()
             common = (rate + published) / 2
@@ -94,7 +94,7 @@ def deviations() -> dict[str, Array]:
             variance = mine.var() * (1 / len(mine) + 1 / (TRIALS * published)) + digit**2 / 12
             found["time"].append((mine.mean() - float(printed)) / np.sqrt(variance))
             print(
-                f"{reading} {course} h' {h:2d}: {100 * rate:6.2f} % (published {percent}), z "
+                f"{reading} {type_} h' {h:2d}: {100 * rate:6.2f} % (published {percent}), z "
                 f"{found['rate'][-1]:5.2f}; {mine.mean():7.3f} s ({printed}), z {found['time'][-1]:5.2f}"
             )
     return {what: np.array(z) for what, z in found.items()}

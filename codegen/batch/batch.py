@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from codegen.batch.lanes import Key, Tick, Wiring, field_name, ordinary_tick
+from codegen.batch.lanes import BatchSystem, Key, Tick, field_name, ordinary_tick
 from codegen.batch.pruning import needed
 from codegen.blocks.block_c import VERSION, generate, write_files
 from codegen.blocks.expressions import MEMBERS, c_name
@@ -67,7 +67,7 @@ class Batch:
     """A wired system for many trials, with the bits that its blocks' C gives one by one.
 
     Args:
-        system: any wiring of blocks.
+        system: any batch_system of blocks.
         varied: parameters that differ from point to point, as "component.parameter[1]".
         observe: states and outputs whose last values are the result.
         stop: an output, and the values of it with which a trial ends.
@@ -197,7 +197,7 @@ class Batch:
     @cached_property
     def _settable(self) -> dict[Key, float]:
         """All that may be set, with its start value: parameters, and inputs that nothing feeds."""
-        fed = {(link.target, link.target_variable) for link in self.system.connections}
+        fed = {(link.target, link.target_variable) for link in self.system.links}
         components = self.system.components
         starts = {
             k: v for c in components for kind in ("parameter", "input") for k, v in self._starts(c, kind)
@@ -224,8 +224,8 @@ class Batch:
         """The ordinary ticks: one for each mode of the largest table, or a single one if that is as good."""
         keep = {component: self.keep.get(component, frozenset()) for component in self.system.components}
         own = frozenset([*self.varied, *changing])
-        wiring = Wiring(self.system, keep, own, fixed, self.stop)
-        whole = ordinary_tick(wiring, {})
+        batch_system = BatchSystem(self.system, keep, own, fixed, self.stop)
+        whole = ordinary_tick(batch_system, {})
         tables = [
             (len(phase.rows), component, phase.mode)
             for component in self.keep
@@ -236,7 +236,7 @@ class Batch:
             return [whole]
         _, component, mode = max(tables)
         choices = self.system.components[component].variables()[mode].choices
-        by_mode = [ordinary_tick(wiring, {(component, mode): float(m)}) for m in choices or ()]
+        by_mode = [ordinary_tick(batch_system, {(component, mode): float(m)}) for m in choices or ()]
         by_mode = [tick for tick in by_mode if not tick.departs]
         if by_mode and max(tick.operations for tick in by_mode) < WORTH * whole.operations:
             return by_mode
@@ -316,7 +316,7 @@ class Batch:
                 yield f"{block.title()}_output(&f->{component});"
         order = [c for c in self.system.order() if c in components and components[c].moore is plants]
         for stage in [order] if plants else [[component] for component in order]:
-            for link in self.system.connections:
+            for link in self.system.links:
                 source = (link.source, link.source_variable)
                 if link.target in stage and link.source_variable in self.keep.get(link.source, ()):
                     target = self._place((link.target, link.target_variable))["place"]

@@ -116,10 +116,10 @@ class Graph:
     def select(self, condition: Node, yes: Node, no: Node) -> Node:
         return self.make(SELECT, (condition, yes, no))
 
-    def some(self, *conditions: Node) -> Node:
+    def any_of(self, *conditions: Node) -> Node:
         return reduce(lambda a, b: self.make(ca.OP_OR, (a, b)), conditions, self.false)
 
-    def every(self, *conditions: Node) -> Node:
+    def all_of(self, *conditions: Node) -> Node:
         return reduce(lambda a, b: self.make(ca.OP_AND, (a, b)), conditions, self.true)
 
     def equal(self, a: Node, value: float) -> Node:
@@ -185,7 +185,7 @@ class Tick:
 
 
 @dataclass(frozen=True)
-class Wiring:
+class BatchSystem:
     """A wired system as its joined tick needs it.
 
     Attributes:
@@ -204,7 +204,7 @@ class Wiring:
     @cached_property
     def sources(self) -> dict[Key, Key]:
         """Where each connected input comes from."""
-        return {(k.target, k.target_variable): (k.source, k.source_variable) for k in self.system.connections}
+        return {(k.target, k.target_variable): (k.source, k.source_variable) for k in self.system.links}
 
     def enumerated(self) -> dict[Key, float]:
         """The states with named values that matter, and what they start with."""
@@ -216,7 +216,7 @@ class Wiring:
         }
 
 
-def ordinary_tick(wiring: Wiring, mode: Mapping[Key, float]) -> Tick:
+def ordinary_tick(batch_system: BatchSystem, mode: Mapping[Key, float]) -> Tick:
     """The ordinary tick, given the values of some states.
 
     A state with named values that an ordinary tick would set is held as well: at the value that it is set to,
@@ -224,9 +224,9 @@ def ordinary_tick(wiring: Wiring, mode: Mapping[Key, float]) -> Tick:
     A change of it departs from the ordinary.
     """
     holds = dict(mode)
-    enumerated = wiring.enumerated() if mode else {}
+    enumerated = batch_system.enumerated() if mode else {}
     while True:
-        joining = _Joining(wiring, holds)
+        joining = _Joining(batch_system, holds)
         joining.join()
         more = joining.settled(enumerated)
         if not more:
@@ -237,15 +237,15 @@ def ordinary_tick(wiring: Wiring, mode: Mapping[Key, float]) -> Tick:
 class _Joining:
     """Joins the blocks' updates to one tick, in the order in which they are carried out."""
 
-    def __init__(self, wiring: Wiring, holds: Mapping[Key, float]) -> None:
-        self.wiring, self.holds, self.graph = wiring, holds, Graph()
+    def __init__(self, batch_system: BatchSystem, holds: Mapping[Key, float]) -> None:
+        self.batch_system, self.holds, self.graph = batch_system, holds, Graph()
         self.values: dict[Key, Node] = {}  # of the states and outputs set so far
         self.leaves: dict[str, Key] = {}  # the lane's fields, by their C
         self.shared: dict[str, Key] = {}  # what all trials have in common
         self.departs = self.graph.false
 
     def join(self) -> None:
-        system = self.wiring.system
+        system = self.batch_system.system
         plants = [c for c, block in system.components.items() if block.moore]
         for component in plants:  # its outputs stand for its states before the tick
             self.phase(component, system.components[component].program().tick[-1])
@@ -253,10 +253,10 @@ class _Joining:
             phases = system.components[component].program().tick
             for phase in phases[:-1] if component in plants else phases:
                 self.phase(component, phase)
-            if self.wiring.stop and self.wiring.stop[0][0] == component:
-                output, ends = self.wiring.stop
+            if self.batch_system.stop and self.batch_system.stop[0][0] == component:
+                output, ends = self.batch_system.stop
                 self.depart(
-                    self.graph.some(*(self.graph.equal(self.values[output], v) for v in sorted(ends)))
+                    self.graph.any_of(*(self.graph.equal(self.values[output], v) for v in sorted(ends)))
                 )
 
     def depart(self, condition: Node) -> None:
@@ -270,7 +270,7 @@ class _Joining:
         self.graph.assume(condition, False)
 
     def phase(self, component: str, phase: Phase) -> None:
-        graph, keep = self.graph, self.wiring.keep[component]
+        graph, keep = self.graph, self.batch_system.keep[component]
         rows = phase.rows if isinstance(phase, Table) else (phase,)
         if all(keep.isdisjoint(row.writes) for row in rows):
             return
@@ -280,11 +280,11 @@ class _Joining:
         if isinstance(phase, Table):
             mode = self.value(component, "state", phase.mode)
             fires = [
-                graph.every(in_mode, self.nodes(component, row.guard)[0])
+                graph.all_of(in_mode, self.nodes(component, row.guard)[0])
                 for row in phase.rows
                 if (in_mode := graph.equal(mode, row.mode)) is not graph.false
             ]
-            self.depart(graph.every(guard, graph.some(*fires)))
+            self.depart(graph.all_of(guard, graph.any_of(*fires)))
         elif phase.seldom:
             self.depart(guard)
         else:
@@ -304,7 +304,7 @@ class _Joining:
         self.values[key] = new
 
     def nodes(self, component: str, function: Any) -> list[Node]:
-        block = self.wiring.system.components[component]
+        block = self.batch_system.system.components[component]
         names = [block.flat_names(kind) for kind in GROUPS]
 
         def leaf(group: int, element: int) -> Node:
@@ -319,20 +319,20 @@ class _Joining:
             if key in self.values:
                 return self.graph.known(self.values[key])
             return self.graph.constant(self.holds[key]) if key in self.holds else self.lane(key)
-        if key in self.wiring.sources:
-            source = self.wiring.sources[key]
+        if key in self.batch_system.sources:
+            source = self.batch_system.sources[key]
             return (
                 self.graph.known(self.values[source]) if source in self.values else self.graph.leaf("unused")
             )
-        if key in self.wiring.fixed:
-            return self.graph.constant(self.wiring.fixed[key])
-        if key in self.wiring.own:
+        if key in self.batch_system.fixed:
+            return self.graph.constant(self.batch_system.fixed[key])
+        if key in self.batch_system.own:
             return self.lane(key)
         return self.graph.leaf(_remember(self.shared, field_name(key), key))
 
     def lane(self, key: Key) -> Node:
         component, name = key
-        variables = self.wiring.system.components[component].variables().values()
+        variables = self.batch_system.system.components[component].variables().values()
         variable = next(v for v in variables if name in v.flat_names)
         return self.graph.leaf(_remember(self.leaves, field_name(key), key), variable.type)
 
@@ -357,7 +357,7 @@ class _Joining:
         return {
             (component, name): node
             for (component, name), node in self.values.items()
-            if name in self.wiring.system.components[component].flat_names("state")
+            if name in self.batch_system.system.components[component].flat_names("state")
             and (component, name) not in self.holds
             and node is not self.lane((component, name))
         }

@@ -19,7 +19,7 @@ def needed(system: System, wanted: Iterable[tuple[str, str]]) -> Mapping[str, fr
     Args:
         wanted: states and outputs, as (component, flat name).
     """
-    sources = {(k.target, k.target_variable): (k.source, k.source_variable) for k in system.connections}
+    sources = {(k.target, k.target_variable): (k.source, k.source_variable) for k in system.links}
     found: dict[str, set[str]] = {component: set() for component in system.components}
     tables = {
         component: [_dependencies(block, phase) for phase in _phases(block)]

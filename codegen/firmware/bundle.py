@@ -23,6 +23,7 @@ from models.errors import UsageError, nearest
 from models.four_state import FourState
 from models.kit.block import Block
 from models.kit.declaration import Type, Variable
+from models.kit.link import Values
 from models.local_plane import LocalPlane
 from models.watchdog import Watchdog
 
@@ -32,13 +33,12 @@ SUMS = "SHA256SUMS"  # of a bundle's files, as `sha256sum -c` reads it
 COSTS = SOURCES / "costs.json"  # measured by the processor in the loop, by target
 # the members of `onboard` in onboard.h that are blocks
 BLOCKS: dict[str, type[Block]] = {
-    "plane": LocalPlane,
+    "local_plane": LocalPlane,
     "estimator": FourState,
-    "guard": Watchdog,
+    "watchdog": Watchdog,
     "controller": Cmec,
-    "vest": CommandModule,
+    "command_module": CommandModule,
 }
-Values = Mapping[str, Mapping[str, float]]  # of parameters, by member and name
 
 
 @dataclass(frozen=True)

@@ -342,7 +342,7 @@ _callbacks.freeMemory = fmpy.fmi2.defaultCallbacks.freeMemory
 fmpy.logging.addLoggerProxy(ctypes.byref(_callbacks))
 
 
-class Component:
+class FmuInstance:
     """One instance of an FMU, named as in its system. To be closed, or used as a context manager.
 
     Args:
@@ -370,7 +370,7 @@ class Component:
             self.close()
             raise
 
-    def __enter__(self) -> Component:
+    def __enter__(self) -> FmuInstance:
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -23,14 +23,14 @@ from typing import Any, Protocol, Self
 import numpy as np
 import numpy.typing as npt
 
-from harness.cosim.fmu import Access, Call, Component, FmuDescription, FmuError, Quantity
-from harness.cosim.ssp import Description, Link
+from harness.cosim.fmu import Access, Call, FmuDescription, FmuError, FmuInstance, Quantity
+from harness.cosim.ssp import FmuSystem, ScaledLink
 from harness.cosim.wiring import Order, Wiring, wire
 from models.errors import ParameterError, nearest
+from models.kit.link import Values
 
 Array = npt.NDArray[np.float64]
 Record = Callable[[Array, dict[str, Array]], None]
-Values = Mapping[str, Mapping[str, float]]
 
 DURATION = 300.0  # s, after which a trial is cut
 _REALS = ("float64", "float32")
@@ -40,7 +40,7 @@ ROWS = 25  # rows that are handed over together: a second's at 25 Hz
 _copy = ctypes.PYFUNCTYPE(None)(ctypes.cast(ctypes.memmove, ctypes.c_void_p).value or 0)
 
 
-class Stepped(Protocol):
+class Instance(Protocol):
     """What the loop asks of a component: an instance of an FMU, or what stands in for one."""
 
     label: str
@@ -118,7 +118,7 @@ class _Transfer:
     picked: list[int]
     target: str
     quantities: list[Quantity]
-    links: list[Link]
+    links: list[ScaledLink]
     slot: _Slot | None = None  # where they lie for the target, unless it reads them from the source's slot
 
     @property
@@ -150,21 +150,21 @@ class Simulation:
 
     def __init__(
         self,
-        system: Description,
+        system: FmuSystem,
         values: Values | None = None,
         order: Order = "sequential",
         plants: Iterable[str] = (),
         labels: Mapping[str, str] | None = None,
         *,
-        stand_ins: Mapping[str, Stepped] | None = None,
+        stand_ins: Mapping[str, Instance] | None = None,
     ) -> None:
         self._stack = ExitStack()
         self._time = ctypes.c_double(0.0)
         try:
-            self.components: dict[str, Stepped] = {}
+            self.components: dict[str, Instance] = {}
             for name, part in system.components.items():
                 stand_in = (stand_ins or {}).get(name)
-                component = stand_in or Component(name, part.fmu, (labels or {}).get(name, ""))
+                component = stand_in or FmuInstance(name, part.fmu, (labels or {}).get(name, ""))
                 self.components[name] = self._stack.enter_context(component)
             self.fmus: dict[str, FmuDescription] = {n: c.description for n, c in self.components.items()}
             self.wiring: Wiring = wire(system, self.fmus, order, plants)
@@ -190,7 +190,7 @@ class Simulation:
         fmu = self.fmus[name]
         return [*fmu.inputs.values(), *fmu.outputs.values()]
 
-    def _start(self, system: Description, values: Values) -> None:
+    def _start(self, system: FmuSystem, values: Values) -> None:
         """Initialize all instances, plants first."""
         self._free: dict[str, dict[str, float]] = {}
         for name, component in self.components.items():
@@ -206,7 +206,7 @@ class Simulation:
             }
             component.initialize(given)
 
-    def _lay_out(self, links: Sequence[Link], order: Order) -> None:
+    def _lay_out(self, links: Sequence[ScaledLink], order: Order) -> None:
         """Give every value its place in the block of memory."""
         readers: dict[tuple[str, str], list[str]] = {}
         for link in links:
@@ -241,7 +241,7 @@ class Simulation:
         self._block = np.zeros(self._size, dtype=np.uint8)
         self._base = self._block.ctypes.data
 
-    def _plan(self, links: Sequence[Link]) -> list[_Transfer]:
+    def _plan(self, links: Sequence[ScaledLink]) -> list[_Transfer]:
         """One transfer for each source, target and type, in the order in which the source's values lie."""
         place = {(s.component, q.name): (s, i) for s in self._outputs for i, q in enumerate(s.quantities)}
         found: dict[tuple[int, str, Access], _Transfer] = {}

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.cosim.fmu import FmuDescription, Quantity, Unit
-from harness.cosim.ssp import Description, Link, Member, Value
+from harness.cosim.ssp import FmuComponent, FmuSystem, ScaledLink, StartValue
 from models.errors import CanineError, UsageError, nearest
 from models.kit.declaration import Input, Output, Parameter, Type, Variable, flatten
 from models.kit.units import UNITS
@@ -100,7 +100,7 @@ def roles() -> dict[str, Role]:
     for name, block in system.components.items():
         parameters = dict(flatten(list(block.variables(Parameter).values())))
         mission = MISSION.get(name, frozenset())
-        consumed = {link.source_variable for link in system.connections if link.source == name}
+        consumed = {link.source_variable for link in system.links if link.source == name}
         found[name] = Role(
             name,
             {n: v for n, v in flatten(list(block.variables(Output).values())) if v.name in consumed},
@@ -313,8 +313,8 @@ def _near(name: str, known: Iterable[str]) -> str:
 
 
 def replace_component(
-    system: Description, role_name: str, fmu: FmuDescription, adapter: Adapter
-) -> tuple[Description, Fit]:
+    system: FmuSystem, role_name: str, fmu: FmuDescription, adapter: Adapter
+) -> tuple[FmuSystem, Fit]:
     """The system with an FMU in a role's place, and how it fits.
 
     Raises:
@@ -329,7 +329,7 @@ def replace_component(
     if found.problems:
         raise RoleError("\n".join(found.problems))
     components = dict(system.components)
-    components[role_name] = Member(role_name, fmu.path)
+    components[role_name] = FmuComponent(role_name, fmu.path)
     links = []
     for link in system.links:
         source = found.outputs.get(link.source_variable) if link.source == role_name else _AS_IT_IS
@@ -338,14 +338,16 @@ def replace_component(
             links.append(_adapted(link, source, target))
         elif target is not None:  # an output that it need not have
             part = components[link.target]
-            components[link.target] = replace(part, values=part.values | {link.target_variable: Value(0.0)})
+            components[link.target] = replace(
+                part, values=part.values | {link.target_variable: StartValue(0.0)}
+            )
     return replace(system, components=components, links=tuple(links)), found
 
 
 _AS_IT_IS = Rename("")
 
 
-def _adapted(link: Link, source: Rename, target: Rename) -> Link:
+def _adapted(link: ScaledLink, source: Rename, target: Rename) -> ScaledLink:
     """The link by the FMU's names: the source's conversion, the link's own, then the target's."""
     factor = target.factor * link.factor * source.factor
     offset = target.factor * (link.factor * source.offset + link.offset) + target.offset

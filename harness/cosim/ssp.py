@@ -18,6 +18,7 @@ from xml.etree.ElementTree import Element
 
 from harness.cosim.archive import parse_xml, unpack
 from models.errors import CanineError, nearest
+from models.kit.link import Link
 
 SSD = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
 SSC = "{http://ssp-standard.org/SSP1/SystemStructureCommon}"
@@ -43,7 +44,7 @@ class Connector:
 
 
 @dataclass(frozen=True)
-class Value:
+class StartValue:
     """A start value: of a parameter, or of an input that nothing feeds."""
 
     value: float
@@ -51,23 +52,19 @@ class Value:
 
 
 @dataclass(frozen=True)
-class Member:
+class FmuComponent:
     """One FMU of the system."""
 
     name: str
     fmu: Path
     connectors: dict[str, Connector] = field(default_factory=dict)
-    values: dict[str, Value] = field(default_factory=dict)
+    values: dict[str, StartValue] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
-class Link:
-    """What the target gets: factor * source + offset."""
+class ScaledLink(Link):
+    """A link whose target gets factor * source + offset."""
 
-    source: str
-    source_variable: str
-    target: str
-    target_variable: str
     factor: float = 1.0
     offset: float = 0.0
 
@@ -76,23 +73,20 @@ class Link:
         """Does the value change on the way?"""
         return (self.factor, self.offset) != (1.0, 0.0)
 
-    def __str__(self) -> str:
-        return f"{self.source}.{self.source_variable} -> {self.target}.{self.target_variable}"
-
 
 @dataclass(frozen=True)
-class Description:
+class FmuSystem:
     """A wired system of FMUs: what the harness runs; `files` are its package's, by their names there."""
 
     name: str
-    components: dict[str, Member]
-    links: tuple[Link, ...]
+    components: dict[str, FmuComponent]
+    links: tuple[ScaledLink, ...]
     stop_time: float | None = None
     files: Mapping[str, Path] = field(default_factory=dict)
 
 
 @contextmanager
-def open_ssp(path: Path) -> Iterator[Description]:
+def open_ssp(path: Path) -> Iterator[FmuSystem]:
     """Unpack a package (.ssp, a folder, or a folder's .ssd) for as long as it is used.
 
     Raises:
@@ -117,7 +111,7 @@ class _Reader:
 
     def __init__(self, path: Path, folder: Path) -> None:
         self.path, self.folder = path, folder
-        self.components: dict[str, Member] = {}
+        self.components: dict[str, FmuComponent] = {}
         self.files: dict[str, Path] = {}
 
     def fail(self, text: str) -> SspError:
@@ -149,7 +143,7 @@ class _Reader:
                 raise self.fail(f"{_tag(element)} holds a {_tag(child)}, which is not supported")
         return found
 
-    def read(self, structure: Path) -> Description:
+    def read(self, structure: Path) -> FmuSystem:
         self.files["SystemStructure.ssd"] = structure
         root = parse_xml(structure, f"{self.path}: {structure.name}")
         if root.tag != f"{SSD}SystemStructureDescription":
@@ -167,7 +161,7 @@ class _Reader:
             raise self.fail("the experiment starts at another time than 0 s, which is not supported")
         return self.system(parts["System"], self.attribute(root, "name"), stop)
 
-    def system(self, system: Element, name: str, stop: float | None) -> Description:
+    def system(self, system: Element, name: str, stop: float | None) -> FmuSystem:
         parts = self.children(system, "Connectors", "Elements", "Connections", "ParameterBindings")
         for element in parts.get("Elements", ()):
             if _tag(element) != "Component":
@@ -182,7 +176,7 @@ class _Reader:
         for target, value in self.bindings(parts.get("ParameterBindings"), "the system").items():
             for component_name, variable in through.get(target) or [self.address(target)]:
                 self.components[component_name].values[variable] = value
-        return Description(name, self.components, links, stop, self.files)
+        return FmuSystem(name, self.components, links, stop, self.files)
 
     def address(self, name: str) -> tuple[str, str]:
         component, _, variable = name.partition(".")
@@ -191,7 +185,7 @@ class _Reader:
             raise self.fail(f'the system\'s parameter "{name}" belongs to no component{hint}')
         return component, variable
 
-    def component(self, element: Element) -> Member:
+    def component(self, element: Element) -> FmuComponent:
         name = self.attribute(element, "name")
         kind, source = element.get("type", ""), self.attribute(element, "source")
         if kind not in FMU_TYPES:
@@ -200,7 +194,7 @@ class _Reader:
         if implementation not in ("any", "CoSimulation"):
             raise self.fail(f'component "{name}" is for {implementation}; only CoSimulation is run')
         parts = self.children(element, "Connectors", "ParameterBindings")
-        return Member(
+        return FmuComponent(
             name,
             self.file(source, f'component "{name}"'),
             self.connectors(parts.get("Connectors"), f'component "{name}"'),
@@ -236,8 +230,8 @@ class _Reader:
             )
         return found
 
-    def bindings(self, parent: Element | None, what: str) -> dict[str, Value]:
-        values: dict[str, Value] = {}
+    def bindings(self, parent: Element | None, what: str) -> dict[str, StartValue]:
+        values: dict[str, StartValue] = {}
         for binding in parent if parent is not None else ():
             prefix = binding.get("prefix", "")
             if binding.get("type", "") not in SSV_TYPES:
@@ -257,20 +251,20 @@ class _Reader:
                     values[prefix + self.attribute(element, "name")] = self.value(element, what)
         return values
 
-    def value(self, element: Element, what: str) -> Value:
+    def value(self, element: Element, what: str) -> StartValue:
         name = element.get("name")
         typed = next((child for child in element if child.tag.startswith(SSV)), None)
         if typed is None or _tag(typed) not in ("Real", "Integer", "Boolean", "Enumeration"):
             kind = "nothing" if typed is None else f"a {_tag(typed)}"
             expected = "Real, Integer, Boolean or Enumeration"
             raise self.fail(f'{what}: parameter "{name}" holds {kind}; expected {expected}')
-        return Value(self.number(typed, "value"), typed.get("unit"))
+        return StartValue(self.number(typed, "value"), typed.get("unit"))
 
     def connections(
         self, parent: Element | tuple[()], boundary: dict[str, Connector]
-    ) -> tuple[tuple[Link, ...], dict[str, list[tuple[str, str]]]]:
+    ) -> tuple[tuple[ScaledLink, ...], dict[str, list[tuple[str, str]]]]:
         """The links between components, and what each of the system's own inputs leads to."""
-        links: list[Link] = []
+        links: list[ScaledLink] = []
         through: dict[str, list[tuple[str, str]]] = {}
         for element in parent:
             source = self.end(element, "start", boundary)
@@ -281,7 +275,7 @@ class _Reader:
                     raise self.fail(
                         f"a connection ends at the parameter {_dotted(target)}; bind its value instead"
                     )
-                links.append(Link(*source, *target, factor, offset))
+                links.append(ScaledLink(*source, *target, factor, offset))
             elif target[0]:
                 if (factor, offset) != (1.0, 0.0):
                     raise self.fail(f"system connector {source[1]}: a transformation is not supported here")

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from harness.cosim.fmu import FmuDescription, FmuError
-from harness.cosim.ssp import Description, Link, SspError
+from harness.cosim.ssp import FmuSystem, ScaledLink, SspError
 from models.errors import WiringError
 
 Order = Literal["sequential", "jacobi"]
@@ -36,12 +36,12 @@ class Wiring:
     order: tuple[str, ...]
     plants: frozenset[str]
     step: float
-    delays: tuple[tuple[Link, int], ...]
+    delays: tuple[tuple[ScaledLink, int], ...]
     free: dict[str, tuple[str, ...]]
 
 
 def wire(
-    system: Description,
+    system: FmuSystem,
     fmus: Mapping[str, FmuDescription],
     order: Order = "sequential",
     plants: Iterable[str] = (),
@@ -60,7 +60,7 @@ def wire(
         SspError: the package declares a variable otherwise than its FMU.
         FmuError: a link or value names a variable that the FMU lacks.
     """
-    fed: dict[tuple[str, str], Link] = {}
+    fed: dict[tuple[str, str], ScaledLink] = {}
     for link in system.links:
         _check_link(link, fmus)
         target = (link.target, link.target_variable)
@@ -92,7 +92,7 @@ def wire(
     )
 
 
-def _check_link(link: Link, fmus: Mapping[str, FmuDescription]) -> None:
+def _check_link(link: ScaledLink, fmus: Mapping[str, FmuDescription]) -> None:
     try:
         source = fmus[link.source].find(link.source_variable, "output")
         target = fmus[link.target].find(link.target_variable, "input")
@@ -116,7 +116,7 @@ def _check_link(link: Link, fmus: Mapping[str, FmuDescription]) -> None:
 
 
 def _check_values(
-    system: Description, fmus: Mapping[str, FmuDescription], fed: Mapping[tuple[str, str], Link]
+    system: FmuSystem, fmus: Mapping[str, FmuDescription], fed: Mapping[tuple[str, str], ScaledLink]
 ) -> None:
     """The package's own start values."""
     for name, component in system.components.items():
@@ -134,7 +134,7 @@ def _check_values(
                 )
 
 
-def _check_connectors(system: Description, fmus: Mapping[str, FmuDescription]) -> None:
+def _check_connectors(system: FmuSystem, fmus: Mapping[str, FmuDescription]) -> None:
     """What the package says of its FMUs' variables: an end that declares no type or unit fits any."""
     for name, component in system.components.items():
         for connector in component.connectors.values():
@@ -156,7 +156,7 @@ def _check_connectors(system: Description, fmus: Mapping[str, FmuDescription]) -
             )
 
 
-def _data_flow(names: list[str], links: list[Link]) -> list[str]:
+def _data_flow(names: list[str], links: list[ScaledLink]) -> list[str]:
     """The names so that every source comes before its targets, as listed where it does not matter."""
     done: list[str] = []
     left = list(names)
@@ -173,7 +173,7 @@ def _data_flow(names: list[str], links: list[Link]) -> list[str]:
     return done
 
 
-def _cycle(left: list[str], links: list[Link]) -> str:
+def _cycle(left: list[str], links: list[ScaledLink]) -> str:
     """One cycle among the components that are left, as text."""
     path = [left[0]]
     while True:  # everyone left has a source that is left

@@ -19,11 +19,11 @@ from scipy.optimize import brentq
 from harness.fit.tracks import (
     CRUISE_S,
     ENDED_EARLY,
+    MOTION_SOURCES,
     RATES,
-    SOURCES,
     STATISTICS,
     TURNS,
-    Source,
+    MotionSource,
     Track,
     Trial,
     measure,
@@ -214,7 +214,7 @@ def settled(value: float, mean: float = 0.0) -> float:
     return 0.0 if abs(value) < ROUND_OFF * max(1.0, abs(mean)) else value
 
 
-def read_track(log: Log, source: Source) -> Track:
+def read_track(log: Log, source: MotionSource) -> Track:
     """A trial as a source of the log has it.
 
     Raises:
@@ -228,7 +228,7 @@ def read_track(log: Log, source: Source) -> Track:
         lacks = missing[0] if commands else "controller.command"
         raise FitError(
             f'{log.path}: the log has no signal "{lacks}"; expected the log of a guided trial, such as '
-            f"`canine run` writes, with the motion of {' or '.join(SOURCES)}"
+            f"`canine run` writes, with the motion of {' or '.join(MOTION_SOURCES)}"
         )
     if len(log.time) < 2:
         raise FitError(f"{log.path}: holds one tick; expected a trial")
@@ -270,7 +270,7 @@ def find_logs(given: Sequence[Path]) -> list[Path]:
 class Reading:
     """Trials that were read: each with what it was read from; what could not be read whole is noted."""
 
-    tracks: Sequence[tuple[Track, Source]]
+    tracks: Sequence[tuple[Track, MotionSource]]
     notes: Sequence[str]
 
 
@@ -282,7 +282,7 @@ def read_tracks(
     Raises:
         LogError, FitError: none of them can be read.
     """
-    tracks: list[tuple[Track, Source]] = []
+    tracks: list[tuple[Track, MotionSource]] = []
     notes: list[str] = []
     content: dict[bytes, Path] = {}
     failures: list[CanineError] = []
@@ -296,7 +296,7 @@ def read_tracks(
                 continue
             log = read_log(path)
             name = component or ("plant" if "plant.speed" in log else "estimator")
-            tracks.append((read_track(log, SOURCES[name]), SOURCES[name]))
+            tracks.append((read_track(log, MOTION_SOURCES[name]), MOTION_SOURCES[name]))
             content[digest] = path
             if log.broken:
                 notes.append(f"{path}: the log is not whole, {log.broken}")
@@ -315,7 +315,7 @@ def _content(path: Path) -> bytes:
         raise FitError(f"{path}: cannot be read ({error.strerror}); expected the log of a trial") from error
 
 
-def _mixed(tracks: Sequence[tuple[Track, Source]]) -> Iterable[str]:
+def _mixed(tracks: Sequence[tuple[Track, MotionSource]]) -> Iterable[str]:
     """What the trials do not have in common, or should not."""
     sources = Counter(source.component for _, source in tracks)
     if len(sources) > 1:

@@ -41,7 +41,7 @@ EDGE_S = 30.0  # within which speeding up or slowing down is looked for
 
 
 @dataclass(frozen=True)
-class Source:
+class MotionSource:
     """Whose motion is read, and how finely it can tell.
 
     Attributes:
@@ -59,12 +59,12 @@ class Source:
     turned: float
 
 
-SOURCES = {
+MOTION_SOURCES = {
     # the truth is exact, and a dog that does not obey does not turn at all
-    "plant": Source("plant", 1e-6, 1.0, 0.0, 0.1 * DEG),
+    "plant": MotionSource("plant", 1e-6, 1.0, 0.0, 0.1 * DEG),
     # V' of Table 4.2; braking from less passes between fixes; 5 deg/s for the 3 s of DELTHRESH2 are 15 deg,
     # the least turn asked for (from h'' = 20 deg to 5): a slower dog has not done it in time anyway
-    "estimator": Source("estimator", 0.3, 2.0, 0.2, 5 * DEG),
+    "estimator": MotionSource("estimator", 0.3, 2.0, 0.2, 5 * DEG),
 }
 
 
@@ -221,7 +221,7 @@ def ramp(time: Array, speed: Array, *, rising: bool) -> tuple[int, int]:
     return begin, end
 
 
-def measure(track: Track, source: Source) -> Trial:
+def measure(track: Track, source: MotionSource) -> Trial:
     """What a trial tells about its animal."""
     trial = Trial(track.name)
     known = []
@@ -257,7 +257,7 @@ def _told_by(command: Command) -> tuple[str, ...]:
     }.get(command) or TURNS[command][:1]
 
 
-def _speed(track: Track, known: Sequence[tuple[Command, slice]], source: Source, trial: Trial) -> None:
+def _speed(track: Track, known: Sequence[tuple[Command, slice]], source: MotionSource, trial: Trial) -> None:
     """Cruise speed, acceleration and deceleration."""
     lines: dict[str, list[tuple[Array, Array]]] = {"speeding_up": [], "slowing_down": []}
     steady = []
@@ -317,7 +317,7 @@ def _drift(track: Track, known: Sequence[tuple[Command, slice]], trial: Trial) -
         trial.values["drift"] = slope(lines)
 
 
-def _turn(track: Track, known: Sequence[tuple[Command, slice]], source: Source, trial: Trial) -> None:
+def _turn(track: Track, known: Sequence[tuple[Command, slice]], source: MotionSource, trial: Trial) -> None:
     """Responses to LEFT and RIGHT, and the turn rates of those obeyed; drift is known already if it is."""
     lines: dict[str, list[tuple[Array, Array]]] = {key: [] for key, _ in TURNS.values()}
     drift = trial.values.get("drift", 0.0)

@@ -48,7 +48,7 @@ CIRCLE_POINTS = 48
 GREEN, ORANGE = Color(r=0.0, g=0.62, b=0.45, a=1.0), Color(r=0.90, g=0.62, b=0.0, a=1.0)
 MAGENTA, YELLOW = Color(r=0.80, g=0.20, b=0.60, a=1.0), Color(r=0.94, g=0.78, b=0.10, a=1.0)
 
-Values = Sequence[float]
+Row = Sequence[float]
 
 
 class Message(Protocol):
@@ -106,7 +106,7 @@ class _Fixes:
         self.topic, self.component, self.columns, self.plane = topic, component, columns, plane
         self.message = LocationFix(frame_id="map")
 
-    def write(self, time: int, rows: Mapping[str, Values]) -> None:
+    def write(self, time: int, rows: Mapping[str, Row]) -> None:
         row = rows[self.component]
         north, east, *h_acc = (row[column] for column in self.columns)
         if not (math.isfinite(north) and math.isfinite(east)):
@@ -132,7 +132,7 @@ class _Frames:
             for frame, (component, columns) in tracks.items()
         ]
 
-    def write(self, time: int, rows: Mapping[str, Values]) -> None:
+    def write(self, time: int, rows: Mapping[str, Row]) -> None:
         seconds, nanoseconds = divmod(time, SECOND)
         for component, columns, transform in self.tracks:
             row = rows[component]
@@ -157,7 +157,7 @@ class _Events:
         self.topic, self.columns = topic, columns
         self.before: tuple[float, ...] = ()
 
-    def write(self, time: int, rows: Mapping[str, Values]) -> None:
+    def write(self, time: int, rows: Mapping[str, Row]) -> None:
         row = rows["controller"]
         now = tuple(row[column] for column in self.columns.values())
         # An anomaly is an event on every tick that reports one; everything else is one when it changes.
@@ -239,7 +239,7 @@ class Views:
             self.events = _Events(_Topic(writer, "/log/events", Event), by_name)
         self.due = 0
 
-    def write(self, time: int, rows: Mapping[str, Values]) -> None:
+    def write(self, time: int, rows: Mapping[str, Row]) -> None:
         """Write what is due at `time` (ns) for one tick's rows."""
         if self.scene:
             self.scene.write(time, SceneUpdate(entities=self.entities))

@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from models.local_plane import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS
+from models.earth import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS
 
 Position = TypeVar("Position", float, npt.NDArray[np.float64])
 

@@ -308,7 +308,7 @@ class _Whole:
         return self.file.read(length)
 
 
-class _Table:
+class _Topic:
     """One component's rows as they are read."""
 
     def __init__(self, channel: Channel) -> None:
@@ -329,7 +329,7 @@ def read_log(path: Path) -> Log:
     metadata: dict[str, dict[str, str]] = {}
     attachments: dict[str, bytes] = {}
     schemas: dict[int, records.Schema] = {}
-    tables: dict[int, _Table] = {}
+    tables: dict[int, _Topic] = {}
     broken = ""
     try:
         with path.open("rb") as file:
@@ -360,7 +360,7 @@ def read_log(path: Path) -> Log:
                             held_as = record.metadata
                             schema = schemas[record.schema_id].data
                             channel = Channel.from_schema(held_as["component"], held_as["block"], schema)
-                            tables[record.id] = _Table(channel)
+                            tables[record.id] = _Topic(channel)
                         case records.Message() if record.channel_id in tables:
                             tables[record.channel_id].add(record)
             except EndOfFile:
@@ -390,6 +390,6 @@ def read_log(path: Path) -> Log:
     )
 
 
-def _values(table: _Table, ticks: int) -> Array:
+def _values(table: _Topic, ticks: int) -> Array:
     width = len(table.channel.names)
     return np.array(table.values[: ticks * width], dtype=np.float64).reshape(ticks, width)

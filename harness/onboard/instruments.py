@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from harness.log.geodesy import TangentPlane
 
-Signals = Mapping[str, float]  # the sensors' outputs by name, SI
+SensorValues = Mapping[str, float]  # the sensors' outputs by name, SI
 
 WEEK_MS = 604_800_000  # after which the receiver's time of week begins anew
 FIX_3D = 3
@@ -34,7 +34,7 @@ class Receiver:
     plane: TangentPlane
     pvt: bool = False
 
-    def fix(self, time: float, signals: Signals) -> bytes:
+    def fix(self, time: float, signals: SensorValues) -> bytes:
         """What the receiver sends of the fix of a tick, nothing if there is none.
 
         Args:
@@ -89,7 +89,7 @@ class InertialUnit:
 
     z_up: bool = True
 
-    def sample(self, tick: int, signals: Signals) -> bytes:
+    def sample(self, tick: int, signals: SensorValues) -> bytes:
         """What the unit sends of the sample of a tick.
 
         Args:

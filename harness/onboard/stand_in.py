@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.firmware.bundle import BLOCKS, Values, recorded, settable
+from codegen.firmware.bundle import BLOCKS, recorded, settable
 from harness.cosim.fmu import Call, FmuDescription, Quantity
 from harness.log.geodesy import TangentPlane
 from harness.log.log import Channel
@@ -38,10 +38,10 @@ from harness.onboard.radio import (
 from models.commands import Command
 from models.errors import UsageError
 from models.kit.declaration import Type
+from models.kit.link import Values
 
 Live = list[tuple[list[str], npt.NDArray[Any]]]  # names, and values that change under them
-# the components whose place it takes, and the blocks of the program that are they
-ROLES = {"estimator": "estimator", "controller": "controller", "command_module": "vest"}
+ROLES = ("estimator", "controller", "command_module")  # the components whose place it takes
 UNIT = math.radians(1e-7)  # of latitudes and longitudes on board
 RESEND = 0.4  # s between the operator's messages; some may get lost before the vest stops
 TONES = {"forward_tone": Command.FORWARD, "stop_tone": Command.STOP, "recall_tone": Command.RECALL}
@@ -216,10 +216,14 @@ class Onboard:
 
     def output(self, component: str, name: str) -> float:
         """An output of one of the components whose place it takes."""
-        value = self.memory[f"{ROLES[component]}.output.{name}"]
+        value = self.memory[f"{component}.output.{name}"]
         if component == "controller" and name == "command":
             return float(self.command)
-        if component == "estimator" and name in ("north", "east") and self.memory["plane.state.settled"]:
+        if (
+            component == "estimator"
+            and name in ("north", "east")
+            and self.memory["local_plane.state.settled"]
+        ):
             return value + self._origin()[name == "east"]
         return value
 
@@ -227,7 +231,7 @@ class Onboard:
         """North and east of the program's origin, m."""
         if self._shift is None:
             latitude, longitude = (
-                self.memory[f"plane.state.origin_{name}"] * UNIT for name in ("latitude", "longitude")
+                self.memory[f"local_plane.state.origin_{name}"] * UNIT for name in ("latitude", "longitude")
             )
             self._shift = self.plane.to_plane(latitude, longitude)
         return self._shift
@@ -270,7 +274,7 @@ def commands(values: Mapping[str, float]) -> dict[tuple[int, bool, bool], Comman
         UsageError: two commands sound alike, or one is no whole number of Hz.
     """
     found = {(0, False, False): Command.NONE, (0, True, False): Command.LEFT, (0, False, True): Command.RIGHT}
-    declared = settable(BLOCKS["vest"])
+    declared = settable(BLOCKS["command_module"])
     for name, command in TONES.items():
         tone = values.get(name, declared[name].start[0])
         played = (int(tone), False, False)

@@ -16,7 +16,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from codegen.firmware.bundle import TARGETS, Values, find_target, recorded
+from codegen.firmware.bundle import TARGETS, find_target, recorded
 from harness.onboard.processors import Cost, Processor, ProcessorError, Received, Reply, open_processor
 from harness.pil.printed_defuzzifier import printed_defuzzifier_clocks
 from harness.trial import trial
@@ -24,6 +24,7 @@ from harness.trial.summary import write_summary
 from models.errors import UsageError
 from models.kit.block import Block
 from models.kit.declaration import Type
+from models.kit.link import Values
 
 SCENARIO = "patrol"  # 110 s with an outage, the operator's stop and a lost link
 REPORT = "pil.json"

@@ -83,8 +83,8 @@ class Recording:
 
 
 @dataclass(frozen=True)
-class Signals:
-    """Signals at the ticks, arrays (ticks,), SI units and rad; body axes are forward, right, down.
+class SensorSignals:
+    """SensorSignals at the ticks, arrays (ticks,), SI units and rad; body axes are forward, right, down.
 
     The inertial signals are late by the filter's delay. The gps signals hold their last value between fixes
     and in outages. reference_* is the receiver with the outages included, for scoring only.
@@ -160,7 +160,7 @@ def read_recording(folder: Path) -> Recording:
     )
 
 
-def signals(recording: Recording, outages: Sequence[tuple[float, float]] = ()) -> Signals:
+def sensor_signals(recording: Recording, outages: Sequence[tuple[float, float]] = ()) -> SensorSignals:
     """The estimator's signals, with the fixes at start <= t <= end (s) of each outage withheld.
 
     A fix counts at the first tick at or after it. Fixes faster than MOVING_M_S align the heading with the
@@ -188,7 +188,7 @@ def signals(recording: Recording, outages: Sequence[tuple[float, float]] = ()) -
     accel_x, accel_y, accel_z, gyro_x, gyro_y, gyro_z, roll, pitch, heading = recording.on_ticks.T
     aligning = used & (speed > MOVING_M_S)
     zeros = np.zeros(recording.ticks)
-    return Signals(
+    return SensorSignals(
         t=np.asarray(clock * TICK_S),
         accel_x=accel_x,
         accel_y=accel_y,

@@ -20,12 +20,12 @@ from rich.table import Table
 from scipy import stats
 
 from fmus.build import BUILD, build_fmu
-from harness.cosim.fmu import Component, FmuError
+from harness.cosim.fmu import FmuError, FmuInstance
 from harness.files import make_folder, write_whole
 from harness.log.log import read_log
 from harness.replay.attitude import TICK_S, Array
 from harness.replay.plots import replay_picture
-from harness.replay.recording import MOVING_M_S, RecordingError, Signals, read_recording, signals
+from harness.replay.recording import MOVING_M_S, RecordingError, SensorSignals, read_recording, sensor_signals
 from models.four_state import FourState
 from models.kit.block import Block
 
@@ -45,7 +45,7 @@ COLUMNS = ("position_error_m", "velocity_error_m_s")
 
 
 @dataclass(frozen=True)
-class Source:
+class ReplaySource:
     """What can be replayed: a recording of real sensors, or the log of a trial.
 
     Attributes:
@@ -54,7 +54,7 @@ class Source:
     """
 
     name: str
-    signals: Callable[[Sequence[Window]], Signals]
+    signals: Callable[[Sequence[Window]], SensorSignals]
     broken: str = ""
 
     @property
@@ -78,7 +78,7 @@ class Source:
         ]
 
 
-def open_source(path: Path) -> Source:
+def open_source(path: Path) -> ReplaySource:
     """A folder with a recording, or a trial.mcap.
 
     Raises:
@@ -87,10 +87,10 @@ def open_source(path: Path) -> Source:
     if path.suffix == ".mcap":
         return _of_log(path)
     recording = read_recording(path)
-    return Source(path.resolve().name, lambda chosen: signals(recording, chosen))
+    return ReplaySource(path.resolve().name, lambda chosen: sensor_signals(recording, chosen))
 
 
-def _of_log(path: Path) -> Source:
+def _of_log(path: Path) -> ReplaySource:
     log = read_log(path)
     needed = {name for block in ESTIMATORS.values() for name in block.flat_names("input")} | {"gps_course"}
     missing = [s for s in (f"sensors.{name}" for name in sorted(needed)) if s not in log]
@@ -101,35 +101,37 @@ def _of_log(path: Path) -> Source:
         )
     fixed = log["sensors.gps_fix"] > 0
 
-    def masked(chosen: Sequence[Window]) -> Signals:
+    def masked(chosen: Sequence[Window]) -> SensorSignals:
         used = fixed.copy()
         for start, end in chosen:
             used &= (log.time < start) | (log.time > end)
         latest = np.maximum.accumulate(np.where(used, np.arange(len(used)), 0))  # fix that is held
         given: dict[str, Any] = {}
-        for name in (f.name for f in fields(Signals)):
+        for name in (f.name for f in fields(SensorSignals)):
             recorded = log[f"sensors.{name}"] if f"sensors.{name}" in log else np.zeros(len(used))
             given[name] = recorded[latest] if name.startswith("gps_") else recorded
         for name in ("north", "east", "speed", "course"):
             given[f"reference_{name}"] = log[f"sensors.gps_{name}"]
         given |= {"t": log.time, "gps_fix": used, "reference_fix": fixed}
         given |= {"origin_latitude": log.origin[0], "origin_longitude": log.origin[1]}
-        return Signals(**given)
+        return SensorSignals(**given)
 
     scenario = log.metadata.get("scenario", {})
     name = f"{scenario.get('name', path.stem)}-{scenario.get('seed', '')}".strip("-")
-    return Source(name, masked, log.broken)
+    return ReplaySource(name, masked, log.broken)
 
 
-def run_fmu(path: Path, given: Signals, ticks: int, parameters: Mapping[str, float]) -> dict[str, Array]:
+def run_fmu(
+    path: Path, given: SensorSignals, ticks: int, parameters: Mapping[str, float]
+) -> dict[str, Array]:
     """An estimator's FMU over the first `ticks` ticks: the estimate, arrays (ticks,) by output.
 
     Raises:
         FmuError: the FMU fails, or has inputs that are no signals.
     """
-    with Component("estimator", path) as component:
+    with FmuInstance("estimator", path) as component:
         inputs, outputs = component.description.inputs.values(), component.description.outputs.values()
-        known = {f.name for f in fields(Signals)}
+        known = {f.name for f in fields(SensorSignals)}
         for quantity in inputs:
             if quantity.name not in known:
                 raise FmuError(f'{path}: input "{quantity.name}" is no sensor signal; cannot be replayed')
@@ -161,7 +163,7 @@ def run_fmu(path: Path, given: Signals, ticks: int, parameters: Mapping[str, flo
     return estimate
 
 
-def hold_speed(given: Signals, ticks: int) -> dict[str, Array]:
+def hold_speed(given: SensorSignals, ticks: int) -> dict[str, Array]:
     """Dead reckoning without a filter: from the last fix on its speed along the heading, (ticks,) each."""
     north, east, speed = (getattr(given, f"gps_{name}")[:ticks].copy() for name in ("north", "east", "speed"))
     last = int(np.flatnonzero(given.gps_fix[:ticks])[-1])
@@ -185,7 +187,10 @@ class Outage:
 
 
 def replay(
-    source: Source, estimator: str, chosen: Sequence[Window], progress: Callable[[int], None] | None = None
+    source: ReplaySource,
+    estimator: str,
+    chosen: Sequence[Window],
+    progress: Callable[[int], None] | None = None,
 ) -> list[Outage]:
     """Run every configuration through every outage.
 
@@ -282,7 +287,7 @@ def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def report(source: Source, estimator: str, found: Sequence[Outage], out: Path) -> dict[str, Any]:
+def report(source: ReplaySource, estimator: str, found: Sequence[Outage], out: Path) -> dict[str, Any]:
     """Write outages.json and replay.png; what the JSON holds.
 
     Raises:

@@ -1,7 +1,7 @@
 """Many trials in chunks, on this machine's cores or on a Dask cluster: in any order, with the same counts.
 
-Trials are numbered point by point: number k is trial i = k mod `trials` of point k div `trials`, of course
-i mod (number of courses), with seed `seed` + i. So every point meets the same dogs (common random numbers),
+Trials are numbered point by point: number k is trial i = k mod `trials` of point k div `trials`, of type_
+i mod (number of types), with seed `seed` + i. So every point meets the same dogs (common random numbers),
 and a chunk is no more than two numbers; its trials are listed where it runs. What a chunk comes to are
 integers, so nothing depends on how trials were cut into chunks, or on who ran them when.
 """
@@ -59,7 +59,7 @@ class ClusterError(CanineError):
 
 
 @dataclass(frozen=True)
-class Course:
+class TrialType:
     """One type of trial: start values (SI) by component, changes of inputs, index of the last tick."""
 
     name: str
@@ -81,7 +81,7 @@ class Job:
         system: name of one of SYSTEMS.
         varied: what differs between the points, `component.parameter`.
         points: (points, varied), SI.
-        courses: the types of trials, which take turns; they set the same, and differ in its values alone.
+        types: the types of trials, which take turns; they set the same, and differ in its values alone.
         trials: of each point.
         seed: of the first trial of each point.
         first: index of `points[0]`, if they are some out of more.
@@ -90,17 +90,17 @@ class Job:
     system: str
     varied: tuple[str, ...]
     points: tuple[tuple[float, ...], ...]
-    courses: tuple[Course, ...]
+    types: tuple[TrialType, ...]
     trials: int
     seed: int
     first: int = 0
 
     def __post_init__(self) -> None:
-        first, *others = self.courses
-        for course in others:
-            alike = (course.changes, course.ticks, course.flat.keys())
+        first, *others = self.types
+        for type_ in others:
+            alike = (type_.changes, type_.ticks, type_.flat.keys())
             if alike != (first.changes, first.ticks, first.flat.keys()):
-                raise ValueError(f"{course.name} sets other things, or at other times, than {first.name}")
+                raise ValueError(f"{type_.name} sets other things, or at other times, than {first.name}")
 
     @property
     def total(self) -> int:
@@ -108,21 +108,21 @@ class Job:
         return len(self.points) * self.trials
 
     @property
-    def by_course(self) -> tuple[str, ...]:
-        """What differs between the courses, `component.name`."""
-        flat = [course.flat for course in self.courses]
+    def by_type(self) -> tuple[str, ...]:
+        """What differs between the types, `component.name`."""
+        flat = [type_.flat for type_ in self.types]
         return tuple(name for name in flat[0] if len({values[name] for values in flat}) > 1)
 
     def rows(self) -> npt.NDArray[np.float64]:
-        """(points * courses, varied + by_course) the values of each point for each course."""
-        own = [[course.flat[name] for name in self.by_course] for course in self.courses]
-        width = len(self.varied) + len(self.by_course)
+        """(points * types, varied + by_type) the values of each point for each type_."""
+        own = [[type_.flat[name] for name in self.by_type] for type_ in self.types]
+        width = len(self.varied) + len(self.by_type)
         return np.array([(*p, *v) for p in self.points for v in own]).reshape(-1, width)
 
     @property
     def dtype(self) -> type[np.unsignedinteger[Any]]:
         """What holds the index of any tick."""
-        return np.uint16 if max(course.ticks for course in self.courses) < 2**16 else np.uint32
+        return np.uint16 if max(type_.ticks for type_ in self.types) < 2**16 else np.uint32
 
     def of(self, start: int, stop: int) -> Job:
         """The same with only the points that the trials from `start` to before `stop` need."""
@@ -200,14 +200,14 @@ def batch_of(job: Job) -> Batch:
     Raises:
         CompileError: the compiler refuses it.
     """
-    varied = (*job.varied, *job.by_course)
+    varied = (*job.varied, *job.by_type)
     key = (job.system, varied)
     with _one_at_a_time:
         if key not in _batches:
             _batches[key] = Batch(SYSTEMS[job.system], varied, OBSERVED, ("controller.status", ENDS))
         nobody = np.zeros(0, dtype=np.int32)  # of no trials: compiled here, not in many threads at once
-        course = job.courses[0]
-        _batches[key].run(course.values, job.rows(), nobody, nobody, course.ticks, changes=course.changes)
+        type_ = job.types[0]
+        _batches[key].run(type_.values, job.rows(), nobody, nobody, type_.ticks, changes=type_.changes)
         return _batches[key]
 
 
@@ -238,14 +238,14 @@ def run_chunk(job: Job, start: int, stop: int, made_for: str) -> Chunk:
     if made_for != program():
         raise ClusterError(f"a worker runs another version of this program, {program()[:12]}")
     point, number = np.divmod(np.arange(start, stop), job.trials)
-    course, courses = job.courses[0], len(job.courses)
+    type_, types = job.types[0], len(job.types)
     results = batch_of(job).run(
-        course.values,
+        type_.values,
         job.rows(),
-        ((point - job.first) * courses + number % courses).astype(np.int32),
+        ((point - job.first) * types + number % types).astype(np.int32),
         (job.seed + number).astype(np.int32),
-        course.ticks,
-        changes=course.changes,
+        type_.ticks,
+        changes=type_.changes,
     )
     status = results.values[:, 0]
     success = status == Status.SUCCESS
@@ -266,7 +266,7 @@ def chunk_size(job: Job, left: int, width: int) -> int:
         left: trials to be run.
         width: cores.
     """
-    longest = max(USUAL, *(course.ticks for course in job.courses))
+    longest = max(USUAL, *(type_.ticks for type_ in job.types))
     largest, smallest = (max(1, trials * USUAL // longest) for trials in (LARGEST[job.system], SMALLEST))
     return max(smallest, min(largest, -(-left // (ROUNDS * width))))
 

@@ -23,19 +23,19 @@ from rich.table import Table
 
 from codegen.batch.batch import Change
 from harness.files import write_whole
-from harness.sweep.chunks import Course, Job, Outcomes, Progress, pool_at, program, run_all
+from harness.sweep.chunks import Job, Outcomes, Progress, TrialType, pool_at, program, run_all
 from harness.sweep.journal import open_journal
 from harness.sweep.plots import sweep_png
 from harness.sweep.recommend import number, recommend
 from harness.sweep.table import TICK_S, Point, csv_of, plain, table_of
 from harness.trial.scenario import (
     MAX_SEED,
-    Part,
+    Interface,
     Scenario,
     ScenarioError,
+    interfaces_of_system,
     is_angular,
     load,
-    parts_of_system,
     plan,
     si_value,
 )
@@ -43,7 +43,7 @@ from models.errors import UsageError, nearest
 from models.kit.declaration import Type, Variable
 from models.system import SYSTEMS
 
-COURSES = {"two": ("two_waypoint",), "three": ("right_90", "left_90", "right_45", "left_45")}
+TRIAL_TYPES = {"two": ("two_waypoint",), "three": ("right_90", "left_90", "right_45", "left_45")}
 THRESHOLD, THRESHOLD_COLUMN = "cmec.moving_deviation", "threshold_deg"
 TWO_WAYPOINTS, MORE_WAYPOINTS = "15:90", "15:65"  # deg, 5.3.5 and 5.3.6
 MAX_POINTS, MAX_TRIALS = 10_000, 100_000_000
@@ -84,7 +84,7 @@ class Sweep:
         name: `two`, `three`, or the scenario's.
         axes: one or two; the second varies first from point to point.
         job: the same as plain data.
-        scenarios: what each course is made of.
+        scenarios: what each type_ is made of.
         reading: of all of them.
     """
 
@@ -146,9 +146,11 @@ def wanted(
     """
     if system not in SYSTEMS:
         raise SweepError(f"--system {system}: there is no such system{nearest(system, SYSTEMS)}")
-    scenarios = [_adapted(name, system, reading, seed, settings) for name in COURSES.get(target, (target,))]
+    scenarios = [
+        _adapted(name, system, reading, seed, settings) for name in TRIAL_TYPES.get(target, (target,))
+    ]
     first = scenarios[0]
-    parts = parts_of_system(SYSTEMS[system])
+    parts = interfaces_of_system(SYSTEMS[system])
     ranges = [_split(text) for text in vary]
     if thresholds is not None or not ranges:
         default = TWO_WAYPOINTS if len(first.waypoints) == 1 else MORE_WAYPOINTS
@@ -169,12 +171,12 @@ def wanted(
         system,
         tuple(axis.variable for axis in axes),
         tuple(product(*(axis.values for axis in axes))),
-        tuple(_course(scenario, parts) for scenario in scenarios),
+        tuple(_trial_type(scenario, parts) for scenario in scenarios),
         trials,
         first.seed,
     )
     _check_size(job)
-    return Sweep(target if target in COURSES else first.name, axes, job, tuple(scenarios), first.reading)
+    return Sweep(target if target in TRIAL_TYPES else first.name, axes, job, tuple(scenarios), first.reading)
 
 
 def _check_size(job: Job) -> None:
@@ -207,11 +209,11 @@ def _adapted(
     scenario = replace(scenario.override(settings, seed), system=system)
     if reading is not None:
         scenario = replace(scenario, reading=reading)
-    here = _owners(parts_of_system(SYSTEMS[system]))
+    here = _owners(interfaces_of_system(SYSTEMS[system]))
     for address in [*scenario.parameters, *(s.variable for s in scenario.sets)]:
         owner = address.partition(".")[0]
         for other in SYSTEMS:
-            if owner not in here and owner in _owners(parts_of_system(SYSTEMS[other])):
+            if owner not in here and owner in _owners(interfaces_of_system(SYSTEMS[other])):
                 raise SweepError(
                     f'{scenario.name}: {address}: the system "{system}" has no {owner}; '
                     f"sweep with --system {other}, or leave it out"
@@ -219,12 +221,12 @@ def _adapted(
     return scenario
 
 
-def _owners(parts: Mapping[str, Part]) -> set[str]:
+def _owners(parts: Mapping[str, Interface]) -> set[str]:
     """The names of components and of their blocks."""
     return {*parts, *(part.block for part in parts.values())}
 
 
-def _variables(address: str, parts: Mapping[str, Part]) -> list[str]:
+def _variables(address: str, parts: Mapping[str, Interface]) -> list[str]:
     """`component.parameter` of an address; a vector's name stands for its elements."""
     owner, _, name = address.partition(".")
     return [
@@ -236,14 +238,14 @@ def _variables(address: str, parts: Mapping[str, Part]) -> list[str]:
     ]
 
 
-def _course(scenario: Scenario, parts: Mapping[str, Part]) -> Course:
+def _trial_type(scenario: Scenario, parts: Mapping[str, Interface]) -> TrialType:
     """A scenario resolved against its system, by ticks.
 
     Raises:
         ScenarioError: as `plan` does; or it sets an input that is connected.
     """
     found = plan(scenario, parts)
-    fed = {(link.target, link.target_variable) for link in SYSTEMS[scenario.system].connections}
+    fed = {(link.target, link.target_variable) for link in SYSTEMS[scenario.system].links}
     changes = []
     for event in found.events:
         if (event.component, event.variable) in fed:
@@ -253,7 +255,9 @@ def _course(scenario: Scenario, parts: Mapping[str, Part]) -> Course:
             )
         tick = math.ceil(event.time / TICK_S - 1e-9)
         changes.append(Change(tick, event.component, event.variable, event.value))
-    return Course(scenario.name, found.values, tuple(changes), math.floor(scenario.duration / TICK_S + 1e-9))
+    return TrialType(
+        scenario.name, found.values, tuple(changes), math.floor(scenario.duration / TICK_S + 1e-9)
+    )
 
 
 def _split(text: str) -> tuple[str, str, str]:
@@ -264,7 +268,7 @@ def _split(text: str) -> tuple[str, str, str]:
     return f"--vary {text}", address.strip(), values.strip()
 
 
-def _axis(option: str, address: str, text: str, scenario: Scenario, parts: Mapping[str, Part]) -> Axis:
+def _axis(option: str, address: str, text: str, scenario: Scenario, parts: Mapping[str, Interface]) -> Axis:
     """A varied parameter, checked as if each value were set."""
     what = option if option.startswith("--vary") else f"--thresholds {text}"
     written = _range(what, text)

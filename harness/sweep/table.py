@@ -31,7 +31,7 @@ class Point:
             commands (5.3.1 records them for these).
         timeouts: trials that no status had ended when they were cut.
         anomalies: ticks that reported each kind, over all trials.
-        courses: successes and trials of each type, if there are several.
+        types: successes and trials of each type, if there are several.
     """
 
     written: tuple[Decimal, ...]
@@ -42,7 +42,7 @@ class Point:
     commands: int
     timeouts: int
     anomalies: Mapping[str, int]
-    courses: Mapping[str, tuple[int, int]]
+    types: Mapping[str, tuple[int, int]]
 
     @property
     def success_rate(self) -> float:
@@ -70,9 +70,9 @@ class Point:
         """Directional commands in a successful trial."""
         return self.commands / self.successes if self.successes else None
 
-    def rate_of(self, course: str) -> float | None:
+    def rate_of(self, type_: str) -> float | None:
         """The success rate of one type of trial."""
-        successes, trials = self.courses[course]
+        successes, trials = self.types[type_]
         return successes / trials if trials else None
 
 
@@ -86,12 +86,12 @@ def wilson(successes: int, trials: int) -> tuple[float, float]:
 
 def table_of(points: Sequence[tuple[Decimal, ...]], outcomes: Outcomes) -> list[Point]:
     """What each point came to, in the order of `points`."""
-    names = [course.name for course in outcomes.job.courses]
+    names = [type_.name for type_ in outcomes.job.types]
     table = []
     for index, written in enumerate(points):
         ticks = outcomes.ticks[index]
         turns = {name: ticks[turn :: len(names)] for turn, name in enumerate(names)}
-        courses = {name: (int(np.count_nonzero(mine)), mine.size) for name, mine in turns.items()}
+        types = {name: (int(np.count_nonzero(mine)), mine.size) for name, mine in turns.items()}
         sums = dict(zip(SUMS, map(int, outcomes.sums[index]), strict=True))
         table.append(
             Point(
@@ -103,7 +103,7 @@ def table_of(points: Sequence[tuple[Decimal, ...]], outcomes: Outcomes) -> list[
                 sums["commands"],
                 sums["timeouts"],
                 {name: sums[name] for name in ANOMALIES},
-                courses if len(names) > 1 else {},
+                types if len(names) > 1 else {},
             )
         )
     return table
@@ -116,13 +116,13 @@ def _squares(ticks: npt.NDArray[np.unsignedinteger[Any]]) -> int:
 
 def csv_of(columns: Sequence[str], table: Sequence[Point]) -> bytes:
     """The table as CSV; a cell is empty where there is nothing to take a mean of."""
-    courses = list(table[0].courses)
+    types = list(table[0].types)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(
         [
             *columns, "trials", "successes", "success_rate", "ci_low", "ci_high", "mean_time_s", "sd_time_s",
-            "mean_commands", "timeouts", *ANOMALIES, *courses,
+            "mean_commands", "timeouts", *ANOMALIES, *types,
         ]
     )  # fmt: skip
     for point in table:
@@ -130,7 +130,7 @@ def csv_of(columns: Sequence[str], table: Sequence[Point]) -> bytes:
         writer.writerow(
             [
                 *map(plain, point.written), point.trials, point.successes, *map(_cell, numbers),
-                point.timeouts, *point.anomalies.values(), *(_cell(point.rate_of(name)) for name in courses),
+                point.timeouts, *point.anomalies.values(), *(_cell(point.rate_of(name)) for name in types),
             ]
         )  # fmt: skip
     return text.getvalue().encode()

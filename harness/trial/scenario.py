@@ -188,7 +188,7 @@ def parse(text: str, where: str, default_name: str = "scenario", folder: Path = 
         ScenarioError: no TOML, an unknown key, a wrong type, or a value out of its range.
     """
     try:
-        table = _Table(tomllib.loads(text), where)
+        table = _TomlTable(tomllib.loads(text), where)
     except tomllib.TOMLDecodeError as reason:
         raise ScenarioError(f"{where}: {reason}") from None
     origin = table.table("origin")
@@ -223,7 +223,7 @@ def parse(text: str, where: str, default_name: str = "scenario", folder: Path = 
     return scenario
 
 
-class _Table:
+class _TomlTable:
     """A TOML table whose keys are taken one by one; `finish` refuses what is left."""
 
     def __init__(self, values: dict[str, Any], where: str) -> None:
@@ -279,17 +279,17 @@ class _Table:
             points.append((float(point[0]), float(point[1])))
         return tuple(points)
 
-    def table(self, key: str) -> _Table:
+    def table(self, key: str) -> _TomlTable:
         value = self.take(key, {})
         if not isinstance(value, dict):
             raise self.fail(key, value, "a table")
-        return _Table(value, f"{self.where}: [{key}]")
+        return _TomlTable(value, f"{self.where}: [{key}]")
 
-    def tables(self, key: str) -> list[_Table]:
+    def tables(self, key: str) -> list[_TomlTable]:
         value = self.take(key, [])
         if not isinstance(value, list) or not all(isinstance(part, dict) for part in value):
             raise self.fail(key, value, f"tables [[{key}]]")
-        return [_Table(part, f"{self.where}: [[{key}]] {i + 1}") for i, part in enumerate(value)]
+        return [_TomlTable(part, f"{self.where}: [[{key}]] {i + 1}") for i, part in enumerate(value)]
 
     def all(self) -> dict[str, Written]:
         """Every key, whatever it is; they are resolved against the system later."""
@@ -313,7 +313,7 @@ class _Table:
 
 
 @dataclass(frozen=True)
-class Part:
+class Interface:
     """What a component lets a scenario set.
 
     Attributes:
@@ -354,10 +354,10 @@ class Part:
         return rename.name, converted if variable.type is Type.REAL else float(round(converted))
 
 
-def parts_of_system(system: System) -> dict[str, Part]:
+def interfaces_of_system(system: System) -> dict[str, Interface]:
     """The parts of a system of ours, by component."""
     return {
-        name: Part(
+        name: Interface(
             block.title(),
             dict(flatten(block.group("parameter"))),
             dict(flatten(block.group("input"))),
@@ -367,13 +367,13 @@ def parts_of_system(system: System) -> dict[str, Part]:
     }
 
 
-def part_of_fmu(
+def interface_of_fmu(
     name: str,
     fmu: FmuDescription,
     role: Role | None = None,
     fit: Fit | None = None,
     misfits: Mapping[str, str] | None = None,
-) -> Part:
+) -> Interface:
     """An FMU as a part, by what it declares; swapped in if it is known how it fits the role."""
     parameters = {n: _variable(fmu, q) for n, q in fmu.parameters.items()}
     inputs = {n: _variable(fmu, q) for n, q in fmu.inputs.items()}
@@ -383,7 +383,7 @@ def part_of_fmu(
         parameters |= {n: role.parameters[n] for n in fit.parameters if n in renames}
         inputs |= {n: role.inputs[n] for n in fit.inputs if n in renames}
     label = f"{name} {fmu.path.name}"
-    return Part(fmu.model, parameters, inputs, label, fit is not None, renames, misfits or {})
+    return Interface(fmu.model, parameters, inputs, label, fit is not None, renames, misfits or {})
 
 
 def _variable(fmu: FmuDescription, quantity: Quantity) -> Variable:
@@ -411,7 +411,7 @@ class Plan:
 
 def plan(
     scenario: Scenario,
-    parts: Mapping[str, Part],
+    parts: Mapping[str, Interface],
     bound: Mapping[str, Mapping[str, float]] | None = None,
     fed: Mapping[str, Collection[str]] | None = None,
 ) -> Plan:
@@ -431,7 +431,7 @@ class _Planner:
     def __init__(
         self,
         scenario: Scenario,
-        parts: Mapping[str, Part],
+        parts: Mapping[str, Interface],
         bound: Mapping[str, Mapping[str, float]],
         fed: Mapping[str, Collection[str]],
     ) -> None:
@@ -608,7 +608,7 @@ def _expected(variable: Variable, scale: float) -> str:
     return words + " " + variable.unit.replace("rad", "deg")
 
 
-def values_of(parts: Mapping[str, Part], values: Mapping[str, Mapping[str, float]]) -> dict[str, str]:
+def values_of(parts: Mapping[str, Interface], values: Mapping[str, Mapping[str, float]]) -> dict[str, str]:
     """Every parameter of every part as `component.name`: value (SI), for the log."""
     return {
         f"{component}.{name}": repr(float(part.start(name, variable, values.get(component, {}))))

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from codegen.firmware.bundle import BLOCKS, TARGETS, Values, find_target, settable
+from codegen.firmware.bundle import BLOCKS, TARGETS, find_target, settable
 from fmus.archive import pack
 from fmus.build import BUILD, build_all, is_current
 from harness.cosim.fmu import FmuDescription, describe
@@ -30,7 +30,7 @@ from harness.cosim.roles import (
     replace_component,
     roles,
 )
-from harness.cosim.ssp import Description, open_ssp
+from harness.cosim.ssp import FmuSystem, open_ssp
 from harness.cosim.wiring import Order
 from harness.files import make_folder, write_whole
 from harness.log.log import Channel, Log, LogWriter, read_log
@@ -39,14 +39,14 @@ from harness.onboard.stand_in import ROLES, Onboard, commands
 from harness.trial.plots import trial_png
 from harness.trial.scenario import (
     DEFAULT,
-    Part,
+    Interface,
     Plan,
     Scenario,
     ScenarioError,
+    interface_of_fmu,
+    interfaces_of_system,
     load,
     parse,
-    part_of_fmu,
-    parts_of_system,
     plan,
     values_of,
 )
@@ -54,6 +54,7 @@ from harness.trial.summary import summarize, write_page, write_summary
 from models.commands import ENDS
 from models.errors import UsageError
 from models.kit.declaration import flatten
+from models.kit.link import Values
 from models.system import SYSTEMS
 
 PACKAGE, LOG = "system.ssp", "trial.mcap"
@@ -206,22 +207,22 @@ class Prepared:
         renames: for swapped components, the role's outputs by the FMU's names.
     """
 
-    system: Description
+    system: FmuSystem
     fmus: Mapping[str, FmuDescription]
-    parts: Mapping[str, Part]
+    parts: Mapping[str, Interface]
     plan: Plan
     renames: Mapping[str, Mapping[str, tuple[str, Rename]]]
     notes: tuple[str, ...]
 
 
-def parts_on_board() -> dict[str, Part]:
+def interfaces_on_board() -> dict[str, Interface]:
     """What a scenario can set of the onboard program beside the components that it takes the place of."""
     return {
-        member: Part(
+        member: Interface(
             block.title(), dict(flatten(list(settable(block).values()))), {}, f"{member} {block.title()}"
         )
         for member, block in BLOCKS.items()
-        if member not in ROLES.values()
+        if member not in ROLES
     }
 
 
@@ -236,33 +237,28 @@ def values_on_board(scenario: str, settings: Sequence[str]) -> Values:
         ScenarioError: it cannot be read, or sets what is not there.
         UsageError: a setting is none of the firmware's, or two commands sound alike.
     """
-    parts = parts_of_system(SYSTEMS["full"]) | parts_on_board()
+    parts = interfaces_of_system(SYSTEMS["full"]) | interfaces_on_board()
     wanted = (load(scenario, mission=False) if scenario else Scenario("--set")).override(settings)
     values = plan(wanted, parts).values
     for setting in settings:
         owner, _, name = setting.partition("=")[0].strip().partition(".")
         if not any(
-            owner in (component, BLOCKS[member].title()) and name in settable(BLOCKS[member])
-            for component, member in _members().items()
+            owner in (component, block.title()) and name in settable(block)
+            for component, block in BLOCKS.items()
         ):
             raise UsageError(
-                f"--set {owner}.{name}: not in the firmware, whose blocks are {', '.join(_members())}; "
+                f"--set {owner}.{name}: not in the firmware, whose blocks are {', '.join(BLOCKS)}; "
                 "waypoints and home come by radio"
             )
     commands(values["command_module"])
     return firmware_values(values)
 
 
-def _members() -> dict[str, str]:
-    """The components that are on board, and what they are there."""
-    return ROLES | {name: name for name in parts_on_board()}
-
-
 def firmware_values(values: Mapping[str, Mapping[str, float]]) -> Values:
-    """Of all components' values, those that are parameters of the firmware, by its members."""
+    """Of all components' values, those that are parameters of the firmware."""
     return {
-        member: {n: x for n, x in values.get(component, {}).items() if n in settable(BLOCKS[member])}
-        for component, member in _members().items()
+        component: {n: x for n, x in values.get(component, {}).items() if n in settable(block)}
+        for component, block in BLOCKS.items()
     }
 
 
@@ -294,7 +290,11 @@ def prepared(request: Request) -> Iterator[Prepared]:
             role: {rename.name: (name, rename) for name, rename in fit.outputs.items()}
             for role, fit in fits.items()
         }
-        own = parts_of_system(SYSTEMS[request.scenario.system]) if request.scenario.system in SYSTEMS else {}
+        own = (
+            interfaces_of_system(SYSTEMS[request.scenario.system])
+            if request.scenario.system in SYSTEMS
+            else {}
+        )
         known = roles()
         parts = {}
         for name, fmu in fmus.items():
@@ -302,9 +302,9 @@ def prepared(request: Request) -> Iterator[Prepared]:
                 parts[name] = own[name]
             else:
                 wrong = misfits(fmu, known[name]) if name in known and name not in fits else {}
-                parts[name] = part_of_fmu(name, fmu, known.get(name), fits.get(name), wrong)
+                parts[name] = interface_of_fmu(name, fmu, known.get(name), fits.get(name), wrong)
         if request.onboard:
-            parts |= parts_on_board()
+            parts |= interfaces_on_board()
         bound = {n: {v: x.value for v, x in part.values.items()} for n, part in system.components.items()}
         fed = {name: {k.target_variable for k in system.links if k.target == name} for name in fmus}
         found = plan(request.scenario, parts, bound, fed)
@@ -385,7 +385,7 @@ def _simulate(
         )
         if onboard is not None:
             onboard.connect(simulation.outputs("sensors"))
-        table = _Table(simulation, ready, onboard)
+        table = _LogRows(simulation, ready, onboard)
         with LogWriter(
             path,
             table.channels,
@@ -426,7 +426,7 @@ def _report(log: Log, out: Path, real_time_factor: float) -> dict[str, Any]:
     return summary
 
 
-class _Table:
+class _LogRows:
     """The rows of a simulation as the log's: a swapped component's outputs by its role's names and units."""
 
     def __init__(self, simulation: Simulation, ready: Prepared, onboard: Onboard | None) -> None:

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from harness.drawing import BELOW, BESIDE, GRID, new_figure
-from harness.sweep.plots import COURSES as TYPE_COLOURS
-from harness.sweep.sweep import COURSES
+from harness.sweep.plots import TRIAL_TYPES as TYPE_COLOURS
+from harness.sweep.sweep import TRIAL_TYPES
 from harness.trial.plots import trial_figure
 from harness.verification.published import (
     ALL_FROM,
@@ -148,7 +148,7 @@ def three_field_figure(size: Size) -> Figure:
     """Figure 5.8, and what it does not show: the types."""
     figure = new_figure(12, 5)
     whole, types = figure.subplots(1, 2, sharey=True, width_ratios=(1, 1.6))
-    names = list(COURSES["three"])
+    names = list(TRIAL_TYPES["three"])
     for shift, (reading, colour) in zip((-0.2, 0.2), COLOURS.items(), strict=True):
         found = simulate("three", "37:49:12", size.rate, reading)
         whole.plot(

@@ -163,10 +163,10 @@ def story(seeds: int) -> Story:
         LookupError: there is none.
     """
     job = wanted("right_90").job
-    (course,) = job.courses
+    (type_,) = job.types
     numbers = np.arange(1, seeds + 1, dtype=np.int32)
     threshold = np.array([[Cmec.moving_deviation.start[0]]])
-    results = batch_of(job).run(course.values, threshold, np.zeros_like(numbers), numbers, course.ticks)
+    results = batch_of(job).run(type_.values, threshold, np.zeros_like(numbers), numbers, type_.ticks)
     anomalies = results.values[:, 2:]
     failure = anomalies[:, ANOMALIES.index("turn_failure")]
     fits = (results.values[:, 0] == Status.SUCCESS) & (failure == 1) & (anomalies.sum(axis=1) == 1)

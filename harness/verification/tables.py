@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from harness.sweep.recommend import recommend
-from harness.sweep.sweep import COURSES
+from harness.sweep.sweep import TRIAL_TYPES
 from harness.sweep.table import Point
 from harness.verification.published import (
     ALL_FROM,
@@ -34,7 +34,7 @@ from harness.verification.runs import (
 )
 from models.readings import READINGS
 
-TYPES = [name.replace("_", " ") for name in COURSES["three"]]
+TYPES = [name.replace("_", " ") for name in TRIAL_TYPES["three"]]
 
 
 def markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -196,7 +196,7 @@ def late_table(size: Size) -> str:
 
 
 def _by_type(point: Point) -> list[str]:
-    return [percent(point.rate_of(name) or 0.0) for name in COURSES["three"]]
+    return [percent(point.rate_of(name) or 0.0) for name in TRIAL_TYPES["three"]]
 
 
 def dog_table(size: Size, reading: str) -> str:

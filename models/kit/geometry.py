@@ -28,17 +28,17 @@ def counted(count: SX, more: SX | float = 1) -> SX:
     return ca.if_else(count < COUNT_MAX, count + more, count)
 
 
-def either(condition: SX, yes: SX | float, no: SX | float) -> SX:
+def where(condition: SX, yes: SX | float, no: SX | float) -> SX:
     """`yes` where the condition holds, else `no`."""
     return ca.if_else(condition, yes, no)
 
 
-def every(*conditions: SX) -> SX:
+def all_of(*conditions: SX) -> SX:
     """Do all hold?"""
     open_ones = [c for c in map(ca.SX, conditions) if not c.is_one()]
     return reduce(ca.logic_and, open_ones) if open_ones else ca.SX(1)
 
 
-def some(*conditions: SX) -> SX:
+def any_of(*conditions: SX) -> SX:
     """Does any hold?"""
     return reduce(ca.logic_or, conditions)

@@ -78,7 +78,7 @@ class Wrapped:
             slave.exitInitializationMode()
         for name in self.slaves:
             wanted: dict[str, tuple[list[int], list[tuple[str, int]]]] = {}
-            for link in self.system.connections:
+            for link in self.system.links:
                 if link.target == name:
                     reference, kind = references[name, link.target_variable]
                     targets, sources = wanted.setdefault(kind, ([], []))

@@ -123,13 +123,13 @@ def run_alone(job: Job) -> None:
 def ticks_of(job: Job) -> int:
     """How many ticks the sweep's trials take altogether."""
     point, number = np.divmod(np.arange(job.total), job.trials)
-    course, courses = job.courses[0], len(job.courses)
+    type_, types = job.types[0], len(job.types)
     results = batch_of(job).run(
-        course.values,
+        type_.values,
         job.rows(),
-        (point * courses + number % courses).astype(np.int32),
+        (point * types + number % types).astype(np.int32),
         (job.seed + number).astype(np.int32),
-        course.ticks,
+        type_.ticks,
     )
     return int(results.ticks.sum())
 
@@ -138,16 +138,16 @@ def settings_of(job: Job) -> list[tuple[Setting, list[tuple[float, float]], int]
     """The same sweep for the peers: setting, route and trials of each point and type."""
     found = []
     for (threshold,) in job.points:
-        for course in job.courses:
-            controller = course.values["controller"]
+        for type_ in job.types:
+            controller = type_.values["controller"]
             count = int(controller["waypoint_count"])
             route = [
                 (controller[f"waypoint_north[{i}]"], controller[f"waypoint_east[{i}]"])
                 for i in range(1, count + 1)
             ]
-            spread = course.values["plant"]["start_heading_deviation"]
+            spread = type_.values["plant"]["start_heading_deviation"]
             values = setting(moving_deviation=threshold, start_heading_deviation=spread)
-            found.append((values, route, job.trials // len(job.courses)))
+            found.append((values, route, job.trials // len(job.types)))
     return found
 
 

@@ -69,10 +69,10 @@ def test_the_package_holds_the_wiring(system: System, fmus: dict[str, Path], tmp
     # then every scalar of every link is connected once
     links = [
         tuple(c.get(key) for key in ("startElement", "startConnector", "endElement", "endConnector"))
-        for c in root.findall("ssd:System/ssd:Connections/ssd:Connection", NAMESPACES)
+        for c in root.findall("ssd:System/ssd:Connections/ssd:Link", NAMESPACES)
     ]
     assert len(set(links)) == len(links)
-    for link in system.connections:
+    for link in system.links:
         assert (link.source, link.source_variable, link.target, link.target_variable) in links
     # then a trial lasts 300 s
     experiment = root.find("ssd:DefaultExperiment", NAMESPACES)

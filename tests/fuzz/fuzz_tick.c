@@ -475,7 +475,7 @@ static void check_command(void)
         assert(vest.controller.in.start || (mode == CMEC_MODE_IDLE) || (mode == CMEC_MODE_STOPPED));
     }
     assert(vest.controller.out.command == expected);
-    assert(!vest.controller.in.start || vest.plane.state.settled);
+    assert(!vest.controller.in.start || vest.local_plane.state.settled);
     assert(vest.controller.out.waypoint <= vest.controller.state.count);
     assert((vest.controller.state.count >= 1) && (vest.controller.state.count <= (int32_t)LINK_MAX_WAYPOINTS));
     for (int32_t i = 0; i < vest.controller.state.count; i++) {
@@ -542,8 +542,8 @@ static void tick(void)
     world.reports = 0U;
     onboard_tick(&vest);
     world.silence = (messages() != heard) ? 0U : (world.silence + 1U);
-    world.imu_silence = vest.guard.in.sampled ? 0U : (world.imu_silence + 1U);
-    assert(!vest.guard.in.sampled || /* what counts as a sample has come, and the estimator took it */
+    world.imu_silence = vest.watchdog.in.sampled ? 0U : (world.imu_silence + 1U);
+    assert(!vest.watchdog.in.sampled || /* what counts as a sample has come, and the estimator took it */
            ((vest.imu.scanner.frames != sampled) && (vest.estimator.state.bad_samples == bad_samples)));
     for (unsigned i = 0U; i < (unsigned)PORT_SOURCES; i++) {
         assert(world.taken[i] <= (ONBOARD_BLOCKS * PORT_MOST));

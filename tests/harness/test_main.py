@@ -104,13 +104,13 @@ def test_ctrl_c_keeps_the_log(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # given a user who has enough after the first batch of rows
-    write = trial._Table.write
+    write = trial._LogRows.write
 
-    def interrupted(self: trial._Table, log: object, times: object, values: object) -> None:
+    def interrupted(self: trial._LogRows, log: object, times: object, values: object) -> None:
         write(self, log, times, values)  # type: ignore[arg-type]
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(trial._Table, "write", interrupted)
+    monkeypatch.setattr(trial._LogRows, "write", interrupted)
     # when
     status, _, said = canine(capsys, *RUN, "--out", tmp_path)
     # then

@@ -55,8 +55,8 @@ def draws(native: Callable[..., Any]) -> dict[str, np.ndarray[Any, Any]]:
     """What is drawn for each of 2,000 trials."""
     parameters = {"start_heading_deviation": 10 * DEG, **SPREAD}
     names = [
-        "course", "trial_drift", "trial_right_rate", "trial_left_rate", "trial_speed", "trial_speeding_up",
-        "trial_slowing_down",
+        "body_heading", "trial_drift", "trial_right_rate", "trial_left_rate", "trial_speed",
+        "trial_speeding_up", "trial_slowing_down",
     ]  # fmt: skip
     rows = []
     for seed in SEEDS:
@@ -68,7 +68,7 @@ def draws(native: Callable[..., Any]) -> dict[str, np.ndarray[Any, Any]]:
 @pytest.mark.parametrize(
     ("name", "mean", "deviation"),
     [
-        ("course", 0, 10 * DEG),  # 5.3.3
+        ("body_heading", 0, 10 * DEG),  # 5.3.3
         ("trial_drift", 2.62 * DEG, 1.62 * DEG),  # Table 5.1
         ("trial_right_rate", 57.92 * DEG, 37.66 * DEG),
         ("trial_left_rate", -77.67 * DEG, 41.13 * DEG),

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from models.kit.geometry import clip, either, every, some, wrap
+from models.kit.geometry import all_of, any_of, clip, where, wrap
 
 a, b, c = (ca.SX.sym(name) for name in "abc")
 WRAP = ca.Function("wrap", [a], [wrap(a)])
 CLIP = ca.Function("clip", [a, b, c], [clip(a, b, c)])
-CHOICE = ca.Function("choice", [a, b, c], [either(every(a, b, c), 1, 2), either(some(a, b, c), 3, 4)])
+CHOICE = ca.Function("choice", [a, b, c], [where(all_of(a, b, c), 1, 2), where(any_of(a, b, c), 3, 4)])
 
 PI = math.pi
 

@@ -17,9 +17,10 @@ from models.errors import WiringError
 from models.interconnect import interconnect
 from models.kit.block import Block
 from models.kit.declaration import Boolean, Input, Integer, Output, Parameter
+from models.kit.link import Link
 from models.kit.model import Model
 from models.pedestrian import Pedestrian
-from models.system import SYSTEMS, Connection, System, full_system, trial_simulator
+from models.system import SYSTEMS, System, full_system, trial_simulator
 
 MISSION = {
     "waypoint_count": 2, "waypoint_north[1]": 20.0, "waypoint_north[2]": 20.0, "waypoint_east[2]": 20.0,
@@ -62,10 +63,10 @@ class Sink(Block):
         m.later = m.length
 
 
-LENGTH = Connection("source", "length", "sink", "length")
+LENGTH = Link("source", "length", "sink", "length")
 
 
-def wire(*links: Connection, **components: type[Block]) -> System:
+def wire(*links: Link, **components: type[Block]) -> System:
     return System("test", components or {"source": Source, "sink": Sink}, links)
 
 
@@ -73,49 +74,49 @@ def wire(*links: Connection, **components: type[Block]) -> System:
     ("link", "message"),
     [
         (
-            Connection("source", "speed", "sink", "length"),
+            Link("source", "speed", "sink", "length"),
             'test: source.speed -> sink.length: unit "m/s", expected "m"',
         ),
         (
-            Connection("source", "count", "sink", "length"),
+            Link("source", "count", "sink", "length"),
             'test: source.count -> sink.length: type "Integer", expected "Real"',
         ),
         (
-            Connection("source", "length", "sink", "flag"),
+            Link("source", "length", "sink", "flag"),
             'test: source.length -> sink.flag: type "Real", expected "Boolean"',
         ),
         (
-            Connection("source", "pair", "sink", "length"),
+            Link("source", "pair", "sink", "length"),
             'test: source.pair -> sink.length: "source.pair" has size "2", expected "1"; link its',
         ),
         (
-            Connection("sauce", "length", "sink", "length"),
+            Link("sauce", "length", "sink", "length"),
             'test: sauce.length -> sink.length: no component "sauce"; did you mean "source"?',
         ),
         (
-            Connection("source", "length", "zzz", "length"),
+            Link("source", "length", "zzz", "length"),
             'test: source.length -> zzz.length: no component "zzz"; known: sink, source',
         ),
         (
-            Connection("source", "lenght", "sink", "length"),
+            Link("source", "lenght", "sink", "length"),
             'test: source.lenght -> sink.length: "source" has no output "lenght"; did you mean "length"?',
         ),
         (
-            Connection("source", "length", "sink", "lenght"),
+            Link("source", "length", "sink", "lenght"),
             'test: source.length -> sink.lenght: "sink" has no input "lenght"; did you mean "length"?',
         ),
         (
-            Connection("source", "seconds", "sink", "length"),  # an input is no source
+            Link("source", "seconds", "sink", "length"),  # an input is no source
             'test: source.seconds -> sink.length: "source" has no output "seconds"',
         ),
         (
-            Connection("source", "length", "sink", "gain"),  # a parameter is no target
+            Link("source", "length", "sink", "gain"),  # a parameter is no target
             'test: source.length -> sink.gain: "sink" has no input "gain"',
         ),
     ],
-    ids=lambda x: str(x) if isinstance(x, Connection) else "",
+    ids=lambda x: str(x) if isinstance(x, Link) else "",
 )
-def test_a_link_that_does_not_fit_is_refused(link: Connection, message: str) -> None:
+def test_a_link_that_does_not_fit_is_refused(link: Link, message: str) -> None:
     with pytest.raises(WiringError) as refusal:
         wire(link)
     assert str(refusal.value).startswith(message)
@@ -126,12 +127,12 @@ def test_named_values_must_be_the_same() -> None:
         WiringError,
         match=r'^test: source\.colour -> sink\.command: named values ".*Colour.*", expected ".*Command',
     ):
-        wire(LENGTH, Connection("source", "colour", "sink", "command"))
+        wire(LENGTH, Link("source", "colour", "sink", "command"))
 
 
 def test_an_input_has_one_source() -> None:
     with pytest.raises(WiringError) as refusal:
-        wire(LENGTH, Connection("other", "length", "sink", "length"), source=Source, other=Source, sink=Sink)
+        wire(LENGTH, Link("other", "length", "sink", "length"), source=Source, other=Source, sink=Sink)
     assert str(refusal.value) == (
         "test: other.length -> sink.length: the input has a source already, source.length -> sink.length"
     )
@@ -144,7 +145,7 @@ def test_an_input_needs_a_source_or_a_start_value() -> None:
 
 
 def test_a_loop_needs_a_plant() -> None:
-    back = Connection("sink", "later", "source", "seconds")
+    back = Link("sink", "later", "source", "seconds")
     with pytest.raises(WiringError) as refusal:
         wire(LENGTH, back)
     assert str(refusal.value) in (
@@ -156,8 +157,8 @@ def test_a_loop_needs_a_plant() -> None:
 def test_a_loop_through_a_plant_is_fine() -> None:
     # cts is one: the controller commands the plant, the plant feeds the controller
     system = SYSTEMS["cts"]
-    assert Connection("plant", "north", "controller", "north") in system.connections
-    assert Connection("controller", "command", "plant", "command") in system.connections
+    assert Link("plant", "north", "controller", "north") in system.links
+    assert Link("controller", "command", "plant", "command") in system.links
 
 
 def test_order_is_data_flow_with_the_plant_last() -> None:
@@ -167,14 +168,14 @@ def test_order_is_data_flow_with_the_plant_last() -> None:
 
 def test_order_does_not_depend_on_how_the_components_are_listed() -> None:
     full = SYSTEMS["full"]
-    turned = System("turned", dict(reversed(full.components.items())), tuple(reversed(full.connections)))
+    turned = System("turned", dict(reversed(full.components.items())), tuple(reversed(full.links)))
     assert turned.order() == full.order()
 
 
 def test_links_of_the_shipped_systems_are_those_of_the_roles() -> None:
     """Contract 1: who gives what to whom."""
-    full = {(x.source, x.target): set() for x in SYSTEMS["full"].connections}
-    for x in SYSTEMS["full"].connections:
+    full = {(x.source, x.target): set() for x in SYSTEMS["full"].links}
+    for x in SYSTEMS["full"].links:
         assert x.source_variable == x.target_variable
         full[x.source, x.target].add(x.target_variable)
     assert full == {
@@ -188,7 +189,7 @@ def test_links_of_the_shipped_systems_are_those_of_the_roles() -> None:
         ("controller", "plant"): {"command"},
     }  # fmt: skip
     # what the scenario sets is left free
-    fed = {x.target_variable for x in SYSTEMS["full"].connections if x.target == "controller"}
+    fed = {x.target_variable for x in SYSTEMS["full"].links if x.target == "controller"}
     assert set(Cmec.flat_names("input")) - fed == {"start", "override", "link_ok"}
 
 
@@ -204,7 +205,7 @@ def step_by_hand(
     for _ in range(ticks):
         before = models["plant"].output.copy()
         for component in system.order():
-            for link in system.connections:
+            for link in system.links:
                 if link.target == component:
                     models[component][link.target_variable] = models[link.source][link.source_variable]
             models[component].step()

@@ -22,8 +22,8 @@ static four_state any_state(void)
     for (int i = 0; i < 4; i++) {
         m.state.x[i] = float_in(-1.0e6F, 1.0e6F);
     }
-    m.state.force = float_in(-300.0F, 300.0F);
-    m.state.course = float_in(-7.0F, 7.0F);
+    m.state.acceleration = float_in(-300.0F, 300.0F);
+    m.state.held_heading = float_in(-7.0F, 7.0F);
     m.state.sigma = float_in(0.01F, 200.0F);
     m.state.age = int_in(0, 2000000000);
     m.state.bad_samples = int_in(0, 2000000000);
@@ -42,8 +42,8 @@ void prove_listen(void)
     m.in.heading_meas = nondet_float();
     m.state.x[1] = float_in(-200.0F, 200.0F);
     four_state_listen(&m);
-    assert((m.state.force >= -300.0F) && (m.state.force <= 300.0F));
-    assert((m.state.course >= -7.0F) && (m.state.course <= 7.0F));
+    assert((m.state.acceleration >= -300.0F) && (m.state.acceleration <= 300.0F));
+    assert((m.state.held_heading >= -7.0F) && (m.state.held_heading <= 7.0F));
 }
 
 void prove_tune(void)

@@ -93,16 +93,16 @@ static bool is_near(float coordinate)
 /* The position projected last is within the controller's range. */
 static bool on_plane(const onboard *m)
 {
-    return is_near(m->plane.out.north) && is_near(m->plane.out.east);
+    return is_near(m->local_plane.out.north) && is_near(m->local_plane.out.east);
 }
 
-/* A position on the plane: `north` and `east` of plane.out. */
+/* A position on the plane: `north` and `east` of local_plane.out. */
 static void project(onboard *m, int32_t latitude, int32_t longitude, bool settle)
 {
-    m->plane.in.latitude = latitude;
-    m->plane.in.longitude = longitude;
-    m->plane.in.settle = settle;
-    local_plane_step(&m->plane);
+    m->local_plane.in.latitude = latitude;
+    m->local_plane.in.longitude = longitude;
+    m->local_plane.in.settle = settle;
+    local_plane_step(&m->local_plane);
 }
 
 /* Bring a fix onto the plane, which touches the earth at the first good one, and anew where the vest has been
@@ -111,11 +111,11 @@ static bool project_fix(onboard *m, const ubx_fix *fix)
 {
     const bool accurate = (fix->h_acc <= ORIGIN_H_ACC) && (fix->s_acc <= ORIGIN_S_ACC);
 
-    project(m, fix->latitude, fix->longitude, accurate && !m->plane.state.settled);
+    project(m, fix->latitude, fix->longitude, accurate && !m->local_plane.state.settled);
     if (accurate && !m->controller.in.start && !on_plane(m)) {
         project(m, fix->latitude, fix->longitude, true);
     }
-    return m->plane.state.settled;
+    return m->local_plane.state.settled;
 }
 
 /* The receiver's fixes; of several in one tick, the last. Returns whether there was one. */
@@ -137,8 +137,8 @@ static bool hear_receiver(onboard *m)
     if (fixed) {
         const ubx_fix *const fix = &m->gps.fix;
 
-        m->estimator.in.gps_north = m->plane.out.north;
-        m->estimator.in.gps_east = m->plane.out.east;
+        m->estimator.in.gps_north = m->local_plane.out.north;
+        m->estimator.in.gps_east = m->local_plane.out.east;
         m->estimator.in.gps_speed = PER_MILLE * (float)fix->speed;
         m->estimator.in.gps_h_acc = PER_MILLE * (float)fix->h_acc;
         m->estimator.in.gps_s_acc = PER_MILLE * (float)fix->s_acc;
@@ -174,14 +174,14 @@ static bool plan(onboard *m)
     bool near;
 
     project(m, m->radio.mission.home.latitude, m->radio.mission.home.longitude, false);
-    m->controller.par.home_north = m->plane.out.north;
-    m->controller.par.home_east = m->plane.out.east;
+    m->controller.par.home_north = m->local_plane.out.north;
+    m->controller.par.home_east = m->local_plane.out.east;
     near = on_plane(m);
     m->controller.par.waypoint_count = (int32_t)m->radio.mission.count;
     for (uint8_t i = 0U; i < m->radio.mission.count; i++) {
         project(m, m->radio.mission.waypoints[i].latitude, m->radio.mission.waypoints[i].longitude, false);
-        m->controller.par.waypoint_north[i] = m->plane.out.north;
-        m->controller.par.waypoint_east[i] = m->plane.out.east;
+        m->controller.par.waypoint_north[i] = m->local_plane.out.north;
+        m->controller.par.waypoint_east[i] = m->local_plane.out.east;
         near = near && on_plane(m);
     }
     return near;
@@ -191,10 +191,10 @@ static bool plan(onboard *m)
  * that has not begun is forgotten with the link. */
 static void begin(onboard *m)
 {
-    if (!m->guard.out.link_ok) {
+    if (!m->watchdog.out.link_ok) {
         m->start_wanted = false;
     }
-    if (m->start_wanted && m->plane.state.settled && (m->controller.out.mode == (int32_t)CMEC_MODE_IDLE)) {
+    if (m->start_wanted && m->local_plane.state.settled && (m->controller.out.mode == (int32_t)CMEC_MODE_IDLE)) {
         m->controller.in.start = plan(m);
         m->start_wanted = false;
         m->mission_id = m->radio.mission.id;
@@ -207,13 +207,13 @@ static void decide(onboard *m)
     m->controller.in.east = m->estimator.out.east;
     m->controller.in.speed = m->estimator.out.speed;
     m->controller.in.heading = m->estimator.out.heading;
-    m->controller.in.valid = m->guard.out.estimate_ok;
+    m->controller.in.valid = m->watchdog.out.estimate_ok;
     m->controller.in.override = (int32_t)m->radio.override;
-    m->controller.in.link_ok = m->guard.out.link_ok;
+    m->controller.in.link_ok = m->watchdog.out.link_ok;
     cmec_step(&m->controller);
-    m->vest.in.command = m->controller.out.command;
-    command_module_step(&m->vest);
-    port_command_module((uint16_t)m->vest.out.tone_hz, m->vest.out.vibrate_left, m->vest.out.vibrate_right);
+    m->command_module.in.command = m->controller.out.command;
+    command_module_step(&m->command_module);
+    port_command_module((uint16_t)m->command_module.out.tone_hz, m->command_module.out.vibrate_left, m->command_module.out.vibrate_right);
 }
 
 /* The nearest whole number of an interval that C's conversions can do. */
@@ -265,12 +265,12 @@ static void report(onboard *m)
 
     (void)memset(&t, 0, sizeof(t));
     t.time_ms = m->time_ms;
-    if (m->plane.state.settled) {
-        const float north = m->estimator.out.north / m->plane.state.north_scale;
-        const float east = m->estimator.out.east / m->plane.state.east_scale;
+    if (m->local_plane.state.settled) {
+        const float north = m->estimator.out.north / m->local_plane.state.north_scale;
+        const float east = m->estimator.out.east / m->local_plane.state.east_scale;
 
-        t.latitude = m->plane.state.origin_latitude + whole(north, -MAX_SHIFT, MAX_SHIFT);
-        t.longitude = m->plane.state.origin_longitude + whole(east, -MAX_SHIFT, MAX_SHIFT);
+        t.latitude = m->local_plane.state.origin_latitude + whole(north, -MAX_SHIFT, MAX_SHIFT);
+        t.longitude = m->local_plane.state.origin_longitude + whole(east, -MAX_SHIFT, MAX_SHIFT);
     }
     t.speed = to_i16(100.0f * m->estimator.out.speed);
     t.heading = to_i16(1.0e4f * m->estimator.out.heading);
@@ -285,9 +285,9 @@ static void report(onboard *m)
     t.waypoint = to_u8(m->controller.out.waypoint);
     t.anomaly = to_u8(m->controller.state.overruled);
     t.valid = m->estimator.out.valid;
-    t.imu_ok = m->guard.out.imu_ok;
-    t.link_ok = m->guard.out.link_ok;
-    t.fixed = m->plane.state.settled;
+    t.imu_ok = m->watchdog.out.imu_ok;
+    t.link_ok = m->watchdog.out.link_ok;
+    t.fixed = m->local_plane.state.settled;
     t.loaded = m->radio.mission.count > 0U;
     t.started = m->controller.in.start;
     t.waiting = m->start_wanted;
@@ -308,17 +308,17 @@ void onboard_init(onboard *m)
     ubx_init(&m->gps);
     mt_init(&m->imu, ONBOARD_IMU_Z_UP);
     link_init(&m->radio);
-    local_plane_defaults(&m->plane);
+    local_plane_defaults(&m->local_plane);
     four_state_defaults(&m->estimator);
-    watchdog_defaults(&m->guard);
+    watchdog_defaults(&m->watchdog);
     cmec_defaults(&m->controller);
-    command_module_defaults(&m->vest);
+    command_module_defaults(&m->command_module);
     onboard_parameters(m);
-    local_plane_initialize(&m->plane);
+    local_plane_initialize(&m->local_plane);
     four_state_initialize(&m->estimator);
-    watchdog_initialize(&m->guard);
+    watchdog_initialize(&m->watchdog);
     cmec_initialize(&m->controller);
-    command_module_initialize(&m->vest);
+    command_module_initialize(&m->command_module);
 }
 
 void onboard_tick(onboard *m)
@@ -329,15 +329,15 @@ void onboard_tick(onboard *m)
     bool sampled;
 
     m->busy = busy;
-    m->guard.in.heard = !busy && hear_operator(m);
+    m->watchdog.in.heard = !busy && hear_operator(m);
     sampled = hear_imu(m);
     four_state_step(&m->estimator);
-    m->guard.in.sampled = sampled && (m->estimator.state.bad_samples == bad_samples); /* it was of use */
-    m->guard.in.valid = m->estimator.out.valid;
-    watchdog_step(&m->guard);
+    m->watchdog.in.sampled = sampled && (m->estimator.state.bad_samples == bad_samples); /* it was of use */
+    m->watchdog.in.valid = m->estimator.out.valid;
+    watchdog_step(&m->watchdog);
     begin(m);
     decide(m);
-    m->reporting = m->reporting || m->guard.out.report;
+    m->reporting = m->reporting || m->watchdog.out.report;
     if (m->reporting && !busy) {
         m->reporting = false;
         report(m);

@@ -31,11 +31,11 @@ typedef struct {
     bool busy;           /* radio and telemetry waited on the last tick */
     bool reporting;      /* telemetry is due */
     uint8_t sequence;    /* of the next telemetry */
-    local_plane plane;
+    local_plane local_plane;
     four_state estimator;
-    watchdog guard;
+    watchdog watchdog;
     cmec controller;
-    command_module vest;
+    command_module command_module;
 } onboard;
 
 void onboard_init(onboard *m);

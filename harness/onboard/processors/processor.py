@@ -11,6 +11,7 @@ from typing import Protocol
 from codegen.firmware import bundle
 from codegen.firmware.image import Image
 from models.errors import CanineError
+from models.kit.link import Values
 
 MAX_BYTES = 512  # from one source in a tick, or sent in one: the mailbox's PIL_SIZE
 SOURCES = ("gps", "imu", "radio")  # in the order of port.h
@@ -91,7 +92,7 @@ class Processor(Protocol):
         ...
 
 
-def open_processor(target: str, values: bundle.Values | None = None, *, constants: bool = False) -> Processor:
+def open_processor(target: str, values: Values | None = None, *, constants: bool = False) -> Processor:
     """A processor that runs the onboard program with these parameters (see `bundle.library`).
 
     Raises:

@@ -23,10 +23,11 @@ from models.errors import CanineError, ParameterError, WiringError
 from models.four_state import FourState
 from models.kit.block import Block, triggered
 from models.kit.declaration import Input, Integer, Output, Parameter, State
+from models.kit.link import Link
 from models.kit.model import Model
 from models.pedestrian import Pedestrian
 from models.sensors import Sensors
-from models.system import SYSTEMS, Connection, System, by_name, trial_simulator
+from models.system import SYSTEMS, System, by_name, trial_simulator
 
 ENDS = (2, 3, 4)
 STOP = ("controller.status", ENDS)
@@ -184,7 +185,7 @@ def stepped(
     plants = [c for c, block in system.components.items() if block.moore]
 
     def feed(component: str) -> None:
-        for link in system.connections:
+        for link in system.links:
             if link.target == component:
                 models[component][link.target_variable] = models[link.source][link.source_variable]
 
@@ -310,7 +311,7 @@ class Walker(Block):
 def test_plants_that_feed_each_other_see_where_the_others_are_now(names: str) -> None:
     # given two plants, whichever stands first, of which one follows the other
     system = System(
-        "followers", dict.fromkeys(names, Walker), (Connection("a", "at", "b", "push"),)
+        "followers", dict.fromkeys(names, Walker), (Link("a", "at", "b", "push"),)
     )  # fmt: skip
     compare(system, {"a": {"pace": 1.0}}, ["a.at", "b.at", "b.place", "b.rests"], 30)
 

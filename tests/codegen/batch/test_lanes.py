@@ -132,8 +132,8 @@ def test_logic_with_a_constant(graph: Graph, x: Node, condition: Node) -> None:
     # a number becomes a truth, not itself
     assert graph.make(ca.OP_AND, (x, graph.true)).ctype == "bool"
     assert graph.make(ca.OP_AND, (x, x)).ctype == "bool"
-    assert graph.every() is graph.true
-    assert graph.some() is graph.false
+    assert graph.all_of() is graph.true
+    assert graph.any_of() is graph.false
 
 
 def test_a_truth_in_arithmetic_is_a_choice_of_numbers(graph: Graph, condition: Node) -> None:
@@ -177,13 +177,13 @@ def test_what_is_assumed_is_known(graph: Graph, x: Node, y: Node, condition: Nod
 
 def test_of_a_conjunction_that_holds_each_holds(graph: Graph, x: Node, y: Node) -> None:
     a, b = graph.make(ca.OP_LT, (x, y)), graph.make(ca.OP_LE, (y, graph.constant(3.0)))
-    graph.assume(graph.every(a, b), 1.0)
+    graph.assume(graph.all_of(a, b), 1.0)
     assert graph.known(a) is graph.known(b) is graph.true
 
 
 def test_of_a_disjunction_that_does_not_none_does(graph: Graph, x: Node, y: Node) -> None:
     a, b = graph.make(ca.OP_LT, (x, y)), graph.make(ca.OP_LE, (y, graph.constant(3.0)))
-    graph.assume(graph.some(a, b), 0.0)
+    graph.assume(graph.any_of(a, b), 0.0)
     assert graph.known(a) is graph.known(b) is graph.false
 
 
@@ -335,10 +335,10 @@ def test_what_a_tick_holds_it_neither_reads_nor_writes(ticks: dict[Mode, Tick]) 
 
 
 def test_a_tick_reads_and_writes_what_its_mode_needs(ticks: dict[Mode, Tick]) -> None:
-    motion = {("plant", n) for n in ("position_north", "position_east", "velocity", "course")}
+    motion = {("plant", n) for n in ("position_north", "position_east", "velocity", "body_heading")}
     for mode, tick in ticks.items():
         assert ("controller", "ticks") in tick.writes
-        assert motion - {("plant", "course")} <= tick.writes, mode
+        assert motion - {("plant", "body_heading")} <= tick.writes, mode
     # the threshold is each trial's own, and matters while the animal runs
     threshold = ("controller", "moving_deviation")
     assert threshold in ticks[Mode.FORWARD].reads

@@ -38,7 +38,7 @@ def test_how_the_pack_shakes_does_not_matter_where_the_true_state_is_known() -> 
     # then gait, jerks and the motion of the pack are left out, and what the animal is played
     assert not stems(keep["plant"]) & {
         "stride", "jerk", "jerk_due", "jerk_stream", "acceleration", "pitch", "roll", "yaw_rate",
-        "past_course",
+        "past_heading",
     }  # fmt: skip
     assert not keep["command_module"]
     assert not stems(keep["controller"]) & {"anomaly", "anomalies", "issued", "waypoint", "mode"}

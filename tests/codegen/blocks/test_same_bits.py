@@ -75,7 +75,7 @@ def run_trial(system: System, parameters: Mapping[str, Mapping[str, float]], mak
     order, rows = system.order(), []
     for _ in range(MAX_TICKS):
         for component in order:
-            for link in system.connections:
+            for link in system.links:
                 if link.target == component:
                     machines[component][link.target_variable] = machines[link.source][link.source_variable]
             machines[component].step()

@@ -16,7 +16,7 @@ import codegen
 from codegen.toolchains.compiler import NUMERICS, WARNINGS, build_library
 from harness.onboard import radio
 
-ONBOARD = Path(codegen.__file__).parent / "onboard"
+ONBOARD = Path(codegen.__file__).parent / "firmware" / "onboard"
 SOURCES = ("scanner.c", "ubx.c", "mt.c", "link.c")
 TYPES: dict[str, Any] = {
     "uint8_t": ctypes.c_uint8, "uint16_t": ctypes.c_uint16, "uint32_t": ctypes.c_uint32,

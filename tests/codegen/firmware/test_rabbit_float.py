@@ -17,12 +17,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from codegen.firmware.bundle import SOURCES
 from codegen.toolchains import sdcc
 from codegen.toolchains.compiler import CompileError
 
 Bits = np.ndarray[Any, np.dtype[np.uint32]]
 
-FLOAT_S = Path(sdcc.__file__).parent / "onboard" / "rabbit4000" / "float.s"
+FLOAT_S = SOURCES / "rabbit4000" / "float.s"
 PAIRS = int(os.environ.get("RABBIT_FLOAT_PAIRS", "340000"))
 QUIET_NAN = np.uint32(0x7FC00000)
 INDEFINITE = -(2.0**31)  # what cvttss2si gives for what no int32 holds

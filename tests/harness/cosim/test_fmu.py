@@ -7,17 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.cosim.fmu import Component, FmuError, describe
+from harness.cosim.fmu import FmuError, FmuInstance, describe
 from harness.cosim.loop import Simulation
-from harness.cosim.ssp import Description, Member
+from harness.cosim.ssp import FmuComponent, FmuSystem
 from models.kit.declaration import Type
 from tests.harness.cosim.tiny_fmu import V, tiny_fmu
 
 GAIN = [V("u", "input", unit="m"), V("k", "parameter", start="2"), V("y", unit="m"), V("n", type="Integer")]
 
 
-def alone(path: Path) -> Description:
-    return Description("alone", {"plant": Member("plant", path)}, ())
+def alone(path: Path) -> FmuSystem:
+    return FmuSystem("alone", {"plant": FmuComponent("plant", path)}, ())
 
 
 @pytest.mark.parametrize("version", [2, 3])
@@ -111,7 +111,7 @@ def test_nothing_is_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         simulation.run()
     path.write_text("no archive")
     with pytest.raises(Exception, match="ZIP"):
-        Component("plant", path)
+        FmuInstance("plant", path)
     # then
     assert list(folder.iterdir()) == []
 
@@ -194,4 +194,4 @@ def test_an_fmu_for_another_machine_is_named_as_such(tmp_path: Path) -> None:
     with pytest.raises(
         FmuError, match=r"plant other.fmu: .* no binary for this machine \(\w+\); it has amiga"
     ):
-        Component("plant", other)
+        FmuInstance("plant", other)

@@ -7,7 +7,7 @@ import pytest
 
 from harness.cosim.fmu import describe
 from harness.cosim.loop import Event, Simulation, Stop
-from harness.cosim.ssp import Connector, Description, Link, Member, SspError, Value
+from harness.cosim.ssp import Connector, FmuComponent, FmuSystem, ScaledLink, SspError, StartValue
 from harness.cosim.wiring import wire
 from models.errors import ParameterError, WiringError
 from tests.harness.cosim.tiny_fmu import V, tiny_fmu
@@ -20,9 +20,9 @@ CONTROLLER = (
     "v[2] = v[0] + v[1]; v[3] += 1;",
 )
 LINKS = (
-    Link("plant", "y", "filter", "u"),
-    Link("filter", "y", "controller", "u"),
-    Link("controller", "y", "plant", "u"),
+    ScaledLink("plant", "y", "filter", "u"),
+    ScaledLink("filter", "y", "controller", "u"),
+    ScaledLink("controller", "y", "plant", "u"),
 )
 
 
@@ -37,14 +37,14 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     }
 
 
-def system(fmus: dict[str, Path], links: tuple[Link, ...] = LINKS, **values: float) -> Description:
-    given = {"controller": {name: Value(x) for name, x in values.items()}}
-    members = {name: Member(name, path, {}, given.get(name, {})) for name, path in fmus.items()}
-    return Description("toy", members, links)
+def system(fmus: dict[str, Path], links: tuple[ScaledLink, ...] = LINKS, **values: float) -> FmuSystem:
+    given = {"controller": {name: StartValue(x) for name, x in values.items()}}
+    members = {name: FmuComponent(name, path, {}, given.get(name, {})) for name, path in fmus.items()}
+    return FmuSystem("toy", members, links)
 
 
 def rows_of(
-    description: Description, order: str = "sequential", ticks: int = 4, **run: object
+    description: FmuSystem, order: str = "sequential", ticks: int = 4, **run: object
 ) -> dict[str, list]:
     chunks = []
     with Simulation(description, {}, order) as simulation:  # type: ignore[arg-type]
@@ -112,7 +112,7 @@ def test_events_act_from_the_first_tick_at_or_after_their_time(fmus: dict[str, P
 
 def test_conversion_and_types_on_the_way(fmus: dict[str, Path]) -> None:
     # given y in other units: 0.5 y + 10
-    links = (Link("plant", "y", "filter", "u", 0.5, 10.0), *LINKS[1:])
+    links = (ScaledLink("plant", "y", "filter", "u", 0.5, 10.0), *LINKS[1:])
     rows = rows_of(system(fmus, links), ticks=2)
     assert rows["filter.u"] == [10.5, 10.5 + 21 / 2]
     assert rows["plant.y"] == [1, 22]
@@ -141,9 +141,9 @@ def test_delays_are_told(fmus: dict[str, Path]) -> None:
     assert [ticks for _, ticks in wire(system(fmus), descriptions, "jacobi").delays] == [1, 1, 1]
 
 
-def wrong(tmp_path: Path, links: tuple[Link, ...], **parts: list[V]) -> str:
+def wrong(tmp_path: Path, links: tuple[ScaledLink, ...], **parts: list[V]) -> str:
     paths = {name: tiny_fmu(tmp_path / f"{name}.fmu", variables) for name, variables in parts.items()}
-    description = Description("toy", {name: Member(name, path) for name, path in paths.items()}, links)
+    description = FmuSystem("toy", {name: FmuComponent(name, path) for name, path in paths.items()}, links)
     with pytest.raises(WiringError) as caught:
         wire(description, {name: describe(path) for name, path in paths.items()})
     return str(caught.value)
@@ -180,17 +180,17 @@ def wrong(tmp_path: Path, links: tuple[Link, ...], **parts: list[V]) -> str:
     ],
 )  # fmt: skip
 def test_ends_that_do_not_fit_are_refused(tmp_path: Path, source: V, target: V, text: str) -> None:
-    assert wrong(tmp_path, (Link("a", "y", "b", "u"),), a=[source], b=[target]) == text
+    assert wrong(tmp_path, (ScaledLink("a", "y", "b", "u"),), a=[source], b=[target]) == text
 
 
 def test_a_cycle_without_a_plant_is_named(tmp_path: Path) -> None:
     both = [V("u", "input"), V("y")]
-    links = (Link("a", "y", "b", "u"), Link("b", "y", "a", "u"))
+    links = (ScaledLink("a", "y", "b", "u"), ScaledLink("b", "y", "a", "u"))
     assert wrong(tmp_path, links, a=both, b=both).startswith("cycle without a delay: b -> a -> b; ")
 
 
 def test_an_input_fed_twice_is_refused(tmp_path: Path) -> None:
-    links = (Link("a", "y", "b", "u"), Link("a", "z", "b", "u"))
+    links = (ScaledLink("a", "y", "b", "u"), ScaledLink("a", "z", "b", "u"))
     text = wrong(tmp_path, links, a=[V("y"), V("z")], b=[V("u", "input")])
     assert text == "b.u is fed twice: by a.y -> b.u and a.z -> b.u"
 
@@ -201,9 +201,9 @@ def test_steps_must_agree(tmp_path: Path) -> None:
         name: tiny_fmu(tmp_path / f"{name}.fmu", [V("y")], step_size=size, fixed=True)
         for name, size in (("a", 0.04), ("b", 0.08))
     }
-    members = {name: Member(name, path) for name, path in paths.items()}
+    members = {name: FmuComponent(name, path) for name, path in paths.items()}
     with pytest.raises(WiringError) as caught:
-        wire(Description("toy", members, ()), {name: describe(path) for name, path in paths.items()})
+        wire(FmuSystem("toy", members, ()), {name: describe(path) for name, path in paths.items()})
     assert str(caught.value) == (
         "a has a fixed step of 0.04 s, b of 0.08 s; "
         "all components take one step: export one of them with the other's"
@@ -232,7 +232,7 @@ def test_what_the_package_says_of_a_variable_is_compared(
     tmp_path: Path, connector: Connector, text: str
 ) -> None:
     path = tiny_fmu(tmp_path / "a.fmu", [V("y", unit="m/s"), V("n", type="Integer")])
-    description = Description("toy", {"a": Member("a", path, {connector.name: connector})}, ())
+    description = FmuSystem("toy", {"a": FmuComponent("a", path, {connector.name: connector})}, ())
     if not text:
         assert wire(description, {"a": describe(path)}).step == 0.04
         return

@@ -16,7 +16,7 @@ from harness.cosim.roles import (
     read_adapter,
     replace_component,
 )
-from harness.cosim.ssp import Description, Link, Member, Value
+from harness.cosim.ssp import FmuComponent, FmuSystem, ScaledLink, StartValue
 from models.errors import UsageError
 from tests.harness.cosim.tiny_fmu import V, tiny_fmu
 
@@ -127,23 +127,23 @@ def test_it_takes_the_place_of_the_plant(tmp_path: Path) -> None:
     dog.with_suffix(".toml").write_text('[outputs]\nspeed = { name = "v", factor = 0.2777777777777778 }')
     sensors = [V("speed", "input", unit="m/s"), V("acceleration", "input", start="5"), V("y", type="Integer")]
     other = tiny_fmu(tmp_path / "sensors.fmu", sensors)
-    members = {"plant": Member("plant", Path("own.fmu")), "sensors": Member("sensors", other)}
+    members = {"plant": FmuComponent("plant", Path("own.fmu")), "sensors": FmuComponent("sensors", other)}
     links = (
-        Link("plant", "speed", "sensors", "speed"),
-        Link("plant", "acceleration", "sensors", "acceleration"),
-        Link("sensors", "y", "plant", "command"),
+        ScaledLink("plant", "speed", "sensors", "speed"),
+        ScaledLink("plant", "acceleration", "sensors", "acceleration"),
+        ScaledLink("sensors", "y", "plant", "command"),
     )
     # when
     role = find_role("plant")
     system, found = replace_component(
-        Description("toy", members, links), "plant", describe(dog), read_adapter(dog, role)
+        FmuSystem("toy", members, links), "plant", describe(dog), read_adapter(dog, role)
     )
     rows = []
     with Simulation(system) as simulation:
         simulation.run(duration=0, record=lambda t, v: rows.append(v["sensors"].tolist()))
     # then the sensors see 10 m/s, the acceleration that it lacks is zero, and it is told nothing
-    assert system.links == (Link("plant", "v", "sensors", "speed", 0.2777777777777778, 0.0),)
-    assert system.components["sensors"].values == {"acceleration": Value(0.0)}
+    assert system.links == (ScaledLink("plant", "v", "sensors", "speed", 0.2777777777777778, 0.0),)
+    assert system.components["sensors"].values == {"acceleration": StartValue(0.0)}
     assert rows == [[[10.0, 0.0, 0.0]]]
     assert found.notes == (
         "plant dog.fmu: has no output acceleration; taken as zero",

@@ -23,10 +23,20 @@ from harness.fit.estimate import (
     read_tracks,
 )
 from harness.fit.report import figure, fragment, show
-from harness.fit.tracks import RATES, SOURCES, STATISTICS, Track, Trial, edge, measure, slope, stretches
+from harness.fit.tracks import (
+    MOTION_SOURCES,
+    RATES,
+    STATISTICS,
+    Track,
+    Trial,
+    edge,
+    measure,
+    slope,
+    stretches,
+)
 from harness.log.log import Channel, LogError, LogWriter
 from harness.trial import trial
-from harness.trial.scenario import SHIPPED, load, parts_of_system, plan
+from harness.trial.scenario import SHIPPED, interfaces_of_system, load, plan
 from models.canine import Canine
 from models.commands import Command
 from models.kit.model import Model
@@ -35,7 +45,7 @@ from tests.harness.command import canine
 
 TICK = 0.04
 DEG = math.pi / 180
-PLANT, ESTIMATOR = SOURCES["plant"], SOURCES["estimator"]
+PLANT, ESTIMATOR = MOTION_SOURCES["plant"], MOTION_SOURCES["estimator"]
 Program = list[tuple[Command, float]]  # command, s
 
 # every command once; at rest before it turns; fast enough dogs brake from their cruising speed
@@ -320,7 +330,7 @@ def school(native: Callable[..., object]) -> Trials:
         trials = []
         for seed in seeds:
             dog = native(Canine, parameters={"shaking": 0, **parameters, "seed": seed})
-            begin = dog["course"]
+            begin = dog["body_heading"]
             columns = dog.run(command=command[:-1])
             speed, heading = (
                 np.concatenate([[s], columns[n]]) for s, n in ((0, "speed"), (begin, "heading"))
@@ -475,7 +485,7 @@ def test_the_fragment_appended_to_a_scenario_gives_that_dog(tmp_path: Path) -> N
     # when it is appended to a shipped scenario
     written = tmp_path / "mine.toml"
     written.write_text((SHIPPED / "two_waypoint.toml").read_text() + fragment(result))
-    values = plan(load(str(written)), parts_of_system(SYSTEMS["full"])).values["plant"]
+    values = plan(load(str(written)), interfaces_of_system(SYSTEMS["full"])).values["plant"]
     # then the plant has it in SI; the deviation of one value is left to the model
     assert values["cruise_speed"] == pytest.approx(4.0, rel=0.01)  # redrawing: 3.99
     assert values["drift"] == pytest.approx(2 * DEG, rel=1e-5)

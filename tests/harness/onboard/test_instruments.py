@@ -160,8 +160,8 @@ def test_program_on_board_reads_the_fix(processor: Processor, pvt: bool) -> None
     assert degrees_apart(memory["gps.fix.course"] / 1e5, math.degrees(-2.5)) <= 1.01e-5
     assert (memory["gps.frames"], memory["gps.errors"], memory["gps.skipped"]) == (1 if pvt else 3, 0, 0)
     # and the first fix is the origin, and the estimator's beginning
-    assert memory["plane.state.settled"] == 1
-    assert (memory["plane.output.north"], memory["plane.output.east"]) == (0, 0)
+    assert memory["local_plane.state.settled"] == 1
+    assert (memory["local_plane.output.north"], memory["local_plane.output.east"]) == (0, 0)
     assert memory["estimator.output.speed"] == pytest.approx(4.32, abs=2e-3)
 
 
@@ -197,7 +197,7 @@ def test_fixes_of_a_walk_across_the_date_line_stay_on_the_plane(processor: Proce
     east = []
     for tick in range(21):
         data = receiver.fix(tick * 0.25, FIX | {"gps_north": 0.0, "gps_east": float(tick)})
-        east.append(Memory(processor.tick(Received(gps=data)).record)["plane.output.east"])
+        east.append(Memory(processor.tick(Received(gps=data)).record)["local_plane.output.east"])
     # then, to the resolution of 1e-7 deg, 1.1 cm, of fix and origin
     assert np.abs(np.subtract(east, range(21))).max() <= 2 * 0.0112
 

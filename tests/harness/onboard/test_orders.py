@@ -151,11 +151,11 @@ def test_a_start_soon_after_an_abort_begins_when_the_stop_has_been_held(vest: Ve
 def test_samples_that_are_of_no_use_are_a_silent_unit(vest: Vest, sensed: dict[str, float]) -> None:
     vest.ticks(10)
     vest.tick(A, Start(A.id))
-    assert vest.ticks(10)["guard.output.imu_ok"] == 1
+    assert vest.ticks(10)["watchdog.output.imu_ok"] == 1
     # when the unit sends on, but nothing that the estimator takes, then 5 ticks are borne
-    assert vest.ticks(5, **sensed)["guard.output.imu_ok"] == 1
+    assert vest.ticks(5, **sensed)["watchdog.output.imu_ok"] == 1
     memory = vest.ticks(1, **sensed)
-    assert memory["guard.output.imu_ok"] == 0
+    assert memory["watchdog.output.imu_ok"] == 0
     assert memory["controller.output.command"] == Command.STOP
 
 
@@ -164,16 +164,16 @@ def test_a_unit_that_repeats_itself_is_a_silent_one(vest: Vest) -> None:
     for _ in range(6):
         vest.k -= 1  # so the sample has the number of the one before
         memory = vest.tick(Heartbeat(), fix=False)
-    assert memory["guard.output.imu_ok"] == 0
+    assert memory["watchdog.output.imu_ok"] == 0
 
 
 def test_a_bad_first_fix_does_not_settle_the_plane(vest: Vest) -> None:
     # given a first fix that is 150 km off and says so
     memory = vest.tick(fix=True, gps_north=150_000.0, gps_h_acc=5000.0)
-    assert memory["plane.state.settled"] == 0
+    assert memory["local_plane.state.settled"] == 0
     # when good ones come, then it is settled there
     memory = vest.ticks(30)
-    assert memory["plane.state.settled"] == 1
+    assert memory["local_plane.state.settled"] == 1
     assert memory["estimator.output.valid"] == 1
     assert abs(memory["estimator.output.north"]) < 1
 
@@ -187,7 +187,7 @@ def test_a_vest_that_was_carried_far_away_settles_anew_before_a_trial(vest: Vest
     vest.tick(Mission(place(150_000, 0), (place(150_050, 0),)), fix=False)
     vest.tick(Start(Mission(place(150_000, 0), (place(150_050, 0),)).id), fix=False, gps_north=150_000.0)
     assert vest.ticks(2, gps_north=150_000.0)["controller.output.mode"] in RUNNING
-    origin = far["plane.state.origin_latitude"]
+    origin = far["local_plane.state.origin_latitude"]
     memory = vest.ticks(30, gps_north=0.0)
-    assert memory["plane.state.origin_latitude"] == origin
+    assert memory["local_plane.state.origin_latitude"] == origin
     assert memory["estimator.state.bad_fixes"] > 0

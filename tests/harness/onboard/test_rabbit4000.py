@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-import harness.onboard.processors.rabbit4000
 from codegen.firmware.bundle import TARGETS, library, processor_in_the_loop, recorded
 from codegen.firmware.rabbit4000 import rabbit4000_image
 from codegen.toolchains.sdcc import ToolchainError, home
@@ -110,7 +109,7 @@ def test_more_bytes_than_the_mailbox_holds_are_refused(rabbit: Processor) -> Non
 
 
 def test_a_simulator_that_dies_is_an_error_and_no_zombie(rabbit: Processor) -> None:
-    assert isinstance(rabbit, harness.processors.rabbit4000.Rabbit4000)
+    assert isinstance(rabbit, Rabbit4000)
     process = rabbit._console._process
     process.kill()
     with pytest.raises(ProcessorError, match="ended by itself, status -9"):

@@ -226,7 +226,7 @@ def walk() -> Iterator[Callable[..., Walk]]:
 def heard_last(vest: Walk, wishes: Mapping[str, float]) -> int:
     """Tick until the operator has just been heard; the number of ticks since then is 0."""
     for _ in range(20):
-        if vest(wishes)["guard.state.link_age"] == 0:
+        if vest(wishes)["watchdog.state.link_age"] == 0:
             return 0
     raise AssertionError("the operator was not heard in 20 ticks")
 
@@ -270,7 +270,7 @@ def test_no_message_of_the_operator_is_enough_to_stop(walk: Callable[..., Walk])
 
 
 def test_link_timeout_is_a_parameter_of_the_firmware(walk: Callable[..., Walk]) -> None:
-    vest = walk(guard={"link_timeout": 0.8})
+    vest = walk(watchdog={"link_timeout": 0.8})
     vest.until(Mode.FORWARD)
     heard_last(vest, START)
     assert vest.commands(60, START | {"link_ok": 0.0}).index(Command.STOP) == 20

@@ -161,7 +161,7 @@ def test_what_is_played_is_compared(compared: Callable[[Change], Compared], name
 def test_a_start_that_differs_is_found_before_the_first_tick() -> None:
     # given
     host, other = open_processor("host"), Planted(open_processor("host"))
-    other.start = flipped(other.start, "guard.state.link_limit", 1)
+    other.start = flipped(other.start, "watchdog.state.link_limit", 1)
     # then 2 s are 50 ticks, 0b110010
     with pytest.raises(DifferenceError, match=r"link_limit is 48 before the first tick, on the host 50"):
         Compared("rabbit4000", other, host)
@@ -447,7 +447,7 @@ def test_link_timeout_of_the_scenario_reaches_the_program(
     assert status == 0
     assert len(lost) == 1
     assert 3.0 - 0.4 + timeout <= lost[0] <= 3.0 + timeout + 0.04
-    assert float(log.metadata["parameters"]["guard.link_timeout"]) == timeout
+    assert float(log.metadata["parameters"]["watchdog.link_timeout"]) == timeout
 
 
 # --- the command `firmware` ---
@@ -486,7 +486,7 @@ def test_parameters_come_from_the_scenario_in_deg_and_from_set_over_it(
     assert found["controller.moving_deviation"] == pytest.approx(37 * math.pi / 180, rel=6e-8)
     assert found["controller.stop_deviation"] == pytest.approx(14 * math.pi / 180, rel=6e-8)
     assert found["controller.reset_turns"] == 1
-    assert (found["guard.link_timeout"], found["estimator.max_age"]) == (3.5, 9)
+    assert (found["watchdog.link_timeout"], found["estimator.max_age"]) == (3.5, 9)
     # and what nobody sets starts as declared (Table 4.2)
     assert found["controller.capture_radius"] == 7
     assert not any("waypoint" in name or "home" in name for name in found)
@@ -498,7 +498,7 @@ def test_the_scenarios_parameters_are_those_of_its_trial(tmp_path: Path) -> None
     values = values_on_board("patrol", ["watchdog.report_period=0.4"])
     assert values["controller"]["reset_turns"] == 1
     assert values["controller"]["max_turns"] == 3
-    assert values["guard"] == {"report_period": 0.4}
+    assert values["watchdog"] == {"report_period": 0.4}
     assert "sensors" not in values
     assert not any(name.startswith(("waypoint", "home")) for name in values["controller"])
 

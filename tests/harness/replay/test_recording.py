@@ -16,9 +16,9 @@ from harness.replay.recording import (
     WEEK_S,
     Recording,
     RecordingError,
-    Signals,
+    SensorSignals,
     read_recording,
-    signals,
+    sensor_signals,
 )
 
 PROJECT = Path(__file__).resolve().parents[3]
@@ -40,8 +40,8 @@ def walk() -> Recording:
 
 
 @pytest.fixture(scope="session")
-def whole(walk: Recording) -> Signals:
-    return signals(walk)
+def whole(walk: Recording) -> SensorSignals:
+    return sensor_signals(walk)
 
 
 def test_walk_has_536_fixes_at_4_hz_and_no_checksum_error(walk: Recording) -> None:
@@ -70,7 +70,7 @@ def test_walk_positions_and_velocities_agree_with_rtklib(walk: Recording) -> Non
     assert np.max(np.abs(walk.fixes.velocity_east - east)) < 0.002
 
 
-def test_walk_local_positions_agree_with_the_integrated_velocity(whole: Signals) -> None:
+def test_walk_local_positions_agree_with_the_integrated_velocity(whole: SensorSignals) -> None:
     at = whole.reference_fix & (whole.t > 12) & (whole.t < 100)
     speed, course = whole.reference_speed[at], whole.reference_course[at]
     for position, velocity in (
@@ -81,7 +81,7 @@ def test_walk_local_positions_agree_with_the_integrated_velocity(whole: Signals)
         assert position[-1] - position[0] == pytest.approx(travelled, abs=1.0)
 
 
-def test_walk_at_rest_feels_gravity_upwards(whole: Signals) -> None:
+def test_walk_at_rest_feels_gravity_upwards(whole: SensorSignals) -> None:
     rest = whole.t < 8
     force = [float(np.mean(axis[rest])) for axis in (whole.accel_x, whole.accel_y, whole.accel_z)]
     assert np.linalg.norm(force) == pytest.approx(9.8, abs=0.15)  # its scale is 1.2 % high
@@ -89,7 +89,7 @@ def test_walk_at_rest_feels_gravity_upwards(whole: Signals) -> None:
     assert np.degrees(np.abs(whole.pitch_meas[rest]).mean()) < 3
 
 
-def _rates(s: Signals, lag: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _rates(s: SensorSignals, lag: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Between moving fixes: the course's rate, the yaw rate and lateral force `lag` s earlier."""
     fix = np.flatnonzero(s.reference_fix & (s.reference_speed > 0.5))
     pairs = np.diff(s.t[fix]) < 0.3
@@ -102,7 +102,7 @@ def _rates(s: Signals, lag: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return course, means[0], means[1]
 
 
-def test_walk_clocks_and_mounting_are_right(whole: Signals) -> None:
+def test_walk_clocks_and_mounting_are_right(whole: SensorSignals) -> None:
     """A unit held ahead of its bearer swings out: its course leads its yaw, but not its lateral force."""
     lags = np.arange(-2, 2.01, 0.1)
     yaw, lateral = np.array(
@@ -115,7 +115,7 @@ def test_walk_clocks_and_mounting_are_right(whole: Signals) -> None:
     assert abs(lags[lateral.argmax()]) <= 0.2
 
 
-def _inputs(s: Signals) -> dict[str, np.ndarray]:
+def _inputs(s: SensorSignals) -> dict[str, np.ndarray]:
     values = {field.name: np.asarray(getattr(s, field.name)) for field in dataclasses.fields(s)}
     return {name: value for name, value in values.items() if not name.startswith("reference_")}
 
@@ -132,14 +132,14 @@ def test_walk_signals_use_no_fix_inside_an_outage(walk: Recording) -> None:
     garbage["velocity_east"][inside] = 5 + noise
     other = dataclasses.replace(walk, fixes=dataclasses.replace(walk.fixes, **garbage))
 
-    expected, got = _inputs(signals(walk, [window])), _inputs(signals(other, [window]))
+    expected, got = _inputs(sensor_signals(walk, [window])), _inputs(sensor_signals(other, [window]))
 
     for name, values in expected.items():
         assert np.array_equal(got[name], values), name
     t, fix = expected["t"], expected["gps_fix"]
     assert not fix[(t >= 50.0) & (t <= 60.0)].any()
     assert fix.sum() == 490
-    assert not np.array_equal(_inputs(signals(walk))["heading_meas"], expected["heading_meas"])
+    assert not np.array_equal(_inputs(sensor_signals(walk))["heading_meas"], expected["heading_meas"])
 
 
 def test_walk_signals_are_causal(walk: Recording) -> None:
@@ -161,7 +161,7 @@ def test_walk_signals_are_causal(walk: Recording) -> None:
         ),
     )
 
-    expected, got = _inputs(signals(short)), _inputs(signals(changed))
+    expected, got = _inputs(sensor_signals(short)), _inputs(sensor_signals(changed))
 
     before = expected["t"] <= 20
     for name in expected.keys() - {"origin_latitude", "origin_longitude"}:
@@ -172,7 +172,7 @@ def test_walk_signals_are_causal(walk: Recording) -> None:
 
 def test_walk_refuses_an_outage_that_hides_the_origin(walk: Recording) -> None:
     with pytest.raises(RecordingError, match=r"outage from 0\.0 to 10\.0 s: expected 0 < start <= end"):
-        signals(walk, [(0.0, 10.0)])
+        sensor_signals(walk, [(0.0, 10.0)])
 
 
 # --- filter and attitude ---
@@ -306,7 +306,7 @@ def test_a_corrupt_frame_is_dropped_and_counted(folder: Path) -> None:
 
 
 def test_fixes_fall_on_the_first_tick_at_or_after_them(folder: Path) -> None:
-    s = signals(read_recording(folder))
+    s = sensor_signals(read_recording(folder))
     assert np.flatnonzero(s.gps_fix)[:5].tolist() == [0, 7, 13, 19, 25]  # 0, 0.25, 0.5, 0.75, 1.0 s
 
 
@@ -319,7 +319,7 @@ def test_positions_are_metres_on_the_ellipsoid_at_the_height_of_the_origin(folde
     longitude[-1] += np.radians(1e-3)
     fixes = dataclasses.replace(recording.fixes, latitude=latitude, longitude=longitude)
 
-    s = signals(dataclasses.replace(recording, fixes=fixes))
+    s = sensor_signals(dataclasses.replace(recording, fixes=fixes))
 
     assert (s.gps_north[0], s.gps_east[0]) == (0, 0)
     assert s.gps_north[-1] == pytest.approx(111.0626, abs=0.002)

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from fmus.build import BUILD, build_fmu
 from harness.log.log import read_log
-from harness.replay.recording import RecordingError, Signals
+from harness.replay.recording import RecordingError, SensorSignals
 from harness.replay.replay import (
     HELD,
     Outage,
@@ -116,14 +116,14 @@ def test_held_speed_goes_on_along_the_heading(walk_like):
 @pytest.fixture
 def walk_like():
     ticks = 51
-    values = {name: np.zeros(ticks) for name in Signals.__dataclass_fields__}
+    values = {name: np.zeros(ticks) for name in SensorSignals.__dataclass_fields__}
     values["heading_meas"] = np.full(ticks, np.pi / 2)
     values["gps_fix"] = np.zeros(ticks, dtype=bool)
     values["gps_fix"][25] = True
     values["gps_north"], values["gps_east"] = np.full(ticks, 3.0), np.full(ticks, 4.0)
     values["gps_speed"] = np.full(ticks, 2.0)
     values["origin_latitude"] = values["origin_longitude"] = 0.0
-    return Signals(**values)
+    return SensorSignals(**values)
 
 
 def test_the_log_of_a_trial_replays_as_the_trial_went(tmp_path):

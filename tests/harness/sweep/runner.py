@@ -21,7 +21,7 @@ Trial = tuple[Status, int, int, Mapping[int, int]]  # status, tick, directional 
 class Runner:
     """Asks `outcome(h' in deg, seed, own)` for each trial; notes the seeds that it was asked to run.
 
-    `own` is what the trial's course alone sets, by `component.name`.
+    `own` is what the trial's type_ alone sets, by `component.name`.
     """
 
     def __init__(self, outcome: Callable[[int, int, Any], Trial], pause: float = 0.0) -> None:
@@ -29,14 +29,14 @@ class Runner:
         self.seeds: list[int] = []
 
     def run(  # noqa: PLR0917 - as the batch runner's
-        self, by_course: tuple[str, ...], values: Any, points: Any, point: Any, seed: Any, ticks: int,
+        self, by_type: tuple[str, ...], values: Any, points: Any, point: Any, seed: Any, ticks: int,
         changes: Any = (),
     ) -> Results:  # fmt: skip
         time.sleep(self.pause)
         self.seeds += seed.tolist()
         last, observed = np.zeros(len(seed), np.int32), np.zeros((len(seed), len(chunks.OBSERVED)))
         for k, (row, number) in enumerate(zip(point, seed, strict=True)):
-            own = dict(zip(by_course, points[row, points.shape[1] - len(by_course) :], strict=True))
+            own = dict(zip(by_type, points[row, points.shape[1] - len(by_type) :], strict=True))
             status, tick, commands, anomalies = self.outcome(
                 round(np.degrees(points[row, 0])), int(number), own
             )
@@ -49,7 +49,7 @@ class Runner:
 
 def install(patch: pytest.MonkeyPatch, runner: Runner) -> Runner:
     """Let sweeps in this process run with it."""
-    patch.setattr(chunks, "batch_of", lambda job: SimpleNamespace(run=partial(runner.run, job.by_course)))
+    patch.setattr(chunks, "batch_of", lambda job: SimpleNamespace(run=partial(runner.run, job.by_type)))
     return runner
 
 

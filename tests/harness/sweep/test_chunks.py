@@ -19,14 +19,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from harness.sweep import chunks, sweep
-from harness.sweep.chunks import Chunk, ClusterError, Course, Job, Outcomes, Pool, cut, run_all, run_chunk
+from harness.sweep.chunks import Chunk, ClusterError, Job, Outcomes, Pool, TrialType, cut, run_all, run_chunk
 from harness.sweep.journal import open_journal
 from harness.sweep.sweep import wanted
 from models.commands import Status
 from tests.harness.sweep.runner import Runner, dog, install
 
-COURSES = (Course("a", {}, (), 7500), Course("b", {}, (), 7500), Course("c", {}, (), 7500))
-JOB = Job("cts", ("x",), tuple((np.radians(h),) for h in (20, 25, 30, 35)), COURSES, 50, 7)
+TRIAL_TYPES = (TrialType("a", {}, (), 7500), TrialType("b", {}, (), 7500), TrialType("c", {}, (), 7500))
+JOB = Job("cts", ("x",), tuple((np.radians(h),) for h in (20, 25, 30, 35)), TRIAL_TYPES, 50, 7)
 
 
 @pytest.fixture
@@ -70,7 +70,7 @@ def test_every_trial_runs_once_with_its_own_seed(runner: Runner):
 def test_a_tick_beyond_16_bits_is_kept(monkeypatch: pytest.MonkeyPatch):
     # given a trial of a day, which is 2,160,000 ticks
     install(monkeypatch, Runner(lambda threshold, seed, _: (Status.SUCCESS, 2_000_000 + seed, 0, {})))
-    day = replace(JOB, courses=(Course("day", {}, (), 2_160_000),))
+    day = replace(JOB, types=(TrialType("day", {}, (), 2_160_000),))
     assert counted(day, 10, 1).ticks[0, :3].tolist() == [2_000_007, 2_000_008, 2_000_009]
 
 
@@ -129,7 +129,7 @@ def test_a_bounded_number_of_chunks_is_under_way(runner: Runner):
     ],
 )
 def test_chunks_of_longer_trials_have_fewer(system: str, ticks: int, left: int, expected: int):
-    job = replace(JOB, system=system, courses=(Course("a", {}, (), ticks),))
+    job = replace(JOB, system=system, types=(TrialType("a", {}, (), ticks),))
     assert chunks.chunk_size(job, left, 2) == expected
 
 

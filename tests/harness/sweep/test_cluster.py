@@ -88,7 +88,7 @@ def test_a_killed_worker_costs_its_chunk_and_nothing_else(
 @pytest.mark.parametrize(
     ("preload", "message"),
     [
-        ("import harness.chunks; harness.chunks.program = lambda: 'other'", "has another version of this"),
+        ("from harness.sweep import chunks; chunks.program = lambda: 'other'", "has another version of this"),
         ("import sys; sys.modules['harness'] = None", "cannot run this program"),
     ],
 )  # fmt: skip

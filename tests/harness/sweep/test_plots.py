@@ -45,9 +45,9 @@ def points(written: list[tuple[int, ...]], types: bool) -> list[Point]:
     table = []
     for place in written:
         n = 0 if place[0] == 0 else 40 + place[0]
-        courses = {"left_90": (n // 4, 50), "right_90": (n - n // 4, 50)} if types else {}
+        types = {"left_90": (n // 4, 50), "right_90": (n - n // 4, 50)} if types else {}
         values = tuple(Decimal(v) for v in place)
-        table.append(Point(values, 100, n, 500 * n, 500 * 500 * n + n, n, 0, {}, courses))
+        table.append(Point(values, 100, n, 500 * n, 500 * 500 * n + n, n, 0, {}, types))
     return table
 
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binomtest, ttest_rel
 
-from harness.sweep.chunks import Course, Job, Outcomes
+from harness.sweep.chunks import Job, Outcomes, TrialType
 from harness.sweep.recommend import LEAST, best_for_success, best_for_time, pareto, recommend
 from harness.sweep.table import Point, table_of
 
@@ -21,8 +21,8 @@ Numbers = np.ndarray[Any, Any]
 def outcomes(ticks: Numbers) -> Outcomes:
     """Points of one parameter, whose trials succeeded on these ticks (0: not)."""
     points, trials = ticks.shape
-    course = Course("straight", {}, (), 7500)
-    found = Outcomes(Job("cts", ("x",), tuple((float(p),) for p in range(points)), (course,), trials, 1))
+    type_ = TrialType("straight", {}, (), 7500)
+    found = Outcomes(Job("cts", ("x",), tuple((float(p),) for p in range(points)), (type_,), trials, 1))
     found.ticks[:] = ticks
     return found
 

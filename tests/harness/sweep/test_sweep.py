@@ -48,21 +48,21 @@ def test_two_is_the_texts_two_waypoint_sweep():
     assert asked.job.trials == 1000
     assert [math.degrees(p[0]) for p in asked.job.points] == pytest.approx(range(15, 91))
     assert asked.job.varied == ("controller.moving_deviation",)
-    (course,) = asked.job.courses
-    assert course.values["controller"]["waypoint_north[1]"] == 25.0
-    assert course.values["controller"]["turn_end_deviation"] == 5 * DEG  # calibrated
-    assert course.values["plant"]["start_heading_deviation"] == 10 * DEG
-    assert course.ticks == 7500  # 300 s at 25 Hz
+    (type_,) = asked.job.types
+    assert type_.values["controller"]["waypoint_north[1]"] == 25.0
+    assert type_.values["controller"]["turn_end_deviation"] == 5 * DEG  # calibrated
+    assert type_.values["plant"]["start_heading_deviation"] == 10 * DEG
+    assert type_.ticks == 7500  # 300 s at 25 Hz
     assert (asked.job.system, asked.job.seed) == ("cts", 1)
 
 
 def test_three_is_four_types_of_trials_in_turns():
     asked = wanted("three", reading="literal")
-    assert [course.name for course in asked.job.courses] == ["right_90", "left_90", "right_45", "left_45"]
+    assert [type_.name for type_ in asked.job.types] == ["right_90", "left_90", "right_45", "left_45"]
     assert [math.degrees(p[0]) for p in asked.job.points] == pytest.approx(range(15, 66))
-    east = [course.values["controller"]["waypoint_east[2]"] for course in asked.job.courses]
+    east = [type_.values["controller"]["waypoint_east[2]"] for type_ in asked.job.types]
     assert east == [35.73, -35.73, 22.4224, -22.4224]
-    assert {c.values["controller"]["turn_end_deviation"] for c in asked.job.courses} == {20 * DEG}
+    assert {c.values["controller"]["turn_end_deviation"] for c in asked.job.types} == {20 * DEG}
 
 
 def test_a_scenario_is_swept_with_all_that_it_says(tmp_path: Path):
@@ -78,14 +78,14 @@ def test_a_scenario_is_swept_with_all_that_it_says(tmp_path: Path):
     asked = wanted(str(file), settings=["canine.left_success=0.5"])
     # then
     assert (asked.name, asked.reading, asked.job.seed, asked.job.system) == ("meadow", "literal", 7, "cts")
-    (course,) = asked.job.courses
-    assert course.values["plant"]["drift"] == pytest.approx(2 * DEG)
-    assert course.values["plant"]["left_success"] == 0.5
-    assert course.values["plant"]["start_north"] == 1.0
-    assert course.values["plant"]["start_heading"] == pytest.approx(math.pi / 2)
-    assert course.ticks == 1500
+    (type_,) = asked.job.types
+    assert type_.values["plant"]["drift"] == pytest.approx(2 * DEG)
+    assert type_.values["plant"]["left_success"] == 0.5
+    assert type_.values["plant"]["start_north"] == 1.0
+    assert type_.values["plant"]["start_heading"] == pytest.approx(math.pi / 2)
+    assert type_.ticks == 1500
     # from the first tick at or after 1.01 s = 25.25 ticks on, until 2 s = 50 ticks
-    assert [(c.tick, c.component, c.variable, c.value) for c in course.changes] == [
+    assert [(c.tick, c.component, c.variable, c.value) for c in type_.changes] == [
         (26, "controller", "override", 2.0),
         (50, "controller", "override", 0.0),
     ]

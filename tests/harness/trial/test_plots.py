@@ -1,6 +1,5 @@
 """Pictures hold what the log says, where and in the colour that a reader expects."""
 
-import struct
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ from matplotlib.patches import Circle
 
 from harness.log.log import Channel, Log
 from harness.trial import plots
+from tests.harness.pictures import line, size
 
 COMMANDS = [1, 1, 1, 2, 2, 4, 4, 0, 0, 5, 5, 1, 1, 3, 3]
 TICKS = len(COMMANDS)
@@ -52,17 +52,6 @@ def trial(*, sensors: bool = True) -> Log:
         "parameters": {f"controller.{name}": value for name, value in parameters.items()},
     }
     return Log(Path("trial.mcap"), tuple(channels), metadata, {}, steps, values)
-
-
-def size(png: bytes) -> tuple[int, int]:
-    assert png.startswith(b"\x89PNG\r\n\x1a\n")
-    return struct.unpack(">II", png[16:24])
-
-
-def line(axes: Axes, label: str) -> np.ndarray:
-    """(n, 2): the data of the one line with this label."""
-    [found] = [line for line in axes.lines if line.get_label() == label]
-    return np.asarray(found.get_xydata())
 
 
 def segments(axes: Axes, label: str) -> tuple[str, list[list[list[float]]]]:
@@ -150,19 +139,3 @@ def test_one_tick_and_no_route_can_be_drawn() -> None:
     values = {name: rows[:1] for name, rows in log.values.items()}
     short = Log(log.path, log.channels, {}, {}, log.time[:1], values)
     assert size(plots.trial_png(short)) == (2100, 1140)
-
-
-def test_a_replay_shows_estimates_and_shades_outages(tmp_path: Path) -> None:
-    # given a receiver that goes east at 1 m/s and an estimate that stays, during one outage of two
-    time = np.arange(10.0)
-    at = np.array([2.0, 3.0, 4.0])
-    estimates = [("EKF", at, np.zeros(3), np.full(3, 2.0))]
-    args = ((time, np.zeros(10), time), estimates, [(2.0, 4.0), (7.0, 9.0)], "a drive")
-    paths, errors = plots.replay_figure(*args).axes
-    # then its error grows by a metre a second
-    assert line(errors, "EKF").tolist() == [[2, 0], [3, 1], [4, 2]]
-    assert line(paths, "EKF").tolist() == [[2, 0]] * 3
-    assert line(paths, "outage").tolist() == [[2, 0], [3, 0], [4, 0]]
-    assert [(p.get_x(), p.get_width()) for p in errors.patches] == [(2.0, 2.0), (7.0, 2.0)]  # type: ignore[attr-defined]
-    plots.replay_picture(tmp_path / "replay.png", *args)
-    assert size((tmp_path / "replay.png").read_bytes()) == (2100, 960)

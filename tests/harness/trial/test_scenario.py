@@ -8,12 +8,12 @@ import pytest
 from harness.cosim.loop import Event
 from harness.cosim.roles import MISSION, Rename
 from harness.trial.scenario import (
-    Part,
+    Interface,
     Scenario,
     ScenarioError,
+    interfaces_of_system,
     load,
     parse,
-    parts_of_system,
     plan,
     shipped,
 )
@@ -22,7 +22,7 @@ from models.cmec import Cmec
 from models.kit.declaration import Boolean, Integer, Variable
 from models.system import SYSTEMS
 
-FULL, CTS = parts_of_system(SYSTEMS["full"]), parts_of_system(SYSTEMS["cts"])
+FULL, CTS = interfaces_of_system(SYSTEMS["full"]), interfaces_of_system(SYSTEMS["cts"])
 WHOLE = """
 system = "cts"
 reading = "literal"
@@ -236,7 +236,7 @@ def test_what_a_mapping_file_renames_is_set_by_the_roles_name() -> None:
     inputs = {n: cmec.inputs[n] for n in ("start", "override")}
     inputs |= {"go": variable(Boolean, "go"), "cmd": variable(Integer, "cmd", start=1)}
     home = {"home_north": cmec.parameters["home_north"], "hn": variable("m", "hn")}
-    part = Part("ctl", home, inputs, "controller ctl.fmu", foreign=True, renames=renames)
+    part = Interface("ctl", home, inputs, "controller ctl.fmu", foreign=True, renames=renames)
     text = """start = { north = 500 }
     [[set]]
     at = 1
@@ -257,7 +257,7 @@ def test_what_a_mapping_file_renames_is_set_by_the_roles_name() -> None:
 
 
 def test_start_is_given_to_a_controller_only_and_only_if_nothing_else_gives_it() -> None:
-    part = Part("x", {}, {"start": variable(Boolean, "start")}, "x x.fmu")
+    part = Interface("x", {}, {"start": variable(Boolean, "start")}, "x x.fmu")
     parts = {"controller": part, "plant": part}
     for bound, fed, expected in (
         ({}, {}, {"start": 1.0}),
@@ -275,7 +275,9 @@ def test_an_input_falls_back_to_what_the_package_binds() -> None:
 
 
 def test_what_a_package_lacks_is_noted() -> None:
-    part = Part("x", {n: v for n, v in FULL["plant"].parameters.items() if n != "seed"}, {}, "plant x.fmu")
+    part = Interface(
+        "x", {n: v for n, v in FULL["plant"].parameters.items() if n != "seed"}, {}, "plant x.fmu"
+    )
     assert plan(Scenario("my", system="x.ssp"), {"plant": part}).notes == (
         "plant x.fmu: has no parameter seed; not set",
         "x.ssp: has no component sensors; seed not set",
@@ -285,7 +287,7 @@ def test_what_a_package_lacks_is_noted() -> None:
 
 def test_a_parameter_that_does_not_fit_is_refused_unless_the_package_gives_it() -> None:
     known = {"start_heading": FULL["plant"].parameters["start_heading"]}
-    part = Part("x", known, {}, "plant x.fmu", misfits={"start_heading": "plant x.fmu: in deg"})
+    part = Interface("x", known, {}, "plant x.fmu", misfits={"start_heading": "plant x.fmu: in deg"})
     with pytest.raises(ScenarioError) as caught:
         plan(Scenario("my"), {"plant": part})
     assert str(caught.value) == "my: plant x.fmu: in deg"

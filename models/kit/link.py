@@ -1,0 +1,21 @@
+"""Links between the components of a system, and values of the components' variables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+Values = Mapping[str, Mapping[str, float]]  # by component and flat name, SI
+
+
+@dataclass(frozen=True)
+class Link:
+    """One link: `source_variable` of component `source` feeds `target_variable` of component `target`."""
+
+    source: str
+    source_variable: str
+    target: str
+    target_variable: str
+
+    def __str__(self) -> str:
+        return f"{self.source}.{self.source_variable} -> {self.target}.{self.target_variable}"
