@@ -19,7 +19,8 @@ test: .venv/ready
 	    [ -z "$$wanted" ] || { apt-get update -qq && apt-get install -y -qq --no-install-recommends $$wanted; }; \
 	fi || true
 	@$(BIN)/python -m codegen.toolchains.sdcc >/dev/null || true
-	$(BIN)/python -m pytest -n auto
+	$(BIN)/python -m pytest -n auto --cov --cov-report=
+	@echo "coverage $$($(BIN)/python -m coverage report --format=total) % of the lines of models, codegen, fmus and harness"
 
 # The firmware over a whole trial on the simulated processors, every tick compared with this machine's.
 pil: .venv/ready
@@ -37,7 +38,7 @@ bench: .venv/ready
 	$(BIN)/python -m tests.bench
 
 clean:
-	rm -rf .venv out fmus/build
+	rm -rf .venv out fmus/build .coverage
 
 .venv/ready: uv.lock pyproject.toml
 	$(PYTHON) -m venv .venv || { echo "A virtual environment could not be made; on Debian: apt install python3-venv" >&2; exit 1; }

@@ -19,6 +19,7 @@ from codegen.toolchains.compiler import (
     PLATFORMS,
     Platform,
     build_library,
+    cache_folder,
     compiler_version,
     find_platform,
     this_platform,
@@ -31,7 +32,7 @@ from models.kit.block import Block
 from models.kit.elementary import Precision
 from models.system import BLOCKS, SYSTEMS
 
-BUILD = Path(__file__).parent / "build"
+FLOORS = Path(__file__).parents[1]
 STAMP = "built-from"  # in a build folder: the hash of what it was built from
 VERSIONS: tuple[FmiVersion, ...] = (2, 3)
 SHIM = Path(__file__).parent / "shim"
@@ -49,6 +50,19 @@ class BuildError(CanineError):
     """An FMU cannot be made here."""
 
 
+@cache
+def build_folder() -> Path:
+    """Where our own FMUs and packages are built, and found again.
+
+    A checkout that can be written keeps them in fmus/build. An installed package keeps them in the
+    user's cache, in a folder for each state of the sources.
+    """
+    here = Path(__file__).parent
+    if (FLOORS / "pyproject.toml").is_file() and os.access(here, os.W_OK):
+        return here / "build"
+    return cache_folder() / "fmus" / _origin()[:16]
+
+
 def build_fmu(
     block: type[Block],
     folder: Path,
@@ -61,7 +75,7 @@ def build_fmu(
     One that is up to date and holds binaries for more platforms than these stays as it is.
 
     Args:
-        platforms: names of `codegen.compiler.PLATFORMS`; this machine's by default.
+        platforms: names of `codegen.toolchains.compiler.PLATFORMS`; this machine's by default.
 
     Raises:
         DeclarationError: the block does not come in this precision.
@@ -72,7 +86,7 @@ def build_fmu(
 
 
 def build_all(
-    folder: Path = BUILD,
+    folder: Path | None = None,
     platforms: Sequence[str] = (),
     done: Callable[[Path], None] = lambda path: None,
 ) -> list[Path]:
@@ -83,13 +97,15 @@ def build_all(
     (x86-64 and ARM), only the FMI 3.0 FMUs hold both.
 
     Args:
-        platforms: names of `codegen.compiler.PLATFORMS`, built beside this machine's.
+        folder: `build_folder()` by default.
+        platforms: names of `codegen.toolchains.compiler.PLATFORMS`, built beside this machine's.
         done: told each file that is ready.
 
     Raises:
         CompileError: a platform is unknown, or the compiler refuses the C.
         BuildError: two platforms, neither this machine's, would lie in the same folder.
     """
+    folder = folder or build_folder()
     origin = _origin()  # before anything is traced: an edit meanwhile makes the folder out of date
     built: dict[tuple[type[Block], FmiVersion], Future[Path]] = {}
     paths = []
@@ -111,12 +127,13 @@ def build_all(
     return paths
 
 
-def is_current(folder: Path = BUILD) -> bool:
+def is_current(folder: Path | None = None) -> bool:
     """Was all in the folder built from models, generator and shim as they are now, and for this machine?
 
     Raises:
-        CompileError: this machine is none of `codegen.compiler.PLATFORMS`.
+        CompileError: this machine is none of `codegen.toolchains.compiler.PLATFORMS`.
     """
+    folder = folder or build_folder()
     stamp = folder / STAMP
     if not stamp.is_file() or stamp.read_text() != _origin():
         return False
@@ -220,11 +237,10 @@ def _headers() -> Path:
 
 def _origin() -> str:
     """A hash of what builds depend on: the files of three floors, and the compiler's version."""
-    floors = Path(__file__).parents[1]
     files = {
-        str(path.relative_to(floors)): path.read_bytes()
+        str(path.relative_to(FLOORS)): path.read_bytes()
         for floor in ("models", "codegen", "fmus")
-        for path in (floors / floor).rglob("*")
+        for path in (FLOORS / floor).rglob("*")
         if path.suffix in (".py", ".c", ".h", ".jinja")
     }
     return _digest(files, [compiler_version()])

@@ -111,6 +111,6 @@ def _connect(parent: ET.Element, system: System) -> None:
         target = system.components[link.target].variables()[link.target_variable]
         for start, end in zip(source.flat_names, target.flat_names, strict=True):
             ET.SubElement(
-                parent, "ssd:Link",
+                parent, "ssd:Connection",
                 startElement=link.source, startConnector=start, endElement=link.target, endConnector=end,
             )  # fmt: skip

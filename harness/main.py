@@ -19,7 +19,7 @@ from rich.table import Table
 from codegen.firmware import bundle
 from codegen.firmware.bundle import TARGETS
 from codegen.toolchains.compiler import PLATFORMS
-from fmus.build import BUILD, build_all
+from fmus.build import build_all, build_folder
 from harness.cosim.fmu import FmuDescription, describe
 from harness.cosim.loop import DURATION, Simulation
 from harness.cosim.roles import find_role, fit, read_adapter
@@ -99,7 +99,7 @@ def build(
     """
     with _telling("building") as done:
         paths = build_all(platforms=[*(platform or []), *(more or [])], done=done)
-    typer.echo(f"{len(paths)} files in {_short(BUILD)}")
+    typer.echo(f"{len(paths)} files in {_short(build_folder())}")
 
 
 @app.command()

@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy import stats
 
-from fmus.build import BUILD, build_fmu
+from fmus.build import build_fmu, build_folder
 from harness.cosim.fmu import FmuError, FmuInstance
 from harness.files import make_folder, write_whole
 from harness.log.log import read_log
@@ -203,7 +203,7 @@ def replay(
             f"{source.name}: no outage fits; expected fixes, {SETTLE:g} s of motion before the first outage, "
             "and its length after that; record longer or take shorter outages"
         )
-    path = build_fmu(ESTIMATORS[estimator], BUILD / "fmi2", 2)
+    path = build_fmu(ESTIMATORS[estimator], build_folder() / "fmi2", 2)
     found = []
     for number, window in enumerate(chosen):
         given = source.signals([window])

@@ -17,7 +17,7 @@ import numpy as np
 
 from codegen.firmware.bundle import BLOCKS, TARGETS, find_target, settable
 from fmus.archive import pack
-from fmus.build import BUILD, build_all, is_current
+from fmus.build import build_all, build_folder, is_current
 from harness.cosim.fmu import FmuDescription, describe
 from harness.cosim.loop import Array, Simulation, Stop
 from harness.cosim.roles import (
@@ -91,7 +91,7 @@ class Request:
     @property
     def ssp(self) -> Path:
         """The package that is run."""
-        own = BUILD / f"{self.scenario.system}.fmi{self.fmi}.ssp"
+        own = build_folder() / f"{self.scenario.system}.fmi{self.fmi}.ssp"
         return self.package or self.scenario.package or own
 
 
@@ -264,7 +264,7 @@ def firmware_values(values: Mapping[str, Mapping[str, float]]) -> Values:
 
 def build_missing(request: Request, done: Callable[[Path], None] = lambda path: None) -> None:
     """Build our FMUs and packages if the one that is asked for is missing, or older than the models."""
-    if request.ssp.parent == BUILD and not (request.ssp.exists() and is_current()):
+    if request.ssp.parent == build_folder() and not (request.ssp.exists() and is_current()):
         build_all(done=done)
 
 

@@ -19,7 +19,7 @@ from fmpy.validation import validate_fmu
 
 from codegen.blocks.block_c import generate
 from codegen.toolchains.compiler import FLAGS, PLATFORMS, CompileError, this_platform
-from fmus.build import STAMP, BuildError, build_all, build_fmu, is_current
+from fmus.build import FLOORS, STAMP, BuildError, build_all, build_fmu, build_folder, is_current
 from fmus.dependencies import initial_dependencies, tick_dependencies
 from fmus.description import FmiVersion
 from models.canine import Canine
@@ -101,6 +101,25 @@ def test_a_plant_closes_a_loop(fmu: Fmu) -> None:
 def test_two_builds_give_the_same_bytes(tmp_path: Path, fmu: Fmu, version: FmiVersion) -> None:
     again = build_fmu(Pulse, tmp_path / "elsewhere", version)
     assert again.read_bytes() == fmu(Pulse).read_bytes()
+
+
+def test_a_checkout_keeps_its_fmus_and_an_installed_package_the_users_cache(tmp_path: Path) -> None:
+    # given the packages as they are installed: without the files of a checkout
+    for floor in ("models", "codegen", "fmus"):
+        shutil.copytree(FLOORS / floor, tmp_path / "site" / floor, ignore=shutil.ignore_patterns("build"))
+    script = "from fmus.build import build_folder; print(build_folder())"
+    environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path / "cache")}
+    environment.pop("ZIG_GLOBAL_CACHE_DIR", None)
+
+    # when it is asked where its FMUs are
+    place = subprocess.run(
+        [sys.executable, "-c", script], cwd=tmp_path / "site", env=environment, check=True,
+        capture_output=True, text=True,
+    ).stdout.strip()  # fmt: skip
+
+    # then they are in the user's cache, by the state of its sources; a checkout has them beside the shim
+    assert Path(place).parent == tmp_path / "cache" / "guided-canine" / "fmus"
+    assert build_folder() == FLOORS / "fmus" / "build"
 
 
 def test_no_path_and_no_time_gets_in(fmu: Fmu) -> None:

@@ -69,7 +69,7 @@ def test_the_package_holds_the_wiring(system: System, fmus: dict[str, Path], tmp
     # then every scalar of every link is connected once
     links = [
         tuple(c.get(key) for key in ("startElement", "startConnector", "endElement", "endConnector"))
-        for c in root.findall("ssd:System/ssd:Connections/ssd:Link", NAMESPACES)
+        for c in root.findall("ssd:System/ssd:Connections/ssd:Connection", NAMESPACES)
     ]
     assert len(set(links)) == len(links)
     for link in system.links:

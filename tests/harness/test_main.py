@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from fmus.build import BUILD
+from fmus.build import build_folder
 from harness.log.log import read_log
 from harness.trial import trial
 from tests.harness.command import canine
@@ -167,8 +167,8 @@ def test_a_package_and_a_controller_from_a_file_give_the_same_trial(
     # given one trial of our system, of its package alone, and with the FMI 3.0 controller swapped in
     canine(capsys, "run", "--out", tmp_path / "own")
     own = read_log(tmp_path / "own" / "trial.mcap")
-    cmec = BUILD / "fmi3" / "cmec.fmu"
-    for name, arguments in (("ssp", [BUILD / "full.fmi3.ssp"]), ("swap", ["--controller", cmec])):
+    cmec = build_folder() / "fmi3" / "cmec.fmu"
+    for name, arguments in (("ssp", [build_folder() / "full.fmi3.ssp"]), ("swap", ["--controller", cmec])):
         # when
         status, _, error = canine(capsys, "run", *arguments, "--out", tmp_path / name)
         # then
@@ -295,7 +295,7 @@ def test_a_package_in_a_folder_runs_and_runs_again_from_its_log(
 
 
 def test_fmi_is_refused_where_the_package_holds_the_fmus(capsys: pytest.CaptureFixture[str]) -> None:
-    status, _, error = canine(capsys, "run", BUILD / "cts.fmi2.ssp", "--fmi", "3")
+    status, _, error = canine(capsys, "run", build_folder() / "cts.fmi2.ssp", "--fmi", "3")
     assert status == 2
     assert "canine: --fmi 3: cts.fmi2.ssp is run with the FMUs that it holds; leave --fmi out" in error
 

@@ -11,7 +11,7 @@ import casadi as ca
 import pytest
 
 from codegen.batch.batch import Batch
-from codegen.batch.lanes import Graph, Tick, Wiring, field_name, ordinary_tick
+from codegen.batch.lanes import BatchSystem, Graph, Tick, field_name, ordinary_tick
 from codegen.blocks.expressions import SELECT, Node, read
 from models.cmec import COMMANDS, Anomaly, Mode
 from models.commands import Command
@@ -365,7 +365,10 @@ def test_a_mode_takes_less_than_all_modes(ticks: dict[Mode, Tick]) -> None:
     own = frozenset({("controller", "moving_deviation")})
     keep = {c: batch.keep.get(c, frozenset()) for c in SYSTEMS["cts"].components}
     whole = ordinary_tick(
-        Wiring(SYSTEMS["cts"], keep, own, RUNNING | STILL, (("controller", "status"), frozenset(STOP[1]))), {}
+        BatchSystem(
+            SYSTEMS["cts"], keep, own, RUNNING | STILL, (("controller", "status"), frozenset(STOP[1]))
+        ),
+        {},
     )
     assert max(tick.operations for tick in ticks.values()) < whole.operations
     # all modes at once hold nothing

@@ -12,14 +12,14 @@ from harness.cosim.ssp import ScaledLink, SspError, StartValue, open_ssp
 
 NAMESPACES = " ".join(
     f'xmlns:{prefix}="http://ssp-standard.org/SSP1/SystemStructure{name}"'
-    for prefix, name in (("ssd", "FmuSystem"), ("ssc", "Common"), ("ssv", "ParameterValues"))
+    for prefix, name in (("ssd", "Description"), ("ssc", "Common"), ("ssv", "ParameterValues"))
 )
 A = """<ssd:Component name="a" type="application/x-fmu-sharedlibrary" source="resources/a.fmu">
   <ssd:Connectors><ssd:Connector name="y" kind="output"><ssc:Real unit="m"/></ssd:Connector>
   <ssd:Connector name="k" kind="parameter"><ssc:Real/></ssd:Connector></ssd:Connectors>{a}</ssd:Component>"""
 B = """<ssd:Component name="b" source="resources/b.fmu"><ssd:Connectors>
   <ssd:Connector name="u" kind="input"/><ssd:Connector name="w" kind="input"/></ssd:Connectors></ssd:Component>"""  # noqa: E501
-CONNECTION = '<ssd:ScaledLink startElement="a" startConnector="y" endElement="b" endConnector="u"/>'
+CONNECTION = '<ssd:Connection startElement="a" startConnector="y" endElement="b" endConnector="u"/>'
 
 
 def package(
@@ -49,7 +49,7 @@ def refusal(path: Path) -> str:
 def test_reads_components_links_and_conversion(tmp_path: Path) -> None:
     # given a connection that turns m into km and shifts by 3
     linear = CONNECTION.replace(
-        "/>", '><ssc:LinearTransformation factor="0.001" offset="3"/></ssd:ScaledLink>'
+        "/>", '><ssc:LinearTransformation factor="0.001" offset="3"/></ssd:Connection>'
     )
     # when
     with open_ssp(package(tmp_path / "toy.ssp", connections=linear)) as system:
@@ -75,7 +75,7 @@ def test_parameters_come_from_the_package_inline_and_beside_and_from_the_system(
         a=bind.format(inline.format(values.format("", k))),
         system='<ssd:Connectors><ssd:Connector name="outside" kind="input"/></ssd:Connectors>'
         + bind.format('<ssd:ParameterBinding source="more.ssv"/>'),
-        connections=CONNECTION + '<ssd:ScaledLink startConnector="outside" endElement="b" endConnector="w"/>',
+        connections=CONNECTION + '<ssd:Connection startConnector="outside" endElement="b" endConnector="w"/>',
         more__ssv=values.format(NAMESPACES, w),
     )
     # when
@@ -120,8 +120,8 @@ def test_parameters_come_from_the_package_inline_and_beside_and_from_the_system(
             'a connection starts at a.k, whose kind is "parameter"; expected "output"',
         ),
         (
-            {"connections": CONNECTION.replace("/>", "><ssc:BooleanMappingTransformation/></ssd:ScaledLink>")},  # noqa: E501
-            "Link holds a BooleanMappingTransformation, which is not supported",
+            {"connections": CONNECTION.replace("/>", "><ssc:BooleanMappingTransformation/></ssd:Connection>")},  # noqa: E501
+            "Connection holds a BooleanMappingTransformation, which is not supported",
         ),
         (
             {"system": "<ssd:SignalDictionaries/>"},

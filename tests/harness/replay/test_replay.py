@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from fmus.build import BUILD, build_fmu
+from fmus.build import build_fmu, build_folder
 from harness.log.log import read_log
 from harness.replay.recording import RecordingError, SensorSignals
 from harness.replay.replay import (
@@ -58,7 +58,7 @@ def test_the_fmu_answers_the_walk_as_the_python_model_does(walk):
     given = walk.signals([(12.0, 15.0)])
     ticks = 500
     # when both run over them
-    fmu = run_fmu(build_fmu(FourState, BUILD / "fmi2", 2), given, ticks, {"fuzzy": 0})
+    fmu = run_fmu(build_fmu(FourState, build_folder() / "fmi2", 2), given, ticks, {"fuzzy": 0})
     model = Model(FourState, {"fuzzy": 0})
     model.initialize()
     names = FourState.flat_names("input")
@@ -78,7 +78,7 @@ def test_a_fix_inside_an_outage_reaches_nobody(walk):
     # given an outage, and the same with the fixes inside it moved away
     window = (40.0, 50.0)
     ticks = int(window[1] / 0.04) + 1
-    path = build_fmu(FourState, BUILD / "fmi2", 2)
+    path = build_fmu(FourState, build_folder() / "fmi2", 2)
     plain = walk.signals([window])
     assert not plain.gps_fix[(plain.t >= window[0]) & (plain.t <= window[1])].any()
     # then what the estimator is given holds still, and the estimate runs on dead reckoning
@@ -135,12 +135,14 @@ def test_the_log_of_a_trial_replays_as_the_trial_went(tmp_path):
     log = read_log(tmp_path / "trial.mcap")
     # when the estimator runs over it again without an outage
     source = open_source(tmp_path / "trial.mcap")
-    again = run_fmu(build_fmu(FourState, BUILD / "fmi2", 2), source.signals([]), len(log.time), {})
+    again = run_fmu(build_fmu(FourState, build_folder() / "fmi2", 2), source.signals([]), len(log.time), {})
     # then it says what it said, to the bit, and with an outage it does not
     for name in ("north", "east", "speed", "accel_bias"):
         np.testing.assert_array_equal(again[name], log[f"estimator.{name}"], err_msg=name)
     (window,) = source.windows(5, 20)
-    without = run_fmu(build_fmu(FourState, BUILD / "fmi2", 2), source.signals([window]), len(log.time), {})
+    without = run_fmu(
+        build_fmu(FourState, build_folder() / "fmi2", 2), source.signals([window]), len(log.time), {}
+    )
     assert not np.array_equal(without["north"], again["north"])
     # and the baseline, which holds the speed of the last fix, is off where the dog's speed has changed
     (judged,) = replay(source, "four_state", [(10.0, 14.0)])
