@@ -187,7 +187,7 @@ def test_of_a_disjunction_that_does_not_none_does(graph: Graph, x: Node, y: Node
     assert graph.known(a) is graph.known(b) is graph.false
 
 
-@pytest.mark.parametrize(("join", "value"), [(Graph.every, 0.0), (Graph.some, 1.0)])
+@pytest.mark.parametrize(("join", "value"), [(Graph.all_of, 0.0), (Graph.any_of, 1.0)])
 def test_which_of_two_it_is_stays_open(graph: Graph, x: Node, y: Node, join: Any, value: float) -> None:
     a, b = graph.make(ca.OP_LT, (x, y)), graph.make(ca.OP_LE, (y, graph.constant(3.0)))
     graph.assume(join(graph, a, b), value)
