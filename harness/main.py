@@ -27,6 +27,9 @@ from harness.cosim.ssp import FmuComponent, FmuSystem
 from harness.cosim.wiring import Order, wire
 from harness.pil import compare
 from harness.trial import trial
+from harness.trial.firmware import values_on_board
+from harness.trial.prepare import prepared
+from harness.trial.request import Changes, build_missing, requested
 from harness.trial.scenario import DEFAULT, MAX_SEED
 from harness.trial.summary import show
 from models.errors import CanineError, UsageError, nearest
@@ -139,15 +142,15 @@ def run(
     It leaves trial.mcap, summary.json, trial.html and trial.png.
     """
     swaps = {"plant": plant, "controller": controller}
-    wanted = trial.Changes(order, fmi, swaps, settings or [], seed, onboard)
-    with trial.requested(target, wanted) as request:
+    wanted = Changes(order, fmi, swaps, settings or [], seed, onboard)
+    with requested(target, wanted) as request:
         with _telling("building the FMUs") as done:
-            trial.build_missing(request, done)
-        with trial.prepared(request) as ready:
+            build_missing(request, done)
+        with prepared(request) as ready:
             broken = [f"{request.log}: the log is not whole, {request.broken}"] if request.broken else []
             for note in [*broken, *ready.notes]:
                 err.print(f"note: {escape(note)}", style="dim", soft_wrap=True)
-            place = folder or trial.default_folder(request)
+            place = folder or request.default_folder
             duration = request.scenario.duration
             with _bar("trial [s]", duration, quiet=as_json or duration < LONG_S) as progress:
                 try:
@@ -183,7 +186,7 @@ def firmware(
     Waypoints are no parameters: they come by radio.
     """
     found = bundle.find_target(target)
-    values = trial.values_on_board(parameters, settings or [])
+    values = values_on_board(parameters, settings or [])
     paths = bundle.write(found, folder, values, constants=constants)
     typer.echo(f"{len(paths)} files for {found.processor} in {_short(folder)}: see README.md there")
 
@@ -209,7 +212,7 @@ def processor_in_the_loop(
 
     It leaves compare.json with what a tick costs, and the trial's files as `canine run` does.
     """
-    changes = trial.Changes(settings=settings or [], seed=seed)
+    changes = Changes(settings=settings or [], seed=seed)
     with _telling("building the FMUs") as done, _bar("trial [s]", DURATION, quiet=as_json) as progress:
         try:
             result = compare.run(
@@ -242,12 +245,12 @@ def wiring(
     canine wiring
     canine wiring my.ssp --order jacobi
     """
-    wanted = trial.Changes(order, fmi, {"plant": plant, "controller": controller})
-    with trial.requested(target, wanted) as request:
+    wanted = Changes(order, fmi, {"plant": plant, "controller": controller})
+    with requested(target, wanted) as request:
         with _telling("building the FMUs") as done:
-            trial.build_missing(request, done)
-        with trial.prepared(request) as ready:
-            found = wire(ready.system, ready.fmus, request.order, trial.plants(ready))
+            build_missing(request, done)
+        with prepared(request) as ready:
+            found = wire(ready.system, ready.fmus, request.order, ready.plants)
     if as_json:
         links = [{"link": str(link), "ticks": ticks} for link, ticks in found.delays]
         typer.echo(json.dumps({"order": found.order, "step_s": found.step, "links": links}, indent=2))

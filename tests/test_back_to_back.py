@@ -10,6 +10,8 @@ import pytest
 
 from harness.cosim.loop import Simulation
 from harness.trial import trial
+from harness.trial.prepare import prepared
+from harness.trial.request import Request, build_missing
 from harness.trial.scenario import Scenario, load
 from models.interconnect import interconnect
 from models.system import SYSTEMS
@@ -28,15 +30,15 @@ CASES = {  # whole trials with corrections, drawn responses, failed turns, an ou
 
 def run_fmus(scenario: Scenario, fmi: int) -> tuple[dict[str, np.ndarray], dict[str, dict[str, float]]]:
     """Every output by `component_variable`, (ticks,), and the parameters that were set."""
-    request = trial.Request(scenario, fmi=fmi)
-    trial.build_missing(request)
+    request = Request(scenario, fmi=fmi)
+    build_missing(request)
     blocks = []
-    with trial.prepared(request) as ready, Simulation(ready.system, ready.plan.values) as simulation:
+    with prepared(request) as ready, Simulation(ready.system, ready.plan.values) as simulation:
         columns = {name: [q.name for q in simulation.columns(name)] for name in simulation.components}
         simulation.run(
             ready.plan.events,
             duration=scenario.duration,
-            stop=trial._stop(simulation),
+            stop=trial.stop_of(simulation),
             record=lambda times, values: blocks.append({n: v.copy() for n, v in values.items()}),
         )
         rows = {name: np.vstack([block[name] for block in blocks]) for name in columns}

@@ -17,7 +17,10 @@ import pytest
 from codegen.batch.batch import Batch, Change
 from harness.cosim.loop import Simulation
 from harness.trial import trial
-from harness.trial.scenario import Plan, Scenario, Setting, plan
+from harness.trial.plan import Plan, plan
+from harness.trial.prepare import prepared
+from harness.trial.request import Request, build_missing
+from harness.trial.scenario import Scenario, Setting
 from models.cmec import Anomaly, Cmec, Mode
 from models.commands import ENDS, Status
 from models.readings import READINGS
@@ -146,12 +149,12 @@ class Trial:
 
 def co_simulated(scenarios: list[Scenario]) -> Iterator[Trial]:
     """Run scenarios of one system as `canine run` does."""
-    request = trial.Request(scenarios[0])
-    trial.build_missing(request)
-    with trial.prepared(request) as ready:
-        assert plan(scenarios[0], ready.parts) == ready.plan
+    request = Request(scenarios[0])
+    build_missing(request)
+    with prepared(request) as ready:
+        assert plan(scenarios[0], ready.interfaces) == ready.plan
         for scenario in scenarios:
-            found = plan(scenario, ready.parts)
+            found = plan(scenario, ready.interfaces)
             with Simulation(ready.system, found.values) as simulation:
                 yield run(scenario, found, simulation)
 
@@ -162,7 +165,7 @@ def run(scenario: Scenario, found: Plan, simulation: Simulation) -> Trial:
     outcome = simulation.run(
         found.events,
         duration=scenario.duration,
-        stop=trial._stop(simulation),
+        stop=trial.stop_of(simulation),
         record=lambda times, values: blocks.append({n: v.copy() for n, v in values.items()}),
     )
     columns = {name: [q.name for q in simulation.columns(name)] for name in simulation.components}

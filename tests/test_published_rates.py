@@ -17,7 +17,8 @@ from scipy.stats import chi2
 
 from codegen.batch.batch import Batch
 from harness.sweep.sweep import TRIAL_TYPES
-from harness.trial.scenario import interfaces_of_system, load, plan
+from harness.trial.plan import interfaces_of_system, plan
+from harness.trial.scenario import load
 from models.commands import Status
 from models.readings import READINGS
 from models.system import SYSTEMS

@@ -20,6 +20,8 @@ from codegen.firmware.bundle import TARGETS, find_target, recorded
 from harness.onboard.processors import Cost, Processor, ProcessorError, Received, Reply, open_processor
 from harness.pil.printed_defuzzifier import printed_defuzzifier_clocks
 from harness.trial import trial
+from harness.trial.prepare import prepared
+from harness.trial.request import Changes, build_missing, requested
 from harness.trial.summary import write_summary
 from models.errors import UsageError
 from models.kit.block import Block
@@ -109,7 +111,7 @@ def _word(word: np.uint32, kind: Type) -> str:
 def run(
     target: str,
     scenario: str,
-    changes: trial.Changes,
+    changes: Changes,
     out: Path | None,
     *,
     constants: bool = False,
@@ -143,9 +145,9 @@ def run(
             opened.pop_all()
         return watched[-1]
 
-    with trial.requested(scenario, replace(changes, onboard=f"pil:{target}")) as request:
-        trial.build_missing(request, built)
-        with trial.prepared(request) as ready:
+    with requested(scenario, replace(changes, onboard=f"pil:{target}")) as request:
+        build_missing(request, built)
+        with prepared(request) as ready:
             place = out or default_folder(target)
             (place / REPORT).unlink(missing_ok=True)  # of an earlier run
             summary = trial.run(request, ready, place, progress, start)
@@ -229,6 +231,6 @@ def show(result: Mapping[str, Any], console: Console) -> None:
 
 def costs(target: str, out: Path) -> dict[str, Any]:
     """What the bundle's README states: the figures of the standard trial."""
-    result = run(target, SCENARIO, trial.Changes(), out)
+    result = run(target, SCENARIO, Changes(), out)
     summary = result.pop("trial")
     return result | {"scenario": summary["scenario"], "seed": summary["seed"]}

@@ -28,17 +28,8 @@ from harness.sweep.journal import open_journal
 from harness.sweep.plots import sweep_png
 from harness.sweep.recommend import number, recommend
 from harness.sweep.table import TICK_S, Point, csv_of, plain, table_of
-from harness.trial.scenario import (
-    MAX_SEED,
-    Interface,
-    Scenario,
-    ScenarioError,
-    interfaces_of_system,
-    is_angular,
-    load,
-    plan,
-    si_value,
-)
+from harness.trial.plan import Interface, interfaces_of_system, is_angular, plan, si_value
+from harness.trial.scenario import MAX_SEED, Scenario, ScenarioError, load
 from models.errors import UsageError, nearest
 from models.kit.declaration import Type, Variable
 from models.system import SYSTEMS

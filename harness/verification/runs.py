@@ -19,6 +19,8 @@ from harness.sweep.sweep import Sweep, wanted
 from harness.sweep.table import TICK_S, Z_95, Point, table_of
 from harness.trial import trial
 from harness.trial.plots import equal_stretches
+from harness.trial.prepare import prepared
+from harness.trial.request import Request, build_missing
 from harness.trial.scenario import load
 from models.cmec import Cmec
 from models.commands import Command, Status
@@ -182,8 +184,8 @@ def story(seeds: int) -> Story:
 
 def _run_trial(name: str, seed: int) -> Log:
     """A trial through the FMUs, the true state into the controller."""
-    request = trial.Request(replace(load(name), system="cts", seed=seed))
-    trial.build_missing(request)
-    with trial.prepared(request) as ready, tempfile.TemporaryDirectory(prefix="canine-") as folder:
+    request = Request(replace(load(name), system="cts", seed=seed))
+    build_missing(request)
+    with prepared(request) as ready, tempfile.TemporaryDirectory(prefix="canine-") as folder:
         trial.run(request, ready, Path(folder))
         return read_log(Path(folder) / trial.LOG)

@@ -20,6 +20,8 @@ from codegen.toolchains.compiler import build_library
 from fmus.build import build_all
 from harness.cosim.loop import Simulation
 from harness.trial import trial
+from harness.trial.prepare import Prepared, prepared
+from harness.trial.request import Changes, Request, requested
 from models.four_state import FourState
 from models.system import SYSTEMS
 from tests.bench import sweeps
@@ -49,7 +51,7 @@ def timed(work: Callable[[], object]) -> float:
 class Wrapped:
     """The full system stepped through fmpy's call wrappers: what a straightforward master does."""
 
-    def __init__(self, ready: trial.Prepared) -> None:
+    def __init__(self, ready: Prepared) -> None:
         self.system = SYSTEMS["full"]
         self.slaves: dict[str, fmpy.fmi2.FMU2Slave] = {}
         self.links: dict[str, dict[str, tuple[list[int], list[tuple[str, int]]]]] = {}
@@ -116,7 +118,7 @@ class Wrapped:
             slave.freeInstance()
 
 
-def loop_against_wrappers(ready: trial.Prepared) -> tuple[float, float, float]:
+def loop_against_wrappers(ready: Prepared) -> tuple[float, float, float]:
     """Seconds for the trial's ticks: our loop, the same loop through fmpy's wrappers."""
 
     def ours() -> float:
@@ -133,7 +135,7 @@ def loop_against_wrappers(ready: trial.Prepared) -> tuple[float, float, float]:
     return paired(ours, wrappers)
 
 
-def with_log(request: trial.Request, ready: trial.Prepared) -> float:
+def with_log(request: Request, ready: Prepared) -> float:
     """Seconds of a trial with its log (and its summary and pictures, which are not timed)."""
     with tempfile.TemporaryDirectory() as folder:
         summary = trial.run(request, ready, Path(folder))
@@ -210,7 +212,7 @@ def main() -> None:
     table = Table(
         "figure", "ours", "peer", "peer / ours", box=None, padding=(0, 3, 0, 0), header_style="bold"
     )
-    with trial.requested("three_waypoint", trial.Changes()) as request, trial.prepared(request) as ready:
+    with requested("three_waypoint", Changes()) as request, prepared(request) as ready:
         ours, wrappers, ratio = loop_against_wrappers(ready)
         logged = statistics.median(with_log(request, ready) for _ in range(5))
     table.add_row(

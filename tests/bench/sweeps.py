@@ -16,7 +16,8 @@ from harness.cosim.loop import Simulation
 from harness.sweep.chunks import LARGEST, Job, Outcomes, Pool, batch_of, cut, run_all, run_chunk
 from harness.sweep.chunks import program as this_program
 from harness.sweep.sweep import wanted
-from harness.trial import trial
+from harness.trial.prepare import prepared
+from harness.trial.request import Changes, requested
 from models.kit.units import DEG
 from tests.bench.cts_numpy import EVERY_EQUATION, FAST, Compiled, Setting, by_hand, setting, simulate
 
@@ -171,9 +172,9 @@ def ticks_by_numpy() -> float:
 
 def ticks_by_fmus(system: str) -> float:
     """Ticks per second of the loop over FMUs, without a log."""
-    with trial.requested("three_waypoint", trial.Changes()) as request:
+    with requested("three_waypoint", Changes()) as request:
         request = replace(request, scenario=replace(request.scenario, system=system))  # noqa: PLW2901
-        with trial.prepared(request) as ready:
+        with prepared(request) as ready:
             rates = []
             for _ in range(ROUNDS):
                 with Simulation(ready.system, ready.plan.values) as simulation:

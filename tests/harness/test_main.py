@@ -9,6 +9,7 @@ import pytest
 from fmus.build import build_folder
 from harness.log.log import read_log
 from harness.trial import trial
+from harness.trial.contents import LogRows
 from tests.harness.command import canine
 from tests.harness.cosim.tiny_fmu import V, tiny_fmu
 
@@ -104,13 +105,13 @@ def test_ctrl_c_keeps_the_log(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # given a user who has enough after the first batch of rows
-    write = trial._LogRows.write
+    write = LogRows.write
 
-    def interrupted(self: trial._LogRows, log: object, times: object, values: object) -> None:
+    def interrupted(self: LogRows, log: object, times: object, values: object) -> None:
         write(self, log, times, values)  # type: ignore[arg-type]
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(trial._LogRows, "write", interrupted)
+    monkeypatch.setattr(LogRows, "write", interrupted)
     # when
     status, _, said = canine(capsys, *RUN, "--out", tmp_path)
     # then
@@ -302,7 +303,7 @@ def test_fmi_is_refused_where_the_package_holds_the_fmus(capsys: pytest.CaptureF
 
 def test_two_trials_do_not_write_into_one_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     # given a folder into which another trial is writing
-    with trial._alone_in(tmp_path):
+    with trial.alone_in(tmp_path):
         # then a second one is refused, and leaves nothing there
         status, _, said = canine(capsys, *RUN, "--out", tmp_path)
     assert status == 2

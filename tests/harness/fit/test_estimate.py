@@ -36,7 +36,10 @@ from harness.fit.tracks import (
 )
 from harness.log.log import Channel, LogError, LogWriter
 from harness.trial import trial
-from harness.trial.scenario import SHIPPED, interfaces_of_system, load, plan
+from harness.trial.plan import interfaces_of_system, plan
+from harness.trial.prepare import prepared
+from harness.trial.request import Changes, build_missing, requested
+from harness.trial.scenario import SHIPPED, load
 from models.canine import Canine
 from models.commands import Command
 from models.kit.model import Model
@@ -719,9 +722,9 @@ def test_trials_that_were_run_give_the_dogs_that_ran_them(
     settings = [f"canine.{name}={value}" for name, value in spread.items()]
     dogs = []
     for seed in (1, 3):
-        with trial.requested("three_waypoint", trial.Changes(settings=settings, seed=seed)) as request:
-            trial.build_missing(request)
-            with trial.prepared(request) as ready:
+        with requested("three_waypoint", Changes(settings=settings, seed=seed)) as request:
+            build_missing(request)
+            with prepared(request) as ready:
                 trial.run(request, ready, tmp_path / str(seed))
         dog = Model(Canine, {**spread, "seed": seed})
         dog.initialize()

@@ -24,6 +24,8 @@ from harness.onboard.processors import Processor, ProcessorError, Reply, open_pr
 from harness.onboard.radio import Decoder, Flag, Mission, Position, Telemetry, encode
 from harness.onboard.stand_in import RESEND, SIGNALS, Memory, Onboard, Operator, StandIn
 from harness.trial import trial
+from harness.trial.prepare import Prepared, prepared
+from harness.trial.request import Changes, Request, build_missing, requested
 from harness.trial.scenario import Scenario, load
 from harness.trial.summary import position_error, summarize
 from models.cmec import Anomaly, Cmec, Mode
@@ -492,9 +494,9 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Log:
 
 
 def fly(scenario: Scenario, folder: Path, onboard: str = "host") -> Log:
-    request = trial.Request(scenario, onboard=onboard)
-    trial.build_missing(request)
-    with trial.prepared(request) as ready:
+    request = Request(scenario, onboard=onboard)
+    build_missing(request)
+    with prepared(request) as ready:
         trial.run(request, ready, folder)
     return read_log(folder / trial.LOG)
 
@@ -557,15 +559,15 @@ def test_telemetry_in_the_log_tells_what_the_program_knew(flown: Log) -> None:
 
 
 def test_log_runs_again_to_the_same_log(flown: Log, tmp_path: Path) -> None:
-    changes = trial.Changes()
-    with trial.requested(str(flown.path), changes) as request, trial.prepared(request) as ready:
+    changes = Changes()
+    with requested(str(flown.path), changes) as request, prepared(request) as ready:
         assert request.onboard == "host"
         trial.run(request, ready, tmp_path)
     assert (tmp_path / trial.LOG).read_bytes() == flown.path.read_bytes()
 
 
 def test_log_of_a_processor_can_be_run_with_fmus(flown: Log) -> None:
-    with trial.requested(str(flown.path), trial.Changes(onboard="fmu")) as request:
+    with requested(str(flown.path), Changes(onboard="fmu")) as request:
         assert request.onboard == ""
 
 
@@ -604,8 +606,8 @@ def test_a_dog_beyond_what_instruments_can_say_is_no_crash(tmp_path: Path, does:
     dog = tiny_fmu(tmp_path / "dog.fmu", DOG, f"if (t > 1.23) {does};", depends=False)
     dog.with_suffix(".toml").write_text('[outputs]\nspeed = { name = "v" }')
     scenario = replace(load("two_waypoint"), duration=3.0)
-    request = trial.Request(scenario, swaps={"plant": dog}, onboard="host")
-    with trial.prepared(request) as ready:
+    request = Request(scenario, swaps={"plant": dog}, onboard="host")
+    with prepared(request) as ready:
         # when
         if ends:
             # then the loop ends it, and names it
@@ -675,11 +677,9 @@ class Flight:
 
 
 @contextmanager
-def simulated(
-    scenario: Scenario, stand_ins: Callable[[trial.Prepared], Mapping[str, Any]]
-) -> Iterator[Simulation]:
+def simulated(scenario: Scenario, stand_ins: Callable[[Prepared], Mapping[str, Any]]) -> Iterator[Simulation]:
     with (
-        trial.prepared(trial.Request(scenario)) as ready,
+        prepared(Request(scenario)) as ready,
         Simulation(ready.system, ready.plan.values, stand_ins=stand_ins(ready)) as simulation,
     ):
         yield simulation
@@ -691,7 +691,7 @@ def rows_of(simulation: Simulation, scenario: Scenario, events: Sequence[Event] 
     outcome = simulation.run(
         events,
         duration=scenario.duration,
-        stop=trial._stop(simulation),
+        stop=trial.stop_of(simulation),
         record=lambda times, values: modes.extend(values["controller"][:, column]),
     )
     return Flight(outcome, int(np.flatnonzero(modes)[0]))
@@ -700,8 +700,8 @@ def rows_of(simulation: Simulation, scenario: Scenario, events: Sequence[Event] 
 def through_bytes(scenario: Scenario, pvt: bool = False) -> Flight:
     boards: list[Onboard] = []
 
-    def on_board(ready: trial.Prepared) -> Mapping[str, Any]:
-        boards.append(trial._onboard(trial.Request(scenario, onboard="host"), ready, open_processor))
+    def on_board(ready: Prepared) -> Mapping[str, Any]:
+        boards.append(trial.open_onboard(Request(scenario, onboard="host"), ready, open_processor))
         boards[0].receiver = replace(boards[0].receiver, pvt=pvt)
         return boards[0].stand_ins(ready.fmus)
 
@@ -714,7 +714,7 @@ def through_bytes(scenario: Scenario, pvt: bool = False) -> Flight:
 
 
 def through_signals(scenario: Scenario, native: Any, start: int = 0) -> Flight:
-    def in_float32(ready: trial.Prepared) -> Mapping[str, Any]:
+    def in_float32(ready: Prepared) -> Mapping[str, Any]:
         return {name: Float32(native, name, ready.fmus[name]) for name in ROLES}
 
     with simulated(scenario, in_float32) as simulation:

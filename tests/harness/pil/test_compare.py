@@ -22,7 +22,7 @@ from harness.onboard.processors import Cost, Processor, Received, Reply, open_pr
 from harness.onboard.stand_in import Memory
 from harness.pil import compare
 from harness.pil.compare import Compared, DifferenceError, report, show
-from harness.trial.trial import values_on_board
+from harness.trial.firmware import values_on_board
 from models.cmec import Anomaly
 from tests.harness.command import canine
 from tests.harness.onboard.traffic import traffic
@@ -414,7 +414,7 @@ def test_firmware_cannot_run_beside_another_controller_or_without_sensors(
     status, _, error = canine(capsys, "run", cts, "--onboard", "pil:host")
     assert (status, error) == (
         2,
-        'canine: --onboard pil:host: system "cts" has not our sensors and estimator; '
+        'canine: --onboard pil:host: system "cts" lacks our sensors and estimator; '
         'expected a scenario with system = "full"\n',
     )
 

@@ -26,6 +26,8 @@ from harness.replay.replay import (
     statistics,
 )
 from harness.trial import trial
+from harness.trial.prepare import prepared
+from harness.trial.request import Request, build_missing
 from harness.trial.scenario import load
 from models.four_state import FourState
 from models.kit.model import Model
@@ -128,9 +130,9 @@ def walk_like():
 
 def test_the_log_of_a_trial_replays_as_the_trial_went(tmp_path):
     # given the log of a trial through sensors and estimator
-    request = trial.Request(replace(load("three_waypoint"), duration=20.0))
-    trial.build_missing(request)
-    with trial.prepared(request) as ready:
+    request = Request(replace(load("three_waypoint"), duration=20.0))
+    build_missing(request)
+    with prepared(request) as ready:
         trial.run(request, ready, tmp_path)
     log = read_log(tmp_path / "trial.mcap")
     # when the estimator runs over it again without an outage
@@ -155,9 +157,9 @@ def test_the_log_of_a_trial_replays_as_the_trial_went(tmp_path):
 
 def test_a_log_without_fixes_has_no_outages(tmp_path):
     parameters = {"sensors.outage_end": [1000.0]}
-    request = trial.Request(replace(load("three_waypoint"), duration=3.0, parameters=parameters))
-    trial.build_missing(request)
-    with trial.prepared(request) as ready:
+    request = Request(replace(load("three_waypoint"), duration=3.0, parameters=parameters))
+    build_missing(request)
+    with prepared(request) as ready:
         trial.run(request, ready, tmp_path)
     source = open_source(tmp_path / "trial.mcap")
     assert source.windows(1, 1) == []
@@ -166,9 +168,9 @@ def test_a_log_without_fixes_has_no_outages(tmp_path):
 
 
 def test_the_log_of_a_trial_without_sensors_is_refused(tmp_path):
-    request = trial.Request(replace(load("two_waypoint"), system="cts", duration=1.0))
-    trial.build_missing(request)
-    with trial.prepared(request) as ready:
+    request = Request(replace(load("two_waypoint"), system="cts", duration=1.0))
+    build_missing(request)
+    with prepared(request) as ready:
         trial.run(request, ready, tmp_path)
     with pytest.raises(RecordingError, match=r'no signal "sensors.accel_x"; expected a trial with sensors'):
         open_source(tmp_path / "trial.mcap")

@@ -7,16 +7,8 @@ import pytest
 
 from harness.cosim.loop import Event
 from harness.cosim.roles import MISSION, Rename
-from harness.trial.scenario import (
-    Interface,
-    Scenario,
-    ScenarioError,
-    interfaces_of_system,
-    load,
-    parse,
-    plan,
-    shipped,
-)
+from harness.trial.plan import Interface, interfaces_of_system, plan
+from harness.trial.scenario import Scenario, ScenarioError, load, parse, shipped
 from models.canine import Canine
 from models.cmec import Cmec
 from models.kit.declaration import Boolean, Integer, Variable

@@ -1,0 +1,125 @@
+"""What the log of a trial holds: rows by the roles' names, metadata, and the files to run it again."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from fmus.archive import pack
+from harness.cosim.fmu import Quantity
+from harness.cosim.loop import Array, Simulation
+from harness.cosim.roles import Rename, Role, find_role
+from harness.log.log import Channel, LogWriter
+from harness.onboard.stand_in import Onboard
+from harness.trial.plan import values_of
+from harness.trial.prepare import Prepared
+from harness.trial.request import PACKAGE, Request
+
+VERSIONED = ("guided-canine", "fmpy", "casadi", "numpy")
+
+
+class LogRows:
+    """A simulation's rows for the log; outputs of a swapped component by its role's names, in its units."""
+
+    def __init__(self, simulation: Simulation, ready: Prepared, onboard: Onboard | None) -> None:
+        self.channels: list[Channel] = []
+        self.onboard = onboard
+        self.scales: dict[str, tuple[Array, Array]] = {}
+        for name in simulation.components:
+            renames = ready.renames.get(name, {})
+            role = find_role(name) if renames else None
+            columns = [_column(quantity, role, renames) for quantity in simulation.columns(name)]
+            factors, offsets = [c.factor for c in columns], [c.offset for c in columns]
+            if any(factor != 1.0 for factor in factors) or any(offsets):
+                self.scales[name] = (np.array(factors), np.array(offsets))
+            self.channels.append(
+                Channel(
+                    name,
+                    simulation.fmus[name].model,
+                    tuple(column.name for column in columns),
+                    tuple(column.unit for column in columns),
+                    tuple(column.type for column in columns),
+                    tuple(column.meaning for column in columns),
+                )
+            )
+        if onboard is not None:
+            self.channels.append(onboard.channel())
+
+    def write(self, log: LogWriter, times: Array, values: Mapping[str, Array]) -> None:
+        """Write rows as `Simulation.run` hands them over."""
+        lists = {}
+        for name, rows in values.items():
+            factor, offset = self.scales.get(name, (None, None))
+            lists[name] = (rows if factor is None or offset is None else rows * factor + offset).tolist()
+        for i, moment in enumerate(times.tolist()):
+            row = {name: rows[i] for name, rows in lists.items()}
+            if self.onboard is not None:
+                row["telemetry"] = self.onboard.row(moment)
+            log.write(moment, row)
+
+
+@dataclass(frozen=True)
+class _Column:
+    """One signal in the log: logged = factor * the FMU's value + offset."""
+
+    name: str
+    unit: str
+    type: str
+    meaning: str
+    factor: float = 1.0
+    offset: float = 0.0
+
+
+def _column(quantity: Quantity, role: Role | None, renames: Mapping[str, tuple[str, Rename]]) -> _Column:
+    """A component's variable in the log.
+
+    A swapped component's outputs get the role's names and units. Another variable of it that bears the name
+    of a renamed output is marked "(FMU)".
+    """
+    name, unit = quantity.name, quantity.unit or ""
+    kind, meaning = quantity.type.value, quantity.meaning
+    if role is not None and name in renames and quantity.causality == "output":
+        own, rename = renames[name]
+        return _Column(own, role.needs[own].unit, kind, meaning, rename.factor, rename.offset)
+    if any(name == own for own, _ in renames.values()):
+        name = f"{name} (FMU)"
+    return _Column(name, unit, kind, meaning)
+
+
+def metadata(request: Request, ready: Prepared) -> dict[str, dict[str, str]]:
+    """The records of a log: scenario, parameters, roles, how it was run, versions; text to text."""
+    scenario = request.scenario
+    return {
+        "scenario": {"name": scenario.name, "seed": str(scenario.seed), "toml": scenario.text()},
+        "parameters": values_of(ready.interfaces, ready.values),
+        "roles": {name: fmu.model for name, fmu in ready.fmus.items()},
+        "run": {"order": request.order, "fmi": str(request.fmi)}
+        | ({"onboard": request.onboard} if request.onboard else {}),
+        "swaps": {role: f"{role}.fmu" for role in request.swaps},
+        "versions": {name: version(name) for name in VERSIONED},
+    }
+
+
+def attachments(request: Request, ready: Prepared) -> dict[str, bytes]:
+    """The files that it takes to run the trial again: package, swapped FMUs and their mapping files."""
+    files = {PACKAGE: _package(request, ready)}
+    for role, path in request.swaps.items():
+        files[f"{role}.fmu"] = path.read_bytes()
+        mapping = path.with_suffix(".toml")
+        if mapping.is_file():
+            files[f"{role}.toml"] = mapping.read_bytes()
+    return files
+
+
+def _package(request: Request, ready: Prepared) -> bytes:
+    """The package. One that is unpacked in a folder is packed: the .ssd and the files that it names."""
+    if request.ssp.is_file() and request.ssp.suffix == ".ssp":
+        return request.ssp.read_bytes()
+    files = {name: path.read_bytes() for name, path in ready.system.files.items()}
+    with tempfile.TemporaryDirectory(prefix="canine-") as folder:
+        return pack(Path(folder) / PACKAGE, files).read_bytes()

@@ -1,0 +1,338 @@
+"""A plan: a scenario resolved against a system, every address to a component's variable, every value to SI.
+
+What wins: the reading, over it the mission (seed, start, waypoints), over it what the package binds, over it
+`parameters`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from harness.cosim.fmu import FmuDescription, Quantity
+from harness.cosim.loop import Event
+from harness.cosim.roles import Fit, Rename, Role
+from harness.trial.scenario import Scenario, ScenarioError, Written, toml_of
+from models.errors import nearest
+from models.kit.declaration import Type, Variable, flatten
+from models.kit.units import UNITS
+from models.readings import READINGS, start_heading_deviation
+from models.system import SYSTEMS, System
+
+
+@dataclass(frozen=True)
+class Interface:
+    """The variables of a component that a scenario can set.
+
+    Attributes:
+        block: the block's or the FMU's model name.
+        parameters, inputs: by flat name; renamed ones by the role's name too.
+        label: its name in messages, `plant dog.fmu`.
+        foreign: swapped in.
+        renames: by the role's name, the FMU's name and the conversion.
+        misfits: parameters with a role's name and another meaning, to what is wrong with them.
+    """
+
+    block: str
+    parameters: Mapping[str, Variable]
+    inputs: Mapping[str, Variable]
+    label: str
+    foreign: bool = False
+    renames: Mapping[str, Rename] = field(default_factory=dict)
+    misfits: Mapping[str, str] = field(default_factory=dict)
+
+    def start(self, name: str, variable: Variable, values: Mapping[str, float]) -> float:
+        """A variable's start value by the role's name and unit, given the component's own values."""
+        rename = self.renames.get(name, Rename(name))
+        own = (self.parameters if rename.name in self.parameters else self.inputs).get(rename.name, variable)
+        value = values.get(rename.name, _start(own, rename.name))
+        return (value - rename.offset) / rename.factor if rename.mapped else value
+
+    def converted(self, name: str, value: float) -> tuple[str, float]:
+        """The component's own name and value of a variable, from the role's name and SI value."""
+        rename = self.renames.get(name, Rename(name))
+        if not rename.mapped:
+            return name, value
+        variable = self.parameters.get(rename.name) or self.inputs[rename.name]
+        converted = rename.factor * value + rename.offset
+        return rename.name, converted if variable.type is Type.REAL else float(round(converted))
+
+
+def interfaces_of_system(system: System) -> dict[str, Interface]:
+    """The interfaces of a system of ours, by component."""
+    return {
+        name: Interface(
+            block.title(),
+            dict(flatten(block.group("parameter"))),
+            dict(flatten(block.group("input"))),
+            f"{name} {block.title()}",
+        )
+        for name, block in system.components.items()
+    }
+
+
+def interface_of_fmu(
+    name: str,
+    fmu: FmuDescription,
+    role: Role | None = None,
+    fit: Fit | None = None,
+    misfits: Mapping[str, str] | None = None,
+) -> Interface:
+    """The interface that an FMU declares.
+
+    Args:
+        role: the role of its component, if it is one of ours.
+        fit: how it fits that role; None if it was not swapped in.
+        misfits: as in `Interface`.
+    """
+    parameters = {n: _variable(fmu, q) for n, q in fmu.parameters.items()}
+    inputs = {n: _variable(fmu, q) for n, q in fmu.inputs.items()}
+    renames: dict[str, Rename] = {}
+    if role is not None and fit is not None:
+        renames = {n: r for n, r in {**fit.inputs, **fit.parameters}.items() if r.mapped}
+        parameters |= {n: role.parameters[n] for n in fit.parameters if n in renames}
+        inputs |= {n: role.inputs[n] for n in fit.inputs if n in renames}
+    label = f"{name} {fmu.path.name}"
+    return Interface(fmu.model, parameters, inputs, label, fit is not None, renames, misfits or {})
+
+
+def _variable(fmu: FmuDescription, quantity: Quantity) -> Variable:
+    variable = Variable(quantity.type, quantity.meaning)
+    variable.name, variable.unit = quantity.name, quantity.unit or ""
+    variable.min, variable.max = quantity.min, quantity.max
+    variable.start = (quantity.start or 0.0,)
+    return variable
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A scenario resolved against a system.
+
+    Attributes:
+        values: start values (SI) of parameters and free inputs, by component and flat name.
+        events: changes of inputs.
+        notes: parameters that a foreign component lacks, for the user to read.
+    """
+
+    values: dict[str, dict[str, float]]
+    events: tuple[Event, ...]
+    notes: tuple[str, ...]
+
+
+def plan(
+    scenario: Scenario,
+    interfaces: Mapping[str, Interface],
+    bound: Mapping[str, Mapping[str, float]] | None = None,
+    connected: Mapping[str, Collection[str]] | None = None,
+) -> Plan:
+    """Resolve a scenario against the interfaces of a system's components.
+
+    Args:
+        bound: values that the package binds; they win over the reading and the mission.
+        connected: inputs that have a source, by component.
+
+    Raises:
+        ScenarioError: an unknown component, block, parameter or input, a wrong type, or a value out of range.
+    """
+    return _Planner(scenario, interfaces, bound or {}, connected or {}).plan()
+
+
+class _Planner:
+    def __init__(
+        self,
+        scenario: Scenario,
+        interfaces: Mapping[str, Interface],
+        bound: Mapping[str, Mapping[str, float]],
+        connected: Mapping[str, Collection[str]],
+    ) -> None:
+        self.scenario, self.interfaces = scenario, interfaces
+        self.bound, self.connected = bound, connected
+        self.values: dict[str, dict[str, float]] = {name: {} for name in interfaces}
+        self.notes: list[str] = []
+
+    def plan(self) -> Plan:
+        for address, value in READINGS[self.scenario.reading].items():
+            block, _, name = address.partition(".")
+            for component, interface in self.interfaces.items():
+                if interface.block == block and name in interface.parameters:
+                    self.put(component, name, float(value))
+        for component, values in self.mission.items():
+            self.give(component, values)
+        for address, written in self.scenario.parameters.items():
+            where = f"{self.scenario.name}: {address}"
+            for component, name in self.find(address, "parameters"):
+                known = self.interfaces[component].parameters
+                for flat, value in _converted(name, written, known, where).items():
+                    self.values[component] |= [self.interfaces[component].converted(flat, value)]
+        return Plan(self.values, tuple(self.events()), tuple(self.notes))
+
+    @cached_property
+    def mission(self) -> dict[str, dict[str, float]]:
+        """The parameters (SI) that the scenario's own keys state: seed, start, waypoints; by role."""
+        scenario = self.scenario
+        north, east, heading = scenario.start
+        spread = start_heading_deviation(scenario.reading, len(scenario.waypoints))
+        controller: dict[str, float] = {"home_north": north, "home_east": east}
+        if scenario.waypoints:
+            controller["waypoint_count"] = len(scenario.waypoints)
+        for i, (waypoint_north, waypoint_east) in enumerate(scenario.waypoints, start=1):
+            controller |= {f"waypoint_north[{i}]": waypoint_north, f"waypoint_east[{i}]": waypoint_east}
+        return {
+            "plant": {
+                "seed": scenario.seed,
+                "start_north": north,
+                "start_east": east,
+                "start_heading": math.radians(heading),
+                "start_heading_deviation": spread,
+            },
+            "sensors": {"seed": scenario.seed},
+            "controller": controller,
+        }
+
+    def give(self, role: str, values: Mapping[str, float]) -> None:
+        """Set those parameters that the component of a role has, and note the others."""
+        interface = self.interfaces.get(role)
+        lacking = [name for name in values if interface is None or name not in interface.parameters]
+        names = ", ".join(dict.fromkeys(name.partition("[")[0] for name in lacking))
+        if interface is None:
+            if self.scenario.package is not None:
+                self.notes.append(f"{self.scenario.system}: has no component {role}; {names} not set")
+            return
+        if role == "controller" and "start" in interface.inputs:
+            self.put(role, "start", 1.0)  # the trial is on from the first tick
+        for name in values:
+            if name in interface.parameters:
+                self.put(role, name, values[name])
+        if lacking:
+            self.notes.append(f"{interface.label}: has no parameter {names}; not set")
+
+    def put(self, component: str, name: str, value: float) -> None:
+        """Set a parameter or free input (SI), unless the package binds or connects it."""
+        interface = self.interfaces[component]
+        own, converted = interface.converted(name, value)
+        if own in self.bound.get(component, ()) or own in self.connected.get(component, ()):
+            return
+        if name in interface.misfits:
+            raise ScenarioError(f"{self.scenario.name}: {interface.misfits[name]}")
+        self.values[component][own] = converted
+
+    def find(self, address: str, kind: str) -> list[tuple[str, str]]:
+        """The components that an address means, by their name or their block's, with the variable's name."""
+        owner, _, name = address.partition(".")
+        where = f"{self.scenario.name}: {address}"
+        owners = {n: {n, interface.block} for n, interface in self.interfaces.items()}
+        components = [n for n, names in owners.items() if owner in names]
+        if not components and (foreign := self.replaced(owner)):
+            self.notes.append(f"{address}: not set, since {foreign} takes the place of {owner}")
+            return []
+        if not components or not name:
+            hint = nearest(owner, set().union(*owners.values()))
+            raise ScenarioError(f'{where}: no block or component "{owner}"{hint}')
+        for component in components:
+            known: Mapping[str, Variable] = getattr(self.interfaces[component], kind)
+            if name not in known and f"{name}[1]" not in known:
+                bases = {n.partition("[")[0] for n in known} if "[" not in name else known
+                what = f"{self.interfaces[component].label} has no {kind[:-1]}"
+                raise ScenarioError(f'{where}: {what} "{name}"{nearest(name, bases)}')
+        return [(component, name) for component in components]
+
+    def replaced(self, block: str) -> str:
+        """The foreign component in the place of this block of ours; "" if there is none."""
+        for system in SYSTEMS.values():
+            for role, own in system.components.items():
+                if own.title() == block and role in self.interfaces and self.interfaces[role].foreign:
+                    return self.interfaces[role].label
+        return ""
+
+    def events(self) -> Iterable[Event]:
+        """The changes of inputs. The entry that started last holds; of several, the one listed last."""
+        entries: dict[tuple[str, str], list[tuple[float, float, float]]] = {}
+        for setting in self.scenario.sets:
+            where = f"{self.scenario.name}: [[set]] {setting.variable}"
+            until = math.inf if setting.until is None else setting.until
+            for component, name in self.find(setting.variable, "inputs"):
+                interface = self.interfaces[component]
+                for flat, value in _converted(name, setting.value, interface.inputs, where).items():
+                    own, converted = interface.converted(flat, value)
+                    entries.setdefault((component, own), []).append((setting.at, until, converted))
+        for (component, own), spans in entries.items():
+            values = {**self.bound.get(component, {}), **self.values[component]}
+            at_rest = values.get(own, _start(self.interfaces[component].inputs[own], own))
+            for time in sorted({t for at, until, _ in spans for t in (at, until)} - {math.inf}):
+                active = [(at, i) for i, (at, until, _) in enumerate(spans) if at <= time < until]
+                yield Event(time, component, own, spans[max(active)[1]][2] if active else at_rest)
+
+
+def _converted(name: str, written: Written, known: Mapping[str, Variable], where: str) -> dict[str, float]:
+    """Flat names and SI values of a scalar's written value, or of a vector's first elements."""
+    if name in known:
+        return {name: si_value(written, known[name], where)}
+    if not isinstance(written, list):
+        raise ScenarioError(f"{where} is a vector; expected a list, or one element by name: {name}[1]")
+    size = sum(flat.partition("[")[0] == name for flat in known)
+    if len(written) > size:
+        raise ScenarioError(f"{where} has {len(written)} elements; expected up to {size}")
+    flat_names = [f"{name}[{i}]" for i in range(1, len(written) + 1)]
+    return {
+        n: si_value(value, known[n], f"{where}[{n}]") for n, value in zip(flat_names, written, strict=True)
+    }
+
+
+def is_angular(variable: Variable) -> bool:
+    """Do users write the quantity in degrees?"""
+    return UNITS.get(variable.unit, {}).get("rad", 0) == 1
+
+
+def si_value(written: Written, variable: Variable, where: str) -> float:
+    """The SI value of what a user wrote.
+
+    Raises:
+        ScenarioError: naming `where`, the value and what was expected.
+    """
+    value: float | None = None
+    if variable.choices is not None and isinstance(written, str):
+        named = {choice.name: float(choice) for choice in variable.choices}
+        value = named.get(written.upper())
+    elif isinstance(written, bool):
+        value = float(written) if variable.type is Type.BOOLEAN else None
+    elif isinstance(written, int | float) and math.isfinite(written) and variable.type is not Type.BOOLEAN:
+        value = float(written)
+    scale = math.pi / 180 if is_angular(variable) else 1.0
+    if value is not None:
+        value = math.radians(value) if is_angular(variable) else value
+        low = -math.inf if variable.min is None else variable.min
+        high = math.inf if variable.max is None else variable.max
+        whole = variable.type is Type.REAL or value == int(value)
+        if whole and low <= value <= high:
+            return value
+    raise ScenarioError(f"{where} is {toml_of(written)}; expected {_expected(variable, scale)}")
+
+
+def _expected(variable: Variable, scale: float) -> str:
+    if not is_angular(variable):
+        return variable.expected()
+    words = "a number"
+    if variable.min is not None:
+        words += f" from {variable.min / scale:.4g}"
+    if variable.max is not None:
+        words += f" up to {variable.max / scale:.4g}"
+    return words + " " + variable.unit.replace("rad", "deg")
+
+
+def values_of(
+    interfaces: Mapping[str, Interface], values: Mapping[str, Mapping[str, float]]
+) -> dict[str, str]:
+    """Every parameter of every component for the log: `component.name` to its value (SI)."""
+    return {
+        f"{component}.{name}": repr(float(interface.start(name, variable, values.get(component, {}))))
+        for component, interface in interfaces.items()
+        for name, variable in interface.parameters.items()
+    }
+
+
+def _start(variable: Variable, name: str) -> float:
+    """The start value of a scalar; `name[3]` starts with the third value of its vector."""
+    is_element = len(variable.start) > 1
+    return variable.start[int(name[name.index("[") + 1 : -1]) - 1 if is_element else 0]

@@ -1,0 +1,105 @@
+"""A trial made ready: its package is open, swapped FMUs are in their places, its scenario is resolved."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from harness.cosim.fmu import FmuDescription, describe
+from harness.cosim.roles import Fit, Rename, find_role, misfits, read_adapter, replace_component, roles
+from harness.cosim.ssp import FmuSystem, open_ssp
+from harness.trial.firmware import interfaces_on_board
+from harness.trial.plan import Interface, Plan, interface_of_fmu, interfaces_of_system, plan
+from harness.trial.request import Request
+from harness.trial.scenario import ScenarioError
+from models.system import SYSTEMS
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A system of FMUs with its swaps made, and what the scenario sets in it.
+
+    Attributes:
+        system: components and links.
+        fmus, interfaces: by component; interfaces of the firmware's own components too, with firmware.
+        plan: the scenario in SI.
+        renames: by swapped component, the FMU's name of an output to the role's name and the conversion.
+        notes: what the user should know.
+    """
+
+    system: FmuSystem
+    fmus: Mapping[str, FmuDescription]
+    interfaces: Mapping[str, Interface]
+    plan: Plan
+    renames: Mapping[str, Mapping[str, tuple[str, Rename]]]
+    notes: tuple[str, ...]
+
+    @property
+    def plants(self) -> list[str]:
+        """Swapped plants: they are stepped last, whatever they declare."""
+        return [role for role in self.renames if role == "plant"]
+
+    @property
+    def values(self) -> dict[str, dict[str, float]]:
+        """All values by component: those of the scenario over those of the package."""
+        bound = _bound_values(self.system)
+        return {name: bound.get(name, {}) | values for name, values in self.plan.values.items()}
+
+
+@contextmanager
+def prepared(request: Request) -> Iterator[Prepared]:
+    """Open the package, put swapped FMUs in their places, resolve the scenario.
+
+    Raises:
+        CanineError: something does not fit; the class tells what kind.
+    """
+    scenario = request.scenario
+    if not request.ssp.exists():
+        raise ScenarioError(f'{scenario.name}: there is no package "{request.ssp}"')
+    with open_ssp(request.ssp) as system:
+        fmus = {name: describe(component.fmu) for name, component in system.components.items()}
+        notes: list[str] = []
+        fits: dict[str, Fit] = {}
+        for role, path in request.swaps.items():
+            fmus[role] = describe(path)
+            adapter = read_adapter(path, find_role(role))
+            system, fits[role] = replace_component(system, role, fmus[role], adapter)  # noqa: PLW2901
+            notes += fits[role].notes
+        renames = {
+            role: {rename.name: (name, rename) for name, rename in fit.outputs.items()}
+            for role, fit in fits.items()
+        }
+        interfaces = _interfaces(scenario.system, fmus, fits)
+        if request.onboard:
+            interfaces |= interfaces_on_board()
+        connected = {
+            name: {link.target_variable for link in system.links if link.target == name} for name in fmus
+        }
+        resolved = plan(scenario, interfaces, _bound_values(system), connected)
+        yield Prepared(system, fmus, interfaces, resolved, renames, (*notes, *resolved.notes))
+
+
+def _interfaces(
+    system: str, fmus: Mapping[str, FmuDescription], fits: Mapping[str, Fit]
+) -> dict[str, Interface]:
+    """Each component's interface: our blocks' as declared, other FMUs' as they describe themselves."""
+    own = interfaces_of_system(SYSTEMS[system]) if system in SYSTEMS else {}
+    known = roles()
+    interfaces = {}
+    for name, fmu in fmus.items():
+        role, fit = known.get(name), fits.get(name)
+        if name in own and fit is None:
+            interfaces[name] = own[name]
+        else:
+            wrong = misfits(fmu, role) if role and fit is None else {}
+            interfaces[name] = interface_of_fmu(name, fmu, role, fit, wrong)
+    return interfaces
+
+
+def _bound_values(system: FmuSystem) -> dict[str, dict[str, float]]:
+    """The values that the package itself binds, by component."""
+    return {
+        name: {variable: start.value for variable, start in component.values.items()}
+        for name, component in system.components.items()
+    }

@@ -1,0 +1,184 @@
+"""A request: what a user asks to be run, from a scenario, a package, or the log of an earlier trial."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from codegen.firmware.bundle import TARGETS
+from fmus.build import build_all, build_folder, is_current
+from harness.cosim.wiring import Order
+from harness.log.log import read_log
+from harness.onboard.stand_in import ROLES
+from harness.trial.scenario import DEFAULT, Scenario, ScenarioError, load, parse
+from models.errors import UsageError
+from models.system import SYSTEMS
+
+PACKAGE = "system.ssp"  # a log's attachment
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is to be run.
+
+    Attributes:
+        scenario: what happens in the trial.
+        order: of stepping.
+        fmi: version of our FMUs.
+        swaps: FMUs that take the place of a role's.
+        package: the .ssp, where it is another than that of `scenario.system`; a log holds its own.
+        log: the log that is run again.
+        broken: why that log is not whole; "" if it is.
+        onboard: the processor whose firmware takes the place of estimator, controller and command module; ""
+            runs their FMUs.
+    """
+
+    scenario: Scenario
+    order: Order = "sequential"
+    fmi: int = 2
+    swaps: Mapping[str, Path] = field(default_factory=dict)
+    package: Path | None = None
+    log: Path | None = None
+    broken: str = ""
+    onboard: str = ""
+
+    @property
+    def ssp(self) -> Path:
+        """The package that is run."""
+        own = build_folder() / f"{self.scenario.system}.fmi{self.fmi}.ssp"
+        return self.package or self.scenario.package or own
+
+    @property
+    def default_folder(self) -> Path:
+        """Where the results go by default: out/<scenario>-<seed>; those of a log into <its folder>-again."""
+        if self.log is not None:
+            folder = self.log.resolve().parent
+            return folder.with_name(f"{folder.name}-again")
+        return Path("out") / f"{self.scenario.name}-{self.scenario.seed}"
+
+
+@dataclass(frozen=True)
+class Changes:
+    """Overrides of what the target states; None or empty keeps the target's value."""
+
+    order: Order | None = None
+    fmi: str | None = None
+    swaps: Mapping[str, Path | None] = field(default_factory=dict)
+    settings: Sequence[str] = ()
+    seed: int | None = None
+    onboard: str | None = None
+
+
+@contextmanager
+def requested(target: str | Scenario, changes: Changes) -> Iterator[Request]:
+    """The request that a target and its changes make. A log's files are unpacked until the context ends.
+
+    Args:
+        target: a scenario, its file or its shipped name; a package; or a log.
+
+    Raises:
+        UsageError, LogError: the target cannot be read, or a change does not fit it.
+    """
+    with tempfile.TemporaryDirectory(prefix="canine-") as folder:
+        request = _request_of(target, Path(folder))
+        if changes.fmi and request.scenario.system not in SYSTEMS:
+            raise UsageError(
+                f"--fmi {changes.fmi}: {request.scenario.system} is run with the FMUs that it holds; "
+                "leave --fmi out"
+            )
+        if changes.fmi:
+            request = replace(request, fmi=int(changes.fmi), package=None)
+        swaps = {role: path for role, path in changes.swaps.items() if path is not None}
+        yield _checked(
+            replace(
+                request,
+                scenario=request.scenario.override(changes.settings, changes.seed),
+                order=changes.order or request.order,
+                swaps={**request.swaps, **swaps},
+                onboard=request.onboard if changes.onboard is None else _processor(changes.onboard),
+            )
+        )
+
+
+def _request_of(target: str | Scenario, folder: Path) -> Request:
+    """What the target alone asks for; `folder` takes the files of a log."""
+    if isinstance(target, Scenario):
+        return Request(target)
+    if target.endswith(".mcap"):
+        return _of_log(Path(target), folder)
+    if target.endswith((".ssp", ".ssd")) or (Path(target) / "SystemStructure.ssd").is_file():
+        return _of_package(Path(target).resolve())
+    return Request(load(target))
+
+
+def _of_package(package: Path) -> Request:
+    """The default trial with a package: an .ssp, a folder, or the .ssd of a folder."""
+    name = package.parent.name if package.suffix == ".ssd" else package.stem
+    scenario = replace(load(DEFAULT), name=name, system=f"{name}.ssp", folder=package.parent)
+    return Request(scenario, package=package)
+
+
+def _of_log(path: Path, folder: Path) -> Request:
+    """The trial of a log with its order, FMI version, package and swapped FMUs, unpacked into a folder."""
+    if not path.is_file():
+        raise UsageError(f'there is no log "{path}"; expected the path of a trial.mcap')
+    log = read_log(path)
+    records, run = log.metadata.get("scenario", {}), log.metadata.get("run", {})
+    if "toml" not in records or PACKAGE not in log.attachments:
+        raise ScenarioError(
+            f"{path}: has neither scenario nor package; expected the log of a trial that `canine run` wrote"
+        )
+    for name, content in log.attachments.items():
+        (folder / Path(name).name).write_bytes(content)
+    return Request(
+        parse(records["toml"], f"{path}: scenario", folder=path.parent),
+        "jacobi" if run.get("order") == "jacobi" else "sequential",
+        int(run.get("fmi", "2")),
+        {role: folder / name for role, name in log.metadata.get("swaps", {}).items()},
+        folder / PACKAGE,
+        path,
+        log.broken,
+        run.get("onboard", ""),
+    )
+
+
+def _processor(onboard: str) -> str:
+    """The processor that `--onboard` names; "" for the FMUs.
+
+    Raises:
+        UsageError: there is no such processor.
+    """
+    choices = ["fmu", *(f"pil:{name}" for name in TARGETS)]
+    if onboard not in choices:
+        raise UsageError(f'--onboard "{onboard}": expected one of {", ".join(choices)}')
+    return onboard.removeprefix("pil:").removeprefix("fmu")
+
+
+def _checked(request: Request) -> Request:
+    """The request itself, if firmware on board fits the rest of it.
+
+    Raises:
+        UsageError: it does not.
+    """
+    if request.onboard:
+        option = f"--onboard pil:{request.onboard}"
+        taken = next((role for role in ROLES if role in request.swaps), None)
+        if taken:
+            raise UsageError(f"{option}: the firmware takes the place of the {taken}; leave --{taken} out")
+        if request.order != "sequential":
+            raise UsageError(f"{option}: the firmware answers within a tick; expected --order sequential")
+        if request.scenario.system != "full":
+            raise UsageError(
+                f'{option}: system "{request.scenario.system}" lacks our sensors and estimator; '
+                'expected a scenario with system = "full"'
+            )
+    return request
+
+
+def build_missing(request: Request, done: Callable[[Path], None] = lambda path: None) -> None:
+    """Build our FMUs and packages if the requested package is missing, or older than the models."""
+    if request.ssp.parent == build_folder() and not (request.ssp.exists() and is_current()):
+        build_all(done=done)
