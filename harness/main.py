@@ -375,14 +375,14 @@ def sweep_parameters(
     """
     from harness.sweep import journal, sweep  # noqa: PLC0415
 
-    wanted = sweep.wanted(
+    planned = sweep.plan_sweep(
         target, thresholds=thresholds, vary=vary or [], trials=trials, system=system, reading=reading,
         seed=seed, settings=settings or [],
     )  # fmt: skip
-    place = folder or sweep.default_folder(wanted)
-    with _bar("trials", wanted.job.total, quiet=as_json) as progress:
+    place = folder or sweep.default_folder(planned)
+    with _bar("trials", planned.job.total, quiet=as_json) as progress:
         try:
-            table, result = sweep.run(wanted, place, dask, progress=progress, note=_note)
+            table, result = sweep.run(planned, place, dask, progress=progress, note=_note)
         except KeyboardInterrupt:
             kept = (place / journal.JOURNAL).exists()
             then = (
@@ -395,7 +395,7 @@ def sweep_parameters(
     if as_json:
         typer.echo(json.dumps(result, indent=2))
     else:
-        sweep.show(wanted, table, result, out)
+        sweep.show(planned, table, result, out)
         _say_where(place)
 
 

@@ -1,9 +1,9 @@
-"""Many trials in chunks, on this machine's cores or on a Dask cluster: in any order, with the same counts.
+"""Many trials in chunks, on this machine's cores or on a Dask cluster; the order does not change the counts.
 
-Trials are numbered point by point: number k is trial i = k mod `trials` of point k div `trials`, of type_
-i mod (number of types), with seed `seed` + i. So every point meets the same dogs (common random numbers),
-and a chunk is no more than two numbers; its trials are listed where it runs. What a chunk comes to are
-integers, so nothing depends on how trials were cut into chunks, or on who ran them when.
+The trials are numbered point by point. Number k is trial i = k mod `trials` of point k div `trials`; its type
+is number i mod (number of types), its seed is `seed` + i. So every point meets the same dogs (common random
+numbers), and two numbers, start and stop, define a chunk. A chunk's results are integers: their sums depend
+neither on how the trials were cut into chunks nor on which worker ran them when.
 """
 
 from __future__ import annotations
@@ -41,26 +41,33 @@ OBSERVED = (
     *(f"controller.anomalies[{i + 1}]" for i in range(len(ANOMALIES))),
 )
 SUMS = ("commands", "timeouts", *ANOMALIES)  # commands: of successful trials
-LARGEST = {"cts": 32_768, "full": 4_096}  # trials of up to USUAL in a chunk: some tenths of a second
-SMALLEST = 2048  # the last trials of a chunk have lanes to themselves
-USUAL = 7500  # ticks, 300 s; chunks of longer trials have fewer: Ctrl-C is answered, little is lost
-ROUNDS = 4  # chunks that a core gets at least, if they are not too small: none waits long for another
-ANSWER_S = 5.0  # s in which a scheduler, and its workers, must answer
-ALONE_S = 60.0  # s that a sweep waits for a cluster that has lost all its workers
-ATTEMPTS = 3  # times that a chunk is handed in again after the scheduler gave it up: its workers died
+LARGEST = {"cts": 32_768, "full": 4_096}  # trials in a chunk at most: it takes some tenths of a second
+SMALLEST = 2048  # trials in a chunk at least: fewer would leave vector lanes empty
+USUAL = 7500  # ticks, 300 s; chunks of longer trials hold fewer, so that Ctrl-C is answered and loses little
+ROUNDS = 4  # chunks for each core at least, above SMALLEST: so no core waits long for another
+ANSWER_S = 15.0  # s in which a scheduler must answer, a busy one too
+ALONE_S = 60.0  # s to wait for a cluster without workers: for the first to start, or after all were lost
+ATTEMPTS = 3  # times to submit a chunk again after the scheduler gave it up because its workers died
 POLL_S = 0.5  # s
 
 Progress = Callable[[int], None]
+Note = Callable[[str], None]
 Integers = npt.NDArray[np.int64]
 
 
 class ClusterError(CanineError):
-    """The cluster cannot run the chunks, or has gone away."""
+    """The cluster cannot run the chunks, or no longer answers."""
 
 
 @dataclass(frozen=True)
 class TrialType:
-    """One type of trial: start values (SI) by component, changes of inputs, index of the last tick."""
+    """One type of trial, such as `right_90`.
+
+    Attributes:
+        values: start values by component and name, SI.
+        changes: of inputs, by tick.
+        ticks: index of the last tick.
+    """
 
     name: str
     values: dict[str, dict[str, float]]
@@ -75,32 +82,32 @@ class TrialType:
 
 @dataclass(frozen=True)
 class Job:
-    """What is to be run, as plain data.
+    """The trials of a sweep as plain data, which travels to workers.
 
     Attributes:
         system: name of one of SYSTEMS.
-        varied: what differs between the points, `component.parameter`.
+        varied: the parameters that differ between the points, `component.parameter`.
         points: (points, varied), SI.
-        types: the types of trials, which take turns; they set the same, and differ in its values alone.
-        trials: of each point.
-        seed: of the first trial of each point.
-        first: index of `points[0]`, if they are some out of more.
+        trial_types: they take turns; all set the same variables at the same ticks, to different values.
+        trials: at each point.
+        seed: of the first trial at each point.
+        first: index of `points[0]` among all points, if this is a part of a job.
     """
 
     system: str
     varied: tuple[str, ...]
     points: tuple[tuple[float, ...], ...]
-    types: tuple[TrialType, ...]
+    trial_types: tuple[TrialType, ...]
     trials: int
     seed: int
     first: int = 0
 
     def __post_init__(self) -> None:
-        first, *others = self.types
-        for type_ in others:
-            alike = (type_.changes, type_.ticks, type_.flat.keys())
+        first, *others = self.trial_types
+        for trial_type in others:
+            alike = (trial_type.changes, trial_type.ticks, trial_type.flat.keys())
             if alike != (first.changes, first.ticks, first.flat.keys()):
-                raise ValueError(f"{type_.name} sets other things, or at other times, than {first.name}")
+                raise ValueError(f"{trial_type.name} sets other things, or at other times, than {first.name}")
 
     @property
     def total(self) -> int:
@@ -109,35 +116,35 @@ class Job:
 
     @property
     def by_type(self) -> tuple[str, ...]:
-        """What differs between the types, `component.name`."""
-        flat = [type_.flat for type_ in self.types]
+        """The start values that differ between the types, `component.name`."""
+        flat = [trial_type.flat for trial_type in self.trial_types]
         return tuple(name for name in flat[0] if len({values[name] for values in flat}) > 1)
 
     def rows(self) -> npt.NDArray[np.float64]:
-        """(points * types, varied + by_type) the values of each point for each type_."""
-        own = [[type_.flat[name] for name in self.by_type] for type_ in self.types]
+        """The values at each point for each type of trial: (points * types, varied + by_type)."""
+        by_type = [[trial_type.flat[name] for name in self.by_type] for trial_type in self.trial_types]
         width = len(self.varied) + len(self.by_type)
-        return np.array([(*p, *v) for p in self.points for v in own]).reshape(-1, width)
+        return np.array([(*p, *v) for p in self.points for v in by_type]).reshape(-1, width)
 
     @property
     def dtype(self) -> type[np.unsignedinteger[Any]]:
-        """What holds the index of any tick."""
-        return np.uint16 if max(type_.ticks for type_ in self.types) < 2**16 else np.uint32
+        """The smallest integer type that holds the index of any tick."""
+        return np.uint16 if max(trial_type.ticks for trial_type in self.trial_types) < 2**16 else np.uint32
 
-    def of(self, start: int, stop: int) -> Job:
-        """The same with only the points that the trials from `start` to before `stop` need."""
+    def part(self, start: int, stop: int) -> Job:
+        """The same job with only the points that the trials start <= k < stop need."""
         first, last = start // self.trials, (stop - 1) // self.trials
         return replace(self, points=self.points[first : last + 1], first=first)
 
 
 @dataclass(frozen=True, eq=False)
 class Chunk:
-    """What the trials from `start` to before `stop` came to.
+    """The results of the trials start <= k < stop.
 
     Attributes:
-        ticks: (stop - start,) the tick on which a trial succeeded, 0 if it did not: none succeeds on the
-            first, since the dog must first be recalled.
-        sums: (points, SUMS) of the points that the chunk touches.
+        ticks: (stop - start,) the tick on which each trial succeeded, 0 if it failed. No trial succeeds on
+            tick 0, since the dog must be recalled before.
+        sums: (points, SUMS) counts at the points that the chunk touches.
     """
 
     start: int
@@ -147,12 +154,12 @@ class Chunk:
 
 
 class Outcomes:
-    """What all trials came to, as far as they are done.
+    """The results of a job's trials so far.
 
     Attributes:
         ticks: (points, trials) as in `Chunk`.
         sums: (points, SUMS).
-        spans: start and stop of the chunks that are done.
+        spans: start and stop of each chunk that is done.
     """
 
     def __init__(self, job: Job) -> None:
@@ -164,56 +171,56 @@ class Outcomes:
 
     @property
     def done(self) -> int:
-        """Number of trials."""
+        """Number of trials that have run."""
         return sum(stop - start for start, stop in self.spans)
 
     def add(self, chunk: Chunk) -> None:
-        """Take in a chunk's counts."""
+        """Add a chunk's results."""
         self._flat[chunk.start : chunk.stop] = chunk.ticks
         first = chunk.start // self.job.trials
         self.sums[first : first + len(chunk.sums)] += chunk.sums
         self.spans.append((chunk.start, chunk.stop))
 
     def missing(self) -> Iterator[tuple[int, int]]:
-        """The stretches of trials that no chunk has covered."""
-        at = 0
+        """Start and stop of each stretch of trials that no chunk has covered."""
+        covered = 0
         for start, stop in [*sorted(self.spans), (self.job.total, self.job.total)]:
-            if start > at:
-                yield at, start
-            at = stop
+            if start > covered:
+                yield covered, start
+            covered = stop
 
 
 def cut(stretches: Iterable[tuple[int, int]], size: int) -> Iterator[tuple[int, int]]:
-    """Stretches of trials in pieces of at most `size`."""
+    """Cut stretches of trials into pieces of at most `size`."""
     for start, stop in stretches:
-        for at in range(start, stop, size):
-            yield at, min(at + size, stop)
+        for first in range(start, stop, size):
+            yield first, min(first + size, stop)
 
 
 _batches: dict[tuple[str, tuple[str, ...]], Batch] = {}
-_one_at_a_time = threading.Lock()
+_compiling = threading.Lock()
 
 
 def batch_of(job: Job) -> Batch:
-    """The native batch runner that a job needs; made once a process, whichever thread comes first.
+    """The native batch runner for a job; each process compiles it once.
 
     Raises:
         CompileError: the compiler refuses it.
     """
     varied = (*job.varied, *job.by_type)
     key = (job.system, varied)
-    with _one_at_a_time:
+    with _compiling:
         if key not in _batches:
             _batches[key] = Batch(SYSTEMS[job.system], varied, OBSERVED, ("controller.status", ENDS))
-        nobody = np.zeros(0, dtype=np.int32)  # of no trials: compiled here, not in many threads at once
-        type_ = job.types[0]
-        _batches[key].run(type_.values, job.rows(), nobody, nobody, type_.ticks, changes=type_.changes)
+        no_trials = np.zeros(0, dtype=np.int32)  # compile once, before the threads start
+        first = job.trial_types[0]
+        _batches[key].run(first.values, job.rows(), no_trials, no_trials, first.ticks, changes=first.changes)
         return _batches[key]
 
 
 @cache
 def program() -> str:
-    """A hash of what decides a trial's outcome: models, generator, this file, versions of the tools."""
+    """A hash of everything that decides a trial's outcome: models, generator, this file, tools' versions."""
     floors = Path(__file__).parents[2]
     digest = hashlib.sha256(f"{compiler_version()} casadi {version('casadi')}".encode())
     files = [p for floor in ("models", "codegen") for p in (floors / floor).rglob("*")]
@@ -225,27 +232,27 @@ def program() -> str:
 
 
 def run_chunk(job: Job, start: int, stop: int, made_for: str) -> Chunk:
-    """Run the trials from `start` to before `stop`, in this process.
+    """Run the trials start <= k < stop in this process.
 
     Args:
         job: with at least the points of these trials.
-        made_for: the program that asks; another one could come to other results.
+        made_for: `program()` of the sweep, which must be the same here: other versions give other results.
 
     Raises:
-        ClusterError: this is another program.
+        ClusterError: this process runs another version.
         CompileError: the compiler refuses the batch runner.
     """
     if made_for != program():
         raise ClusterError(f"a worker runs another version of this program, {program()[:12]}")
     point, number = np.divmod(np.arange(start, stop), job.trials)
-    type_, types = job.types[0], len(job.types)
+    first, types = job.trial_types[0], len(job.trial_types)
     results = batch_of(job).run(
-        type_.values,
+        first.values,
         job.rows(),
         ((point - job.first) * types + number % types).astype(np.int32),
         (job.seed + number).astype(np.int32),
-        type_.ticks,
-        changes=type_.changes,
+        first.ticks,
+        changes=first.changes,
     )
     status = results.values[:, 0]
     success = status == Status.SUCCESS
@@ -258,22 +265,27 @@ def run_chunk(job: Job, start: int, stop: int, made_for: str) -> Chunk:
 
 
 def chunk_size(job: Job, left: int, width: int) -> int:
-    """Trials in a chunk: some tenths of a second's, and so few that each core gets ROUNDS chunks at least.
+    """Trials in a chunk: at most LARGEST, so few that each core gets ROUNDS chunks, but at least SMALLEST.
 
-    But not fewer than are worth the call: of little that is left, a core may get fewer chunks, or none.
+    If few trials are left, SMALLEST decides: a core may then get fewer chunks, or none.
 
     Args:
-        left: trials to be run.
-        width: cores.
+        left: trials to run.
+        width: number of cores.
     """
-    longest = max(USUAL, *(type_.ticks for type_ in job.types))
+    longest = max(USUAL, *(trial_type.ticks for trial_type in job.trial_types))
     largest, smallest = (max(1, trials * USUAL // longest) for trials in (LARGEST[job.system], SMALLEST))
     return max(smallest, min(largest, -(-left // (ROUNDS * width))))
 
 
 @dataclass(frozen=True)
 class Pool:
-    """Who runs chunks: an executor, how many it runs at a time, and what tells that it is all gone."""
+    """The cores that run chunks.
+
+    Attributes:
+        width: number of chunks that the executor runs at a time.
+        check: raises ClusterError if the cluster no longer answers.
+    """
 
     executor: Executor
     width: int
@@ -287,39 +299,39 @@ def run_all(
     progress: Progress | None = None,
     size: int = 0,
 ) -> None:
-    """Run what is missing in `outcomes`; a bounded number of chunks is under way at any time.
+    """Run the trials that `outcomes` lacks; at most two chunks for each core are under way at a time.
 
     Args:
-        keep: is given each chunk that is done, before it is taken in.
-        progress: is told the number of trials done.
-        size: trials in a chunk; by default as `chunk_size` says.
+        keep: called with each chunk that is done, before it is added to `outcomes`.
+        progress: called with the number of trials done.
+        size: trials in a chunk; `chunk_size` by default.
 
     Raises:
-        ClusterError: chunks cannot be run on the cluster.
-        CanineError: of what fails in a chunk.
+        ClusterError: the cluster cannot run the chunks.
+        CanineError: as a chunk's run raises it.
     """
     job, made_for = outcomes.job, program()
     left = job.total - outcomes.done
     pieces = cut(outcomes.missing(), size or chunk_size(job, left, pool.width))
-    waiting: dict[Future[Chunk], tuple[int, int, int]] = {}
+    under_way: dict[Future[Chunk], tuple[int, int, int]] = {}
 
     def submit(start: int, stop: int, attempts: int = ATTEMPTS) -> None:
-        future = pool.executor.submit(run_chunk, job.of(start, stop), start, stop, made_for)
-        waiting[future] = start, stop, attempts
+        future = pool.executor.submit(run_chunk, job.part(start, stop), start, stop, made_for)
+        under_way[future] = start, stop, attempts
 
     for piece in islice(pieces, 2 * pool.width):
         submit(*piece)
-    while waiting:
-        finished, _ = wait(waiting, POLL_S, FIRST_COMPLETED)
+    while under_way:
+        finished, _ = wait(under_way, POLL_S, FIRST_COMPLETED)
         pool.check()
         for future in finished:
-            start, stop, attempts = waiting.pop(future)
+            start, stop, attempts = under_way.pop(future)
             try:
                 chunk = future.result()
             except CancelledError:
                 raise ClusterError("the cluster's scheduler has gone away") from None
             except Exception as reason:
-                # the scheduler gives a chunk up when several workers died while they had it
+                # the scheduler gives a chunk up after several workers died while they ran it
                 if type(reason).__name__ != "KilledWorker":
                     raise
                 if not attempts:
@@ -334,14 +346,17 @@ def run_all(
                 submit(*piece)
 
 
-def pool_at(address: str | None, job: Job) -> AbstractContextManager[Pool]:
-    """This machine's cores, or the cluster of a Dask scheduler's address.
+def pool_at(address: str | None, job: Job, note: Note = lambda text: None) -> AbstractContextManager[Pool]:
+    """This machine's cores, or the Dask cluster whose scheduler has this address.
+
+    Args:
+        note: called with a line for the user.
 
     Raises:
-        UsageError: nothing answers at the address.
-        ClusterError: the cluster has no workers, or one that cannot run this program.
+        UsageError: no scheduler answers at the address within ANSWER_S.
+        ClusterError: the cluster has no workers after ALONE_S, or one of them cannot run this program.
     """
-    return _here(job) if address is None else _cluster(address)
+    return _here(job) if address is None else _cluster(address, note)
 
 
 @contextmanager
@@ -356,24 +371,24 @@ def _here(job: Job) -> Iterator[Pool]:
 
 
 @contextmanager
-def _cluster(address: str) -> Iterator[Pool]:
+def _cluster(address: str, note: Note) -> Iterator[Pool]:
     from distributed import Client  # noqa: PLC0415 - it takes a second, which other sweeps need not wait
 
-    for name in ("distributed", "distributed.client"):  # which has a level of its own
-        logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters is said as an error
+    for name in ("distributed", "distributed.client"):  # the client's logger has a level of its own
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # faults are raised as ClusterError instead
     try:
         asyncio.run(_greet(address))
         client: Any = Client(  # type: ignore[no-untyped-call]
             address, timeout=ANSWER_S, set_as_default=False
         )
-    except Exception as reason:  # who knows what answers there, and how
+    except Exception as reason:  # anything may answer there, and in any way
         raise UsageError(
             f"--dask {address}: no Dask scheduler answers there within {ANSWER_S:g} s "
             f"({str(reason) or 'silence'}); expected an address such as tcp://host:8786, as `dask scheduler` "
             "prints it"
         ) from None
     with client:
-        width = _check_workers(client, address)
+        width = _check_workers(client, address, note)
         executor = client.get_executor(pure=False, retries=2)
         try:
             yield Pool(executor, width, _watch(client, address))
@@ -382,19 +397,21 @@ def _cluster(address: str) -> Iterator[Pool]:
 
 
 async def _greet(address: str) -> None:
-    """See whether Dask answers at all; a client that finds nobody takes long to end."""
+    """Check that a Dask scheduler answers; a client without one takes long to give up."""
     from distributed.core import rpc  # noqa: PLC0415
 
     async with rpc(address, timeout=ANSWER_S) as scheduler:  # type: ignore[no-untyped-call]
-        known = await asyncio.wait_for(scheduler.identity(), ANSWER_S)
-    if known["type"] != "Scheduler":
-        raise OSError(f"a {known['type']} does")
+        identity = await asyncio.wait_for(scheduler.identity(), ANSWER_S)
+    if identity["type"] != "Scheduler":
+        raise OSError(f"a {identity['type']} does")
 
 
-def _check_workers(client: Any, address: str) -> int:
-    """How many threads the workers have; refuse workers that would not come to the same results."""
+def _check_workers(client: Any, address: str, note: Note) -> int:
+    """The number of the workers' threads; waits for a first worker, refuses those with another program."""
+    if not client.nthreads():
+        note(f"{address}: the cluster has no workers yet; waiting up to {ALONE_S:g} s for one")
     try:
-        client.wait_for_workers(1, timeout=ANSWER_S)
+        client.wait_for_workers(1, timeout=ALONE_S)
     except TimeoutError:
         raise ClusterError(
             f"{address}: the cluster has no workers; start some with `dask worker {address}` in an "
@@ -414,16 +431,16 @@ def _check_workers(client: Any, address: str) -> int:
 
 
 def _watch(client: Any, address: str) -> Callable[[], None]:
-    """Give up when the scheduler has gone, or all workers are gone for long."""
-    seen = time.monotonic()
+    """A check that fails if the scheduler has gone, or if there were no workers for ALONE_S."""
+    last_seen = time.monotonic()
 
     def check() -> None:
-        nonlocal seen
+        nonlocal last_seen
         if client.status != "running":
             raise ClusterError(f"{address}: the cluster's scheduler has gone away")
         if client.scheduler_info(n_workers=1)["workers"]:
-            seen = time.monotonic()
-        if time.monotonic() - seen > ALONE_S:
+            last_seen = time.monotonic()
+        if time.monotonic() - last_seen > ALONE_S:
             raise ClusterError(f"{address}: the cluster has had no workers for {ALONE_S:g} s")
 
     return check

@@ -1,7 +1,7 @@
-"""The journal of a sweep: a line for every chunk that is done, so that an interrupted sweep goes on there.
+"""The journal of a sweep: a line for each chunk that is done, so that an interrupted sweep can go on.
 
-The first line says whose it is. Each line begins with its CRC-32, so that one that a killed process, a full
-disk or a bad one has left is not believed; those around it are.
+The first line identifies the sweep. Each line begins with its CRC-32: a line damaged by a killed process, a
+full disk or a failing one is dropped, and the lines around it are kept.
 """
 
 from __future__ import annotations
@@ -32,22 +32,22 @@ class Journal:
     """The journal in a folder, open and locked.
 
     Attributes:
-        found: the chunks that an earlier process has left; none has a trial of another.
-        dropped: how many lines are damaged, or have trials that another line has.
-        empty: it holds no chunk.
+        chunks: those that earlier processes left; they do not overlap.
+        dropped: number of lines left out: damaged, or with trials that another line has.
+        empty: the journal holds no chunk.
     """
 
     def __init__(self, path: Path, handle: int, job: Job) -> None:
         self.path, self._handle, self._job = path, handle, job
-        self.found: list[Chunk] = []
+        self.chunks: list[Chunk] = []
         self.dropped = 0
         self.empty = True
 
     def append(self, chunk: Chunk) -> None:
-        """Keep a chunk: it is with the operating system when this returns.
+        """Write a chunk's line; when this returns, the operating system has it.
 
         Raises:
-            JournalError: there is no room.
+            JournalError: the disk has no room.
         """
         packed = base64.b64encode(zlib.compress(chunk.ticks.astype(_packed(self._job)).tobytes(), 1))
         line = {
@@ -59,16 +59,16 @@ class Journal:
         try:
             self._write(_line(line))
         except OSError as reason:
-            then = (
+            advice = (
                 "make room, and give the command again"
                 if self.empty
                 else "the chunks before are kept: make room, and the same command goes on there"
             )
-            raise JournalError(f"{self.path}: cannot be written ({reason.strerror}); {then}") from reason
+            raise JournalError(f"{self.path}: cannot be written ({reason.strerror}); {advice}") from reason
         self.empty = False
 
     def remove(self) -> None:
-        """The sweep is done, and its results are written."""
+        """Delete the journal once the sweep's results are written."""
         self.path.unlink(missing_ok=True)
 
     def _write(self, line: bytes) -> None:
@@ -77,26 +77,25 @@ class Journal:
             rest = rest[os.write(self._handle, rest) :]
 
     def _start(self, fingerprint: str, about: str) -> None:
-        """Read what is there, or begin."""
+        """Read the chunks of an earlier process, or begin a new journal."""
         ours = _line({"sweep": fingerprint, "about": about})
         with os.fdopen(os.dup(self._handle), "rb") as lines:
             first = lines.readline()
-            if first != ours and ours.startswith(first):  # nothing, or all that there was room for
+            if first != ours and ours.startswith(first):  # an empty file, or a first line cut by a full disk
                 self._begin(ours)
                 return
             header = _parsed(first)
             if header is None or "sweep" not in header:
                 raise UsageError(
-                    f"{self.path}: is damaged in its first line, or no sweep's journal; remove it, or choose "
-                    "another folder with --out"
+                    f"{self.path}: its first line is damaged, or it is not a sweep's journal; remove it, or "
+                    "choose another folder with --out"
                 )
             if header["sweep"] != fingerprint:
                 raise UsageError(
-                    f"{self.path.parent}: holds an unfinished sweep of something else "
-                    f"({header.get('about')}); run that again to finish it, remove {self.path.name}, "
-                    "or choose another folder with --out"
+                    f"{self.path.parent}: holds another unfinished sweep ({header.get('about')}); run that "
+                    f"again to finish it, remove {self.path.name}, or choose another folder with --out"
                 )
-            whole = len(first)
+            size = len(first)  # of the whole lines
             chunks: list[Chunk] = []
             for line in lines:
                 chunk = self._chunk(line)
@@ -105,16 +104,16 @@ class Journal:
                 else:
                     chunks.append(chunk)
                 if line.endswith(b"\n"):
-                    whole += len(line)
-        os.ftruncate(self._handle, whole)  # what is appended begins a line
-        at = 0
+                    size += len(line)
+        os.ftruncate(self._handle, size)  # so that the next chunk begins a line
+        covered = 0
         for chunk in sorted(chunks, key=lambda chunk: chunk.start):
-            if chunk.start < at:
+            if chunk.start < covered:
                 self.dropped += 1
             else:
-                self.found.append(chunk)
-                at = chunk.stop
-        self.empty = not self.found
+                self.chunks.append(chunk)
+                covered = chunk.stop
+        self.empty = not self.chunks
 
     def _begin(self, first: bytes) -> None:
         os.ftruncate(self._handle, 0)
@@ -128,14 +127,14 @@ class Journal:
             ) from reason
 
     def _chunk(self, line: bytes) -> Chunk | None:
-        """The chunk of a line, None if it is damaged."""
-        known = _parsed(line)
-        if known is None:
+        """The chunk of a line; None if the line is damaged."""
+        content = _parsed(line)
+        if content is None:
             return None
         try:
-            start, stop = int(known["start"]), int(known["stop"])
-            ticks = np.frombuffer(zlib.decompress(base64.b64decode(known["ticks"])), _packed(self._job))
-            sums = np.array(known["sums"], dtype=np.int64)
+            start, stop = int(content["start"]), int(content["stop"])
+            ticks = np.frombuffer(zlib.decompress(base64.b64decode(content["ticks"])), _packed(self._job))
+            sums = np.array(content["sums"], dtype=np.int64)
             points = (stop - 1) // self._job.trials - start // self._job.trials + 1
         except (KeyError, ValueError, TypeError, zlib.error):
             return None
@@ -147,15 +146,15 @@ class Journal:
 
 @contextmanager
 def open_journal(folder: Path, job: Job, fingerprint: str, about: str) -> Iterator[Journal]:
-    """The journal in a folder: of this very job, with what was done before, or a new one.
+    """Open and lock the journal in a folder: this job's, with the chunks done before, or a new one.
 
     Args:
-        fingerprint: a hash of all that decides the results.
-        about: the job in words, for whoever finds the journal.
+        fingerprint: a hash of everything that decides the results.
+        about: the job in words, for error messages about its journal.
 
     Raises:
-        UsageError: it is another job's or no journal, or another process is writing it.
-        JournalError: it cannot be written.
+        UsageError: the file is another job's journal or not a journal, or another process is writing it.
+        JournalError: the file cannot be written.
     """
     path = folder / JOURNAL
     handle = _locked(path)
@@ -168,7 +167,7 @@ def open_journal(folder: Path, job: Job, fingerprint: str, about: str) -> Iterat
 
 
 def _locked(path: Path) -> int:
-    """The file, made if need be, open and locked by this process."""
+    """Open the file, which is created if it is missing, and lock it for this process."""
     while True:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -193,31 +192,31 @@ def _locked(path: Path) -> int:
 
 
 def _is_there(handle: int, path: Path) -> bool:
-    """Whether it is this file; a process that was done may have removed it before it was locked."""
+    """Whether the path still is this file: another process may have removed it before we locked it."""
     try:
         return os.path.samestat(os.fstat(handle), os.stat(path))
     except FileNotFoundError:
         return False
 
 
-def _line(known: dict[str, object]) -> bytes:
-    """A line: the CRC-32 of what follows, and that as JSON."""
-    content = json.dumps(known).encode()
-    return b"%08x %b\n" % (zlib.crc32(content), content)
+def _line(content: dict[str, object]) -> bytes:
+    """A line: the content as JSON after its CRC-32."""
+    text = json.dumps(content).encode()
+    return b"%08x %b\n" % (zlib.crc32(text), text)
 
 
 def _parsed(line: bytes) -> dict[str, Any] | None:
-    """A line's object, None if it is damaged."""
-    checksum, _, content = line.partition(b" ")
-    if not line.endswith(b"\n") or checksum != b"%08x" % zlib.crc32(content[:-1]):
+    """A line's content; None if the line is damaged."""
+    checksum, _, text = line.partition(b" ")
+    if not line.endswith(b"\n") or checksum != b"%08x" % zlib.crc32(text[:-1]):
         return None
     try:
-        known = json.loads(content)
+        content = json.loads(text)
     except ValueError:
         return None
-    return known if isinstance(known, dict) else None
+    return content if isinstance(content, dict) else None
 
 
 def _packed(job: Job) -> np.dtype[np.unsignedinteger]:
-    """How ticks are written, on whatever machine."""
+    """The type of ticks in the file: little-endian on every machine."""
     return np.dtype(job.dtype).newbyteorder("<")

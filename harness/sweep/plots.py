@@ -21,7 +21,7 @@ from harness.sweep.table import Z_95, Point, plain
 
 Varied = tuple[str, str, Sequence[Decimal]]  # label, unit, values
 SUCCESS, TIME, TREND, BEST, FRONTS = "#0072B2", "#7B3FB5", "#111111", "#00A06D", "#D7263D"
-TRIAL_TYPES = ("#D55E00", "#E69F00", "#009E73", "#CC79A7")
+TYPE_COLOURS = ("#D55E00", "#E69F00", "#009E73", "#CC79A7")
 # The text does not say what its trend lines are. A polynomial of this degree, cut at 100 %, has the R2 of its
 # two-waypoint trials (89.1 %); that of its three-waypoint trials (95.4 %) is a straight line's.
 DEGREE = 4
@@ -123,9 +123,9 @@ def _draw_success(axes: Axes, x: Array, table: Sequence[Point]) -> None:
         label = f"trend (degree {DEGREE}),\n$R^2$ = {100 * r_squared:.1f} %"
         axes.plot(fine, line(fine), color=TREND, linewidth=1.2, linestyle=(0, (5, 2)), label=label)
     drawn = [low.min(), high.max()]
-    for color, type_ in zip(TRIAL_TYPES, table[0].types, strict=False):
-        own = _numbers([point.rate_of(type_) for point in table])
-        axes.plot(x, own, color=color, linewidth=1.1, label=type_.replace("_", " "))
+    for color, trial_type in zip(TYPE_COLOURS, table[0].trial_types, strict=False):
+        own = _numbers([point.rate_of(trial_type) for point in table])
+        axes.plot(x, own, color=color, linewidth=1.1, label=trial_type.replace("_", " "))
         drawn += [np.nanmin(own), np.nanmax(own)] if np.isfinite(own).any() else []
     margin = 0.05 * (max(drawn) - min(drawn)) + 0.005
     axes.set_ylim(max(-0.02, min(drawn) - margin), min(1.02, max(drawn) + margin))

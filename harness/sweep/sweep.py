@@ -1,7 +1,7 @@
 """Sweeps: many trials at each value of one or two parameters, as 5.3.3 varies the deviation threshold h'.
 
-`two` are the text's two-waypoint trials, `three` its four types of three-waypoint trials in turns. What comes
-out is a table with a row for each point, its picture, and what it recommends.
+`two` are the text's two-waypoint trials, `three` its four types of three-waypoint trials in turns. The
+results are a table with a row for each point, a picture, and a recommendation.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ TRIAL_TYPES = {"two": ("two_waypoint",), "three": ("right_90", "left_90", "right
 THRESHOLD, THRESHOLD_COLUMN = "cmec.moving_deviation", "threshold_deg"
 TWO_WAYPOINTS, MORE_WAYPOINTS = "15:90", "15:65"  # deg, 5.3.5 and 5.3.6
 MAX_POINTS, MAX_TRIALS = 10_000, 100_000_000
-SHOWN = 13  # rows of the table that the terminal gets
+SHOWN = 13  # rows of the table in the terminal
 CSV, PICTURE, RECOMMENDATION = "sweep.csv", "sweep.png", "recommendation.json"
 
 
 class SweepError(UsageError):
-    """A sweep that makes no sense."""
+    """A sweep's options are invalid."""
 
 
 @dataclass(frozen=True)
@@ -51,9 +51,9 @@ class Axis:
     """A varied parameter.
 
     Attributes:
-        column: what the table calls it: its address, or `threshold_deg`.
-        unit: in which it is written, deg for angles.
-        label: for pictures and texts.
+        column: its name in the table: its address, or `threshold_deg`.
+        unit: of `written`; deg for angles.
+        label: in pictures.
         variable: `component.parameter`.
         written: the values as users write them.
         values: the values in SI.
@@ -69,14 +69,14 @@ class Axis:
 
 @dataclass(frozen=True)
 class Sweep:
-    """What is to be swept.
+    """A sweep, checked and resolved.
 
     Attributes:
         name: `two`, `three`, or the scenario's.
-        axes: one or two; the second varies first from point to point.
-        job: the same as plain data.
-        scenarios: what each type_ is made of.
-        reading: of all of them.
+        axes: one or two; the last varies first from point to point.
+        job: the trials as plain data.
+        scenarios: one for each type of trial.
+        reading: of all scenarios.
     """
 
     name: str
@@ -101,7 +101,7 @@ class Sweep:
 
     @property
     def fingerprint(self) -> str:
-        """A hash of all that decides the results."""
+        """A hash of everything that decides the results."""
         job = asdict(self.job)
         texts = [scenario.text() for scenario in self.scenarios]
         written = [[axis.column, *map(str, axis.written)] for axis in self.axes]
@@ -109,7 +109,7 @@ class Sweep:
         return hashlib.sha256(everything.encode()).hexdigest()
 
 
-def wanted(
+def plan_sweep(
     target: str,
     *,
     thresholds: str | None = None,
@@ -120,20 +120,22 @@ def wanted(
     seed: int | None = None,
     settings: Sequence[str] = (),
 ) -> Sweep:
-    """What the command line asks for.
+    """Resolve the options of `canine sweep` to a sweep.
 
     Args:
-        target: `two`, `three`, a scenario's file or name; its `system` is not heeded.
-        thresholds: `a:b` or `a:b:step` [deg] of h'; by default, unless `vary` says otherwise, 15:90 with one
-            waypoint beyond the start, 15:65 with more.
-        vary: `block.name=a:b:step` in the units in which users write.
-        reading: over that of the scenario.
-        seed: of the first trial of each point, over that of the scenario.
-        settings: `block.name=value`, over the scenario's parameters.
+        target: `two`, `three`, a scenario's file or name; `system` overrides the scenario's.
+        thresholds: `a:b` or `a:b:step` [deg] of h'. By default, if `vary` is empty, 15:90 with one waypoint
+            beyond the start and 15:65 with more.
+        vary: `block.name=a:b:step`, in users' units.
+        trials: at each point.
+        system: name of one of SYSTEMS.
+        reading: overrides the scenario's.
+        seed: of the first trial at each point; overrides the scenario's.
+        settings: `block.name=value`; override the scenario's parameters.
 
     Raises:
-        ScenarioError: the scenario or a setting makes no sense, or a value is out of its range.
-        SweepError: a range, or the number of points, trials or seeds makes no sense.
+        ScenarioError: the scenario or a setting is invalid, or a value is out of its range.
+        SweepError: a range, or the number of points, trials or seeds is invalid.
     """
     if system not in SYSTEMS:
         raise SweepError(f"--system {system}: there is no such system{nearest(system, SYSTEMS)}")
@@ -141,7 +143,7 @@ def wanted(
         _adapted(name, system, reading, seed, settings) for name in TRIAL_TYPES.get(target, (target,))
     ]
     first = scenarios[0]
-    parts = interfaces_of_system(SYSTEMS[system])
+    interfaces = interfaces_of_system(SYSTEMS[system])
     ranges = [_split(text) for text in vary]
     if thresholds is not None or not ranges:
         default = TWO_WAYPOINTS if len(first.waypoints) == 1 else MORE_WAYPOINTS
@@ -151,18 +153,18 @@ def wanted(
             f"{len(ranges)} parameters are varied ({', '.join(name for _, name, _ in ranges)}); "
             "expected one or two"
         )
-    axes = tuple(_axis(option, address, text, first, parts) for option, address, text in ranges)
+    axes = tuple(_axis(option, address, text, first, interfaces) for option, address, text in ranges)
     if len({axis.variable for axis in axes}) < len(axes):
         raise SweepError(f"{axes[0].variable} is varied twice; vary it once")
     for setting in settings:
         for axis in axes:
-            if axis.variable in _variables(setting.partition("=")[0].strip(), parts):
-                raise SweepError(f"--set {setting}: the parameter is varied; leave out one of both")
+            if axis.variable in _variables(setting.partition("=")[0].strip(), interfaces):
+                raise SweepError(f"--set {setting}: the parameter is varied; leave out one of the two")
     job = Job(
         system,
         tuple(axis.variable for axis in axes),
         tuple(product(*(axis.values for axis in axes))),
-        tuple(_trial_type(scenario, parts) for scenario in scenarios),
+        tuple(_trial_type(scenario, interfaces) for scenario in scenarios),
         trials,
         first.seed,
     )
@@ -190,7 +192,7 @@ def _check_size(job: Job) -> None:
 def _adapted(
     target: str, system: str, reading: str | None, seed: int | None, settings: Sequence[str]
 ) -> Scenario:
-    """The scenario as it is swept."""
+    """A type of trial's scenario with the sweep's options."""
     scenario = load(target)
     if scenario.package is not None:
         raise SweepError(
@@ -200,11 +202,11 @@ def _adapted(
     scenario = replace(scenario.override(settings, seed), system=system)
     if reading is not None:
         scenario = replace(scenario, reading=reading)
-    here = _owners(interfaces_of_system(SYSTEMS[system]))
+    owners = _owners(interfaces_of_system(SYSTEMS[system]))
     for address in [*scenario.parameters, *(s.variable for s in scenario.sets)]:
         owner = address.partition(".")[0]
         for other in SYSTEMS:
-            if owner not in here and owner in _owners(interfaces_of_system(SYSTEMS[other])):
+            if owner not in owners and owner in _owners(interfaces_of_system(SYSTEMS[other])):
                 raise SweepError(
                     f'{scenario.name}: {address}: the system "{system}" has no {owner}; '
                     f"sweep with --system {other}, or leave it out"
@@ -212,43 +214,42 @@ def _adapted(
     return scenario
 
 
-def _owners(parts: Mapping[str, Interface]) -> set[str]:
-    """The names of components and of their blocks."""
-    return {*parts, *(part.block for part in parts.values())}
+def _owners(interfaces: Mapping[str, Interface]) -> set[str]:
+    """The names of the components and of their blocks."""
+    return {*interfaces, *(interface.block for interface in interfaces.values())}
 
 
-def _variables(address: str, parts: Mapping[str, Interface]) -> list[str]:
-    """`component.parameter` of an address; a vector's name stands for its elements."""
+def _variables(address: str, interfaces: Mapping[str, Interface]) -> list[str]:
+    """`component.parameter` of an address; a vector's name stands for all its elements."""
     owner, _, name = address.partition(".")
     return [
         f"{component}.{flat}"
-        for component, part in parts.items()
-        if owner in (component, part.block)
-        for flat in part.parameters
+        for component, interface in interfaces.items()
+        if owner in (component, interface.block)
+        for flat in interface.parameters
         if name in (flat, flat.partition("[")[0])
     ]
 
 
-def _trial_type(scenario: Scenario, parts: Mapping[str, Interface]) -> TrialType:
-    """A scenario resolved against its system, by ticks.
+def _trial_type(scenario: Scenario, interfaces: Mapping[str, Interface]) -> TrialType:
+    """A scenario resolved against its system, with ticks for times.
 
     Raises:
-        ScenarioError: as `plan` does; or it sets an input that is connected.
+        ScenarioError: as `plan` raises it, or the scenario sets an input that is connected.
     """
-    found = plan(scenario, parts)
-    fed = {(link.target, link.target_variable) for link in SYSTEMS[scenario.system].links}
+    resolved = plan(scenario, interfaces)
+    connected = {(link.target, link.target_variable) for link in SYSTEMS[scenario.system].links}
     changes = []
-    for event in found.events:
-        if (event.component, event.variable) in fed:
+    for event in resolved.events:
+        if (event.component, event.variable) in connected:
             raise ScenarioError(
                 f"{scenario.name}: [[set]] {event.component}.{event.variable} is connected; "
                 "only free inputs can be set"
             )
         tick = math.ceil(event.time / TICK_S - 1e-9)
         changes.append(Change(tick, event.component, event.variable, event.value))
-    return TrialType(
-        scenario.name, found.values, tuple(changes), math.floor(scenario.duration / TICK_S + 1e-9)
-    )
+    last = math.floor(scenario.duration / TICK_S + 1e-9)
+    return TrialType(scenario.name, resolved.values, tuple(changes), last)
 
 
 def _split(text: str) -> tuple[str, str, str]:
@@ -259,23 +260,25 @@ def _split(text: str) -> tuple[str, str, str]:
     return f"--vary {text}", address.strip(), values.strip()
 
 
-def _axis(option: str, address: str, text: str, scenario: Scenario, parts: Mapping[str, Interface]) -> Axis:
-    """A varied parameter, checked as if each value were set."""
+def _axis(
+    option: str, address: str, text: str, scenario: Scenario, interfaces: Mapping[str, Interface]
+) -> Axis:
+    """A varied parameter, each of whose values is checked as `--set` checks one."""
     what = option if option.startswith("--vary") else f"--thresholds {text}"
     written = _range(what, text)
-    named = replace(scenario, name=what, parameters={address: float(written[0])}, sets=())
-    variables = _variables(address, parts)
+    variables = _variables(address, interfaces)
     if len(variables) != 1:
         if len(variables) > 1:
             raise SweepError(f"{what}: is a vector; vary one element, as in {address}[1]")
-        plan(named, parts)  # which says what is wrong
+        alone = replace(scenario, name=what, parameters={address: float(written[0])}, sets=())
+        plan(alone, interfaces)  # raises an error that names the nearest address
         raise SweepError(f"{what}: there is nothing to vary")
     component, _, name = variables[0].partition(".")
-    variable = parts[component].parameters[name]
+    variable = interfaces[component].parameters[name]
     if name == "seed":
-        raise SweepError(f"{what}: each trial has its seed; choose the first with --seed")
+        raise SweepError(f"{what}: each trial has its own seed; choose the first with --seed")
     values = tuple(si_value(_as_written(value, variable), variable, what) for value in written)
-    is_threshold = variables[0] == _variables(THRESHOLD, parts)[0]
+    is_threshold = variables[0] == _variables(THRESHOLD, interfaces)[0]
     unit = variable.unit.replace("rad", "deg") if is_angular(variable) else variable.unit
     label = "orientation deviation threshold" if is_threshold else address
     return Axis(
@@ -286,14 +289,14 @@ def _axis(option: str, address: str, text: str, scenario: Scenario, parts: Mappi
 
 
 def _as_written(value: Decimal, variable: Variable) -> bool | int | float:
-    """A value of a range as it would stand in a scenario: 0 and 1 are false and true."""
+    """A value of a range as a scenario states it: 0 and 1 of a Boolean are false and true."""
     if variable.type is Type.BOOLEAN and value in (0, 1):
         return bool(value)
     return int(value) if value == int(value) else float(value)
 
 
 def _range(what: str, text: str) -> tuple[Decimal, ...]:
-    """The values of `a:b:step`, with b if a step falls on it; as decimals, so that 0.1:0.3:0.1 has 0.3."""
+    """The values of `a:b:step`, b too if a step falls on it; as decimals, so that 0.1:0.3:0.1 has 0.3."""
     fields = text.split(":")
     if len(fields) not in (2, 3):
         raise SweepError(f"{what}: expected a:b:step, as in 15:90:5")
@@ -314,7 +317,7 @@ def _number(what: str, text: str) -> Decimal:
             return Decimal(text.strip())
     except (ValueError, ArithmeticError):
         pass
-    raise SweepError(f'{what}: "{text}" is no number; expected a:b:step, as in 15:90:5')
+    raise SweepError(f'{what}: "{text}" is not a number; expected a:b:step, as in 15:90:5')
 
 
 def _span(written: Sequence[Decimal]) -> str:
@@ -323,7 +326,7 @@ def _span(written: Sequence[Decimal]) -> str:
 
 
 def default_folder(sweep: Sweep) -> Path:
-    """Where the results go if nobody says."""
+    """The folder of the results by default."""
     return Path("out") / f"sweep-{sweep.name}"
 
 
@@ -335,49 +338,52 @@ def run(
     progress: Progress | None = None,
     note: Callable[[str], None] = lambda text: None,
 ) -> tuple[list[Point], dict[str, Any]]:
-    """Run what an earlier process has not, and write the results; table and recommendation.
+    """Run the trials that the folder's journal lacks, and write the results.
 
-    Results of an earlier sweep stay until these are there.
+    The results of an earlier sweep stay until the new ones replace them.
 
     Args:
         address: of a Dask scheduler, or None for this machine's cores.
-        progress: is told the number of trials done.
-        note: is told what the user should know.
+        progress: called with the number of trials done.
+        note: called with a line for the user.
+
+    Returns:
+        The table, and the content of recommendation.json.
 
     Raises:
-        UsageError: the folder is in use or has folders where results go, or the address answers not.
-        CanineError: a fault in what was run, or on the disk; chunks that are done are kept.
-        KeyboardInterrupt: the user ended it; chunks that are done are kept.
+        UsageError: the folder is in use, a folder has the name of a result, or no scheduler answers.
+        CanineError: a fault in the trials or on the disk; the chunks done before are kept.
+        KeyboardInterrupt: the user ended it; the chunks done before are kept.
     """
     for name in (CSV, PICTURE, RECOMMENDATION):
-        if os.path.isdir(folder / name):  # which raises nothing
+        if os.path.isdir(folder / name):  # unlike Path.is_dir, it raises nothing
             raise SweepError(f"{folder / name}: is a folder; remove it, or choose another one with --out")
     with open_journal(folder, sweep.job, sweep.fingerprint, sweep.about) as journal:
         outcomes = Outcomes(sweep.job)
-        for chunk in journal.found:
+        for chunk in journal.chunks:
             outcomes.add(chunk)
         if journal.dropped:
             lines = f"{journal.dropped} damaged line{'s' * (journal.dropped > 1)}"
-            note(f"{journal.path}: {lines} left out; what was in there is run again")
+            note(f"{journal.path}: {lines} left out; those trials run again")
         if outcomes.done:
             note(f"{outcomes.done} of {sweep.job.total} trials are there from before; going on")
             if progress:
                 progress(outcomes.done)
         try:
             if outcomes.done < sweep.job.total:
-                with pool_at(address, sweep.job) as pool:
+                with pool_at(address, sweep.job, note) as pool:
                     run_all(outcomes, pool, journal.append, progress)
         except BaseException:
             if journal.empty:
                 journal.remove()
             raise
-        found = report(sweep, outcomes, folder)
+        results = report(sweep, outcomes, folder)
         journal.remove()
-    return found
+    return results
 
 
 def report(sweep: Sweep, outcomes: Outcomes, folder: Path) -> tuple[list[Point], dict[str, Any]]:
-    """Write sweep.csv, sweep.png and recommendation.json over those of an earlier sweep, when all are made.
+    """Write sweep.csv, sweep.png and recommendation.json; all are made before the first is written.
 
     Raises:
         FileError: they cannot be written.
@@ -402,35 +408,35 @@ def report(sweep: Sweep, outcomes: Outcomes, folder: Path) -> tuple[list[Point],
         },
         **recommend(axes, table, outcomes.ticks),
     }
-    words = (json.dumps(result, indent=2, allow_nan=False) + "\n").encode()
+    recommendation = (json.dumps(result, indent=2, allow_nan=False) + "\n").encode()
     picture = sweep_png(
         [(axis.label, axis.unit, axis.written) for axis in sweep.axes], table, result, sweep.about
     )
     rows = csv_of([axis.column for axis in sweep.axes], table)
-    for name, content in ((CSV, rows), (PICTURE, picture), (RECOMMENDATION, words)):
+    for name, content in ((CSV, rows), (PICTURE, picture), (RECOMMENDATION, recommendation)):
         write_whole(folder / name, content)
     return table, result
 
 
 def show(sweep: Sweep, table: Sequence[Point], result: Mapping[str, Any], console: Console) -> None:
     """Print some rows of the table, and the recommendation in words."""
-    shown = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    printed = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
     for axis in sweep.axes:
-        shown.add_column(escape(axis.column), justify="right", no_wrap=True)
+        printed.add_column(escape(axis.column), justify="right", no_wrap=True)
     for heading in ("success", "95 % interval", "time [s]", "sd", "commands", "timeouts"):
-        shown.add_column(escape(heading), justify="right")
+        printed.add_column(escape(heading), justify="right")
     step = math.ceil(len(table) / SHOWN)
     for point in table[::step]:
         low, high = point.interval
         means = (point.mean_time, point.sd_time, point.mean_commands)
-        shown.add_row(
+        printed.add_row(
             *map(plain, point.written),
             f"{100 * point.success_rate:.1f} %",
             f"{100 * low:.1f}-{100 * high:.1f}",
             *("-" if mean is None else f"{mean:.2f}" for mean in means),
             str(point.timeouts),
         )
-    console.print(shown)
+    console.print(printed)
     if step > 1:
         console.print(f"1 in {step} of {len(table)} points", style="dim")
     for key in ("success", "time", "both", "pareto"):

@@ -1,4 +1,4 @@
-"""The table of a sweep: what the trials of each point came to, from integers alone."""
+"""The table of a sweep: rates, times and counts at each point, computed from integers alone."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from models.kit.block import Block
 
 TICK_S = Block.sample_time
 Z_95 = 1.959963984540054  # the normal distribution's 97.5 % point
-BLOCK = 1 << 18  # ticks whose squares are added up at a time: less than 2^63 for the longest trials
+BLOCK = 1 << 18  # squares summed at a time: their sum stays below 2^63 for the longest trials
 
 
 @dataclass(frozen=True)
 class Point:
-    """A point and what its trials came to.
+    """The trials at one point of the sweep.
 
     Attributes:
         written: the varied parameters, as users write them.
-        ticks, squares, commands: sums over the successful trials, of ticks, their squares, and directional
+        ticks, squares, commands: sums over the successful trials: ticks, their squares, and directional
             commands (5.3.1 records them for these).
-        timeouts: trials that no status had ended when they were cut.
+        timeouts: trials cut at their last tick, before any status ended them.
         anomalies: ticks that reported each kind, over all trials.
-        types: successes and trials of each type, if there are several.
+        trial_types: successes and trials of each type; empty if there is one type only.
     """
 
     written: tuple[Decimal, ...]
@@ -42,11 +42,11 @@ class Point:
     commands: int
     timeouts: int
     anomalies: Mapping[str, int]
-    types: Mapping[str, tuple[int, int]]
+    trial_types: Mapping[str, tuple[int, int]]
 
     @property
     def success_rate(self) -> float:
-        """Of all trials."""
+        """Share of all trials that succeeded."""
         return self.successes / self.trials
 
     @property
@@ -56,23 +56,23 @@ class Point:
 
     @property
     def mean_time(self) -> float | None:
-        """s, of the successful trials."""
+        """Mean time of the successful trials [s]; None if there are none."""
         return TICK_S * (self.ticks / self.successes) if self.successes else None
 
     @property
     def sd_time(self) -> float | None:
-        """s, of the successful trials; None of fewer than two."""
+        """Standard deviation of the successful trials' times [s]; None if there are fewer than two."""
         n = self.successes
         return TICK_S * math.sqrt((n * self.squares - self.ticks**2) / (n * (n - 1))) if n > 1 else None
 
     @property
     def mean_commands(self) -> float | None:
-        """Directional commands in a successful trial."""
+        """Mean number of directional commands in a successful trial; None if there are none."""
         return self.commands / self.successes if self.successes else None
 
-    def rate_of(self, type_: str) -> float | None:
-        """The success rate of one type of trial."""
-        successes, trials = self.types[type_]
+    def rate_of(self, trial_type: str) -> float | None:
+        """The success rate of one type of trial; None if it had no trials."""
+        successes, trials = self.trial_types[trial_type]
         return successes / trials if trials else None
 
 
@@ -85,13 +85,13 @@ def wilson(successes: int, trials: int) -> tuple[float, float]:
 
 
 def table_of(points: Sequence[tuple[Decimal, ...]], outcomes: Outcomes) -> list[Point]:
-    """What each point came to, in the order of `points`."""
-    names = [type_.name for type_ in outcomes.job.types]
+    """A row for each point, in the order of `points`."""
+    names = [trial_type.name for trial_type in outcomes.job.trial_types]
     table = []
     for index, written in enumerate(points):
         ticks = outcomes.ticks[index]
-        turns = {name: ticks[turn :: len(names)] for turn, name in enumerate(names)}
-        types = {name: (int(np.count_nonzero(mine)), mine.size) for name, mine in turns.items()}
+        ticks_by_type = {name: ticks[turn :: len(names)] for turn, name in enumerate(names)}
+        trial_types = {name: (int(np.count_nonzero(own)), own.size) for name, own in ticks_by_type.items()}
         sums = dict(zip(SUMS, map(int, outcomes.sums[index]), strict=True))
         table.append(
             Point(
@@ -103,7 +103,7 @@ def table_of(points: Sequence[tuple[Decimal, ...]], outcomes: Outcomes) -> list[
                 sums["commands"],
                 sums["timeouts"],
                 {name: sums[name] for name in ANOMALIES},
-                types if len(names) > 1 else {},
+                trial_types if len(names) > 1 else {},
             )
         )
     return table
@@ -115,22 +115,23 @@ def _squares(ticks: npt.NDArray[np.unsignedinteger[Any]]) -> int:
 
 
 def csv_of(columns: Sequence[str], table: Sequence[Point]) -> bytes:
-    """The table as CSV; a cell is empty where there is nothing to take a mean of."""
-    types = list(table[0].types)
+    """The table as CSV; a cell is empty where a value is None."""
+    trial_types = list(table[0].trial_types)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(
         [
             *columns, "trials", "successes", "success_rate", "ci_low", "ci_high", "mean_time_s", "sd_time_s",
-            "mean_commands", "timeouts", *ANOMALIES, *types,
+            "mean_commands", "timeouts", *ANOMALIES, *trial_types,
         ]
     )  # fmt: skip
     for point in table:
         numbers = [point.success_rate, *point.interval, point.mean_time, point.sd_time, point.mean_commands]
+        rates = [point.rate_of(trial_type) for trial_type in trial_types]
         writer.writerow(
             [
                 *map(plain, point.written), point.trials, point.successes, *map(_cell, numbers),
-                point.timeouts, *point.anomalies.values(), *(_cell(point.rate_of(name)) for name in types),
+                point.timeouts, *point.anomalies.values(), *map(_cell, rates),
             ]
         )  # fmt: skip
     return text.getvalue().encode()
@@ -141,7 +142,7 @@ def _cell(number: float | None) -> str:
 
 
 def plain(value: Decimal) -> str:
-    """A value without exponent, and without zeros at the end of its fraction."""
+    """A value as text, without exponent and without trailing zeros in its fraction."""
     text = f"{value:f}"
     text = text.rstrip("0").rstrip(".") if "." in text else text
     return "0" if text == "-0" else text

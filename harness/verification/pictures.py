@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from harness.drawing import BELOW, BESIDE, GRID, new_figure
-from harness.sweep.plots import TRIAL_TYPES as TYPE_COLOURS
+from harness.sweep.plots import TYPE_COLOURS
 from harness.sweep.sweep import TRIAL_TYPES
 from harness.trial.plots import trial_figure
 from harness.verification.published import (

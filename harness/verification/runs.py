@@ -15,7 +15,7 @@ from harness.log.log import Array, Log, read_log
 from harness.sweep.chunks import ANOMALIES, Outcomes, batch_of, pool_at, run_all
 from harness.sweep.plots import trend
 from harness.sweep.recommend import Ticks, error_shares
-from harness.sweep.sweep import Sweep, wanted
+from harness.sweep.sweep import Sweep, plan_sweep
 from harness.sweep.table import TICK_S, Z_95, Point, table_of
 from harness.trial import trial
 from harness.trial.plots import equal_stretches
@@ -119,7 +119,7 @@ def simulate(
     target: str, thresholds: str, trials: int, reading: str = "calibrated", settings: tuple[str, ...] = ()
 ) -> Simulated:
     """The trials of `canine sweep TARGET --thresholds ... --reading ... --set ...`."""
-    asked = wanted(target, thresholds=thresholds, trials=trials, reading=reading, settings=settings)
+    asked = plan_sweep(target, thresholds=thresholds, trials=trials, reading=reading, settings=settings)
     outcomes = Outcomes(asked.job)
     with pool_at(None, asked.job) as pool:
         a_core = -(-asked.job.total // pool.width)  # nobody waits for a part, and larger chunks run faster
@@ -164,11 +164,13 @@ def story(seeds: int) -> Story:
     Raises:
         LookupError: there is none.
     """
-    job = wanted("right_90").job
-    (type_,) = job.types
+    job = plan_sweep("right_90").job
+    (trial_type,) = job.trial_types
     numbers = np.arange(1, seeds + 1, dtype=np.int32)
     threshold = np.array([[Cmec.moving_deviation.start[0]]])
-    results = batch_of(job).run(type_.values, threshold, np.zeros_like(numbers), numbers, type_.ticks)
+    results = batch_of(job).run(
+        trial_type.values, threshold, np.zeros_like(numbers), numbers, trial_type.ticks
+    )
     anomalies = results.values[:, 2:]
     failure = anomalies[:, ANOMALIES.index("turn_failure")]
     fits = (results.values[:, 0] == Status.SUCCESS) & (failure == 1) & (anomalies.sum(axis=1) == 1)

@@ -15,7 +15,7 @@ import numpy as np
 from harness.cosim.loop import Simulation
 from harness.sweep.chunks import LARGEST, Job, Outcomes, Pool, batch_of, cut, run_all, run_chunk
 from harness.sweep.chunks import program as this_program
-from harness.sweep.sweep import wanted
+from harness.sweep.sweep import plan_sweep
 from harness.trial.prepare import prepared
 from harness.trial.request import Changes, requested
 from models.kit.units import DEG
@@ -33,7 +33,7 @@ Row = tuple[str, str, str, str]
 
 def rows() -> tuple[list[Row], list[str]]:
     """The table's rows, and what falls short of what is asked for."""
-    jobs = [wanted(target).job for target in ("two", "three")]
+    jobs = [plan_sweep(target).job for target in ("two", "three")]
     ticks = sum(map(ticks_of, jobs))
     trials = sum(job.total for job in jobs)
     with tempfile.TemporaryDirectory() as folder:
@@ -79,7 +79,7 @@ def rows() -> tuple[list[Row], list[str]]:
     found.append(("sweep three on two cores, against one", f"{two:.2f} s", f"{one:.2f} s", f"{both:.2f}"))
     if both < BOTH_CORES:
         short.append(f"two cores are {both:.2f} times as fast as one; expected {BOTH_CORES}")
-    job = wanted("three", system="full", trials=FULL_TRIALS).job
+    job = plan_sweep("three", system="full", trials=FULL_TRIALS).job
     full_ticks = ticks_of(job)
     full_rate = full_ticks / min(core_seconds_of(lambda: run_alone(job)) for _ in range(ROUNDS))
     loop_rate = ticks_by_fmus("full")
@@ -118,19 +118,19 @@ def core_seconds_of(work: Callable[[], object]) -> float:
 def run_alone(job: Job) -> None:
     """All chunks of a sweep, one after another, as a worker runs them."""
     for start, stop in cut([(0, job.total)], LARGEST[job.system]):
-        run_chunk(job.of(start, stop), start, stop, this_program())
+        run_chunk(job.part(start, stop), start, stop, this_program())
 
 
 def ticks_of(job: Job) -> int:
     """How many ticks the sweep's trials take altogether."""
     point, number = np.divmod(np.arange(job.total), job.trials)
-    type_, types = job.types[0], len(job.types)
+    trial_type, types = job.trial_types[0], len(job.trial_types)
     results = batch_of(job).run(
-        type_.values,
+        trial_type.values,
         job.rows(),
         (point * types + number % types).astype(np.int32),
         (job.seed + number).astype(np.int32),
-        type_.ticks,
+        trial_type.ticks,
     )
     return int(results.ticks.sum())
 
@@ -139,16 +139,16 @@ def settings_of(job: Job) -> list[tuple[Setting, list[tuple[float, float]], int]
     """The same sweep for the peers: setting, route and trials of each point and type."""
     found = []
     for (threshold,) in job.points:
-        for type_ in job.types:
-            controller = type_.values["controller"]
+        for trial_type in job.trial_types:
+            controller = trial_type.values["controller"]
             count = int(controller["waypoint_count"])
             route = [
                 (controller[f"waypoint_north[{i}]"], controller[f"waypoint_east[{i}]"])
                 for i in range(1, count + 1)
             ]
-            spread = type_.values["plant"]["start_heading_deviation"]
+            spread = trial_type.values["plant"]["start_heading_deviation"]
             values = setting(moving_deviation=threshold, start_heading_deviation=spread)
-            found.append((values, route, job.trials // len(job.types)))
+            found.append((values, route, job.trials // len(job.trial_types)))
     return found
 
 

@@ -21,8 +21,8 @@ Numbers = np.ndarray[Any, Any]
 def outcomes(ticks: Numbers) -> Outcomes:
     """Points of one parameter, whose trials succeeded on these ticks (0: not)."""
     points, trials = ticks.shape
-    type_ = TrialType("straight", {}, (), 7500)
-    found = Outcomes(Job("cts", ("x",), tuple((float(p),) for p in range(points)), (type_,), trials, 1))
+    trial_type = TrialType("straight", {}, (), 7500)
+    found = Outcomes(Job("cts", ("x",), tuple((float(p),) for p in range(points)), (trial_type,), trials, 1))
     found.ticks[:] = ticks
     return found
 

@@ -1,4 +1,4 @@
-"""`canine sweep`: what is asked for, the table, what errors say, and what is on the disk afterwards."""
+"""`canine sweep`: what is planned for, the table, what errors say, and what is on the disk afterwards."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from matplotlib.image import imread
 from scipy.stats import binomtest
 
 from harness.sweep import chunks, journal, sweep
-from harness.sweep.sweep import SweepError, wanted
+from harness.sweep.sweep import SweepError, plan_sweep
 from harness.sweep.table import wilson
 from models.commands import Status
 from models.errors import UsageError
@@ -40,29 +40,34 @@ def canine(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int,
     return command.canine(capsys, "sweep", *arguments)
 
 
-# what is asked for
+# what is planned for
 
 
 def test_two_is_the_texts_two_waypoint_sweep():
-    asked = wanted("two")
-    assert asked.job.trials == 1000
-    assert [math.degrees(p[0]) for p in asked.job.points] == pytest.approx(range(15, 91))
-    assert asked.job.varied == ("controller.moving_deviation",)
-    (type_,) = asked.job.types
-    assert type_.values["controller"]["waypoint_north[1]"] == 25.0
-    assert type_.values["controller"]["turn_end_deviation"] == 5 * DEG  # calibrated
-    assert type_.values["plant"]["start_heading_deviation"] == 10 * DEG
-    assert type_.ticks == 7500  # 300 s at 25 Hz
-    assert (asked.job.system, asked.job.seed) == ("cts", 1)
+    planned = plan_sweep("two")
+    assert planned.job.trials == 1000
+    assert [math.degrees(p[0]) for p in planned.job.points] == pytest.approx(range(15, 91))
+    assert planned.job.varied == ("controller.moving_deviation",)
+    (trial_type,) = planned.job.trial_types
+    assert trial_type.values["controller"]["waypoint_north[1]"] == 25.0
+    assert trial_type.values["controller"]["turn_end_deviation"] == 5 * DEG  # calibrated
+    assert trial_type.values["plant"]["start_heading_deviation"] == 10 * DEG
+    assert trial_type.ticks == 7500  # 300 s at 25 Hz
+    assert (planned.job.system, planned.job.seed) == ("cts", 1)
 
 
 def test_three_is_four_types_of_trials_in_turns():
-    asked = wanted("three", reading="literal")
-    assert [type_.name for type_ in asked.job.types] == ["right_90", "left_90", "right_45", "left_45"]
-    assert [math.degrees(p[0]) for p in asked.job.points] == pytest.approx(range(15, 66))
-    east = [type_.values["controller"]["waypoint_east[2]"] for type_ in asked.job.types]
+    planned = plan_sweep("three", reading="literal")
+    assert [trial_type.name for trial_type in planned.job.trial_types] == [
+        "right_90",
+        "left_90",
+        "right_45",
+        "left_45",
+    ]
+    assert [math.degrees(p[0]) for p in planned.job.points] == pytest.approx(range(15, 66))
+    east = [trial_type.values["controller"]["waypoint_east[2]"] for trial_type in planned.job.trial_types]
     assert east == [35.73, -35.73, 22.4224, -22.4224]
-    assert {c.values["controller"]["turn_end_deviation"] for c in asked.job.types} == {20 * DEG}
+    assert {c.values["controller"]["turn_end_deviation"] for c in planned.job.trial_types} == {20 * DEG}
 
 
 def test_a_scenario_is_swept_with_all_that_it_says(tmp_path: Path):
@@ -75,34 +80,39 @@ def test_a_scenario_is_swept_with_all_that_it_says(tmp_path: Path):
         '[[set]]\nat = 1.01\nuntil = 2\n"controller.override" = "STOP"\n'
     )
     # when
-    asked = wanted(str(file), settings=["canine.left_success=0.5"])
+    planned = plan_sweep(str(file), settings=["canine.left_success=0.5"])
     # then
-    assert (asked.name, asked.reading, asked.job.seed, asked.job.system) == ("meadow", "literal", 7, "cts")
-    (type_,) = asked.job.types
-    assert type_.values["plant"]["drift"] == pytest.approx(2 * DEG)
-    assert type_.values["plant"]["left_success"] == 0.5
-    assert type_.values["plant"]["start_north"] == 1.0
-    assert type_.values["plant"]["start_heading"] == pytest.approx(math.pi / 2)
-    assert type_.ticks == 1500
+    assert (planned.name, planned.reading, planned.job.seed, planned.job.system) == (
+        "meadow",
+        "literal",
+        7,
+        "cts",
+    )
+    (trial_type,) = planned.job.trial_types
+    assert trial_type.values["plant"]["drift"] == pytest.approx(2 * DEG)
+    assert trial_type.values["plant"]["left_success"] == 0.5
+    assert trial_type.values["plant"]["start_north"] == 1.0
+    assert trial_type.values["plant"]["start_heading"] == pytest.approx(math.pi / 2)
+    assert trial_type.ticks == 1500
     # from the first tick at or after 1.01 s = 25.25 ticks on, until 2 s = 50 ticks
-    assert [(c.tick, c.component, c.variable, c.value) for c in type_.changes] == [
+    assert [(c.tick, c.component, c.variable, c.value) for c in trial_type.changes] == [
         (26, "controller", "override", 2.0),
         (50, "controller", "override", 0.0),
     ]
     # and with more than one waypoint the thresholds are those of 5.3.6
-    assert len(asked.job.points) == 51
+    assert len(planned.job.points) == 51
 
 
 def test_any_parameter_can_be_varied_in_the_units_in_which_it_is_written():
-    asked = wanted("two", vary=["canine.drift=-0.2:0.2:0.1", "cmec.max_turns=1:3:1"])
-    assert asked.job.varied == ("plant.drift", "controller.max_turns")
-    assert asked.points[0] == asked.points[0]
-    assert [[float(v) for v in p] for p in asked.points[:4]] == [[-0.2, 1], [-0.2, 2], [-0.2, 3], [-0.1, 1]]
-    assert asked.job.points[0] == (pytest.approx(-0.2 * DEG), 1.0)
-    assert len(asked.job.points) == 15
+    planned = plan_sweep("two", vary=["canine.drift=-0.2:0.2:0.1", "cmec.max_turns=1:3:1"])
+    assert planned.job.varied == ("plant.drift", "controller.max_turns")
+    assert planned.points[0] == planned.points[0]
+    assert [[float(v) for v in p] for p in planned.points[:4]] == [[-0.2, 1], [-0.2, 2], [-0.2, 3], [-0.1, 1]]
+    assert planned.job.points[0] == (pytest.approx(-0.2 * DEG), 1.0)
+    assert len(planned.job.points) == 15
     # a switch is varied from 0 to 1, an element of a vector by its name
-    assert wanted("two", vary=["cmec.reset_turns=0:1:1"]).job.points == ((0.0,), (1.0,))
-    assert wanted("two", vary=["controller.waypoint_north[1]=20:30:5"]).job.points == (
+    assert plan_sweep("two", vary=["cmec.reset_turns=0:1:1"]).job.points == ((0.0,), (1.0,))
+    assert plan_sweep("two", vary=["controller.waypoint_north[1]=20:30:5"]).job.points == (
         (20.0,),
         (25.0,),
         (30.0,),
@@ -110,10 +120,10 @@ def test_any_parameter_can_be_varied_in_the_units_in_which_it_is_written():
 
 
 def test_thresholds_go_with_another_parameter_and_in_other_steps():
-    asked = wanted("two", thresholds="20:21:0.25", vary=["cmec.capture_radius=5:7:1"])
-    assert [axis.column for axis in asked.axes] == ["threshold_deg", "cmec.capture_radius"]
-    assert [len(axis.values) for axis in asked.axes] == [5, 3]
-    assert wanted("two", vary=["controller.moving_deviation=20:40:5"]).axes[0].column == "threshold_deg"
+    planned = plan_sweep("two", thresholds="20:21:0.25", vary=["cmec.capture_radius=5:7:1"])
+    assert [axis.column for axis in planned.axes] == ["threshold_deg", "cmec.capture_radius"]
+    assert [len(axis.values) for axis in planned.axes] == [5, 3]
+    assert plan_sweep("two", vary=["controller.moving_deviation=20:40:5"]).axes[0].column == "threshold_deg"
 
 
 @pytest.mark.parametrize(
@@ -123,10 +133,10 @@ def test_thresholds_go_with_another_parameter_and_in_other_steps():
         ({"thresholds": "30:20"}, "--thresholds 30:20: the range is empty, 30 is more than 20"),
         ({"thresholds": "20:30:0"}, "--thresholds 20:30:0: the step is 0; expected more than 0"),
         ({"thresholds": "20:30:-1"}, "the step is -1"),
-        ({"thresholds": "a:30"}, '--thresholds a:30: "a" is no number'),
-        ({"thresholds": "nan:30"}, '"nan" is no number'),
-        ({"thresholds": "1:inf"}, '"inf" is no number'),
-        ({"thresholds": "1:1e99"}, '"1e99" is no number'),
+        ({"thresholds": "a:30"}, '--thresholds a:30: "a" is not a number'),
+        ({"thresholds": "nan:30"}, '"nan" is not a number'),
+        ({"thresholds": "1:inf"}, '"inf" is not a number'),
+        ({"thresholds": "1:1e99"}, '"1e99" is not a number'),
         ({"thresholds": "0:200:0.001"}, "has more than 10000 points; take larger steps"),
         ({"thresholds": "15:300"}, "--thresholds 15:300 is 230; expected a number from 0 up to 229.2 deg"),
         ({"thresholds": "-1:20"}, "--thresholds -1:20 is -1; expected a number from 0"),
@@ -136,7 +146,7 @@ def test_thresholds_go_with_another_parameter_and_in_other_steps():
         ({"vary": ["cmec.waypoint_north=1:2:1"]}, "is a vector; vary one element, as in cmec.waypoint_n"),
         ({"vary": ["cmec.max_turns=1:2:0.5"]}, "is 1.5; expected a whole number from 0 up to 1000"),
         ({"vary": ["cmec.reset_turns=0:2:1"]}, "is 2; expected true or false"),
-        ({"vary": ["canine.seed=1:5:1"]}, "each trial has its seed; choose the first with --seed"),
+        ({"vary": ["canine.seed=1:5:1"]}, "each trial has its own seed; choose the first with --seed"),
         (
             {"vary": ["cmec.moving_deviation=1:2:1", "controller.moving_deviation=3:4:1"]},
             "controller.moving_deviation is varied twice",
@@ -155,29 +165,29 @@ def test_thresholds_go_with_another_parameter_and_in_other_steps():
 )  # fmt: skip
 def test_what_makes_no_sense_is_refused(arguments: dict, message: str):
     with pytest.raises(UsageError) as caught:
-        wanted("two", **arguments)
+        plan_sweep("two", **arguments)
     assert message in str(caught.value)
 
 
 def test_a_sweep_of_too_many_points_in_two_dimensions_is_refused():
     with pytest.raises(SweepError, match="15100 points; expected at most 10000: take larger steps"):
-        wanted("two", thresholds="0:75:0.5", vary=["cmec.capture_radius=1:10.9:0.1"])
+        plan_sweep("two", thresholds="0:75:0.5", vary=["cmec.capture_radius=1:10.9:0.1"])
 
 
 def test_a_scenario_on_a_foreign_package_is_refused(tmp_path: Path):
     file = tmp_path / "theirs.toml"
     file.write_text('system = "theirs.ssp"\nwaypoints = [[25, 0]]')
     with pytest.raises(SweepError, match=r"runs the package theirs.ssp; a sweep compiles our own systems"):
-        wanted(str(file))
+        plan_sweep(str(file))
     with pytest.raises(UsageError, match='there is no scenario "tow"'):
-        wanted("tow")
+        plan_sweep("tow")
 
 
 def test_only_free_inputs_can_be_set(tmp_path: Path):
     file = tmp_path / "push.toml"
     file.write_text('waypoints = [[25, 0]]\n[[set]]\nat = 1\n"controller.speed" = 2')
     with pytest.raises(UsageError, match=r"controller.speed is connected; only free inputs can be set"):
-        wanted(str(file))
+        plan_sweep(str(file))
 
 
 # the table
@@ -242,13 +252,13 @@ def test_types_take_turns_and_have_their_rates(
 
 
 def test_every_point_meets_the_same_dogs(runner: Runner, tmp_path: Path):
-    sweep.run(wanted("two", thresholds="20:29", trials=30, seed=5), tmp_path)
+    sweep.run(plan_sweep("two", thresholds="20:29", trials=30, seed=5), tmp_path)
     assert Counter(runner.seeds) == dict.fromkeys(range(5, 35), 10)
 
 
 def test_a_row_is_the_same_whatever_else_is_varied(runner: Runner, tmp_path: Path):
     for name, thresholds in (("a", "20:20"), ("b", "15:40:5")):
-        sweep.run(wanted("two", thresholds=thresholds, trials=50), tmp_path / name)
+        sweep.run(plan_sweep("two", thresholds=thresholds, trials=50), tmp_path / name)
     alone, among = ((tmp_path / name / "sweep.csv").read_text().splitlines() for name in "ab")
     assert alone[1] == among[2]
 
@@ -338,11 +348,11 @@ def test_an_interrupted_sweep_goes_on_where_it_was(
     runner: Runner, small_chunks: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     # given a sweep that was never interrupted, and one that was twice
-    asked = wanted("two", **ASKED)
-    sweep.run(asked, tmp_path / "whole")
+    planned = plan_sweep("two", **ASKED)
+    sweep.run(planned, tmp_path / "whole")
     for trials in (100, 200):
         with pytest.raises(KeyboardInterrupt):
-            sweep.run(asked, tmp_path / "s", progress=interrupt_after(trials))
+            sweep.run(planned, tmp_path / "s", progress=interrupt_after(trials))
         assert [p.name for p in (tmp_path / "s").iterdir()] == ["sweep.journal"]
         # whose last line is torn each time
         path = tmp_path / "s" / "sweep.journal"
@@ -353,10 +363,10 @@ def test_an_interrupted_sweep_goes_on_where_it_was(
     monkeypatch.setitem(chunks.LARGEST, "cts", 17)
     runner.seeds.clear()
     notes: list[str] = []
-    sweep.run(asked, tmp_path / "s", note=notes.append)
+    sweep.run(planned, tmp_path / "s", note=notes.append)
     # then only what was not there is run
     assert notes == [
-        f"{path}: 1 damaged line left out; what was in there is run again",
+        f"{path}: 1 damaged line left out; those trials run again",
         f"{10 * kept} of 330 trials are there from before; going on",
     ]
     assert len(runner.seeds) == 330 - 10 * kept
@@ -389,20 +399,19 @@ def test_ctrl_c_says_how_to_go_on(
 
 def test_the_journal_of_another_sweep_is_left_alone(runner: Runner, small_chunks: None, tmp_path: Path):
     with pytest.raises(KeyboardInterrupt):
-        sweep.run(wanted("two", **ASKED), tmp_path, progress=interrupt_after(50))
+        sweep.run(plan_sweep("two", **ASKED), tmp_path, progress=interrupt_after(50))
     content = (tmp_path / "sweep.journal").read_bytes()
     for other in (
-        wanted("two", **ASKED | {"trials": 34}),
-        wanted("two", **ASKED, seed=2),
-        wanted("two", **ASKED, reading="literal"),
-        wanted("two", **ASKED, settings=["cmec.dead_time=2"]),
-        wanted("two", **ASKED | {"thresholds": "20:30"}),
+        plan_sweep("two", **ASKED | {"trials": 34}),
+        plan_sweep("two", **ASKED, seed=2),
+        plan_sweep("two", **ASKED, reading="literal"),
+        plan_sweep("two", **ASKED, settings=["cmec.dead_time=2"]),
+        plan_sweep("two", **ASKED | {"thresholds": "20:30"}),
     ):
         with pytest.raises(UsageError) as caught:
             sweep.run(other, tmp_path)
-        assert (
-            "holds an unfinished sweep of something else (two: threshold_deg 20 to 29 in steps of 1, 33 "
-            in str(caught.value)
+        assert "holds another unfinished sweep (two: threshold_deg 20 to 29 in steps of 1, 33 " in str(
+            caught.value
         )
         assert (tmp_path / "sweep.journal").read_bytes() == content
 
@@ -411,15 +420,15 @@ def test_another_version_of_the_models_does_not_go_on(
     runner: Runner, small_chunks: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     with pytest.raises(KeyboardInterrupt):
-        sweep.run(wanted("two", **ASKED), tmp_path, progress=interrupt_after(50))
+        sweep.run(plan_sweep("two", **ASKED), tmp_path, progress=interrupt_after(50))
     monkeypatch.setattr(sweep, "program", lambda: "another")
-    with pytest.raises(UsageError, match="unfinished sweep of something else"):
-        sweep.run(wanted("two", **ASKED), tmp_path)
+    with pytest.raises(UsageError, match="holds another unfinished sweep"):
+        sweep.run(plan_sweep("two", **ASKED), tmp_path)
 
 
 def test_a_damaged_journal_is_used_but_for_the_damage(runner: Runner, small_chunks: None, tmp_path: Path):
-    asked = wanted("two", **ASKED)
-    sweep.run(asked, tmp_path / "whole")
+    planned = plan_sweep("two", **ASKED)
+    sweep.run(planned, tmp_path / "whole")
     path = tmp_path / "s" / "sweep.journal"
     for damage, dropped, lost in (
         (lambda line: b"", 0, 1),
@@ -431,12 +440,12 @@ def test_a_damaged_journal_is_used_but_for_the_damage(runner: Runner, small_chun
     ):
         path.unlink(missing_ok=True)
         with pytest.raises(KeyboardInterrupt):
-            sweep.run(asked, tmp_path / "s", progress=interrupt_after(50))
+            sweep.run(planned, tmp_path / "s", progress=interrupt_after(50))
         lines = path.read_bytes().splitlines(keepends=True)
         path.write_bytes(b"".join([*lines[:3], damage(lines[3]), *lines[4:]]))
         notes: list[str] = []
-        sweep.run(asked, tmp_path / "s", note=notes.append)
-        words = f"{path}: {dropped} damaged line left out; what was in there is run again"
+        sweep.run(planned, tmp_path / "s", note=notes.append)
+        words = f"{path}: {dropped} damaged line left out; those trials run again"
         assert notes[:-1] == [words] * dropped
         assert int(notes[-1].split()[0]) == 10 * (len(lines) - 1 - lost)
         assert (tmp_path / "s" / "sweep.csv").read_bytes() == (tmp_path / "whole" / "sweep.csv").read_bytes()
@@ -479,10 +488,10 @@ def test_what_is_no_journal_is_left_alone(runner: Runner, tmp_path: Path):
     for content in (b"my notes of the cruise\n", b'{"sweep": "of an older version"}\n', b"\0" * 100):
         path.write_bytes(content)
         with pytest.raises(UsageError) as caught:
-            sweep.run(wanted("two", **ASKED), tmp_path)
+            sweep.run(plan_sweep("two", **ASKED), tmp_path)
         assert str(caught.value) == (
-            f"{path}: is damaged in its first line, or no sweep's journal; remove it, or choose another "
-            "folder with --out"
+            f"{path}: its first line is damaged, or it is not a sweep's journal; remove it, or "
+            "choose another folder with --out"
         )
         assert path.read_bytes() == content
 
@@ -553,19 +562,19 @@ def test_earlier_results_stay_until_there_are_new_ones(
         return {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.name != "sweep.journal"}
 
     # given the results of a sweep
-    sweep.run(wanted("two", thresholds="20:21", trials=20), tmp_path)
+    sweep.run(plan_sweep("two", thresholds="20:21", trials=20), tmp_path)
     earlier = results()
     assert sorted(earlier) == ["recommendation.json", "sweep.csv", "sweep.png"]
     # when another one is interrupted, or no picture can be made of it
     with pytest.raises(KeyboardInterrupt):
-        sweep.run(wanted("two", **ASKED), tmp_path, progress=interrupt_after(50))
+        sweep.run(plan_sweep("two", **ASKED), tmp_path, progress=interrupt_after(50))
     with monkeypatch.context() as patch:
         patch.setattr(sweep, "sweep_png", Mock(side_effect=MemoryError))
         with pytest.raises(MemoryError):
-            sweep.run(wanted("two", **ASKED), tmp_path)
+            sweep.run(plan_sweep("two", **ASKED), tmp_path)
     # then they are still there, all of them
     assert results() == earlier
-    sweep.run(wanted("two", **ASKED), tmp_path)
+    sweep.run(plan_sweep("two", **ASKED), tmp_path)
     assert results()["sweep.csv"].count(b"\n") == 11
 
 
@@ -573,7 +582,7 @@ def test_a_journal_that_was_removed_before_it_was_locked_is_made_anew(
     runner: Runner, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     # given another process that is done, and removes its journal, between our opening and locking it
-    asked, lock = wanted("two", **ASKED), journal.fcntl.flock
+    planned, lock = plan_sweep("two", **ASKED), journal.fcntl.flock
 
     def late(handle: int, how: int) -> None:
         if late.first:
@@ -586,16 +595,16 @@ def test_a_journal_that_was_removed_before_it_was_locked_is_made_anew(
             patch.setattr(journal.fcntl, "flock", late)
             # then the lock is on the file that is there
             with (
-                journal.open_journal(tmp_path, asked.job, asked.fingerprint, asked.about),
+                journal.open_journal(tmp_path, planned.job, planned.fingerprint, planned.about),
                 pytest.raises(UsageError, match="another sweep is being written there"),
             ):
-                sweep.run(asked, tmp_path)
+                sweep.run(planned, tmp_path)
 
 
 def test_two_sweeps_do_not_write_into_one_folder(runner: Runner, tmp_path: Path):
-    asked = wanted("two", **ASKED)
+    planned = plan_sweep("two", **ASKED)
     with (
-        journal.open_journal(tmp_path, asked.job, asked.fingerprint, asked.about),
+        journal.open_journal(tmp_path, planned.job, planned.fingerprint, planned.about),
         pytest.raises(UsageError, match="another sweep is being written there"),
     ):
-        sweep.run(asked, tmp_path)
+        sweep.run(planned, tmp_path)

@@ -91,22 +91,22 @@ def test_interval_is_clopper_and_pearsons_and_p_is_exact(successes: int, trials:
 # what is run
 
 
-def swept(asked: sweep.Sweep) -> Outcomes:
+def swept(planned: sweep.Sweep) -> Outcomes:
     """What `canine sweep` comes to, in chunks that end anywhere."""
-    outcomes = Outcomes(asked.job)
-    with pool_at(None, asked.job) as pool:
+    outcomes = Outcomes(planned.job)
+    with pool_at(None, planned.job) as pool:
         run_all(outcomes, pool, keep=lambda chunk: None, size=150)
     return outcomes
 
 
 def test_trials_are_those_of_canine_sweep() -> None:
     # given the four types of trials at two thresholds, as `canine sweep` runs them
-    asked = sweep.wanted("three", thresholds="37:49:12", trials=202, reading="literal")
-    outcomes = swept(asked)
+    planned = sweep.plan_sweep("three", thresholds="37:49:12", trials=202, reading="literal")
+    outcomes = swept(planned)
     # then they end on the same ticks, and count the same
     found = simulate("three", "37:49:12", 202, "literal")
     assert found.ticks.tolist() == outcomes.ticks.tolist()
-    assert found.table == table_of(asked.points, outcomes)
+    assert found.table == table_of(planned.points, outcomes)
     assert 0 < found.at(49).successes < 202
 
 
@@ -161,8 +161,8 @@ def test_a_right_command_is_ignored_for_3_s_and_obeyed_after_1_s_of_silence(told
 
 
 def test_the_page_holds_what_canine_sweep_comes_to(page: str) -> None:
-    asked = sweep.wanted("two", thresholds="23:37:7", trials=SMALL.rate)
-    for point in table_of(asked.points, swept(asked)):
+    planned = sweep.plan_sweep("two", thresholds="23:37:7", trials=SMALL.rate)
+    for point in table_of(planned.points, swept(planned)):
         half = 1.96 * (point.sd_time or 0) / point.successes**0.5
         cells = row(page, f"{point.written[0]} deg")
         assert cells[1:3] == [f"{100 * point.success_rate:.1f} %", f"{point.mean_time:.2f} ± {half:.2f} s"]
