@@ -1,494 +1,108 @@
-"""The `canine` command."""
+"""The entry of the `canine` command: takes charge of Ctrl-C, then imports and runs the command.
+
+Only `signal` and `os` are imported before Ctrl-C is in hand.
+"""
 
 from __future__ import annotations
 
-import json
-import math
+import os
+import signal
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from pathlib import Path
-from typing import Annotated, Literal
+import time
+from types import FrameType
+from typing import TYPE_CHECKING
 
-import typer
-from rich.console import Console
-from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
-from codegen.firmware import bundle
-from codegen.firmware.bundle import TARGETS
-from codegen.toolchains.compiler import PLATFORMS
-from fmus.build import build_all, build_folder
-from harness.cosim.fmu import FmuDescription, describe
-from harness.cosim.loop import DURATION, Simulation
-from harness.cosim.roles import find_role, fit, read_adapter
-from harness.cosim.ssp import FmuComponent, FmuSystem
-from harness.cosim.wiring import Order, wire
-from harness.pil import compare
-from harness.trial import trial
-from harness.trial.firmware import values_on_board
-from harness.trial.prepare import prepared
-from harness.trial.request import Changes, build_missing, requested
-from harness.trial.scenario import DEFAULT, MAX_SEED
-from harness.trial.summary import show
-from models.errors import CanineError, UsageError, nearest
-
-FAULT, USAGE, INTERRUPTED = 1, 2, 130
-LONG_S = 60.0  # s of trial time, from which on a run shows its progress
-TRY_OUT_S = 1.0  # s for which an FMU that is checked is run alone
-
-out, err = Console(), Console(stderr=True)
-app = typer.Typer(
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
+FAULT, USAGE = 1, 2
+INTERRUPTED = 128 + signal.SIGINT
+SAME_PRESS_S = 1.0  # s within which a second SIGINT is the first one again, passed on by a parent process
+RETRY_S = 0.005  # s after which an interrupt that had to wait is tried again
 
 
-Fmu = Annotated[Path | None, typer.Option(exists=True, dir_okay=False, metavar="X.fmu")]
-Target = Annotated[str, typer.Argument(metavar="[SCENARIO.toml|SYSTEM.ssp|LOG.mcap]")]
-Stepping = Annotated[Order | None, typer.Option(help="of stepping; sequential by default")]
-Fmi = Annotated[Literal["2", "3"] | None, typer.Option(help="version of our FMUs; 2 by default")]
+class CtrlC:
+    """Raises KeyboardInterrupt once, where it can be caught; a second Ctrl-C ends the process at once.
 
-
-Seed = Annotated[int | None, typer.Option(min=0, max=MAX_SEED, help="the trial's number")]
-Settings = Annotated[
-    list[str] | None, typer.Option("--set", metavar="block.name=value", help="a parameter; angles in deg")
-]
-Constants = Annotated[
-    bool, typer.Option("--constants", help="parameters are constants, not fields that can be set")
-]
-
-
-@app.callback()
-def canine() -> None:
-    """Guided canine: models, FMUs, and trials of a dog that is led along waypoints.
-
-    \b
-    canine run                                    the three-waypoint trial
-    canine run two_waypoint --seed 7 --set cmec.moving_deviation=37
-    canine run my.toml --plant dog.fmu            the same with a dog made elsewhere
-    canine check dog.fmu --role plant             does it fit, and what is wrong if not
-    canine wiring --order jacobi                  what is stepped when, and what delays
-    canine replay out/demo/trial.mcap             the estimator over a recording, with GPS outages
-    canine fit out                                the dog's statistics from logged trials
-    canine sweep two                              many trials at each value of a parameter
-    canine firmware --target cortex-m4f --out fw  the onboard program's sources
-    canine pil --target cortex-m4f                runs them on the simulated processor, bit by bit
-
-    --debug anywhere shows where an error comes from.
-    Exit status: 0 done (also when the dog failed its trial), 1 a fault in what was run, 2 wrong usage,
-    130 ended by Ctrl-C.
+    An interrupt waits for the end of an import under way: libraries catch every exception there, or print it.
+    One that is raised where Python drops exceptions (in a destructor or a callback from C) is raised again.
     """
 
+    def __init__(self) -> None:
+        self.pressed_at: float | None = None
+        self.hook = sys.unraisablehook
+        signal.signal(signal.SIGINT, self._press)
+        signal.signal(signal.SIGALRM, self._raise)
+        sys.unraisablehook = self._dropped
 
-@app.command()
-def build(
-    platform: Annotated[
-        list[str] | None, typer.Option(help=f"one of {', '.join(PLATFORMS)}; beside this machine's")
-    ] = None,
-    more: Annotated[
-        list[str] | None, typer.Argument(metavar="[PLATFORM]...", help="further platforms")
-    ] = None,
-) -> None:
-    """Build the FMUs and the .ssp packages.
+    def ignore(self) -> None:
+        """The command is done: it ends with its own status."""
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGALRM, signal.SIG_IGN)
 
-    \b
-    canine build
-    canine build --platform win64
+    def _press(self, number: int, frame: FrameType | None) -> None:
+        now = time.monotonic()
+        if self.pressed_at is None:
+            self.pressed_at = now
+            self._raise(number, frame)
+        elif now - self.pressed_at > SAME_PRESS_S:
+            os._exit(INTERRUPTED)
+
+    def _raise(self, number: int, frame: FrameType | None) -> None:
+        while frame is not None:
+            if frame.f_code.co_filename.startswith("<frozen importlib"):
+                signal.setitimer(signal.ITIMER_REAL, RETRY_S)
+                return
+            frame = frame.f_back
+        raise KeyboardInterrupt
+
+    def _dropped(self, unraisable: sys.UnraisableHookArgs) -> None:
+        if issubclass(unraisable.exc_type, KeyboardInterrupt):
+            signal.setitimer(signal.ITIMER_REAL, RETRY_S)
+        else:
+            self.hook(unraisable)
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run the command; its exit status. Errors that a user can cause are one line each.
+
+    Raises:
+        KeyboardInterrupt: the user ended it, and nothing was printed about that yet.
     """
-    with _telling("building") as done:
-        paths = build_all(platforms=[*(platform or []), *(more or [])], done=done)
-    typer.echo(f"{len(paths)} files in {_short(build_folder())}")
-
-
-@app.command()
-def run(
-    target: Target = DEFAULT,
-    *,
-    seed: Seed = None,
-    settings: Settings = None,
-    plant: Fmu = None,
-    controller: Fmu = None,
-    order: Stepping = None,
-    fmi: Fmi = None,
-    onboard: Annotated[
-        str | None,
-        typer.Option(
-            metavar="fmu|pil:TARGET",
-            help=f"pil: firmware on a processor ({', '.join(TARGETS)}) for estimator and controller",
-        ),
-    ] = None,
-    folder: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", file_okay=False, help="by default out/<scenario>-<seed>, or <folder of the log>-again"
-        ),
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="print the summary as JSON")] = False,
-) -> None:
-    """Run a trial, and write its log and report.
-
-    \b
-    canine run                                    three_waypoint, seed 1
-    canine run two_waypoint --seed 7 --set cmec.moving_deviation=37
-    canine run my.toml --plant dog.fmu --order jacobi --fmi 3 --out out/dog
-    canine run out/three_waypoint-1/trial.mcap    that trial again: the same log
-    canine run --onboard pil:cortex-m4f           the firmware in the loop, fed with its instruments' bytes
-
-    It leaves trial.mcap, summary.json, trial.html and trial.png.
-    """
-    swaps = {"plant": plant, "controller": controller}
-    wanted = Changes(order, fmi, swaps, settings or [], seed, onboard)
-    with requested(target, wanted) as request:
-        with _telling("building the FMUs") as done:
-            build_missing(request, done)
-        with prepared(request) as ready:
-            broken = [f"{request.log}: the log is not whole, {request.broken}"] if request.broken else []
-            for note in [*broken, *ready.notes]:
-                err.print(f"note: {escape(note)}", style="dim", soft_wrap=True)
-            place = folder or request.default_folder
-            duration = request.scenario.duration
-            with _bar("trial [s]", duration, quiet=as_json or duration < LONG_S) as progress:
-                try:
-                    summary = trial.run(request, ready, place, progress)
-                except KeyboardInterrupt:
-                    err.print(f"canine: ended by Ctrl-C; the log up to there is {place / trial.LOG}")
-                    raise typer.Exit(INTERRUPTED) from None
-    if as_json:
-        typer.echo(json.dumps(summary, indent=2))
-    else:
-        show(summary, out)
-        _say_where(place)
-
-
-@app.command()
-def firmware(
-    target: Annotated[str, typer.Option(help=f"one of {', '.join(TARGETS)}")],
-    folder: Annotated[Path, typer.Option("--out", file_okay=False, metavar="DIR", help="where it is put")],
-    *,
-    parameters: Annotated[
-        str, typer.Option(metavar="SCENARIO.toml", help="whose parameters it gets; start values by default")
-    ] = "",
-    settings: Settings = None,
-    constants: Constants = False,
-) -> None:
-    """Write the sources of the onboard program for a processor: estimator, controller, drivers, main loop.
-
-    \b
-    canine firmware --target cortex-m4f --out firmware
-    canine firmware --target rabbit4000 --parameters my.toml --constants --out firmware
-    canine firmware --target host --set cmec.moving_deviation=37 --out firmware
-
-    Waypoints are no parameters: they come by radio.
-    """
-    found = bundle.find_target(target)
-    values = values_on_board(parameters, settings or [])
-    paths = bundle.write(found, folder, values, constants=constants)
-    typer.echo(f"{len(paths)} files for {found.processor} in {_short(folder)}: see README.md there")
-
-
-@app.command("pil")
-def processor_in_the_loop(
-    scenario: Annotated[str, typer.Argument(metavar="[SCENARIO.toml]")] = compare.SCENARIO,
-    *,
-    target: Annotated[str, typer.Option(help=f"one of {', '.join(compare.SIMULATED)}")],
-    seed: Seed = None,
-    settings: Settings = None,
-    constants: Constants = False,
-    folder: Annotated[
-        Path | None, typer.Option("--out", file_okay=False, help="by default out/pil-<target>")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="print the report as JSON")] = False,
-) -> None:
-    """Run the firmware on a simulated processor and compare every tick with this machine's, bit by bit.
-
-    \b
-    canine pil --target cortex-m4f
-    canine pil three_waypoint --target rabbit4000 --seed 7
-
-    It leaves compare.json with what a tick costs, and the trial's files as `canine run` does.
-    """
-    changes = Changes(settings=settings or [], seed=seed)
-    with _telling("building the FMUs") as done, _bar("trial [s]", DURATION, quiet=as_json) as progress:
-        try:
-            result = compare.run(
-                target, scenario, changes, folder, constants=constants, built=done, progress=progress
-            )
-        except KeyboardInterrupt:
-            place = folder or compare.default_folder(target)
-            err.print(f"canine: ended by Ctrl-C; the log up to there is {place / trial.LOG}")
-            raise typer.Exit(INTERRUPTED) from None
-    if as_json:
-        typer.echo(json.dumps(result, indent=2))
-    else:
-        compare.show(result, out)
-        _say_where(folder or compare.default_folder(target))
-
-
-@app.command()
-def wiring(
-    target: Target = DEFAULT,
-    *,
-    order: Stepping = None,
-    fmi: Fmi = None,
-    plant: Fmu = None,
-    controller: Fmu = None,
-    as_json: Annotated[bool, typer.Option("--json", help="print it as JSON")] = False,
-) -> None:
-    """Print who is stepped when, and what delays.
-
-    \b
-    canine wiring
-    canine wiring my.ssp --order jacobi
-    """
-    wanted = Changes(order, fmi, {"plant": plant, "controller": controller})
-    with requested(target, wanted) as request:
-        with _telling("building the FMUs") as done:
-            build_missing(request, done)
-        with prepared(request) as ready:
-            found = wire(ready.system, ready.fmus, request.order, ready.plants)
-    if as_json:
-        links = [{"link": str(link), "ticks": ticks} for link, ticks in found.delays]
-        typer.echo(json.dumps({"order": found.order, "step_s": found.step, "links": links}, indent=2))
-        return
-    table = Table("link", "delay", box=None, padding=(0, 2, 0, 0), header_style="bold")
-    for link, ticks in found.delays:
-        conversion = f"  * {link.factor:g} + {link.offset:g}" if link.converts else ""
-        table.add_row(escape(f"{link}{conversion}"), "none" if ticks == 0 else f"{ticks} tick")
-    out.print(f"{request.order}, every {found.step:g} s: {', then '.join(found.order)}", soft_wrap=True)
-    out.print(table)
-
-
-@app.command()
-def check(
-    fmu: Annotated[Path, typer.Argument(exists=True, dir_okay=False, metavar="X.fmu")],
-    role: Annotated[str | None, typer.Option(help="does it fit this role of the system?")] = None,
-) -> None:
-    """Does an FMU fit, and what is wrong if not.
-
-    \b
-    canine check dog.fmu --role plant             (dog.toml beside it may map names and units)
-    """
-    wanted = None if role is None else find_role(role)
-    description = describe(fmu)
-    for warning in description.warnings:
-        err.print(f"note: {escape(f'{fmu.name}: {warning}')}", style="dim", soft_wrap=True)
-    if wanted is not None:
-        found = fit(description, wanted, read_adapter(fmu, wanted))
-        for note in found.notes:
-            err.print(f"note: {escape(note)}", style="dim", soft_wrap=True)
-        if found.problems:
-            raise CanineError("\n".join(found.problems))
-    _try_out(description, role or "fmu")
-    typer.echo(
-        f"{fmu.name}: FMI {description.version} co-simulation, {len(description.inputs)} inputs, "
-        f"{len(description.outputs)} outputs, {len(description.parameters)} parameters; runs"
-        + (f"; fits the {role} role" if role else "")
-    )
-
-
-@app.command("replay")
-def replay_recording(
-    recording: Annotated[Path, typer.Argument(exists=True, metavar="FOLDER|LOG.mcap")],
-    *,
-    estimator: Annotated[str, typer.Option(help="the block to run")] = "four_state",
-    outage: Annotated[float, typer.Option(min=1, max=600, help="s without GPS")] = 10,
-    every: Annotated[
-        float, typer.Option(min=0.25, max=3600, help="s from one outage's start to the next")
-    ] = 5,
-    folder: Annotated[
-        Path | None, typer.Option("--out", file_okay=False, help="by default out/replay-<recording>")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="print the result as JSON")] = False,
-) -> None:
-    """Run the estimator FMU over a recording with simulated outages: a table, outages.json, replay.png.
-
-    \b
-    canine replay ../walk                         a folder with .ubx, imu*.csv and their time tags
-    canine replay out/demo/trial.mcap --outage 5  the log of a trial
-    """
-    from harness.replay import replay  # noqa: PLC0415 - scipy.stats takes seconds, which other commands need not wait
-
-    if estimator not in replay.ESTIMATORS:
-        raise UsageError(f'no estimator "{estimator}"{nearest(estimator, replay.ESTIMATORS)}')
-    source = replay.open_source(recording)
-    if source.broken:
-        err.print(f"note: {recording}: the log is not whole, {escape(source.broken)}", soft_wrap=True)
-    chosen = source.windows(outage, every)
-    with _bar("outages", len(chosen), quiet=as_json) as progress:
-        found = replay.replay(source, estimator, chosen, progress)
-    place = folder or source.folder
-    result = replay.report(source, estimator, found, place)
-    if as_json:
-        typer.echo(json.dumps(result, indent=2))
-    else:
-        replay.show(result, out)
-        _say_where(place)
-
-
-@app.command("sweep")
-def sweep_parameters(
-    target: Annotated[str, typer.Argument(metavar="two|three|SCENARIO.toml")],
-    *,
-    thresholds: Annotated[
-        str | None,
-        typer.Option(metavar="a:b[:step]", help="h' [deg]; 15:90, or 15:65 with three waypoints and more"),
-    ] = None,
-    vary: Annotated[
-        list[str] | None,
-        typer.Option(metavar="block.name=a:b:step", help="any parameter, instead or beside; angles in deg"),
-    ] = None,
-    trials: Annotated[int, typer.Option(help="at each point")] = 1000,
-    system: Annotated[
-        Literal["cts", "full"],
-        typer.Option(help="cts: the true state into the controller; full: the estimate"),
-    ] = "cts",
-    reading: Annotated[
-        Literal["calibrated", "literal"] | None, typer.Option(help="by default the scenario's, calibrated")
-    ] = None,
-    seed: Annotated[
-        int | None, typer.Option(min=0, max=MAX_SEED, help="of the first trial at each point; 1 by default")
-    ] = None,
-    dask: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="of the scheduler of a Dask cluster")
-    ] = None,
-    settings: Settings = None,
-    folder: Annotated[
-        Path | None, typer.Option("--out", file_okay=False, help="by default out/sweep-<name>")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="print the recommendation as JSON")] = False,
-) -> None:
-    """Run many trials at each value of a parameter: sweep.csv, sweep.png, recommendation.json.
-
-    \b
-    canine sweep two                              5.3.5: h' from 15 to 90 deg, 1000 trials each
-    canine sweep three --thresholds 15:65         5.3.6: four types of trials in turns
-    canine sweep my.toml --vary cmec.capture_radius=3:10:0.5 --trials 10000
-    canine sweep two --vary canine.drift=-3:3:0.5 --vary cmec.moving_deviation=15:60:5
-    canine sweep three --dask tcp://host:8786     on a cluster
-
-    The same command goes on where an earlier one was interrupted.
-    """
-    from harness.sweep import journal, sweep  # noqa: PLC0415
-
-    planned = sweep.plan_sweep(
-        target, thresholds=thresholds, vary=vary or [], trials=trials, system=system, reading=reading,
-        seed=seed, settings=settings or [],
-    )  # fmt: skip
-    place = folder or sweep.default_folder(planned)
-    with _bar("trials", planned.job.total, quiet=as_json) as progress:
-        try:
-            table, result = sweep.run(planned, place, dask, progress=progress, note=_note)
-        except KeyboardInterrupt:
-            kept = (place / journal.JOURNAL).exists()
-            then = (
-                f"what is done is kept in {place}: the same command goes on there"
-                if kept
-                else "nothing is done"
-            )
-            err.print(f"canine: ended by Ctrl-C; {escape(then)}", soft_wrap=True)
-            raise typer.Exit(INTERRUPTED) from None
-    if as_json:
-        typer.echo(json.dumps(result, indent=2))
-    else:
-        sweep.show(planned, table, result, out)
-        _say_where(place)
-
-
-def _note(text: str) -> None:
-    err.print(f"note: {escape(text)}", style="dim", soft_wrap=True)
-
-
-@app.command("fit")
-def fit_animal(
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG.mcap|FOLDER...")],
-    *,
-    source: Annotated[
-        Literal["plant", "estimator"] | None,
-        typer.Option(help="whose motion; by default the plant's where it is logged, else the estimator's"),
-    ] = None,
-    turned: Annotated[
-        float | None,
-        typer.Option(min=1e-3, max=90, help="deg/s from which on a LEFT or RIGHT was obeyed; see the README"),
-    ] = None,
-    folder: Annotated[Path | None, typer.Option("--out", file_okay=False, help="by default out/fit")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="print the result as JSON")] = False,
-) -> None:
-    """Estimate the animal's statistics (Table 5.1): a table, fit.json, fit.toml for scenarios, fit.png.
-
-    \b
-    canine fit out                                every trial.mcap below out
-    canine fit field/*.mcap --source estimator    as without the truth
-    """
-    from harness.fit import estimate as statistics  # noqa: PLC0415 - scipy.stats takes seconds
-    from harness.fit import report  # noqa: PLC0415
-
-    paths = statistics.find_logs(logs)
-    with _bar("logs", len(paths), quiet=as_json) as progress:
-        reading = statistics.read_tracks(paths, source, progress)
-    result = statistics.estimate(reading, None if turned is None else math.radians(turned))
-    place = folder or report.FOLDER
-    report.report(result, place)
-    if as_json:
-        typer.echo(json.dumps(result, indent=2))
-    else:
-        report.show(result, out)
-        _say_where(place)
-
-
-def _try_out(description: FmuDescription, name: str) -> None:
-    """Step it alone for a while, inputs at their start values."""
-    alone = FmuSystem(name, {name: FmuComponent(name, description.path)}, ())
-    with Simulation(alone) as simulation:
-        simulation.run(duration=TRY_OUT_S)
-
-
-def _say_where(folder: Path) -> None:
-    """Where the results lie: what there is, by name."""
-    typer.echo(f"{_short(folder)}/: {', '.join(sorted(p.name for p in folder.iterdir() if p.is_file()))}")
-
-
-def _short(path: Path) -> str:
-    return str(path.relative_to(Path.cwd())) if path.is_relative_to(Path.cwd()) else str(path)
-
-
-@contextmanager
-def _telling(what: str) -> Iterator[Callable[[Path], None]]:
-    """Say on a terminal which file is ready; the compiler takes some seconds for each."""
-    with err.status(f"{what}...") as status:
-        yield lambda path: status.update(f"{what}... {path.parent.name}/{path.name}")
-
-
-@contextmanager
-def _bar(what: str, total: float, quiet: bool) -> Iterator[Callable[[float], None] | None]:
-    """A progress bar, on a terminal."""
-    if quiet or not err.is_terminal:
-        yield None
-        return
-    with Progress(
-        TextColumn(what), BarColumn(), TextColumn("{task.completed:.0f} of {task.total:.0f}"),
-        TimeElapsedColumn(), console=err, transient=True,
-    ) as bar:  # fmt: skip
-        task = bar.add_task(what, total=total)
-        yield lambda done: bar.update(task, completed=done)
-
-
-def main() -> None:
-    """Run the command; errors that a user can cause are one line each and an exit status."""
-    arguments = [argument for argument in sys.argv[1:] if argument != "--debug"]
-    debug = len(arguments) < len(sys.argv) - 1
+    debug = "--debug" in arguments
     try:
-        app(arguments, prog_name="canine")
-    except (CanineError, OSError) as error:
-        if debug:
+        from harness.command_line import app
+
+        status = app([a for a in arguments if a != "--debug"], prog_name="canine", standalone_mode=False)
+        if status == INTERRUPTED:  # by typer, which drops the exception
+            raise KeyboardInterrupt
+        return status or 0
+    except Exception as error:
+        if hasattr(error, "show"):  # typer's own, of usage
+            error.show()
+            return USAGE
+        from models.errors import CanineError, UsageError
+
+        if debug or not isinstance(error, CanineError | OSError):
             raise
         for line in str(error).splitlines():
             print(f"canine: {line}", file=sys.stderr)
-        sys.exit(USAGE if isinstance(error, UsageError) else FAULT)
+        return USAGE if isinstance(error, UsageError) else FAULT
+    except SystemExit as end:
+        return int(end.code or 0)
+
+
+def main() -> None:
+    """The console script: exits with the command's status."""
+    ctrl_c = CtrlC()
+    try:
+        status = run(sys.argv[1:])
+        ctrl_c.ignore()
+    except KeyboardInterrupt:
+        ctrl_c.ignore()
+        print("canine: ended by Ctrl-C", file=sys.stderr)
+        status = INTERRUPTED
+    sys.exit(status)
 
 
 if __name__ == "__main__":

@@ -10,16 +10,16 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 from codegen.blocks.block_c import comment, generate, start_literal, write_files
 from codegen.firmware.record import Entry, drivers, is_mission, of_block
+from codegen.firmware.targets import Target
 from codegen.templating import environment
 from models.cmec import Cmec
 from models.command_module import CommandModule
-from models.errors import UsageError, nearest
+from models.errors import UsageError
 from models.four_state import FourState
 from models.kit.block import Block
 from models.kit.declaration import Type, Variable
@@ -39,47 +39,6 @@ BLOCKS: dict[str, type[Block]] = {
     "controller": Cmec,
     "command_module": CommandModule,
 }
-
-
-@dataclass(frozen=True)
-class Target:
-    """A processor that firmware is made for.
-
-    Attributes:
-        folder: of its own sources in `onboard/`.
-        code, ram: bytes that the onboard program may take.
-        pvt: the receiver beside it is of today, which tells a fix in one message instead of three.
-    """
-
-    name: str
-    folder: str
-    processor: str
-    code: int
-    ram: int
-    pvt: bool = False
-
-
-TARGETS: dict[str, Target] = {
-    t.name: t
-    for t in (
-        Target("host", "host", "any 32- or 64-bit processor with a POSIX system", 48_000, 4_000),
-        Target("cortex-m4f", "cortex_m4f", "ARM Cortex-M4F", 24_000, 4_000, pvt=True),
-        Target("rabbit4000", "rabbit4000", "Rabbit 4000 (RCM4100), 58.98 MHz", 48_000, 4_000),
-    )
-}
-
-
-def find_target(name: str) -> Target:
-    """A target by its name.
-
-    Raises:
-        UsageError: there is none.
-    """
-    if name not in TARGETS:
-        raise UsageError(
-            f'firmware is made for {", ".join(TARGETS)}, not for "{name}"{nearest(name, TARGETS)}'
-        )
-    return TARGETS[name]
 
 
 def settable(block: type[Block]) -> dict[str, Variable]:

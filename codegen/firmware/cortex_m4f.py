@@ -14,8 +14,8 @@ from typing import Any
 from elftools.elf.elffile import ELFFile
 
 from codegen.blocks.block_c import write_files
-from codegen.firmware.bundle import Target
 from codegen.firmware.image import BOARD, Footprint, Image, image_folder, own_files
+from codegen.firmware.targets import Target
 from codegen.toolchains.compiler import WARNINGS, compiler_version, zig
 
 TRIPLE = ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m4+vfp4d16sp")  # `cortex_m4` has no FPU

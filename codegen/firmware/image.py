@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from codegen.blocks.block_c import write_files
-from codegen.firmware.bundle import SOURCES, Target
+from codegen.firmware.bundle import SOURCES
+from codegen.firmware.targets import Target
 from codegen.toolchains.compiler import (
     NUMERICS,
     WARNINGS,

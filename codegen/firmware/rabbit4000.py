@@ -13,8 +13,8 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from codegen.blocks.block_c import write_files
-from codegen.firmware.bundle import Target
 from codegen.firmware.image import BOARD, Footprint, Image, image_folder, own_files
+from codegen.firmware.targets import Target
 from codegen.toolchains.compiler import CompileError, cache_folder
 from codegen.toolchains.sdcc import LANGUAGE, VERSION, assemble, home, sdcc
 

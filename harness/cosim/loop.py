@@ -25,14 +25,14 @@ import numpy.typing as npt
 
 from harness.cosim.fmu import Access, Call, FmuDescription, FmuError, FmuInstance, Quantity
 from harness.cosim.ssp import FmuSystem, ScaledLink
-from harness.cosim.wiring import Order, Wiring, wire
+from harness.cosim.stepping import DURATION, Order
+from harness.cosim.wiring import Wiring, wire
 from models.errors import ParameterError, nearest
 from models.kit.link import Values
 
 Array = npt.NDArray[np.float64]
 Record = Callable[[Array, dict[str, Array]], None]
 
-DURATION = 300.0  # s, after which a trial is cut
 _REALS = ("float64", "float32")
 ROWS = 25  # rows that are handed over together: a second's at 25 Hz
 

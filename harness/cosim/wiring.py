@@ -9,13 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 from harness.cosim.fmu import FmuDescription, FmuError
 from harness.cosim.ssp import FmuSystem, ScaledLink, SspError
+from harness.cosim.stepping import Order
 from models.errors import WiringError
-
-Order = Literal["sequential", "jacobi"]
 
 DEFAULT_STEP = 0.04  # s, the 25 Hz of the IMU, if no FMU states a step
 STEP_TOLERANCE = 1e-6  # of the step

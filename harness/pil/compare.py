@@ -16,8 +16,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from codegen.firmware.bundle import TARGETS, find_target, recorded
+from codegen.firmware.bundle import recorded
+from codegen.firmware.targets import SIMULATED, find_target
 from harness.onboard.processors import Cost, Processor, ProcessorError, Received, Reply, open_processor
+from harness.pil import SCENARIO
 from harness.pil.printed_defuzzifier import printed_defuzzifier_clocks
 from harness.trial import trial
 from harness.trial.prepare import prepared
@@ -28,9 +30,7 @@ from models.kit.block import Block
 from models.kit.declaration import Type
 from models.kit.link import Values
 
-SCENARIO = "patrol"  # 110 s with an outage, the operator's stop and a lost link
 REPORT = "pil.json"
-SIMULATED = tuple(name for name in TARGETS if name != "host")
 TICK_MS = 1e3 * Block.sample_time
 CLOCK_MHZ = {"rabbit4000": 58.98}  # of the RCM4100
 WAIT_STATES = range(5)

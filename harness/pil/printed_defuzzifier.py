@@ -5,8 +5,8 @@ from __future__ import annotations
 import struct
 from pathlib import Path
 
-from codegen.firmware.bundle import find_target
 from codegen.firmware.rabbit4000 import program_image
+from codegen.firmware.targets import find_target
 from harness.onboard.processors.rabbit4000 import Machine
 
 SOURCE = Path(__file__).with_suffix(".c")

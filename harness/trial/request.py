@@ -8,9 +8,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from codegen.firmware.bundle import TARGETS
+from codegen.firmware.targets import TARGETS
 from fmus.build import build_all, build_folder, is_current
-from harness.cosim.wiring import Order
+from harness.cosim.stepping import Order
 from harness.log.log import read_log
 from harness.onboard.stand_in import ROLES
 from harness.trial.scenario import DEFAULT, Scenario, ScenarioError, load, parse

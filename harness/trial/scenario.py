@@ -31,7 +31,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
-from harness.cosim.loop import DURATION
+from harness.cosim.stepping import DURATION
 from models.canine import Canine
 from models.cmec import MAX_WAYPOINTS
 from models.errors import UsageError, nearest

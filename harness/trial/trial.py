@@ -10,7 +10,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from codegen.firmware.bundle import find_target
+from codegen.firmware.targets import find_target
 from harness.cosim.loop import Simulation, Stop
 from harness.files import make_folder, write_whole
 from harness.log.log import Log, LogWriter, read_log

@@ -15,9 +15,10 @@ from unicorn import unicorn_const as u
 from unicorn.arm_const import UC_ARM_REG_LR, UC_ARM_REG_PC, UC_ARM_REG_SP, UC_CPU_ARM_CORTEX_M4
 from unicorn.unicorn_py3.unicorn import Uc, UcError
 
-from codegen.firmware.bundle import Target, recorded
+from codegen.firmware.bundle import recorded
 from codegen.firmware.cortex_m4f import cortex_m4f_image
 from codegen.firmware.image import Image
+from codegen.firmware.targets import Target
 from harness.onboard.processors.processor import (
     COUNTS,
     MAX_BYTES,

@@ -10,8 +10,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from codegen.firmware.bundle import Target, recorded
+from codegen.firmware.bundle import recorded
 from codegen.firmware.image import Image, host_image
+from codegen.firmware.targets import Target
 from harness.onboard.processors.processor import MAX_BYTES, SOURCES, Mailbox, ProcessorError, Received, Reply
 
 

@@ -10,6 +10,7 @@ from typing import Protocol
 
 from codegen.firmware import bundle
 from codegen.firmware.image import Image
+from codegen.firmware.targets import Target, find_target
 from models.errors import CanineError
 from models.kit.link import Values
 
@@ -100,11 +101,11 @@ def open_processor(target: str, values: Values | None = None, *, constants: bool
         CompileError: the toolchain refuses the program, or is not here.
         ProcessorError: the simulator cannot be started.
     """
-    found = bundle.find_target(target)
+    found = find_target(target)
     files = bundle.library(values, constants=constants) | bundle.processor_in_the_loop()
     # not every user needs every simulator
     module = import_module(f"harness.onboard.processors.{found.folder}")
-    start: Callable[[bundle.Target, Mapping[str, str]], Processor] = module.start
+    start: Callable[[Target, Mapping[str, str]], Processor] = module.start
     return start(found, files)
 
 

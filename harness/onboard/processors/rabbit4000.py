@@ -13,9 +13,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from codegen.firmware.bundle import Target, recorded
+from codegen.firmware.bundle import recorded
 from codegen.firmware.image import Image
 from codegen.firmware.rabbit4000 import rabbit4000_image
+from codegen.firmware.targets import Target
 from codegen.toolchains.compiler import NUMERICS, WARNINGS, build_library, cache_folder, compiler_version
 from codegen.toolchains.sdcc import home
 from harness.onboard.processors.processor import (

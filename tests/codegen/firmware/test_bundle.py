@@ -29,7 +29,8 @@ from elftools.elf.elffile import ELFFile
 
 import codegen
 from codegen.firmware import bundle
-from codegen.firmware.bundle import BLOCKS, SOURCES, TARGETS
+from codegen.firmware.bundle import BLOCKS, SOURCES
+from codegen.firmware.targets import TARGETS
 from codegen.toolchains import sdcc
 from codegen.toolchains.compiler import FLAGS, CompileError, build_library
 from harness import main
@@ -109,12 +110,10 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Make:
     return make
 
 
-def canine(monkeypatch: pytest.MonkeyPatch, capsys: Any, *arguments: object) -> tuple[int, str]:
+def canine(capsys: Any, *arguments: object) -> tuple[int, str]:
     """Exit status and standard error of the command."""
-    monkeypatch.setattr(sys, "argv", ["canine", *map(str, arguments)])
-    with pytest.raises(SystemExit) as ended:
-        main.main()
-    return int(ended.value.code or 0), capsys.readouterr().err
+    status = main.run([str(argument) for argument in arguments])
+    return status, capsys.readouterr().err
 
 
 # --- it builds ---
@@ -346,9 +345,7 @@ def test_parameters_as_constants_give_the_same_bits() -> None:
     constants.close()
 
 
-def test_parameters_of_a_scenario_arrive_in_radians(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
-) -> None:
+def test_parameters_of_a_scenario_arrive_in_radians(tmp_path: Path, capsys: Any) -> None:
     # given a scenario with an angle in degrees
     scenario = tmp_path / "my.toml"
     scenario.write_text('[parameters]\n"cmec.moving_deviation" = 37\n')
@@ -356,7 +353,7 @@ def test_parameters_of_a_scenario_arrive_in_radians(
     # when bundles are written from it, one with a further parameter, one with constants
     for options in (["--set", "cmec.capture_radius=2.5"], ["--constants"]):
         status, _ = canine(
-            monkeypatch, capsys, "firmware", "--target", "host", "--parameters", scenario,
+            capsys, "firmware", "--target", "host", "--parameters", scenario,
             "--out", tmp_path / options[0], *options,
         )  # fmt: skip
         assert status == 0
@@ -481,10 +478,10 @@ def test_all_ports_say_that_they_are_and_none_is_missing() -> None:
     ids=["target", "parameter", "mission", "scenario"],
 )
 def test_wrong_usage_is_told_and_writes_nothing(
-    arguments: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+    arguments: list[str], message: str, tmp_path: Path, capsys: Any
 ) -> None:
     # given a wish that cannot be met, when it is asked for
-    status, said = canine(monkeypatch, capsys, "firmware", *arguments, "--out", tmp_path / "out")
+    status, said = canine(capsys, "firmware", *arguments, "--out", tmp_path / "out")
 
     # then the answer names it, with the status of wrong usage, and there is no folder
     assert status == 2
@@ -492,16 +489,12 @@ def test_wrong_usage_is_told_and_writes_nothing(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_folder_that_cannot_be_written_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
-) -> None:
+def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path, capsys: Any) -> None:
     # given a file where a folder would have to be
     (tmp_path / "file").write_text("")
 
     # when the bundle is to go under it
-    status, said = canine(
-        monkeypatch, capsys, "firmware", "--target", "host", "--out", tmp_path / "file" / "out"
-    )
+    status, said = canine(capsys, "firmware", "--target", "host", "--out", tmp_path / "file" / "out")
 
     # then that is wrong usage
     assert status == 2
@@ -877,11 +870,9 @@ def test_a_file_of_somebody_else_is_not_overwritten(tmp_path: Path) -> None:
     ],
 )
 def test_a_vest_that_could_not_be_understood_is_refused(
-    setting: str, told: str, monkeypatch: pytest.MonkeyPatch, capsys: Any, tmp_path: Path
+    setting: str, told: str, capsys: Any, tmp_path: Path
 ) -> None:
-    status, error = canine(
-        monkeypatch, capsys, "firmware", "--target", "host", "--out", tmp_path / "fw", "--set", setting
-    )
+    status, error = canine(capsys, "firmware", "--target", "host", "--out", tmp_path / "fw", "--set", setting)
     assert status == 2
     assert told in error.replace("\n", " ")
     assert not (tmp_path / "fw").exists()

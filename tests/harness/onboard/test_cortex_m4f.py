@@ -23,9 +23,10 @@ from pyubx2 import GET, UBXMessage
 from unicorn.unicorn_const import UC_HOOK_BLOCK, UC_HOOK_CODE
 
 from codegen.blocks.block_c import write_files
-from codegen.firmware.bundle import BLOCKS, find_target, library, processor_in_the_loop, recorded
+from codegen.firmware.bundle import BLOCKS, library, processor_in_the_loop, recorded
 from codegen.firmware.cortex_m4f import FLAGS, LINKING, PORTABLE, cortex_m4f_image
 from codegen.firmware.image import own_files
+from codegen.firmware.targets import find_target
 from codegen.toolchains.compiler import WARNINGS, CompileError, zig
 from harness.onboard import radio
 from harness.onboard.processors import ProcessorError, Received, Reply, cortex_m4f, host, open_processor

@@ -7,8 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from codegen.firmware.bundle import TARGETS, library, processor_in_the_loop, recorded
+from codegen.firmware.bundle import library, processor_in_the_loop, recorded
 from codegen.firmware.rabbit4000 import rabbit4000_image
+from codegen.firmware.targets import TARGETS
 from codegen.toolchains.sdcc import ToolchainError, home
 from harness.onboard.processors import Processor, ProcessorError, Received, Reply, open_processor
 from harness.onboard.processors.rabbit4000 import Rabbit4000

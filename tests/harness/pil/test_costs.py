@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from codegen.firmware.bundle import COSTS, TARGETS
+from codegen.firmware.bundle import COSTS
+from codegen.firmware.targets import TARGETS
 from codegen.toolchains import sdcc
 from harness.pil import compare
 from models.errors import CanineError

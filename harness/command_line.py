@@ -1,0 +1,496 @@
+"""The commands of `canine`. Each imports what it needs when it runs: help and usage errors come at once."""
+
+from __future__ import annotations
+
+import json
+import math
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+from codegen.firmware.targets import SIMULATED, TARGETS, find_target
+from codegen.toolchains.compiler import PLATFORMS
+from harness.cosim.stepping import DURATION, Order
+from harness.pil import SCENARIO
+from harness.trial.scenario import DEFAULT, MAX_SEED
+from models.errors import CanineError, UsageError, nearest
+
+if TYPE_CHECKING:
+    from harness.cosim.fmu import FmuDescription
+
+LONG_S = 60.0  # s of trial time, from which on a run shows its progress
+TRY_OUT_S = 1.0  # s for which an FMU that is checked is run alone
+
+out, err = Console(), Console(stderr=True)
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+Fmu = Annotated[Path | None, typer.Option(exists=True, dir_okay=False, metavar="X.fmu")]
+Target = Annotated[str, typer.Argument(metavar="[SCENARIO.toml|SYSTEM.ssp|LOG.mcap]")]
+Stepping = Annotated[Order | None, typer.Option(help="of stepping; sequential by default")]
+Fmi = Annotated[Literal["2", "3"] | None, typer.Option(help="version of our FMUs; 2 by default")]
+
+
+Seed = Annotated[int | None, typer.Option(min=0, max=MAX_SEED, help="the trial's number")]
+Settings = Annotated[
+    list[str] | None, typer.Option("--set", metavar="block.name=value", help="a parameter; angles in deg")
+]
+Constants = Annotated[
+    bool, typer.Option("--constants", help="parameters are constants, not fields that can be set")
+]
+
+
+@app.callback()
+def canine() -> None:
+    """Guided canine: models, FMUs, and trials of a dog that is led along waypoints.
+
+    \b
+    canine run                                    the three-waypoint trial
+    canine run two_waypoint --seed 7 --set cmec.moving_deviation=37
+    canine run my.toml --plant dog.fmu            the same with a dog made elsewhere
+    canine check dog.fmu --role plant             does it fit, and what is wrong if not
+    canine wiring --order jacobi                  what is stepped when, and what delays
+    canine replay out/demo/trial.mcap             the estimator over a recording, with GPS outages
+    canine fit out                                the dog's statistics from logged trials
+    canine sweep two                              many trials at each value of a parameter
+    canine firmware --target cortex-m4f --out fw  the onboard program's sources
+    canine pil --target cortex-m4f                runs them on the simulated processor, bit by bit
+
+    --debug anywhere shows where an error comes from.
+    Exit status: 0 done (also when the dog failed its trial), 1 a fault in what was run, 2 wrong usage,
+    130 ended by Ctrl-C.
+    """
+
+
+@app.command()
+def build(
+    platform: Annotated[
+        list[str] | None, typer.Option(help=f"one of {', '.join(PLATFORMS)}; beside this machine's")
+    ] = None,
+    more: Annotated[
+        list[str] | None, typer.Argument(metavar="[PLATFORM]...", help="further platforms")
+    ] = None,
+) -> None:
+    """Build the FMUs and the .ssp packages.
+
+    \b
+    canine build
+    canine build --platform win64
+    """
+    from fmus.build import build_all, build_folder
+
+    with _telling("building") as done:
+        paths = build_all(platforms=[*(platform or []), *(more or [])], done=done)
+    typer.echo(f"{len(paths)} files in {_short(build_folder())}")
+
+
+@app.command()
+def run(
+    target: Target = DEFAULT,
+    *,
+    seed: Seed = None,
+    settings: Settings = None,
+    plant: Fmu = None,
+    controller: Fmu = None,
+    order: Stepping = None,
+    fmi: Fmi = None,
+    onboard: Annotated[
+        str | None,
+        typer.Option(
+            metavar="fmu|pil:TARGET",
+            help=f"pil: firmware on a processor ({', '.join(TARGETS)}) for estimator and controller",
+        ),
+    ] = None,
+    folder: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", file_okay=False, help="by default out/<scenario>-<seed>, or <folder of the log>-again"
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print the summary as JSON")] = False,
+) -> None:
+    """Run a trial, and write its log and report.
+
+    \b
+    canine run                                    three_waypoint, seed 1
+    canine run two_waypoint --seed 7 --set cmec.moving_deviation=37
+    canine run my.toml --plant dog.fmu --order jacobi --fmi 3 --out out/dog
+    canine run out/three_waypoint-1/trial.mcap    that trial again: the same log
+    canine run --onboard pil:cortex-m4f           the firmware in the loop, fed with its instruments' bytes
+
+    It leaves trial.mcap, summary.json, trial.html and trial.png.
+    """
+    from harness.trial import trial
+    from harness.trial.prepare import prepared
+    from harness.trial.request import Changes, build_missing, requested
+    from harness.trial.summary import show
+
+    swaps = {"plant": plant, "controller": controller}
+    wanted = Changes(order, fmi, swaps, settings or [], seed, onboard)
+    with requested(target, wanted) as request:
+        with _telling("building the FMUs") as done:
+            build_missing(request, done)
+        with prepared(request) as ready:
+            broken = [f"{request.log}: the log is not whole, {request.broken}"] if request.broken else []
+            for note in [*broken, *ready.notes]:
+                err.print(f"note: {escape(note)}", style="dim", soft_wrap=True)
+            place = folder or request.default_folder
+            duration = request.scenario.duration
+            with _bar("trial [s]", duration, quiet=as_json or duration < LONG_S) as progress:
+                try:
+                    summary = trial.run(request, ready, place, progress)
+                except KeyboardInterrupt:
+                    _ended(f"the log up to there is {place / trial.LOG}")
+    if as_json:
+        typer.echo(json.dumps(summary, indent=2))
+    else:
+        show(summary, out)
+        _say_where(place)
+
+
+@app.command()
+def firmware(
+    target: Annotated[str, typer.Option(help=f"one of {', '.join(TARGETS)}")],
+    folder: Annotated[Path, typer.Option("--out", file_okay=False, metavar="DIR", help="where it is put")],
+    *,
+    parameters: Annotated[
+        str, typer.Option(metavar="SCENARIO.toml", help="whose parameters it gets; start values by default")
+    ] = "",
+    settings: Settings = None,
+    constants: Constants = False,
+) -> None:
+    """Write the sources of the onboard program for a processor: estimator, controller, drivers, main loop.
+
+    \b
+    canine firmware --target cortex-m4f --out firmware
+    canine firmware --target rabbit4000 --parameters my.toml --constants --out firmware
+    canine firmware --target host --set cmec.moving_deviation=37 --out firmware
+
+    Waypoints are no parameters: they come by radio.
+    """
+    from codegen.firmware import bundle
+    from harness.trial.firmware import values_on_board
+
+    found = find_target(target)
+    values = values_on_board(parameters, settings or [])
+    paths = bundle.write(found, folder, values, constants=constants)
+    typer.echo(f"{len(paths)} files for {found.processor} in {_short(folder)}: see README.md there")
+
+
+@app.command("pil")
+def processor_in_the_loop(
+    scenario: Annotated[str, typer.Argument(metavar="[SCENARIO.toml]")] = SCENARIO,
+    *,
+    target: Annotated[str, typer.Option(help=f"one of {', '.join(SIMULATED)}")],
+    seed: Seed = None,
+    settings: Settings = None,
+    constants: Constants = False,
+    folder: Annotated[
+        Path | None, typer.Option("--out", file_okay=False, help="by default out/pil-<target>")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print the report as JSON")] = False,
+) -> None:
+    """Run the firmware on a simulated processor and compare every tick with this machine's, bit by bit.
+
+    \b
+    canine pil --target cortex-m4f
+    canine pil three_waypoint --target rabbit4000 --seed 7
+
+    It leaves compare.json with what a tick costs, and the trial's files as `canine run` does.
+    """
+    from harness.pil import compare
+    from harness.trial import trial
+    from harness.trial.request import Changes
+
+    changes = Changes(settings=settings or [], seed=seed)
+    with _telling("building the FMUs") as done, _bar("trial [s]", DURATION, quiet=as_json) as progress:
+        try:
+            result = compare.run(
+                target, scenario, changes, folder, constants=constants, built=done, progress=progress
+            )
+        except KeyboardInterrupt:
+            _ended(f"the log up to there is {(folder or compare.default_folder(target)) / trial.LOG}")
+    if as_json:
+        typer.echo(json.dumps(result, indent=2))
+    else:
+        compare.show(result, out)
+        _say_where(folder or compare.default_folder(target))
+
+
+@app.command()
+def wiring(
+    target: Target = DEFAULT,
+    *,
+    order: Stepping = None,
+    fmi: Fmi = None,
+    plant: Fmu = None,
+    controller: Fmu = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print it as JSON")] = False,
+) -> None:
+    """Print who is stepped when, and what delays.
+
+    \b
+    canine wiring
+    canine wiring my.ssp --order jacobi
+    """
+    from rich.table import Table
+
+    from harness.cosim.wiring import wire
+    from harness.trial.prepare import prepared
+    from harness.trial.request import Changes, build_missing, requested
+
+    wanted = Changes(order, fmi, {"plant": plant, "controller": controller})
+    with requested(target, wanted) as request:
+        with _telling("building the FMUs") as done:
+            build_missing(request, done)
+        with prepared(request) as ready:
+            found = wire(ready.system, ready.fmus, request.order, ready.plants)
+    if as_json:
+        links = [{"link": str(link), "ticks": ticks} for link, ticks in found.delays]
+        typer.echo(json.dumps({"order": found.order, "step_s": found.step, "links": links}, indent=2))
+        return
+    table = Table("link", "delay", box=None, padding=(0, 2, 0, 0), header_style="bold")
+    for link, ticks in found.delays:
+        conversion = f"  * {link.factor:g} + {link.offset:g}" if link.converts else ""
+        table.add_row(escape(f"{link}{conversion}"), "none" if ticks == 0 else f"{ticks} tick")
+    out.print(f"{request.order}, every {found.step:g} s: {', then '.join(found.order)}", soft_wrap=True)
+    out.print(table)
+
+
+@app.command()
+def check(
+    fmu: Annotated[Path, typer.Argument(exists=True, dir_okay=False, metavar="X.fmu")],
+    role: Annotated[str | None, typer.Option(help="does it fit this role of the system?")] = None,
+) -> None:
+    """Does an FMU fit, and what is wrong if not.
+
+    \b
+    canine check dog.fmu --role plant             (dog.toml beside it may map names and units)
+    """
+    from harness.cosim.fmu import describe
+    from harness.cosim.roles import find_role, fit, read_adapter
+
+    wanted = None if role is None else find_role(role)
+    description = describe(fmu)
+    for warning in description.warnings:
+        err.print(f"note: {escape(f'{fmu.name}: {warning}')}", style="dim", soft_wrap=True)
+    if wanted is not None:
+        found = fit(description, wanted, read_adapter(fmu, wanted))
+        for note in found.notes:
+            err.print(f"note: {escape(note)}", style="dim", soft_wrap=True)
+        if found.problems:
+            raise CanineError("\n".join(found.problems))
+    _try_out(description, role or "fmu")
+    typer.echo(
+        f"{fmu.name}: FMI {description.version} co-simulation, {len(description.inputs)} inputs, "
+        f"{len(description.outputs)} outputs, {len(description.parameters)} parameters; runs"
+        + (f"; fits the {role} role" if role else "")
+    )
+
+
+@app.command("replay")
+def replay_recording(
+    recording: Annotated[Path, typer.Argument(exists=True, metavar="FOLDER|LOG.mcap")],
+    *,
+    estimator: Annotated[str, typer.Option(help="the block to run")] = "four_state",
+    outage: Annotated[float, typer.Option(min=1, max=600, help="s without GPS")] = 10,
+    every: Annotated[
+        float, typer.Option(min=0.25, max=3600, help="s from one outage's start to the next")
+    ] = 5,
+    folder: Annotated[
+        Path | None, typer.Option("--out", file_okay=False, help="by default out/replay-<recording>")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print the result as JSON")] = False,
+) -> None:
+    """Run the estimator FMU over a recording with simulated outages: a table, outages.json, replay.png.
+
+    \b
+    canine replay ../walk                         a folder with .ubx, imu*.csv and their time tags
+    canine replay out/demo/trial.mcap --outage 5  the log of a trial
+    """
+    from harness.replay import replay
+
+    if estimator not in replay.ESTIMATORS:
+        raise UsageError(f'no estimator "{estimator}"{nearest(estimator, replay.ESTIMATORS)}')
+    source = replay.open_source(recording)
+    if source.broken:
+        err.print(f"note: {recording}: the log is not whole, {escape(source.broken)}", soft_wrap=True)
+    chosen = source.windows(outage, every)
+    with _bar("outages", len(chosen), quiet=as_json) as progress:
+        found = replay.replay(source, estimator, chosen, progress)
+    place = folder or source.folder
+    result = replay.report(source, estimator, found, place)
+    if as_json:
+        typer.echo(json.dumps(result, indent=2))
+    else:
+        replay.show(result, out)
+        _say_where(place)
+
+
+@app.command("sweep")
+def sweep_parameters(
+    target: Annotated[str, typer.Argument(metavar="two|three|SCENARIO.toml")],
+    *,
+    thresholds: Annotated[
+        str | None,
+        typer.Option(metavar="a:b[:step]", help="h' [deg]; 15:90, or 15:65 with three waypoints and more"),
+    ] = None,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(metavar="block.name=a:b:step", help="any parameter, instead or beside; angles in deg"),
+    ] = None,
+    trials: Annotated[int, typer.Option(help="at each point")] = 1000,
+    system: Annotated[
+        Literal["cts", "full"],
+        typer.Option(help="cts: the true state into the controller; full: the estimate"),
+    ] = "cts",
+    reading: Annotated[
+        Literal["calibrated", "literal"] | None, typer.Option(help="by default the scenario's, calibrated")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, max=MAX_SEED, help="of the first trial at each point; 1 by default")
+    ] = None,
+    dask: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="of the scheduler of a Dask cluster")
+    ] = None,
+    settings: Settings = None,
+    folder: Annotated[
+        Path | None, typer.Option("--out", file_okay=False, help="by default out/sweep-<name>")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print the recommendation as JSON")] = False,
+) -> None:
+    """Run many trials at each value of a parameter: sweep.csv, sweep.png, recommendation.json.
+
+    \b
+    canine sweep two                              5.3.5: h' from 15 to 90 deg, 1000 trials each
+    canine sweep three --thresholds 15:65         5.3.6: four types of trials in turns
+    canine sweep my.toml --vary cmec.capture_radius=3:10:0.5 --trials 10000
+    canine sweep two --vary canine.drift=-3:3:0.5 --vary cmec.moving_deviation=15:60:5
+    canine sweep three --dask tcp://host:8786     on a cluster
+
+    The same command goes on where an earlier one was interrupted.
+    """
+    from harness.sweep import journal, sweep
+
+    planned = sweep.plan_sweep(
+        target, thresholds=thresholds, vary=vary or [], trials=trials, system=system, reading=reading,
+        seed=seed, settings=settings or [],
+    )  # fmt: skip
+    place = folder or sweep.default_folder(planned)
+    with _bar("trials", planned.job.total, quiet=as_json) as progress:
+        try:
+            table, result = sweep.run(planned, place, dask, progress=progress, note=_note)
+        except KeyboardInterrupt:
+            kept = (place / journal.JOURNAL).exists()
+            _ended(
+                f"what is done is kept in {place}: the same command goes on there"
+                if kept
+                else "nothing is done"
+            )
+    if as_json:
+        typer.echo(json.dumps(result, indent=2))
+    else:
+        sweep.show(planned, table, result, out)
+        _say_where(place)
+
+
+def _note(text: str) -> None:
+    err.print(f"note: {escape(text)}", style="dim", soft_wrap=True)
+
+
+@app.command("fit")
+def fit_animal(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG.mcap|FOLDER...")],
+    *,
+    source: Annotated[
+        Literal["plant", "estimator"] | None,
+        typer.Option(help="whose motion; by default the plant's where it is logged, else the estimator's"),
+    ] = None,
+    turned: Annotated[
+        float | None,
+        typer.Option(min=1e-3, max=90, help="deg/s from which on a LEFT or RIGHT was obeyed; see the README"),
+    ] = None,
+    folder: Annotated[Path | None, typer.Option("--out", file_okay=False, help="by default out/fit")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print the result as JSON")] = False,
+) -> None:
+    """Estimate the animal's statistics (Table 5.1): a table, fit.json, fit.toml for scenarios, fit.png.
+
+    \b
+    canine fit out                                every trial.mcap below out
+    canine fit field/*.mcap --source estimator    as without the truth
+    """
+    from harness.fit import estimate as statistics
+    from harness.fit import report
+
+    paths = statistics.find_logs(logs)
+    with _bar("logs", len(paths), quiet=as_json) as progress:
+        reading = statistics.read_tracks(paths, source, progress)
+    result = statistics.estimate(reading, None if turned is None else math.radians(turned))
+    place = folder or report.FOLDER
+    report.report(result, place)
+    if as_json:
+        typer.echo(json.dumps(result, indent=2))
+    else:
+        report.show(result, out)
+        _say_where(place)
+
+
+def _try_out(description: FmuDescription, name: str) -> None:
+    """Step it alone for a while, inputs at their start values."""
+    from harness.cosim.loop import Simulation
+    from harness.cosim.ssp import FmuComponent, FmuSystem
+
+    alone = FmuSystem(name, {name: FmuComponent(name, description.path)}, ())
+    with Simulation(alone) as simulation:
+        simulation.run(duration=TRY_OUT_S)
+
+
+def _ended(what: str) -> NoReturn:
+    """Say what is left of a command that the user ended, and leave."""
+    err.print(f"canine: ended by Ctrl-C; {escape(what)}", soft_wrap=True)
+    sys.exit(128 + signal.SIGINT)
+
+
+def _say_where(folder: Path) -> None:
+    """Where the results lie: what there is, by name."""
+    typer.echo(f"{_short(folder)}/: {', '.join(sorted(p.name for p in folder.iterdir() if p.is_file()))}")
+
+
+def _short(path: Path) -> str:
+    return str(path.relative_to(Path.cwd())) if path.is_relative_to(Path.cwd()) else str(path)
+
+
+@contextmanager
+def _telling(what: str) -> Iterator[Callable[[Path], None]]:
+    """Say on a terminal which file is ready; the compiler takes some seconds for each."""
+    with err.status(f"{what}...") as status:
+        yield lambda path: status.update(f"{what}... {path.parent.name}/{path.name}")
+
+
+@contextmanager
+def _bar(what: str, total: float, quiet: bool) -> Iterator[Callable[[float], None] | None]:
+    """A progress bar, on a terminal."""
+    if quiet or not err.is_terminal:
+        yield None
+        return
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    with Progress(
+        TextColumn(what), BarColumn(), TextColumn("{task.completed:.0f} of {task.total:.0f}"),
+        TimeElapsedColumn(), console=err, transient=True,
+    ) as bar:  # fmt: skip
+        task = bar.add_task(what, total=total)
+        yield lambda done: bar.update(task, completed=done)
