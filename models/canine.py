@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 
-import casadi as ca
-
 from models.commands import Command
+from models.kit import casadi as ca
 from models.kit.block import Block, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State, Stream
 from models.kit.geometry import all_of, any_of, clip, where, wrap

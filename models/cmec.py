@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from enum import IntEnum
 
-import casadi as ca
-
 from models.commands import Command, Status
+from models.kit import casadi as ca
 from models.kit.block import Block, Row, table, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State
 from models.kit.geometry import COUNT_MAX, all_of, any_of, counted, where, wrap

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import casadi as ca
-
 from models.earth import GRAVITY
 from models.fuzzy import RUNS_FROM, noise_running, noise_walking
+from models.kit import casadi as ca
 from models.kit.block import Block, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State
 from models.kit.ekf import Factors, propagate

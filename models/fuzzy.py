@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import casadi as ca
-
+from models.kit import casadi as ca
 from models.kit.declaration import SX
 from models.kit.geometry import clip, where
 

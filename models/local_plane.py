@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 
-import casadi as ca
-
 from models.earth import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS
+from models.kit import casadi as ca
 from models.kit.block import Block, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State
 from models.kit.geometry import any_of, where

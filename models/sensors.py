@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import casadi as ca
-
 from models.earth import GRAVITY
+from models.kit import casadi as ca
 from models.kit.block import Block, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State, Stream
 from models.kit.geometry import COUNT_MAX, all_of, any_of, clip, counted, where, wrap

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import casadi as ca
-
+from models.kit import casadi as ca
 from models.kit.block import Block
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State
 from models.kit.geometry import COUNT_MAX, all_of, counted, where

@@ -14,7 +14,6 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 
 from models.errors import CanineError, UsageError, nearest
@@ -55,6 +54,8 @@ TIMEOUT = 1800.0  # s; the first build for Windows compiles its C runtime: minut
 
 def compiler_version() -> str:
     """Which compiler builds: part of what decides whether a binary is up to date."""
+    from importlib.metadata import version  # noqa: PLC0415 - 30 ms that reading PLATFORMS need not wait for
+
     return f"ziglang {version('ziglang')}"
 
 

@@ -15,9 +15,8 @@ from dataclasses import dataclass, field
 from functools import reduce
 from typing import Any, ClassVar
 
-import casadi as ca
-
 from models.errors import DeclarationError, ParameterError
+from models.kit import casadi as ca
 from models.kit.declaration import SX, Output, Parameter, State, Stream, Variable, flatten
 from models.kit.elementary import Precision, lower
 

@@ -11,9 +11,8 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, overload
 
-import casadi as ca
-
 from models.errors import DeclarationError, ParameterError, nearest
+from models.kit import casadi as ca
 from models.kit.units import UNITS
 
 if TYPE_CHECKING:

@@ -11,8 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import casadi as ca
-
+from models.kit import casadi as ca
 from models.kit.declaration import SX
 
 

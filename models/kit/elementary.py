@@ -23,21 +23,21 @@ Three rules keep the bits the same in CasADi's evaluation and in the printed C:
 - No sum is compensated (Kahan, Dekker): CasADi simplifies (a - b) + b to a while an expression is built.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from operator import truediv
 from typing import Literal
 
-import casadi as ca
+from models.kit import casadi as ca
 
 Precision = Literal["double", "float"]
 
 LONG = 5  # terms of a polynomial, beyond which it is split
-_NAMES: dict[int, str] = {getattr(ca, n): n[3:].lower() for n in dir(ca) if n.startswith("OP_")}
-_KEPT_UNARY = (ca.OP_NEG, ca.OP_SQ, ca.OP_TWICE, ca.OP_INV, ca.OP_SQRT, ca.OP_FLOOR, ca.OP_FABS, ca.OP_NOT)
-_KEPT_ARITHMETIC = (ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_DIV)
-_KEPT_LOGIC = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca.OP_OR, ca.OP_IF_ELSE_ZERO)
+_KEPT_UNARY = ("NEG", "SQ", "TWICE", "INV", "SQRT", "FLOOR", "FABS", "NOT")
+_KEPT_BINARY = ("ADD", "SUB", "MUL", "DIV", "LT", "LE", "EQ", "NE", "AND", "OR", "IF_ELSE_ZERO")
 
 
 @dataclass(frozen=True)
@@ -204,18 +204,20 @@ def lower(expressions: ca.SX, precision: Precision) -> ca.SX:
             pairs[key] = angle, sincos(angle, precision)
         return pairs[key][1]
 
-    builders: dict[int, Callable[..., ca.SX]] = {
-        **{operation: partial(ca.SX.unary, operation) for operation in _KEPT_UNARY},
-        **{operation: partial(ca.SX.binary, operation) for operation in _KEPT_ARITHMETIC + _KEPT_LOGIC},
-        ca.OP_SIN: lambda x: shared_sincos(x)[0],
-        ca.OP_COS: lambda x: shared_sincos(x)[1],
-        ca.OP_TAN: lambda x: truediv(*shared_sincos(x)),
-        ca.OP_ATAN2: partial(atan2, precision=precision),
-        ca.OP_LOG: partial(log, precision=precision),
-        ca.OP_FMIN: lambda a, b: ca.if_else(a < b, a, b),
-        ca.OP_FMAX: lambda a, b: ca.if_else(a < b, b, a),
-        ca.OP_SIGN: lambda a: (a > 0) - (a < 0),
+    codes = _codes()
+    by_name: dict[str, Callable[..., ca.SX]] = {
+        **{name: partial(ca.SX.unary, codes[name]) for name in _KEPT_UNARY},
+        **{name: partial(ca.SX.binary, codes[name]) for name in _KEPT_BINARY},
+        "SIN": lambda x: shared_sincos(x)[0],
+        "COS": lambda x: shared_sincos(x)[1],
+        "TAN": lambda x: truediv(*shared_sincos(x)),
+        "ATAN2": partial(atan2, precision=precision),
+        "LOG": partial(log, precision=precision),
+        "FMIN": lambda a, b: ca.if_else(a < b, a, b),
+        "FMAX": lambda a, b: ca.if_else(a < b, b, a),
+        "SIGN": lambda a: (a > 0) - (a < 0),
     }
+    builders = {codes[name]: builder for name, builder in by_name.items()}
     symbols = ca.symvar(expressions)
     function = ca.Function("lower", symbols, [expressions])
     registers: dict[int, ca.SX] = {}
@@ -232,11 +234,18 @@ def lower(expressions: ca.SX, precision: Precision) -> ca.SX:
         elif operation in builders:
             registers[targets[0]] = builders[operation](*(registers[source] for source in sources))
         else:
+            name = next(name for name, code in codes.items() if code == operation)
             raise ValueError(
-                f"operation {_NAMES[operation]} would call libm, whose bits differ between platforms; "
-                f"rewrite the equation with {', '.join(sorted(_NAMES[known] for known in builders))}"
+                f"operation {name.lower()} would call libm, whose bits differ between platforms; "
+                f"rewrite the equation with {', '.join(sorted(known.lower() for known in by_name))}"
             )
     return results
+
+
+@cache
+def _codes() -> dict[str, int]:
+    """CasADi's operations by name."""
+    return {name[3:]: getattr(ca, name) for name in dir(ca) if name.startswith("OP_")}
 
 
 def _polynomial(coefficients: tuple[float, ...], z: ca.SX) -> ca.SX:

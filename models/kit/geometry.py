@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from functools import reduce
 
-import casadi as ca
-
+from models.kit import casadi as ca
 from models.kit.declaration import SX
 
 COUNT_MAX = 2e9  # fits an int32; at 25 Hz it takes two and a half years

@@ -12,8 +12,7 @@ from __future__ import annotations
 import math
 from functools import cache
 
-import casadi as ca
-
+from models.kit import casadi as ca
 from models.kit.declaration import SUBSTREAMS, SX
 
 M1, M2 = 4294967087, 4294944443

@@ -1,0 +1,15 @@
+"""CasADi, imported when it is first used: declarations are read without it, only tracing needs it."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+
+def __getattr__(name: str) -> Any:
+    value = globals()[name] = getattr(import_module("casadi"), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return dir(import_module("casadi"))
