@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from models.kit.block import GROUPS, Block, Phase, Table
+from models.kit.block import Block
+from models.kit.tracing import GROUPS, Phase, Table
 
 Known = frozenset[str]
 NOTHING: Known = frozenset()

@@ -10,6 +10,7 @@ from models.kit.block import Block, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State, Stream
 from models.kit.geometry import all_of, any_of, clip, where, wrap
 from models.kit.random import normal, normals, uniform
+from models.kit.timing import ticks_until
 from models.kit.units import DEG
 
 REDRAWS = 4  # draws of a speed or acceleration before the floor is taken; all four fail in 5 of 10^6 trials
@@ -212,8 +213,7 @@ class Canine(Plant):
         longest = where(m.bumper_search_max < m.bumper_search_min, m.bumper_search_min, m.bumper_search_max)
         search = m.bumper_search_min + draw * (longest - m.bumper_search_min)
         time = m.response_delay + where(m.told, 0, m.start_delay) + where(searching, search, 0)
-        ticks = ca.floor(time / m.sample_time - 0.1) + 1  # with a tenth of a tick's tolerance
-        wait = where(given, ticks, m.wait)
+        wait = where(given, ticks_until(time, m.sample_time), m.wait)
         m.told, m.recalled = 1, any_of(m.recalled, searching)
         m.obeyed = where(wait > 0, m.obeyed, m.command)
         m.wait = where(wait > 0, wait - 1, 0)

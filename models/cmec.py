@@ -9,7 +9,8 @@ from models.commands import Command, Status
 from models.kit import casadi as ca
 from models.kit.block import Block, Row, table, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State
-from models.kit.geometry import COUNT_MAX, all_of, any_of, counted, where, wrap
+from models.kit.geometry import COUNT_MAX, all_of, any_of, counted, none_of, one_of, where, wrap
+from models.kit.timing import TICK, lasted
 from models.kit.units import DEG
 
 MAX_WAYPOINTS = 16
@@ -63,6 +64,18 @@ STATUSES = {
     Mode.FAILED: Status.FAILED,
     Mode.STOPPED: Status.STOPPED,
 }
+BEFORE_RECALL = frozenset(
+    {
+        Mode.IDLE,
+        Mode.FORWARD,
+        Mode.STOP_TO_TURN,
+        Mode.LEFT,
+        Mode.RIGHT,
+        Mode.DEAD,
+        Mode.STOP_AT_WAYPOINT,
+    }
+)
+ENDED = frozenset({Mode.SUCCESS, Mode.FAILED, Mode.STOPPED})
 
 
 class Cmec(Block):
@@ -105,7 +118,7 @@ class Cmec(Block):
     stop_hold = Parameter("s", "DELAYTHRESH: least time a stop command is on", start=1.5, min=0, max=1e4)
     turn_timeout = Parameter("s", "DELTHRESH2: longest time a turn command is on", start=3, min=0, max=1e4)
     forward_timeout = Parameter(
-        "s", "DELTHRESH3: time in which the animal must move", start=3, min=0.04, max=1e4
+        "s", "DELTHRESH3: time in which the animal must move", start=3, min=TICK, max=1e4
     )
     forward_distance = Parameter("m", "DISTTHRESH: how far it must move in that time", start=1, min=0)
     dead_time = Parameter("s", "HEADCOUNTTHRESH: length of a no-command period", start=1, min=0, max=1e4)
@@ -176,18 +189,17 @@ class Cmec(Block):
     @triggered(
         lambda m: all_of(
             ca.logic_not(m.start),
-            m.now > Mode.IDLE,
+            m._begun(),
             any_of(m.now != Mode.STOPPED, m._lasted(m.stop_hold)),  # a stop is held, this one too
         ),
         seldom=True,
     )
     def end(m) -> None:
         """The start signal is withdrawn: a running trial is stopped, an ended one makes room for the next."""
-        running = m.now < Mode.SUCCESS
-        m.now = where(running, Mode.STOPPED, Mode.IDLE)
+        m.now = where(none_of(m.now, ENDED), Mode.STOPPED, Mode.IDLE)
         m.ticks = 0
 
-    @triggered(lambda m: all_of(m._blocked(), m.now > Mode.IDLE, m.now <= Mode.STOP_AT_WAYPOINT), seldom=True)
+    @triggered(lambda m: all_of(m._blocked(), m._begun(), one_of(m.now, BEFORE_RECALL)), seldom=True)
     def interrupt(m) -> None:
         """What the animal does meanwhile is not ours: afterwards begin again from a stop."""
         m.now = where(m.now == Mode.STOP_AT_WAYPOINT, m.now, Mode.STOP_TO_TURN)
@@ -215,7 +227,7 @@ class Cmec(Block):
         deviation = wrap(desired - m.heading)  # eq. 4.4
         m.deviation = where(good, deviation, 0)
 
-    @triggered(lambda m: all_of(m.now > Mode.IDLE, ca.logic_not(m._blocked())))
+    @triggered(lambda m: all_of(m._begun(), ca.logic_not(m._blocked())))
     @table("now")
     def decide(m) -> Iterator[Row]:
         """The controller's table: Figure 4.2 and the anomalies of Table 4.3."""
@@ -303,12 +315,16 @@ class Cmec(Block):
         m.waypoint = m.reached
         m.directional_commands = m.issued
 
+    def _begun(m) -> SX:
+        """A trial is on, or over."""
+        return none_of(m.now, {Mode.IDLE})
+
     def _blocked(m) -> SX:
         return any_of(m.overruled > Anomaly.NONE, m.override > Command.NONE)
 
     def _lasted(m, time: SX, ticks_ago: int = 0) -> SX:
         """Had the mode lasted this long [s]? A tenth of a tick's tolerance keeps it the same in float32."""
-        return (m.ticks - ticks_ago) * m.sample_time > time - 0.1 * m.sample_time
+        return lasted(m.ticks - ticks_ago, time, m.sample_time)
 
     def _at_rest(m) -> SX:
         """The stop command has been on long enough, and the animal has stopped."""

@@ -6,8 +6,9 @@ import math
 from pathlib import Path
 
 from models.cmec import Cmec
-from models.kit.block import Block, Table
+from models.kit.block import Block
 from models.kit.declaration import Parameter, Type, Variable
+from models.kit.tracing import Table
 from models.readings import READINGS
 from models.system import BLOCKS
 

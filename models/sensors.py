@@ -8,6 +8,7 @@ from models.kit.block import Block, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State, Stream
 from models.kit.geometry import COUNT_MAX, all_of, any_of, clip, counted, where, wrap
 from models.kit.random import normals
+from models.kit.timing import TICK, lasted
 from models.kit.units import DEG
 
 OUTAGES = 8  # time windows without GPS
@@ -49,7 +50,7 @@ class Sensors(Block):
 
     seed = Parameter(Integer, "trial number: selects the random streams", start=1, min=0, max=2147483647)
     noisy = Parameter(Boolean, "noise, biases and saturation; off: the sensors return the truth", start=1)
-    gps_period = Parameter("s", "time between fixes (4 Hz)", start=0.25, min=0.04, max=1e3)
+    gps_period = Parameter("s", "time between fixes (4 Hz)", start=0.25, min=TICK, max=1e3)
     # ours: D.12's white 0.1 m is the motion simulator's; a receiver that states 3.5 m (B.11) wanders
     gps_wander = Parameter("m", "slowly varying position error, standard deviation", start=1.0, min=0)
     gps_wander_time = Parameter("s", "correlation time of that error", start=60, min=0)
@@ -105,7 +106,7 @@ class Sensors(Block):
         """No fix, unless one is due."""
         m.fixed = 0
 
-    @triggered(lambda m: m.tick * m.sample_time > m.fixes * m.gps_period - 1e-6)
+    @triggered(lambda m: lasted(m.tick, m.fixes * m.gps_period, m.sample_time, tolerance=1e-6))
     def fix(m) -> None:
         """The receiver's fix, on the first tick at or after its time (eq. D.12, D.15; 2.3)."""
         draws, m.gps_stream = normals(m.gps_stream, 6)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from models.kit import casadi as ca
 from models.kit.block import Block
-from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State
+from models.kit.declaration import Boolean, Input, Integer, Output, Parameter, State
 from models.kit.geometry import COUNT_MAX, all_of, counted, where
+from models.kit.timing import TICK, ticks_within
 
 
 class Watchdog(Block):
@@ -23,9 +23,9 @@ class Watchdog(Block):
     estimate_ok = Output(Boolean, "the estimate may be trusted")
     report = Output(Boolean, "telemetry is due on this tick")
 
-    imu_timeout = Parameter("s", "longest silence of the IMU", start=0.2, min=0.04, max=1e4)
-    link_timeout = Parameter("s", "longest silence of the operator, who is heard", start=2, min=0.04, max=1e4)
-    report_period = Parameter("s", "time between reports (telemetry)", start=0.2, min=0.04, max=10)
+    imu_timeout = Parameter("s", "longest silence of the IMU", start=0.2, min=TICK, max=1e4)
+    link_timeout = Parameter("s", "longest silence of the operator, who is heard", start=2, min=TICK, max=1e4)
+    report_period = Parameter("s", "time between reports (telemetry)", start=0.2, min=TICK, max=10)
 
     imu_limit = State(Integer, "imu_timeout in ticks")
     link_limit = State(Integer, "link_timeout in ticks")
@@ -36,8 +36,9 @@ class Watchdog(Block):
 
     def initialize(m) -> None:
         """Whole ticks, so that nothing but counts is compared in each of them."""
-        m.imu_limit, m.link_limit = m._ticks(m.imu_timeout), m._ticks(m.link_timeout)
-        m.report_ticks = m._ticks(m.report_period)
+        m.imu_limit = ticks_within(m.imu_timeout, m.sample_time)
+        m.link_limit = ticks_within(m.link_timeout, m.sample_time)
+        m.report_ticks = ticks_within(m.report_period, m.sample_time)
 
     def watch(m) -> None:
         """Count what does not come."""
@@ -48,7 +49,3 @@ class Watchdog(Block):
         m.report_age = counted(m.report_age)
         m.report = m.report_age >= m.report_ticks
         m.report_age = where(m.report, 0, m.report_age)
-
-    def _ticks(m, time: SX) -> SX:
-        """A time in whole ticks; a tenth of a tick's tolerance makes it the same in float32."""
-        return ca.floor(time / m.sample_time + 0.1)

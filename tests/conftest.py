@@ -15,8 +15,9 @@ from codegen.blocks.block_c import generate, write_files
 from codegen.blocks.expressions import MEMBERS, c_name
 from codegen.toolchains import sdcc
 from codegen.toolchains.compiler import NUMERICS, CompileError, build_library
-from models.kit.block import GROUPS, Block
+from models.kit.block import Block
 from models.kit.declaration import Type, flatten
+from models.kit.tracing import GROUPS
 
 # second opinions beside pip's compiler, and tools that are no Python packages: program -> Debian package
 TOOLS = {

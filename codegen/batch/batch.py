@@ -21,8 +21,9 @@ from codegen.blocks.expressions import MEMBERS, c_name
 from codegen.templating import environment
 from codegen.toolchains.compiler import FLAGS, build_library, cache_folder, compiler_version, processor
 from models.errors import ParameterError, WiringError, nearest
-from models.kit.block import Block, Table
+from models.kit.block import Block
 from models.kit.declaration import Type
+from models.kit.tracing import Table
 from models.system import System
 
 TEMPLATES = environment(Path(__file__).parent / "templates")

@@ -20,8 +20,8 @@ from typing import Any
 import casadi as ca
 
 from codegen.blocks.expressions import SELECT, Node, Writer, count_uses, read
-from models.kit.block import GROUPS, Phase, Table
 from models.kit.declaration import Type, flatten
+from models.kit.tracing import GROUPS, Phase, Table
 from models.system import System
 
 Key = tuple[str, str]  # component, flat name

@@ -7,7 +7,8 @@ from typing import Any
 
 import casadi as ca
 
-from models.kit.block import GROUPS, Block, Phase, Table
+from models.kit.block import Block
+from models.kit.tracing import GROUPS, Phase, Table
 from models.system import System
 
 

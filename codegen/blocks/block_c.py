@@ -15,9 +15,10 @@ from codegen.files import write_whole
 from codegen.templating import environment
 from models.errors import DeclarationError
 from models.kit import random
-from models.kit.block import GROUPS, Block, Program, Table, Transition, Update, first_line
+from models.kit.block import Block, first_line
 from models.kit.declaration import Type, Variable
 from models.kit.elementary import Precision
+from models.kit.tracing import GROUPS, Table, Transition, Update
 
 VERSION = "1"  # of the generator: what the banner states
 TEMPLATES = environment(Path(__file__).parent / "templates")
@@ -55,7 +56,7 @@ def generate(
         )
     program = block.program(precision)
     constants = constants or {}
-    generator = _Generator(program, keep, constants)
+    generator = _Generator(block, precision, keep, constants)
     routines = [generator.routine(phase) for phase in program.tick if generator.matters(phase)]
     start = [
         generator.routine(phase)
@@ -185,8 +186,14 @@ def start_literal(variable: Variable, value: float, precision: Precision) -> str
 class _Generator:
     """Writes the routines of one program."""
 
-    def __init__(self, program: Program, keep: frozenset[str] | None, constants: Collection[str]) -> None:
-        self.block, self.precision, self.keep = program.block, program.precision, keep
+    def __init__(
+        self,
+        block: type[Block],
+        precision: Precision,
+        keep: frozenset[str] | None,
+        constants: Collection[str],
+    ) -> None:
+        self.block, self.precision, self.keep = block, precision, keep
         self.constants = constants
 
     def matters(self, phase: Update | Table) -> bool:

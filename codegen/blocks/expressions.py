@@ -15,9 +15,10 @@ import casadi as ca
 import numpy as np
 
 from models.errors import DeclarationError
-from models.kit.block import GROUPS, Block
+from models.kit.block import Block
 from models.kit.declaration import Type, Variable, flatten
 from models.kit.elementary import Precision
+from models.kit.tracing import GROUPS
 
 CType = Literal["real", "int", "bool", "constant"]
 BINARY = {

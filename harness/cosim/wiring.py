@@ -14,8 +14,8 @@ from harness.cosim.fmu import FmuDescription, FmuError
 from harness.cosim.ssp import FmuSystem, ScaledLink, SspError
 from harness.cosim.stepping import Order
 from models.errors import WiringError
+from models.kit.timing import TICK
 
-DEFAULT_STEP = 0.04  # s, the 25 Hz of the IMU, if no FMU states a step
 STEP_TOLERANCE = 1e-6  # of the step
 
 
@@ -187,7 +187,7 @@ def _common_step(fmus: Mapping[str, FmuDescription]) -> float:
     fixed = {name: fmu.step for name, fmu in fmus.items() if fmu.step and fmu.fixed}
     wished = [fmu.step for fmu in fmus.values() if fmu.step]
     if not fixed:
-        return max(wished, default=DEFAULT_STEP)
+        return max(wished, default=TICK)
     first, step = next(iter(fixed.items()))
     for name, own in fixed.items():
         if not math.isclose(step, own, rel_tol=STEP_TOLERANCE):

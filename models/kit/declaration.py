@@ -9,14 +9,11 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, overload
+from typing import Any, Literal, Protocol, TypeAlias, overload
 
 from models.errors import DeclarationError, ParameterError, nearest
 from models.kit import casadi as ca
 from models.kit.units import UNITS
-
-if TYPE_CHECKING:
-    from models.kit.block import Block
 
 SX: TypeAlias = Any  # ca.SX: CasADi has no type stubs
 Kind = Literal["input", "output", "parameter", "state"]
@@ -28,6 +25,13 @@ class Type(enum.Enum):
     REAL = "Real"
     INTEGER = "Integer"
     BOOLEAN = "Boolean"
+
+
+class Traced(Protocol):
+    """What holds the variables' values while equations are traced: an instance of a block."""
+
+    def read(self, variable: Variable) -> SX: ...
+    def write(self, variable: Variable, value: SX | float) -> None: ...
 
 
 Integer = Type.INTEGER
@@ -88,11 +92,11 @@ class Variable:
     @overload
     def __get__(self, block: None, owner: type) -> Variable: ...
     @overload
-    def __get__(self, block: Block, owner: type) -> SX: ...
-    def __get__(self, block: Block | None, owner: type) -> Variable | SX:
+    def __get__(self, block: Traced, owner: type) -> SX: ...
+    def __get__(self, block: Traced | None, owner: type) -> Variable | SX:
         return self if block is None else block.read(self)
 
-    def __set__(self, block: Block, value: SX | float) -> None:
+    def __set__(self, block: Traced, value: SX | float) -> None:
         block.write(self, value)
 
     @property

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Set
+from enum import IntEnum
 from functools import reduce
 
+from models.errors import DeclarationError
 from models.kit import casadi as ca
 from models.kit.declaration import SX
 
@@ -41,3 +44,34 @@ def all_of(*conditions: SX) -> SX:
 def any_of(*conditions: SX) -> SX:
     """Does any hold?"""
     return reduce(ca.logic_or, conditions)
+
+
+def one_of(value: SX, members: Set[IntEnum]) -> SX:
+    """Is the value among these members, which are the first or the last of their enumeration?
+
+    Raises:
+        DeclarationError: they are neither, so that one comparison would not tell.
+    """
+    least, greatest = min(members), max(members)
+    return value <= greatest if _are_first(members) else value >= least
+
+
+def none_of(value: SX, members: Set[IntEnum]) -> SX:
+    """Is the value of an enumeration outside of these members, which are its first or its last?
+
+    Raises:
+        DeclarationError: as `one_of`.
+    """
+    least, greatest = min(members), max(members)
+    return value > greatest if _are_first(members) else value < least
+
+
+def _are_first(members: Set[IntEnum]) -> bool:
+    """Are the members the first of their enumeration? Else they are the last."""
+    ordered = sorted(type(min(members)))
+    if members == set(ordered[: len(members)]):
+        return True
+    if members == set(ordered[-len(members) :]):
+        return False
+    names = ", ".join(member.name for member in sorted(members))
+    raise DeclarationError(f"{names} are neither the first nor the last of {type(ordered[0]).__name__}")

@@ -9,9 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from models.errors import DeclarationError, ParameterError, nearest
-from models.kit.block import GROUPS, Block, Table, Transition, Update
+from models.kit.block import Block
 from models.kit.declaration import Stream, flatten
 from models.kit.random import start_state
+from models.kit.tracing import GROUPS, Table, Transition, Update
 
 Array = npt.NDArray[np.float64]
 Replace = Callable[[Any], Any]

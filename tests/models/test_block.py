@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from models.errors import DeclarationError
-from models.kit.block import Block, Row, Table, Update, table, triggered
+from models.kit.block import Block, Row, table, triggered
 from models.kit.declaration import Boolean, Input, Integer, Output, Parameter, State, Stream
+from models.kit.tracing import Table, Update
 
 traced: list[str] = []
 

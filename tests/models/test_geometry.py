@@ -1,15 +1,18 @@
-"""Angles wrapped into (-pi, pi], and values clipped."""
+"""Angles wrapped into (-pi, pi], values clipped, conditions joined, members of an enumeration."""
 
 from __future__ import annotations
 
 import math
+from enum import IntEnum
+from typing import Any
 
 import casadi as ca
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from models.kit.geometry import all_of, any_of, clip, where, wrap
+from models.errors import DeclarationError
+from models.kit.geometry import all_of, any_of, clip, none_of, one_of, where, wrap
 
 a, b, c = (ca.SX.sym(name) for name in "abc")
 WRAP = ca.Function("wrap", [a], [wrap(a)])
@@ -67,6 +70,40 @@ def test_clip_is_the_nearest_value_in_the_range(value: float, low: float, high: 
     assert float(CLIP(value, low, high)) == min(max(value, low), high)
 
 
-def test_every_some_and_either() -> None:
+def test_all_of_and_any_of_choose_by_three_conditions() -> None:
     answers = {bits: tuple(map(float, CHOICE(*bits))) for bits in ((1, 1, 1), (1, 0, 1), (0, 0, 0))}
     assert answers == {(1, 1, 1): (1, 3), (1, 0, 1): (2, 3), (0, 0, 0): (2, 4)}
+
+
+class Gear(IntEnum):
+    """An enumeration whose values are not those of its order."""
+
+    REVERSE = -1
+    NEUTRAL = 0
+    FIRST = 3
+    SECOND = 7
+
+
+@pytest.mark.parametrize(
+    "members",
+    [
+        {Gear.REVERSE},
+        {Gear.REVERSE, Gear.NEUTRAL, Gear.FIRST},
+        {Gear.SECOND},
+        {Gear.FIRST, Gear.SECOND},
+        set(Gear),
+    ],
+)
+def test_membership_takes_one_comparison(members: set[Gear]) -> None:
+    gear = ca.SX.sym("gear")
+    for condition, holds in ((one_of(gear, members), True), (none_of(gear, members), False)):
+        assert ca.n_nodes(condition) <= 4  # the comparison, its two sides, and the negation that gives >
+        answer = ca.Function("answer", [gear], [condition])
+        assert [bool(answer(value)) for value in Gear] == [(value in members) is holds for value in Gear]
+
+
+@pytest.mark.parametrize("condition", [one_of, none_of])
+@pytest.mark.parametrize("members", [{Gear.NEUTRAL, Gear.FIRST}, {Gear.REVERSE, Gear.SECOND}])
+def test_members_amid_an_enumeration_are_refused(condition: Any, members: set[Gear]) -> None:
+    with pytest.raises(DeclarationError, match=r"are neither the first nor the last of Gear"):
+        condition(ca.SX.sym("gear"), members)

@@ -11,9 +11,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from models.kit.block import GROUPS, Block, Table, Transition, Update
+from models.kit.block import Block
 from models.kit.declaration import Type, flatten
 from models.kit.elementary import Precision
+from models.kit.tracing import GROUPS, Table, Transition, Update
 
 Array = np.ndarray[Any, Any]
 

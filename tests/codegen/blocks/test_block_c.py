@@ -14,8 +14,9 @@ from codegen.blocks.block_c import generate, write_files
 from codegen.blocks.expressions import MEMBERS
 from models.cmec import Cmec
 from models.command_module import CommandModule
-from models.kit.block import GROUPS, Block
+from models.kit.block import Block
 from models.kit.declaration import Input, Output, Type
+from models.kit.tracing import GROUPS
 from tests.codegen.compiled import BLOCKS, struct_members
 
 Golden = Callable[[str, str], None]

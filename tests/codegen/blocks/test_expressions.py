@@ -16,8 +16,9 @@ from hypothesis import strategies as st
 from codegen.blocks.block_c import generate
 from codegen.blocks.expressions import Writer, c_name, condition, fields, literal, read, statements
 from models.errors import DeclarationError
-from models.kit.block import GROUPS, Block
+from models.kit.block import Block
 from models.kit.declaration import Boolean, Input, Integer, Output, Parameter, State, Variable
+from models.kit.tracing import GROUPS
 
 
 class Colour(enum.IntEnum):
