@@ -21,7 +21,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Self, cast
+from typing import IO, TYPE_CHECKING, Any, Self, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -33,7 +33,10 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import MCAP0_MAGIC, Writer
 
 from harness.log.foxglove import SECOND, Route, Views
-from models.errors import CanineError, nearest
+from models.errors import CanineError, UsageError, nearest
+
+if TYPE_CHECKING:
+    import pandas
 
 PROFILE = "guided-canine"  # in the header of every log: what tells ours from others
 FORMAT = "1"
@@ -289,10 +292,54 @@ class Log:
         except (KeyError, ValueError):
             return None
 
+    def arrays(self) -> dict[str, dict[str, npt.NDArray[Any]]]:
+        """All signals, (ticks,) each, by component and name; `time` has the time of the ticks in s.
+
+        Reals are float64, where NaN stays NaN; Integers are int64, Booleans bool.
+        """
+        return {
+            channel.component: {
+                name: _typed(column, kind)
+                for name, kind, column in zip(
+                    channel.names, channel.types, self.values[channel.component].T, strict=True
+                )
+            }
+            for channel in self.channels
+        }
+
+    def frames(self) -> dict[str, pandas.DataFrame]:
+        """A pandas DataFrame for each component: a column for each signal, the time in s as index.
+
+        Types are those of `arrays`; `frame.attrs["units"]` has the units by column.
+
+        Raises:
+            UsageError: pandas is not installed.
+        """
+        try:
+            import pandas  # noqa: PLC0415 - an optional extra
+        except ImportError:
+            raise UsageError(
+                "a log as DataFrames needs pandas, which is not installed; "
+                'pip install "guided-canine[pandas]", or take Log.arrays()'
+            ) from None
+        arrays, frames = self.arrays(), {}
+        for channel in self.channels:
+            frame = pandas.DataFrame(arrays[channel.component], index=pandas.Index(self.time, name="time"))
+            frame.attrs["units"] = dict(zip(channel.names, channel.units, strict=True))
+            frames[channel.component] = frame
+        return frames
+
     @property
     def route(self) -> Route | None:
         """The waypoints, if the controller has any."""
         return Route.of(self.metadata.get("parameters", {}))
+
+
+def _typed(column: Array, kind: str) -> npt.NDArray[Any]:
+    """A signal, (ticks,), in the type that its channel states."""
+    if kind == "Real" or not np.isfinite(column).all():
+        return np.array(column)
+    return column.astype(np.bool_ if kind == "Boolean" else np.int64)
 
 
 class _Whole:

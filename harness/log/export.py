@@ -1,0 +1,109 @@
+"""A log as files that other tools read: for each component a CSV or a Parquet file, and units.json.
+
+The first column is `time` in s; the others are the component's signals, inputs then outputs, in SI units.
+units.json has unit, type and meaning of each signal by component; in Parquet each column's metadata has them too.
+
+CSV: one header line; reals with the fewest digits that read back to the same bits; Booleans as 0 and 1; values that
+are not finite as NaN, Infinity and -Infinity. Parquet: float64 (NaN stays NaN, nothing is null), int64 and bool.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+import numpy.typing as npt
+
+from harness.files import make_folder, write_whole
+from harness.log.log import Channel, Log
+from models.errors import UsageError, nearest
+
+TIME = {"unit": "s", "type": "Real", "meaning": "time of the tick"}
+UNITS = "units.json"
+Columns = list[tuple[str, npt.NDArray[Any]]]
+
+
+def export(log: Log, to: str, out: Path) -> list[Path]:
+    """Write a file for each component, and units.json; their paths.
+
+    Each file is written whole or not at all, and none before the contents of all are made.
+
+    Args:
+        to: `csv` or `parquet`.
+        out: the folder, made if need be.
+
+    Raises:
+        UsageError: there is no such format, its library is not installed, or the folder cannot be made.
+        FileError: a file cannot be written.
+    """
+    if to not in FORMATS:
+        raise UsageError(f"--to {to}: expected one of {', '.join(FORMATS)}{nearest(to, FORMATS)}")
+    arrays = log.arrays()
+    contents: dict[str, bytes] = {}
+    for channel in log.channels:
+        columns = [("time", log.time), *arrays[channel.component].items()]
+        # a foreign package may call a component anything, "a/b" too
+        contents[f"{quote(channel.component, safe=' ')}.{to}"] = FORMATS[to](channel, columns)
+    signals = {channel.component: _signals(channel) for channel in log.channels}
+    contents[UNITS] = (json.dumps(signals, indent=2) + "\n").encode()
+    make_folder(out)
+    for name, content in contents.items():
+        write_whole(out / name, content)
+    return [out / name for name in contents]
+
+
+def _signals(channel: Channel) -> dict[str, dict[str, str]]:
+    """Unit, type and meaning of each signal."""
+    return {
+        name: {"unit": unit, "type": kind, "meaning": meaning}
+        for name, unit, kind, meaning in zip(
+            channel.names, channel.units, channel.types, channel.meanings, strict=True
+        )
+    }
+
+
+def _csv(channel: Channel, columns: Columns) -> bytes:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([name for name, _ in columns])
+    writer.writerows(zip(*(_cells(values) for _, values in columns), strict=True))
+    return text.getvalue().encode()
+
+
+def _cells(values: npt.NDArray[Any]) -> list[Any]:
+    """A column as the CSV writer spells it."""
+    if values.dtype == np.bool_:
+        return list(values.astype(np.int64).tolist())
+    cells: list[Any] = values.tolist()
+    for i in np.flatnonzero(~np.isfinite(values)):
+        cells[i] = "NaN" if np.isnan(values[i]) else "Infinity" if values[i] > 0 else "-Infinity"
+    return cells
+
+
+def _parquet(channel: Channel, columns: Columns) -> bytes:
+    try:
+        import pyarrow  # noqa: PLC0415 - an optional extra
+        from pyarrow import parquet  # noqa: PLC0415
+    except ImportError:
+        raise UsageError(
+            "--to parquet needs pyarrow, which is not installed; "
+            'pip install "guided-canine[parquet]", or take --to csv'
+        ) from None
+    signals = [TIME, *_signals(channel).values()]
+    arrays = [pyarrow.array(values) for _, values in columns]
+    fields = [
+        pyarrow.field(name, array.type, nullable=False, metadata=about)
+        for (name, _), array, about in zip(columns, arrays, signals, strict=True)
+    ]
+    sink = io.BytesIO()
+    parquet.write_table(pyarrow.Table.from_arrays(arrays, schema=pyarrow.schema(fields)), sink)
+    return sink.getvalue()
+
+
+FORMATS: dict[str, Callable[[Channel, Columns], bytes]] = {"csv": _csv, "parquet": _parquet}
