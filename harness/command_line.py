@@ -20,7 +20,7 @@ from codegen.toolchains.compiler import PLATFORMS
 from harness.cosim.stepping import DURATION, Order
 from harness.pil import SCENARIO
 from harness.trial.scenario import DEFAULT, MAX_SEED
-from models.errors import CanineError, UsageError, nearest
+from models.errors import CanineError
 
 if TYPE_CHECKING:
     from harness.cosim.fmu import FmuDescription
@@ -144,9 +144,8 @@ def run(
         with _telling("building the FMUs") as done:
             build_missing(request, done)
         with prepared(request) as ready:
-            broken = [f"{request.log}: the log is not whole, {request.broken}"] if request.broken else []
-            for note in [*broken, *ready.notes]:
-                err.print(f"note: {escape(note)}", style="dim", soft_wrap=True)
+            for note in (*request.notes, *ready.notes):
+                _note(note)
             place = folder or request.default_folder
             duration = request.scenario.duration
             with _bar("trial [s]", duration, quiet=as_json or duration < LONG_S) as progress:
@@ -323,8 +322,7 @@ def replay_recording(
     """
     from harness.replay import replay
 
-    if estimator not in replay.ESTIMATORS:
-        raise UsageError(f'no estimator "{estimator}"{nearest(estimator, replay.ESTIMATORS)}')
+    replay.find_estimator(estimator)
     source = replay.open_source(recording)
     if source.broken:
         err.print(f"note: {recording}: the log is not whole, {escape(source.broken)}", soft_wrap=True)

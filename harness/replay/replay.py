@@ -26,6 +26,7 @@ from harness.log.log import read_log
 from harness.replay.attitude import TICK_S, Array
 from harness.replay.plots import replay_picture
 from harness.replay.recording import MOVING_M_S, RecordingError, SensorSignals, read_recording, sensor_signals
+from models.errors import UsageError, nearest
 from models.four_state import FourState
 from models.kit.block import Block
 
@@ -76,6 +77,17 @@ class ReplaySource:
             for start in starts
             if ((fixes >= start) & (fixes <= start + length)).any()
         ]
+
+
+def find_estimator(name: str) -> type[Block]:
+    """The estimator's block of this name.
+
+    Raises:
+        UsageError: there is none.
+    """
+    if name not in ESTIMATORS:
+        raise UsageError(f'there is no estimator "{name}"{nearest(name, ESTIMATORS)}')
+    return ESTIMATORS[name]
 
 
 def open_source(path: Path) -> ReplaySource:
@@ -203,7 +215,7 @@ def replay(
             f"{source.name}: no outage fits; expected fixes, {SETTLE:g} s of motion before the first outage, "
             "and its length after that; record longer or take shorter outages"
         )
-    path = build_fmu(ESTIMATORS[estimator], build_folder() / "fmi2", 2)
+    path = build_fmu(find_estimator(estimator), build_folder() / "fmi2", 2)
     found = []
     for number, window in enumerate(chosen):
         given = source.signals([window])

@@ -13,7 +13,7 @@ from fmus.build import build_all, build_folder, is_current
 from harness.cosim.stepping import Order
 from harness.log.log import read_log
 from harness.onboard.stand_in import ROLES
-from harness.trial.scenario import DEFAULT, Scenario, ScenarioError, load, parse
+from harness.trial.scenario import DEFAULT, Scenario, ScenarioError, checked, load, parse
 from models.errors import UsageError
 from models.system import SYSTEMS
 
@@ -50,6 +50,11 @@ class Request:
         """The package that is run."""
         own = build_folder() / f"{self.scenario.system}.fmi{self.fmi}.ssp"
         return self.package or self.scenario.package or own
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know."""
+        return (f"{self.log}: the log is not whole, {self.broken}",) if self.broken else ()
 
     @property
     def default_folder(self) -> Path:
@@ -106,7 +111,7 @@ def requested(target: str | Scenario, changes: Changes) -> Iterator[Request]:
 def _request_of(target: str | Scenario, folder: Path) -> Request:
     """What the target alone asks for; `folder` takes the files of a log."""
     if isinstance(target, Scenario):
-        return Request(target)
+        return Request(checked(target))
     if target.endswith(".mcap"):
         return _of_log(Path(target), folder)
     if target.endswith((".ssp", ".ssd")) or (Path(target) / "SystemStructure.ssd").is_file():

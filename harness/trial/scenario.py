@@ -26,7 +26,7 @@ Quantities with rad in their unit are in degrees here, and in rad everywhere els
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
@@ -78,12 +78,12 @@ class Scenario:
         folder: where its file is; the path of an .ssp starts there.
     """
 
-    name: str
+    name: str = "scenario"
     system: str = "full"
     reading: str = "calibrated"
     seed: int = 1
     duration: float = DURATION
-    waypoints: tuple[tuple[float, float], ...] = ()
+    waypoints: Sequence[tuple[float, float]] = ()
     origin: tuple[float, float] = ORIGIN
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
     parameters: Mapping[str, Written] = field(default_factory=dict)
@@ -102,20 +102,20 @@ class Scenario:
             f"name = {toml_of(self.name)}",
             f"system = {toml_of(self.system)}",
             f"reading = {toml_of(self.reading)}",
-            f"seed = {self.seed}",
+            f"seed = {toml_of(self.seed)}",
             f"duration = {toml_of(self.duration)}",
-            f"waypoints = {toml_of([list(w) for w in self.waypoints])}",
+            f"waypoints = {toml_of(self.waypoints)}",
             f"origin = {{ latitude = {toml_of(self.origin[0])}, longitude = {toml_of(self.origin[1])} }}",
             f"start = {{ north = {toml_of(north)}, east = {toml_of(east)}, heading = {toml_of(heading)} }}",
         ]
         if self.parameters:
             lines += ["", "[parameters]"]
-            lines += [f"{toml_of(name)} = {toml_of(value)}" for name, value in self.parameters.items()]
+            lines += [f"{toml_of(name)} = {toml_of(value, name)}" for name, value in self.parameters.items()]
         for setting in self.sets:
             lines += ["", "[[set]]", f"at = {toml_of(setting.at)}"]
             if setting.until is not None:
                 lines.append(f"until = {toml_of(setting.until)}")
-            lines.append(f"{toml_of(setting.variable)} = {toml_of(setting.value)}")
+            lines.append(f"{toml_of(setting.variable)} = {toml_of(setting.value, setting.variable)}")
         return "\n".join(lines) + "\n"
 
     def override(self, settings: Iterable[str], seed: int | None = None) -> Scenario:
@@ -136,18 +136,26 @@ class Scenario:
         return replace(self, parameters=parameters, seed=self.seed if seed is None else seed)
 
 
-def toml_of(value: Written) -> str:
-    """A value as TOML."""
+def toml_of(value: Written | Sequence[Any], name: str = "the value") -> str:
+    """A value as TOML.
+
+    Raises:
+        ScenarioError: a scenario cannot hold it; `name` is what it was meant for.
+    """
+    if hasattr(value, "tolist"):  # NumPy's scalars and arrays
+        value = value.tolist()
     if isinstance(value, bool):
         return "true" if value else "false"
-    if isinstance(value, list):
+    if isinstance(value, int | float):
+        return repr(value)
+    if isinstance(value, Sequence) and not isinstance(value, str):
         return f"[{', '.join(toml_of(v) for v in value)}]"
     if isinstance(value, str):
         special = {'"': '\\"', "\\": "\\\\"}
         return (
             '"' + "".join(special.get(c, c if c.isprintable() else f"\\U{ord(c):08x}") for c in value) + '"'
         )
-    return repr(value)
+    raise ScenarioError(f"{name} is {value!r}; expected a number, a bool, a text or a list")
 
 
 def _literal(text: str) -> Written:
@@ -183,11 +191,28 @@ def load(target: str, *, mission: bool = True) -> Scenario:
     except (OSError, UnicodeDecodeError) as reason:
         raise ScenarioError(f"{target}: cannot be read ({reason})") from None
     scenario = parse(text, str(target), default_name=path.stem, folder=path.parent)
-    if mission and scenario.system in SYSTEMS and not scenario.waypoints:
-        raise ScenarioError(
-            f"{target}: waypoints is []; expected 1 to {MAX_WAYPOINTS} pairs [north, east] in m"
-        )
+    if mission:
+        _check_mission(scenario, target)
     return scenario
+
+
+def checked(scenario: Scenario) -> Scenario:
+    """A scenario made in Python, checked as if it were read from a file.
+
+    Raises:
+        ScenarioError: a wrong type, or a value out of its range.
+    """
+    where = scenario.name or "scenario"
+    result = parse(scenario.text(), where, folder=scenario.folder)
+    _check_mission(result, where)
+    return result
+
+
+def _check_mission(scenario: Scenario, where: str) -> None:
+    if scenario.system in SYSTEMS and not scenario.waypoints:
+        raise ScenarioError(
+            f"{where}: waypoints is []; expected 1 to {MAX_WAYPOINTS} pairs [north, east] in m"
+        )
 
 
 def parse(text: str, where: str, default_name: str = "scenario", folder: Path = Path()) -> Scenario:

@@ -1,0 +1,399 @@
+"""Guided Canine from Python; `from harness import run_trial` and so on come from here.
+
+Each function does what the command of its name does, and leaves the same files. Angles are in degrees, as in
+scenarios; logs and results are in SI. Errors that a user can cause are `models.errors.CanineError`.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+from harness.cosim.stepping import Order
+from harness.log.log import Log, read_log
+from harness.trial import trial
+from harness.trial.prepare import prepared
+from harness.trial.request import Changes, build_missing, requested
+from harness.trial.scenario import DEFAULT, Scenario, Setting, Written, load, shipped, toml_of
+
+__all__ = [
+    "Log",
+    "ReplayResult",
+    "Scenario",
+    "Setting",
+    "SweepResult",
+    "TrialResult",
+    "load_scenario",
+    "open_log",
+    "run_replay",
+    "run_sweep",
+    "run_trial",
+    "scenarios",
+]
+
+Progress = Callable[[float], None]
+StrPath = str | Path
+
+
+@dataclass(frozen=True)
+class TrialResult:
+    """A trial that was run.
+
+    Attributes:
+        folder: with all of its files.
+        summary: the content of summary.json.
+        notes: what the user should know: parameters that a foreign FMU lacks, a log that is not whole.
+    """
+
+    folder: Path
+    summary: Mapping[str, Any]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def outcome(self) -> Literal["success", "failed", "timeout", "stopped"]:
+        """How the trial ended."""
+        outcome: Literal["success", "failed", "timeout", "stopped"] = self.summary["outcome"]
+        return outcome
+
+    @property
+    def time_s(self) -> float:
+        """s until the trial ended."""
+        return float(self.summary["time_s"])
+
+    @property
+    def waypoints_reached(self) -> int:
+        """Waypoints reached, without the way home."""
+        return int(self.summary["waypoints_reached"])
+
+    @property
+    def directional_commands(self) -> int:
+        """LEFT and RIGHT commands issued."""
+        return int(self.summary["directional_commands"])
+
+    @property
+    def anomalies(self) -> dict[str, int]:
+        """Ticks that reported each kind of anomaly, by name."""
+        return dict(self.summary["anomalies"])
+
+    @property
+    def position_error_m(self) -> dict[str, float] | None:
+        """`mean`, `max` and `final` distance of the estimate from the truth, m; None without an estimator."""
+        error: dict[str, float] | None = self.summary["position_error_m"]
+        return error
+
+    @property
+    def log_path(self) -> Path:
+        """trial.mcap."""
+        return self.folder / trial.LOG
+
+    @property
+    def summary_path(self) -> Path:
+        """summary.json."""
+        return self.folder / trial.SUMMARY
+
+    @property
+    def page_path(self) -> Path:
+        """trial.html; not written for a system without a plant."""
+        return self.folder / trial.PAGE
+
+    @property
+    def picture_path(self) -> Path:
+        """trial.png; not written for a system without a plant."""
+        return self.folder / trial.PICTURE
+
+    @cached_property
+    def log(self) -> Log:
+        """The log, read when it is first asked for."""
+        return read_log(self.log_path)
+
+
+@dataclass(frozen=True)
+class SweepResult:
+    """A sweep that was run.
+
+    Attributes:
+        folder: with all of its files.
+        rows: the table, a row for each point by column; None where there is nothing to take a mean of.
+        recommendation: the content of recommendation.json.
+        notes: what the user should know.
+    """
+
+    folder: Path
+    rows: list[dict[str, float | None]]
+    recommendation: Mapping[str, Any]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def table_path(self) -> Path:
+        """sweep.csv."""
+        return self.folder / "sweep.csv"
+
+    @property
+    def picture_path(self) -> Path:
+        """sweep.png."""
+        return self.folder / "sweep.png"
+
+    @property
+    def recommendation_path(self) -> Path:
+        """recommendation.json."""
+        return self.folder / "recommendation.json"
+
+
+@dataclass(frozen=True)
+class ReplayResult:
+    """A recording that was replayed with simulated outages.
+
+    Attributes:
+        folder: with all of its files.
+        report: the content of outages.json.
+    """
+
+    folder: Path
+    report: Mapping[str, Any]
+
+    @property
+    def outages(self) -> list[dict[str, Any]]:
+        """Each outage: `start_s`, `end_s`, `path_m`, and the `errors` of each configuration at its end."""
+        return list(self.report["outages"])
+
+    @property
+    def statistics(self) -> dict[str, dict[str, Any]]:
+        """By configuration: `n`, and `mean`, `sd`, `median` and `p90` of the position and velocity errors."""
+        return dict(self.report["configurations"])
+
+    @property
+    def paired_t_tests(self) -> list[dict[str, Any]]:
+        """The tests of each pair of configurations, over outages that do not overlap."""
+        return list(self.report["paired_t_tests"])
+
+    @property
+    def report_path(self) -> Path:
+        """outages.json."""
+        return self.folder / "outages.json"
+
+    @property
+    def picture_path(self) -> Path:
+        """replay.png."""
+        return self.folder / "replay.png"
+
+
+def run_trial(
+    scenario: StrPath | Scenario = DEFAULT,
+    *,
+    seed: int | None = None,
+    parameters: Mapping[str, Written] | None = None,
+    plant: StrPath | None = None,
+    estimator: StrPath | None = None,
+    controller: StrPath | None = None,
+    order: Order | None = None,
+    fmi: Literal[2, 3] | None = None,
+    onboard: str | None = None,
+    out: StrPath | None = None,
+    progress: Progress | None = None,
+) -> TrialResult:
+    """Run a trial; the FMUs are built first if they are missing.
+
+    >>> from harness import Scenario, run_trial
+    >>> result = run_trial("two_waypoint", seed=3, parameters={"cmec.moving_deviation": 37}, out="out/mine")
+    >>> result.outcome, result.waypoints_reached
+    ('success', 1)
+    >>> float(result.log["plant.north"].max()) > 15
+    True
+
+    The same with a scenario of one's own, one leg of 20 m to the east:
+
+    >>> leg = Scenario(name="leg", waypoints=[(0.0, 20.0)], start=(0.0, 0.0, 90.0), duration=60.0)
+    >>> run_trial(leg).folder.as_posix()
+    'out/leg-1'
+
+    Args:
+        scenario: a `Scenario`, the name of a shipped one, or the path of a .toml, an .ssp, or a log.
+        seed: the trial's number; by default the scenario's.
+        parameters: values over the scenario's, by `block.name`; angles in degrees.
+        plant, estimator, controller: FMUs that take the places of ours; a mapping file may be beside each.
+        order: of stepping; by default `sequential`.
+        fmi: version of our FMUs; by default 2.
+        onboard: `pil:host`, `pil:cortex-m4f` or `pil:rabbit4000` puts the firmware into the loop.
+        out: the folder of the results; by default out/<scenario>-<seed>.
+        progress: called with the trial's time [s] as it runs.
+
+    Raises:
+        UsageError: a name, a value or a path does not fit.
+        CanineError: a fault in what was run; the log is kept up to there.
+    """
+    paths = {"plant": plant, "estimator": estimator, "controller": controller}
+    changes = Changes(
+        order=order,
+        fmi=None if fmi is None else str(fmi),
+        swaps={role: Path(path) for role, path in paths.items() if path is not None},
+        settings=_settings(parameters),
+        seed=seed,
+        onboard=onboard,
+    )
+    target = scenario if isinstance(scenario, Scenario) else str(scenario)
+    with requested(target, changes) as request:
+        build_missing(request)
+        folder = request.default_folder if out is None else Path(out)
+        with prepared(request) as ready:
+            summary = trial.run(request, ready, folder, progress)
+            return TrialResult(folder, summary, (*request.notes, *ready.notes))
+
+
+def run_sweep(
+    target: StrPath = "two",
+    *,
+    thresholds: str | None = None,
+    vary: Mapping[str, str] | None = None,
+    trials: int = 1000,
+    system: Literal["cts", "full"] = "cts",
+    reading: Literal["calibrated", "literal"] | None = None,
+    seed: int | None = None,
+    parameters: Mapping[str, Written] | None = None,
+    dask: str | None = None,
+    out: StrPath | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> SweepResult:
+    """Run many trials at each value of one or two parameters.
+
+    An interrupted sweep goes on where it was when it is called again with the same arguments.
+
+    >>> from harness import run_sweep
+    >>> sweep = run_sweep("two", thresholds="30:50:10", trials=20, out="out/three-thresholds")
+    >>> [row["threshold_deg"] for row in sweep.rows]
+    [30.0, 40.0, 50.0]
+    >>> all(0 <= row["ci_low"] <= row["success_rate"] <= row["ci_high"] <= 1 for row in sweep.rows)
+    True
+    >>> sweep.recommendation["trials"]
+    20
+
+    Args:
+        target: `two`, `three` (the trials of 5.3.5 and 5.3.6), a scenario's name, or the path of a .toml.
+        thresholds: `a:b` or `a:b:step` of the deviation threshold h', deg.
+        vary: any one or two parameters instead or beside, `{"cmec.capture_radius": "3:10:0.5"}`.
+        trials: at each point.
+        system: `cts` gives the controller the true state, `full` the estimate.
+        reading: over the scenario's.
+        seed: of the first trial at each point; by default the scenario's.
+        parameters: values over the scenario's, by `block.name`; angles in degrees.
+        dask: the address of the scheduler of a Dask cluster; by default this machine's cores.
+        out: the folder of the results; by default out/sweep-<name>.
+        progress: called with the number of trials done.
+
+    Raises:
+        UsageError: a name, a value or a path does not fit.
+        CanineError: a fault in what was run; the trials that are done are kept.
+    """
+    from harness.sweep import sweep  # noqa: PLC0415 - compilers and pictures, which trials need not wait for
+
+    planned = sweep.plan_sweep(
+        str(target),
+        thresholds=thresholds,
+        vary=[f"{name}={values}" for name, values in (vary or {}).items()],
+        trials=trials,
+        system=system,
+        reading=reading,
+        seed=seed,
+        settings=_settings(parameters),
+    )
+    folder = sweep.default_folder(planned) if out is None else Path(out)
+    notes: list[str] = []
+    _, recommendation = sweep.run(planned, folder, dask, progress=progress, note=notes.append)
+    with (folder / sweep.CSV).open(newline="") as table:
+        rows = [
+            {name: float(cell) if cell else None for name, cell in row.items()}
+            for row in csv.DictReader(table)
+        ]
+    return SweepResult(folder, rows, recommendation, tuple(notes))
+
+
+def run_replay(
+    recording: StrPath,
+    *,
+    estimator: str = "four_state",
+    outage: float = 10.0,
+    every: float = 5.0,
+    out: StrPath | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> ReplayResult:
+    """Run an estimator over a recording with simulated GPS outages.
+
+    >>> from harness import run_replay, run_trial
+    >>> trial = run_trial("three_waypoint", out="out/recorded")
+    >>> replay = run_replay(trial.log_path, outage=5, every=10, out="out/replayed")
+    >>> len(replay.outages)
+    2
+    >>> replay.statistics["pitch"]["n"], list(replay.statistics)
+    (2, ['speed held', 'no pitch', 'pitch', 'fuzzy'])
+
+    Args:
+        recording: a log of a trial with sensors, or a folder with .ubx, imu*.csv and their time tags.
+        estimator: the block to run.
+        outage: s without GPS.
+        every: s from the start of one outage to the start of the next.
+        out: the folder of the results; by default out/replay-<recording>.
+        progress: called with the number of outages done.
+
+    Raises:
+        UsageError: there is no such estimator.
+        CanineError: the recording cannot be read or is too short, or the FMU fails.
+    """
+    from harness.replay import replay  # noqa: PLC0415 - scipy.stats, which trials need not wait for
+
+    replay.find_estimator(estimator)
+    source = replay.open_source(Path(recording))
+    outages = replay.replay(source, estimator, source.windows(outage, every), progress)
+    folder = source.folder if out is None else Path(out)
+    return ReplayResult(folder, replay.report(source, estimator, outages, folder))
+
+
+def open_log(path: StrPath) -> Log:
+    """Read a log that a trial wrote; of a damaged one all up to there, and `broken` says why.
+
+    >>> from harness import open_log, run_trial
+    >>> log = open_log(run_trial("two_waypoint", out="out/logged").log_path)
+    >>> float(log.time[1])
+    0.04
+    >>> log.arrays()["controller"]["mode"].dtype
+    dtype('int64')
+    >>> plant = log.frames()["plant"]
+    >>> plant.index.name, plant.attrs["units"]["speed"]
+    ('time', 'm/s')
+
+    Raises:
+        LogError: it cannot be read.
+    """
+    return read_log(Path(path))
+
+
+def load_scenario(target: StrPath) -> Scenario:
+    """Read a scenario's file, or the shipped scenario of a name.
+
+    >>> from dataclasses import replace
+    >>> from harness import load_scenario
+    >>> short = replace(load_scenario("three_waypoint"), name="short", duration=10.0)
+    >>> short.waypoints
+    ((35.73, 0.0), (35.73, 35.73))
+
+    Raises:
+        ScenarioError: it cannot be read, or something in it does not exist or is out of range.
+    """
+    return load(str(target))
+
+
+def scenarios() -> list[str]:
+    """The names of the shipped scenarios.
+
+    >>> from harness import scenarios
+    >>> "three_waypoint" in scenarios()
+    True
+    """
+    return shipped()
+
+
+def _settings(parameters: Mapping[str, Written] | None) -> Sequence[str]:
+    """Parameters as `--set` has them."""
+    return [f"{name}={toml_of(value, name)}" for name, value in (parameters or {}).items()]
