@@ -1,0 +1,124 @@
+"""A log as arrays, DataFrames, CSV and Parquet: the same values bit for bit, with units."""
+
+import csv
+import json
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+import pytest
+from pyarrow import parquet
+
+from harness.log.export import export
+from harness.log.log import Channel, Log
+from models.errors import UsageError
+
+TRICKY = [0.1, -0.0, math.nan, math.inf, -math.inf, 5e-324]
+
+
+def log() -> Log:
+    """Six ticks of a plant whose speed takes every kind of value, and of a component called a/b."""
+    channels = (
+        Channel(
+            "plant", "canine", ("command", "speed", "shaking"), ("", "m/s", ""),
+            ("Integer", "Real", "Boolean"),
+            ("what it is told", "ground speed, m/s", "is it shaking?"),
+        ),
+        Channel("a/b", "toy", ("time",), ("s",), ("Real",), ("of its own",)),
+    )  # fmt: skip
+    time = np.arange(6, dtype=np.float64) * 0.04
+    plant = np.column_stack([[0, 1, 2, 3, 4, 5], TRICKY, [0, 1, 0, 1, 1, 0]]).astype(float)
+    return Log(Path("trial.mcap"), channels, {}, {}, time, {"plant": plant, "a/b": time[:, None] + 7})
+
+
+def same_bits(a: npt.ArrayLike, b: npt.ArrayLike) -> bool:
+    """Are two columns of reals the same, -0.0 apart from 0.0, every NaN alike?"""
+    x, y = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
+    nan = np.isnan(x)
+    return bool((nan == np.isnan(y)).all()) and x[~nan].tobytes() == y[~nan].tobytes()
+
+
+def test_arrays_have_the_types_of_the_signals() -> None:
+    plant = log().arrays()["plant"]
+    assert [column.dtype.name for column in plant.values()] == ["int64", "float64", "bool"]
+    assert plant["command"].tolist() == [0, 1, 2, 3, 4, 5]
+    assert plant["shaking"].tolist() == [False, True, False, True, True, False]
+    assert same_bits(plant["speed"], TRICKY)
+
+
+def test_an_array_that_is_changed_leaves_the_log_as_it_was() -> None:
+    whole = log()
+    whole.arrays()["plant"]["speed"][:] = 9.0
+    assert same_bits(whole["plant.speed"], TRICKY)
+
+
+def test_frames_are_indexed_by_time_and_know_their_units() -> None:
+    frame = log().frames()["plant"]
+    assert frame.index.name == "time"
+    assert frame.index.tolist() == log().time.tolist()
+    assert frame.attrs["units"] == {"command": "", "speed": "m/s", "shaking": ""}
+    assert [str(kind) for kind in frame.dtypes] == ["int64", "float64", "bool"]
+    assert same_bits(frame["speed"], TRICKY)
+
+
+def test_csv_reads_back_to_the_same_bits(tmp_path: Path) -> None:
+    # when
+    paths = export(log(), "csv", tmp_path / "new")
+    # then
+    assert [path.name for path in paths] == ["plant.csv", "a%2Fb.csv", "units.json"]
+    lines = paths[0].read_text().splitlines()
+    assert lines[:5] == [
+        "time,command,speed,shaking", "0.0,0,0.1,0", "0.04,1,-0.0,1", "0.08,2,NaN,0", "0.12,3,Infinity,1"
+    ]  # fmt: skip
+    rows = list(csv.DictReader(lines))
+    assert same_bits([float(row["speed"]) for row in rows], TRICKY)
+    frame = pd.read_csv(paths[0])
+    assert same_bits(frame["speed"], TRICKY)
+    assert same_bits(frame["time"], log().time)
+    assert paths[1].read_text().splitlines()[:2] == ["time,time", "0.0,7.0"]
+
+
+def test_parquet_reads_back_to_the_same_bits_with_units(tmp_path: Path) -> None:
+    # when
+    plant, *_ = export(log(), "parquet", tmp_path)
+    # then
+    table = parquet.read_table(plant)
+    assert table.column_names == ["time", "command", "speed", "shaking"]
+    assert [str(field.type) for field in table.schema] == ["double", "int64", "double", "bool"]
+    assert same_bits(table["speed"].to_numpy(), TRICKY)
+    assert table["speed"].null_count == 0
+    assert table.schema.field("speed").metadata == {
+        b"unit": b"m/s", b"type": b"Real", b"meaning": b"ground speed, m/s"
+    }  # fmt: skip
+    assert table.schema.field("time").metadata[b"unit"] == b"s"
+
+
+@pytest.mark.parametrize("to", ["csv", "parquet"])
+def test_units_lie_beside_in_both_formats(to: str, tmp_path: Path) -> None:
+    units = json.loads(export(log(), to, tmp_path)[-1].read_text())
+    assert units["plant"]["speed"] == {"unit": "m/s", "type": "Real", "meaning": "ground speed, m/s"}
+    assert list(units) == ["plant", "a/b"]
+
+
+@pytest.mark.parametrize(
+    ("library", "error"),
+    [
+        ("pandas", r'which is not installed; pip install "guided-canine\[pandas\]", or take Log.arrays\(\)'),
+        ("pyarrow", r'which is not installed; pip install "guided-canine\[parquet\]", or take --to csv'),
+    ],
+)
+def test_a_library_that_is_not_installed_is_named_with_its_extra(
+    library: str, error: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(UsageError, match=f"needs {library}, {error}"):
+        log().frames() if library == "pandas" else export(log(), "parquet", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_format_that_does_not_exist_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match='--to parket: expected one of csv, parquet; did you mean "parquet"'):
+        export(log(), "parket", tmp_path)

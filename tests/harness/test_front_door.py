@@ -1,0 +1,187 @@
+"""Python's way in: the examples of its docstrings, and that it does what the command does."""
+
+import doctest
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import harness
+from fmus.build import build_folder
+from harness import front_door
+from harness.log.log import read_log
+from harness.trial.scenario import ScenarioError
+from models.errors import CanineError, UsageError
+from tests.harness.command import canine
+
+FINDER = doctest.DocTestFinder(exclude_empty=True)
+EXAMPLES = {
+    name: test
+    for name in harness.__all__
+    for test in FINDER.find(getattr(front_door, name), name, module=front_door)
+    if test.examples
+}
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_the_example_of_a_function_prints_what_it_says(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    failures: list[str] = []
+    doctest.DocTestRunner().run(EXAMPLES[name], out=failures.append)
+    assert not failures, "".join(failures)
+
+
+def test_every_function_has_an_example() -> None:
+    functions = {name for name in harness.__all__ if not isinstance(getattr(harness, name), type)}
+    assert functions == {"load_scenario", "open_log", "run_replay", "run_sweep", "run_trial", "scenarios"}
+    assert functions <= set(EXAMPLES)
+
+
+def test_names_of_the_front_door_are_those_of_the_package() -> None:
+    assert harness.__all__ == front_door.__all__
+    assert set(harness.__all__) <= set(dir(harness))
+    with pytest.raises(AttributeError, match="module 'harness' has no attribute 'run_trail'"):
+        getattr(harness, "run_trail")  # noqa: B009 - which type checkers refuse
+
+
+def test_importing_the_package_imports_no_library() -> None:
+    program = "import sys, harness; print(*sorted({name.partition('.')[0] for name in sys.modules}))"
+    modules = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    imported = set(modules.stdout.split())
+    assert "harness" in imported
+    assert not imported & {
+        "casadi",
+        "fmpy",
+        "matplotlib",
+        "mcap",
+        "numpy",
+        "pandas",
+        "rich",
+        "scipy",
+        "typer",
+    }
+    assert not imported & {"codegen", "fmus", "models"}
+
+
+def test_a_trial_from_python_leaves_the_log_that_the_command_leaves(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # given
+    canine(
+        capsys, "run", "two_waypoint", "--seed", 3, "--set", "cmec.moving_deviation=37",
+        "--set", "canine.shaking=false", "--out", tmp_path / "command",
+    )  # fmt: skip
+    # when
+    result = harness.run_trial(
+        "two_waypoint", seed=3, parameters={"cmec.moving_deviation": 37, "canine.shaking": False},
+        out=tmp_path / "python",
+    )  # fmt: skip
+    # then
+    assert result.log_path.read_bytes() == (tmp_path / "command" / "trial.mcap").read_bytes()
+    summary = json.loads(result.summary_path.read_text())
+    assert dict(result.summary) == summary
+    assert (result.outcome, result.time_s) == (summary["outcome"], summary["time_s"])
+    assert (result.waypoints_reached, result.anomalies) == (
+        summary["waypoints_reached"],
+        summary["anomalies"],
+    )
+    assert result.directional_commands == summary["directional_commands"]
+    assert result.position_error_m == summary["position_error_m"]
+    assert result.log is result.log
+    assert result.picture_path.is_file()
+    assert result.page_path.is_file()
+
+
+def test_a_scenario_of_numpy_numbers_runs_as_the_same_in_plain_ones(tmp_path: Path) -> None:
+    # given
+    plain = harness.Scenario(
+        "numbers", waypoints=[(10.0, 0.0)], duration=2.0,
+        parameters={"canine.shaking": False, "sensors.outage_start": [1.0, 3.0]},
+    )  # fmt: skip
+    numpy = harness.Scenario(
+        "numbers", waypoints=np.array([[10.0, 0.0]]), duration=np.float64(2.0),  # type: ignore[arg-type]
+        parameters={"canine.shaking": np.False_, "sensors.outage_start": np.array([1.0, 3.0])},  # type: ignore[dict-item]
+    )  # fmt: skip
+    # when
+    results = [harness.run_trial(s, out=tmp_path / str(i)) for i, s in enumerate((plain, numpy))]
+    # then
+    assert results[0].log_path.read_bytes() == results[1].log_path.read_bytes()
+    assert results[0].log.parameter("sensors.outage_start[2]") == 3.0
+
+
+@pytest.mark.parametrize(
+    ("keywords", "error"),
+    [
+        ({}, "leg: waypoints is []; expected 1 to 16 pairs [north, east] in m"),
+        ({"waypoints": [(1,)]}, "leg: waypoints is [1]; expected up to 16 pairs"),
+        ({"seed": -1}, "leg: seed is -1; expected a whole number from 0 to 2147483647"),
+        ({"reading": "litteral"}, 'leg: reading is "litteral"; expected one of calibrated, literal'),
+        ({"parameters": {"cmec.max_turns": None}}, "cmec.max_turns is None; expected a number, a bool"),
+    ],
+)
+def test_a_scenario_made_in_python_is_checked_like_a_file(keywords: dict[str, object], error: str) -> None:
+    scenario = harness.Scenario("leg", **keywords)  # type: ignore[arg-type]
+    with pytest.raises(ScenarioError) as caught:
+        harness.run_trial(scenario)
+    assert str(caught.value).startswith(error)
+
+
+def test_a_trial_that_does_not_exist_or_does_not_fit_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match='there is no scenario "three_waypoints"; did you mean'):
+        harness.run_trial("three_waypoints", out=tmp_path)
+    with pytest.raises(UsageError, match='cmec has no parameter "max_turn"; did you mean "max_turns"'):
+        harness.run_trial("two_waypoint", parameters={"cmec.max_turn": 1}, out=tmp_path)
+    with pytest.raises(UsageError, match='there is no estimator "three_state"; did you mean "four_state"'):
+        harness.run_replay(tmp_path, estimator="three_state")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_sweep_from_python_has_the_rows_of_its_file(tmp_path: Path) -> None:
+    # when, with a dog that never obeys a LEFT or RIGHT
+    disobedient = {"canine.right_success": 0.0, "canine.left_success": 0.0}
+    sweep = harness.run_sweep(
+        "three", vary={"cmec.capture_radius": "5:7:2"}, trials=8, parameters=disobedient, out=tmp_path
+    )
+    # then
+    assert [row["cmec.capture_radius"] for row in sweep.rows] == [5.0, 7.0]
+    assert [(row["successes"], row["mean_time_s"]) for row in sweep.rows] == [(0.0, None)] * 2
+    assert json.loads(sweep.recommendation_path.read_text()) == sweep.recommendation
+    assert len(sweep.table_path.read_text().splitlines()) == 3
+    assert sweep.picture_path.is_file()
+
+
+def test_progress_and_notes_come_back_to_the_caller(tmp_path: Path) -> None:
+    # given the first nine tenths of a log
+    whole = harness.run_trial("two_waypoint", out=tmp_path / "whole").log_path.read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole[: len(whole) * 9 // 10])
+    assert "the file ends early" in read_log(cut).broken
+    # when
+    times: list[float] = []
+    result = harness.run_trial(cut, out=tmp_path / "again", progress=times.append)
+    # then
+    assert len(result.notes) == 1
+    assert result.notes[0].startswith(f"{cut}: the log is not whole, the file ends early")
+    assert times == sorted(times)
+    assert times[-1] == pytest.approx(result.log.time[-1], abs=1.0)
+
+
+def test_an_estimator_made_elsewhere_takes_the_place_of_ours(tmp_path: Path) -> None:
+    # given our own estimator's FMI 3.0 FMU, from a file
+    own = harness.run_trial("two_waypoint", out=tmp_path / "own")
+    swapped = harness.run_trial(
+        "two_waypoint", estimator=build_folder() / "fmi3" / "four_state.fmu", out=tmp_path / "swapped"
+    )
+    # then
+    assert (own.log["estimator.north"] == swapped.log["estimator.north"]).all()
+    assert swapped.log.metadata["swaps"] == {"estimator": "estimator.fmu"}
+
+
+def test_a_log_that_does_not_exist_is_named(tmp_path: Path) -> None:
+    with pytest.raises(CanineError, match=r"nowhere\.mcap: cannot be read"):
+        harness.open_log(tmp_path / "nowhere.mcap")
