@@ -1,7 +1,7 @@
-"""The animal's statistics from logged trials: Table 5.1 for a dog of one's own (5.2).
+"""Estimates an animal's statistics from logged trials: Table 5.1 for any dog (5.2).
 
-Each trial gives one value of what the model of the animal draws once a trial (harness/tracks.py); here they
-are pooled over trials, with intervals.
+Each trial gives one value of every quantity that the animal's model draws once a trial (tracks.py). Here the
+trials are read from logs and their values pooled, with confidence intervals.
 """
 
 import math
@@ -33,18 +33,19 @@ from models.errors import CanineError, UsageError
 from models.kit.units import DEG
 
 CONFIDENCE = 0.95
-REDRAWN = ("cruise_speed", "speeding_up", "slowing_down")  # which the model draws again below
+REDRAWN = ("cruise_speed", "speeding_up", "slowing_down")  # the model draws these again if they are below
 FLOOR = 0.2  # of their means
-ROUND_OFF = 1e-9  # of the mean, and in what a scenario states; less is no deviation of an animal
-DISTURBING = 0.01  # share of turns under the threshold, from which on a note is due
+NARROWEST, WIDEST = 0.05, 10.0  # deviations, as shares of the mean, between which redrawing is undone
+ROUND_OFF = 1e-9  # share of the mean (or SI value) below which a deviation is rounding, not the animal's
+DISTURBING = 0.01  # share of turns slower than the threshold from which on a note says so
 
 
 class FitError(UsageError):
-    """Logs that hold nothing to estimate from."""
+    """A log cannot be read, or the logs hold nothing to estimate from."""
 
 
 def interval_of_mean(values: Array) -> tuple[float, float] | None:
-    """Confidence interval of the mean of a normal variable (Student's t), from two values on."""
+    """Confidence interval of the mean of a normal variable (Student's t); None for fewer than two values."""
     if len(values) < 2:
         return None
     half = stats.t.ppf(0.5 + CONFIDENCE / 2, len(values) - 1) * values.std(ddof=1) / math.sqrt(len(values))
@@ -52,7 +53,7 @@ def interval_of_mean(values: Array) -> tuple[float, float] | None:
 
 
 def interval_of_deviation(values: Array) -> tuple[float, float] | None:
-    """Confidence interval of the standard deviation of a normal variable (chi-square), from two values on."""
+    """Confidence interval of a normal variable's deviation (chi-square); None for fewer than two values."""
     if len(values) < 2:
         return None
     low, high = stats.chi2.ppf((0.5 + CONFIDENCE / 2, 0.5 - CONFIDENCE / 2), len(values) - 1)
@@ -61,13 +62,13 @@ def interval_of_deviation(values: Array) -> tuple[float, float] | None:
 
 
 def before_redrawing(mean: float, deviation: float) -> tuple[float, float] | None:
-    """The model's parameters that give a mean and a standard deviation after its redrawing below FLOOR.
+    """The model's mean and deviation that give these after redrawing values below FLOOR of the mean.
 
-    Found is the normal distribution that, cut off below FLOOR of its mean, has these moments; None where
-    there is none: cut off so, the deviation stays under 3/4 of the mean.
+    They are those of the normal distribution that has the given moments once it is truncated below FLOOR of
+    its mean. None if there is no such distribution: truncated, the deviation stays below 3/4 of the mean.
     """
 
-    def moments(spread: float) -> tuple[float, float]:  # of the mean 1
+    def moments(spread: float) -> tuple[float, float]:  # after truncation, of a distribution with mean 1
         cut = (FLOOR - 1) / spread
         hazard = stats.norm.pdf(cut) / stats.norm.sf(cut)
         return 1 + spread * hazard, spread * math.sqrt(1 + cut * hazard - hazard**2)
@@ -85,23 +86,20 @@ def before_redrawing(mean: float, deviation: float) -> tuple[float, float] | Non
     return full, spread * full
 
 
-NARROWEST, WIDEST = 0.05, 10.0  # deviations, as shares of the mean, between which redrawing is undone
-
-
 def pool(trials: Sequence[Trial], turned: float) -> dict[str, Any]:
-    """The statistics of all trials, angles in degrees: what fit.json holds.
+    """The statistics over all trials, angles in degrees, as in fit.json.
 
     Args:
         turned: rad/s, turn rate from which on a command counted as obeyed.
 
     Raises:
-        FitError: there is not one value and no response.
+        FitError: the trials have neither a value nor a response.
     """
-    found: dict[str, Any] = {}
+    rows: dict[str, Any] = {}
     for statistic in STATISTICS:
         values = np.array([t.values[statistic.key] for t in trials if statistic.key in t.values])
         values = values * statistic.scale
-        found[statistic.key] = {
+        rows[statistic.key] = {
             "label": statistic.label,
             "unit": statistic.unit,
             "n": len(values),
@@ -126,16 +124,16 @@ def pool(trials: Sequence[Trial], turned: float) -> dict[str, Any]:
             "left_out": _left_out(trials, name),
             "published": {"rate": rate, "n": issued},
         }
-    if not any(row["n"] for row in (*found.values(), *rates.values())):
-        why = (f"{s.label}: {reasons(found[s.key]['left_out']) or f'no {s.needs}'}" for s in STATISTICS)
-        raise FitError(f"no trial holds a stretch to estimate from ({'; '.join(why)}); give longer trials")
+    if not any(row["n"] for row in (*rows.values(), *rates.values())):
+        why = (f"{s.label}: {reasons(rows[s.key]['left_out']) or f'no {s.needs}'}" for s in STATISTICS)
+        raise FitError(f"no trial has a stretch to estimate from ({'; '.join(why)}); give longer trials")
     return {
         "confidence": CONFIDENCE,
         "turned_deg_s": turned / DEG,
-        "statistics": found,
+        "statistics": rows,
         "responses": rates,
-        "notes": list(_cautions(trials, found, turned)),
-        "parameters": _parameters(found, rates),
+        "notes": list(_cautions(trials, rows, turned)),
+        "parameters": _parameters(rows, rates),
         "trials": [
             {
                 "log": trial.name,
@@ -148,27 +146,28 @@ def pool(trials: Sequence[Trial], turned: float) -> dict[str, Any]:
 
 
 def _left_out(trials: Sequence[Trial], key: str) -> dict[str, int]:
-    """Why, and how many stretches."""
+    """Number of stretches that a statistic could not use, by reason."""
     count: Counter[str] = Counter()
     for trial in trials:
-        count.update({why: n for (of, why), n in trial.left_out.items() if of == key})
+        count.update({reason: n for (name, reason), n in trial.left_out.items() if name == key})
     return dict(count)
 
 
 def reasons(left_out: Mapping[str, int]) -> str:
-    return ", ".join(f"{why} ({n})" for why, n in left_out.items())
+    """The reasons in words, each with its number of stretches."""
+    return ", ".join(f"{reason} ({n})" for reason, n in left_out.items())
 
 
-def _cautions(trials: Sequence[Trial], found: Mapping[str, Any], turned: float) -> Iterable[str]:
-    """What the figures are biased by, as far as they tell themselves."""
+def _cautions(trials: Sequence[Trial], rows: Mapping[str, Any], turned: float) -> Iterable[str]:
+    """Notes on the biases that the values themselves reveal."""
     cut = sum("cruise_speed" not in t.values and t.left_out["cruise_speed", ENDED_EARLY] > 0 for t in trials)
     if cut:
         yield (
-            f"velocity: {cut} of {len(trials)} trials never had {CRUISE_S:g} s of steady speed; those are of "
-            "fast dogs and slow starters, so that the mean is low; give longer legs"
+            f"velocity: {cut} of {len(trials)} trials never had {CRUISE_S:g} s of steady speed; their dogs "
+            "are fast or start slowly, so the mean is too low; give longer legs"
         )
     for key, _ in TURNS.values():
-        row = found[key]
+        row = rows[key]
         if row["sd"]:
             below, upto = stats.norm.cdf((-turned / DEG, turned / DEG), row["mean"], row["sd"])
             hidden = upto - below
@@ -176,21 +175,21 @@ def _cautions(trials: Sequence[Trial], found: Mapping[str, Any], turned: float) 
                 yield (
                     f"{row['label']}: by its distribution {100 * hidden:.1f} % of the turns are slower than "
                     f"{turned / DEG:g} deg/s and count as not obeyed: the success rate is too low by about "
-                    "that share of it, and the turn rate lacks them"
+                    "that share of itself, and the turn rate lacks these turns"
                 )
     for key in REDRAWN:
-        row = found[key]
+        row = rows[key]
         if row["sd"] and before_redrawing(row["mean"], row["sd"]) is None:
             yield (
-                f"{row['label']}: spread too widely for the model, which draws again below {FLOOR:g} of the "
-                "mean; simulated, the mean is higher and the deviation less"
+                f"{row['label']}: spread too widely for the model, which draws values below {FLOOR:g} of the "
+                "mean again; simulated, the mean is higher and the deviation lower"
             )
 
 
-def _parameters(found: Mapping[str, Any], rates: Mapping[str, Any]) -> dict[str, float]:
+def _parameters(rows: Mapping[str, Any], rates: Mapping[str, Any]) -> dict[str, float]:
     """The canine's parameters, angles in degrees, as a scenario states them."""
     parameters = {}
-    for key, row in found.items():
+    for key, row in rows.items():
         if row["mean"] is None or key == "start_heading":
             continue
         mean, deviation = row["mean"], row["sd"]
@@ -210,18 +209,18 @@ def rounded(value: float) -> float:
 
 
 def settled(value: float, mean: float = 0.0) -> float:
-    """Zero for what is round-off: beside the mean, or in m/s, m/s2, deg/s and deg as such."""
+    """The value, or zero if it is mere rounding beside the mean or beside 1 (m/s, m/s2, deg/s, deg)."""
     return 0.0 if abs(value) < ROUND_OFF * max(1.0, abs(mean)) else value
 
 
 def read_track(log: Log, source: MotionSource) -> Track:
-    """A trial as a source of the log has it.
+    """Read the commands of a log, and the motion of one of its components.
 
     Raises:
-        FitError: the log lacks the command or the motion, or holds one tick.
+        FitError: the log lacks the command or the motion, or holds one tick only.
     """
-    told = ("plant", "controller") if source.component == "plant" else ("controller", "plant")
-    commands = [f"{name}.command" for name in told if f"{name}.command" in log]
+    components = ("plant", "controller") if source.component == "plant" else ("controller", "plant")
+    commands = [f"{name}.command" for name in components if f"{name}.command" in log]
     motion = [f"{source.component}.{name}" for name in ("speed", "heading")]
     missing = [signal for signal in motion if signal not in log]
     if not commands or missing:
@@ -249,26 +248,26 @@ def read_track(log: Log, source: MotionSource) -> Track:
     )
 
 
-def find_logs(given: Sequence[Path]) -> list[Path]:
-    """The logs themselves, and those in folders and folders of these, each once.
+def find_logs(paths: Sequence[Path]) -> list[Path]:
+    """The logs among the paths, and those anywhere in folders among them, each once.
 
     Raises:
-        FitError: one of them is not there, or a folder holds no log.
+        FitError: a path does not exist, or a folder holds no log.
     """
-    found: dict[Path, Path] = {}
-    for path in given:
+    logs: dict[Path, Path] = {}
+    for path in paths:
         if not path.exists():
             raise FitError(f'there is no log "{path}"; expected a trial.mcap, or a folder that holds some')
-        logs = sorted(path.rglob("*.mcap")) if path.is_dir() else [path]
-        if not logs:
+        inside = sorted(path.rglob("*.mcap")) if path.is_dir() else [path]
+        if not inside:
             raise FitError(f"{path}: the folder holds no .mcap; expected logs of trials")
-        found |= {log.resolve(): log for log in logs}
-    return list(found.values())
+        logs |= {log.resolve(): log for log in inside}
+    return list(logs.values())
 
 
 @dataclass(frozen=True)
 class Reading:
-    """Trials that were read: each with what it was read from; what could not be read whole is noted."""
+    """The trials of some logs, each with the source of its motion, and notes on logs not read whole."""
 
     tracks: Sequence[tuple[Track, MotionSource]]
     notes: Sequence[str]
@@ -277,10 +276,14 @@ class Reading:
 def read_tracks(
     paths: Sequence[Path], component: str | None = None, progress: Callable[[int], None] | None = None
 ) -> Reading:
-    """Read logs: of the truth where they have it, else of the estimate, or of the component that is named.
+    """Read trials from logs.
+
+    Args:
+        component: whose motion is read; by default the plant, or the estimator if a log has no plant.
+        progress: called with the number of logs read.
 
     Raises:
-        LogError, FitError: none of them can be read.
+        LogError, FitError: no log can be read; if some can, the others are noted.
     """
     tracks: list[tuple[Track, MotionSource]] = []
     notes: list[str] = []
@@ -316,7 +319,7 @@ def _content(path: Path) -> bytes:
 
 
 def _mixed(tracks: Sequence[tuple[Track, MotionSource]]) -> Iterable[str]:
-    """What the trials do not have in common, or should not."""
+    """Notes on what the trials should have in common and do not, or have and should not."""
     sources = Counter(source.component for _, source in tracks)
     if len(sources) > 1:
         counts = ", ".join(f"{name} of {n}" for name, n in sources.items())
@@ -329,25 +332,26 @@ def _mixed(tracks: Sequence[tuple[Track, MotionSource]]) -> Iterable[str]:
     again = sum(n - 1 for n in seeds.values())
     if again:
         yield (
-            f"{again} of the simulated logs have the seed of another, and so the same draws: they are no "
-            "trials of their own, and the intervals are too narrow; give each its own seed"
+            f"{again} of the simulated logs have the seed of another, and so the same draws: they are not "
+            "independent, and the intervals are too narrow; give each its own seed"
         )
 
 
 def estimate(reading: Reading, turned: float | None = None) -> dict[str, Any]:
-    """What fit.json holds.
+    """The statistics over all trials of some logs: the content of fit.json.
 
     Args:
-        turned: rad/s, turn rate from which on a command counts as obeyed; the sources' own by default.
+        turned: rad/s, turn rate from which on a command counts as obeyed; by default each source's own.
 
     Raises:
-        FitError: there is nothing to estimate from.
+        FitError: the trials have neither a value nor a response.
     """
-    used = [
+    tracks = [
         (track, source if turned is None else replace(source, turned=turned))
         for track, source in reading.tracks
     ]
-    result = pool([measure(*each) for each in used], max(source.turned for _, source in used))
+    trials = [measure(track, source) for track, source in tracks]
+    result = pool(trials, max(source.turned for _, source in tracks))
     result["notes"] = [*reading.notes, *result["notes"]]
-    result["sources"] = sorted({source.component for _, source in used})
+    result["sources"] = sorted({source.component for _, source in tracks})
     return result

@@ -1,4 +1,4 @@
-"""What is made of an animal's statistics: a table, a picture, parameters for a scenario, a file."""
+"""The results of a fit: a table, a picture, parameters for a scenario, and fit.json."""
 
 import io
 import json
@@ -23,9 +23,9 @@ FOLDER = Path("out/fit")
 
 
 def fragment(result: Mapping[str, Any]) -> str:
-    """The parameters as the end of a scenario's file: fit.toml."""
+    """fit.toml: the parameters as the end of a scenario's file."""
     lines = [
-        f"# The animal of {_trials(result)}, by `canine fit`: fit.json says how sure it is.",
+        f"# The animal of {_trials(result)}, by `canine fit`; fit.json has the confidence intervals.",
         "# Append it to a scenario without [parameters], or copy its lines into these. Angles in degrees.",
         "",
         "[parameters]",
@@ -34,13 +34,13 @@ def fragment(result: Mapping[str, Any]) -> str:
     rows = {**result["statistics"], **result["responses"]}
     for key, row in rows.items():
         if row["n"] == 0:
-            lines.append(f"# nothing to tell canine.{key} by: it stays as the model has it")
+            lines.append(f"# the trials do not show canine.{key}: it stays as the model has it")
         elif row["n"] == 1 and key in result["statistics"]:
-            lines.append(f"# one value does not tell canine.{key}_deviation: it stays as the model has it")
+            lines.append(f"# one value does not show canine.{key}_deviation: it stays as the model has it")
     start = result["statistics"]["start_heading"]
     if start["sd"] is not None:
         lines += [
-            f"# The handler's: the start was {start['mean']:.3g} deg off the first waypoint on average.",
+            f"# By the handler: the start was {start['mean']:.3g} deg off the first waypoint on average.",
             f'# "canine.start_heading_deviation" = {rounded(settled(start["sd"], start["mean"]))!r}',
         ]
     return "\n".join(lines) + "\n"
@@ -62,13 +62,13 @@ def report(result: Mapping[str, Any], out: Path) -> None:
 
 
 def show(result: Mapping[str, Any], console: Console) -> None:
-    """Print the statistics beside Table 5.1, and what was left out."""
+    """Print the statistics beside Table 5.1, the stretches left out, and the notes."""
     table = Table(box=None, padding=(0, 1, 0, 0), header_style="bold")
     table.add_column(f"{_trials(result)} ({', '.join(result['sources'])})")
     for heading in ("n", "mean ± sd", "mean, 95 %", "sd, 95 %", "Table 5.1", "n"):
         table.add_column(heading, justify="right", no_wrap=True)
     for row in result["statistics"].values():
-        known = row["published"]
+        published = row["published"]
         spread = "" if row["sd"] is None else f" ± {_number(row['sd'])}"
         table.add_row(
             escape(f"{row['label']} [{row['unit']}]"),
@@ -76,17 +76,17 @@ def show(result: Mapping[str, Any], console: Console) -> None:
             _number(row["mean"]) + spread,
             _range(row["mean_interval"]),
             _range(row["sd_interval"]),
-            *((f"{known['mean']:g} ± {known['sd']:g}", str(known["n"])) if known else ()),
+            *((f"{published['mean']:g} ± {published['sd']:g}", str(published["n"])) if published else ()),
         )
     for row in result["responses"].values():
-        known = (f"{row['published']['rate']:g}", str(row["published"]["n"]))
+        published = (f"{row['published']['rate']:g}", str(row["published"]["n"]))
         rate, interval = _number(row["rate"]), _range(row["interval"])
-        table.add_row(row["label"], str(row["n"]), rate, interval, "", *known)
+        table.add_row(row["label"], str(row["n"]), rate, interval, "", *published)
     console.print(table)
     for row in (*result["statistics"].values(), *result["responses"].values()):
         if row["left_out"]:
-            why = reasons(row["left_out"])
-            console.print(f"left out, {row['label']}: {why}", style="dim", markup=False, soft_wrap=True)
+            text = f"left out, {row['label']}: {reasons(row['left_out'])}"
+            console.print(text, style="dim", markup=False, soft_wrap=True)
     for note in result["notes"]:
         console.print(f"note: {note}", style="dim", markup=False, soft_wrap=True)
 
@@ -105,9 +105,9 @@ def _range(interval: Sequence[float] | None) -> str:
 
 
 def figure(result: Mapping[str, Any]) -> Figure:
-    """Each statistic's values over the trials, with the normal distribution fitted and that of Table 5.1."""
-    drawn = Figure(figsize=(14, 6.6), dpi=DPI, layout="constrained")
-    *panels, last = drawn.subplots(2, 4).flat
+    """A histogram of each statistic, with the fitted normal distribution and that of Table 5.1."""
+    picture = Figure(figsize=(14, 6.6), dpi=DPI, layout="constrained")
+    *panels, last = picture.subplots(2, 4).flat
     for axes, (key, row) in zip(panels, result["statistics"].items(), strict=True):
         values = np.array([trial[key] for trial in result["trials"] if key in trial])
         _draw_statistic(axes, row, values)
@@ -115,16 +115,16 @@ def figure(result: Mapping[str, Any]) -> Figure:
     for axes in (*panels, last):
         axes.set_axisbelow(True)
         axes.grid(**GRID)
-    known: dict[str, Any] = {}
+    legend: dict[str, Any] = {}
     for axes in (*panels, last):
-        known |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
-    drawn.legend(known.values(), known.keys(), loc="outside lower center", ncols=len(known), **BELOW)
-    drawn.suptitle(f"The animal of {_trials(result)}", fontsize=13)
-    return drawn
+        legend |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
+    picture.legend(legend.values(), legend.keys(), loc="outside lower center", ncols=len(legend), **BELOW)
+    picture.suptitle(f"The animal of {_trials(result)}", fontsize=13)
+    return picture
 
 
 def _draw_statistic(axes: Axes, row: Mapping[str, Any], values: Array) -> None:
-    """Histogram as a density; without spread there is one bar and no curve."""
+    """A histogram as a density with its curves; values without spread give one bar."""
     axes.set_xlabel(f"{row['label']} [{row['unit']}]")
     axes.set_title(f"n = {row['n']}", fontsize=10)
     axes.set_yticks([])

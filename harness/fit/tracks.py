@@ -1,18 +1,20 @@
-"""What a logged trial says of its animal.
+"""Reads an animal's statistics from one logged trial.
 
-Read is what the model of the animal (models/canine.py) draws, as that model means it:
+The statistics are the random draws of the animal's model (models/canine.py):
 
-- It draws speed, acceleration, deceleration, drift and both turn rates once a trial. So a trial gives one
-  value of each: the least-squares line that all its stretches share, each with an intercept of its own.
-- Speed under one command is constant, then a line, then constant: a trapezoid's edge, found by least squares.
-  After FORWARD from rest the line is the acceleration, after STOP the deceleration; what follows the line
-  of FORWARD or RECALL is cruising. An animal that reacts late first goes on as it was told before: the edge
-  is looked for from where that ends, its highest speed under STOP, its lowest when told to run.
-- Drift turns the animal while it is told to run or still moves. Its rate is read under FORWARD; on RECALL the
-  body turns home. In a turn, what drift adds while the animal still moves is subtracted.
-- It draws a response for each LEFT or RIGHT issued. Obeyed is a command under which the heading changes at
-  the threshold or faster, to either side: drawn turn rates may be negative, and then the dog does turn, the
-  wrong way. What turns slower is counted as not obeyed.
+- The model draws speed, acceleration, deceleration, drift and both turn rates once a trial. So a trial gives
+  one value of each: the slope of the least-squares line over all its stretches of one command, each stretch
+  with an intercept of its own.
+- The speed during a command is constant, then a line, then constant: an edge, found by least squares. After
+  FORWARD from rest the line's slope is the acceleration, after STOP the deceleration; the constant after the
+  line of FORWARD or RECALL is the cruising speed. An animal that reacts late continues for a while as the
+  command before told it. The search for the edge starts where that ends: at the highest speed during STOP, at
+  the lowest during FORWARD or RECALL.
+- Drift turns the animal while it is told to run or still moves. Its rate is read during FORWARD; on RECALL
+  the body turns home. In a turn, the drift is subtracted while the animal still moves.
+- The model draws a response for each LEFT or RIGHT issued. A command counts as obeyed if the heading changes
+  at the threshold or faster, to either side: drawn turn rates may be negative, and an obedient dog then turns
+  the wrong way. A slower change counts as not obeyed.
 """
 
 from __future__ import annotations
@@ -33,22 +35,23 @@ from models.commands import Command
 from models.kit.block import Block
 from models.kit.units import DEG
 
-MOVING_M_S = 1.0  # under way
-AT_REST_M_S = 0.5  # slower, a start is from rest
-CRUISE_S = 1.0  # least time at a steady speed, and of a run for its drift
-COUNTED = 3  # responses to a side by trial: a dog too slow to tell is asked on and on, and would outweigh all
-EDGE_S = 30.0  # within which speeding up or slowing down is looked for
+MOVING_M_S = 1.0  # speed above which an animal is under way
+AT_REST_M_S = 0.5  # speed below which a start is from rest
+CRUISE_S = 1.0  # s at least at a steady speed for the cruising speed, and under way for the drift
+COUNTED = 3  # responses counted for each side in a trial: a dog that turns too slowly is told again and again
+EDGE_S = 30.0  # s from a command within which the search for an edge ends
+ENDED_EARLY = f"ended before {CRUISE_S:g} s of steady speed"
 
 
 @dataclass(frozen=True)
 class MotionSource:
-    """Whose motion is read, and how finely it can tell.
+    """A component of the log whose speed and heading are read, with the limits of its accuracy.
 
     Attributes:
-        component: of the log.
-        rest: m/s, speed up to which it stands still, and loss of speed up to which it does not brake.
-        moving: m/s, speed below which neither braking nor a run tells anything.
-        shortest: s, least time of a turn; one tick where that is longer.
+        component: its name in the log.
+        rest: m/s, speed up to which the animal stands still, and loss of speed up to which it does not brake.
+        moving: m/s, least speed from which braking is measured, and which a measured start must reach.
+        shortest: s, least time of a turn; at least one tick.
         turned: rad/s, turn rate from which on a command counts as obeyed.
     """
 
@@ -62,18 +65,20 @@ class MotionSource:
 MOTION_SOURCES = {
     # the truth is exact, and a dog that does not obey does not turn at all
     "plant": MotionSource("plant", 1e-6, 1.0, 0.0, 0.1 * DEG),
-    # V' of Table 4.2; braking from less passes between fixes; 5 deg/s for the 3 s of DELTHRESH2 are 15 deg,
-    # the least turn asked for (from h'' = 20 deg to 5): a slower dog has not done it in time anyway
+    # rest: V' of Table 4.2; moving: braking from a lower speed may end between two fixes; turned: 5 deg/s for
+    # the 3 s of DELTHRESH2 are 15 deg, the least turn commanded (from h'' = 20 deg to 5)
     "estimator": MotionSource("estimator", 0.3, 2.0, 0.2, 5 * DEG),
 }
 
 
 @dataclass(frozen=True)
 class Statistic:
-    """One that a trial has a value of; `key` names the canine's parameter, beside `<key>_deviation`.
+    """A statistic of which each trial gives one value.
 
     Attributes:
-        needs: what must be commanded for it.
+        key: the name of the canine's parameter; its deviation is `<key>_deviation`.
+        label: in tables and pictures.
+        needs: the commands that a trial must have for it.
         published: mean, standard deviation and n of Table 5.1.
     """
 
@@ -84,16 +89,16 @@ class Statistic:
 
     @property
     def unit(self) -> str:
-        """As it is shown: angles in degrees."""
+        """The unit of results, with degrees for angles."""
         return Canine.variables()[self.key].unit.replace("rad", "deg")
 
     @property
     def scale(self) -> float:
-        """What a value in SI is multiplied by to be shown."""
+        """The factor from SI to `unit`."""
         return 1 / DEG if is_angular(Canine.variables()[self.key]) else 1.0
 
 
-STATISTICS = (  # published: Table 5.1; the deceleration's sign is left out, as the model has it
+STATISTICS = (  # published: Table 5.1; the deceleration is positive, as in the model
     Statistic("cruise_speed", "velocity", "FORWARD or RECALL", (4.86, 1.49, 66)),
     Statistic("speeding_up", "acceleration", "FORWARD", (1.78, 0.67, 73)),
     Statistic("slowing_down", "deceleration", "STOP of a moving animal", (2.72, 1.31, 40)),
@@ -111,15 +116,16 @@ TURNS = {
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """One trial as it is read; arrays are (ticks,), SI.
+    """The commands and the motion of one trial; arrays are (ticks,), SI.
 
     Attributes:
+        name: of the log.
         command: in force from its tick to the next.
         heading: clockwise from north, wrapped or not.
         usable: the motion is known on the tick.
-        fresh: the speed is taken from the tick.
-        aim: bearing of the first waypoint from the start, None if it is not known.
-        seed: of the plant, None if it has none.
+        fresh: the speed is new on the tick, such as at a fix.
+        aim: bearing of the first waypoint from the start; None if the log has no waypoint.
+        seed: of the plant; None if it has none.
     """
 
     name: str
@@ -139,19 +145,20 @@ class Track:
 
     @property
     def held(self) -> Array:
-        """Speed as it was last taken, (ticks,); before that, zero."""
+        """The last fresh speed at each tick, (ticks,); zero before the first."""
         latest = np.maximum.accumulate(np.where(self.fresh, np.arange(len(self.speed)), -1))
         return np.where(latest >= 0, self.speed[latest], 0.0)
 
 
 @dataclass
 class Trial:
-    """What a trial tells.
+    """The statistics of one trial.
 
     Attributes:
+        name: of the log.
         values: by the statistic's key, SI.
-        responses: by the success rate's name, whether each command issued was obeyed.
-        left_out: how many stretches could not be used, by the statistic's key and why.
+        responses: whether each command issued was obeyed, by the success rate's name.
+        left_out: number of stretches that could not be used, by the statistic's key and the reason.
     """
 
     name: str
@@ -163,7 +170,7 @@ class Trial:
 def stretches(command: Array) -> list[tuple[int, int, int]]:
     """Command, first row and last row of each stretch of one command.
 
-    The last row is the first of the next command: what an animal is told shows a tick later.
+    The last row is the first of the next command, since a command shows in the motion one tick later.
     """
     starts = [0, *(np.flatnonzero(np.diff(command)) + 1).tolist()]
     ends = [*starts[1:], len(command) - 1]
@@ -171,20 +178,20 @@ def stretches(command: Array) -> list[tuple[int, int, int]]:
 
 
 def slope(lines: Sequence[tuple[Array, Array]]) -> float:
-    """Least-squares slope that lines (abscissae, ordinates) share, each with an intercept of its own."""
+    """The least-squares slope common to lines (abscissae, ordinates) that have each an own intercept."""
     products = [((t - t.mean()) @ (y - y.mean()), (t - t.mean()) @ (t - t.mean())) for t, y in lines]
     return float(sum(xy for xy, _ in products) / sum(xx for _, xx in products))
 
 
 def edge(x: Array, y: Array, least: int, most: int) -> tuple[int, int]:
-    """First and last row of the line in what is constant, then a line, then constant, by least squares.
+    """First and last row of the line in a curve that is constant, then a line, then constant: least squares.
 
     Args:
         x, y: (n,), n > least.
-        least: intervals that the line has at the least.
-        most: row by which it ends at the latest, if y is that long.
+        least: number of the line's intervals at least.
+        most: row by which the line ends at the latest, or `least` if that is larger.
     """
-    n, x, y = len(y), x - x.mean(), y - y.mean()  # or the sums of squares would lose digits
+    n, x, y = len(y), x - x.mean(), y - y.mean()  # centred, so that the sums of squares keep their digits
     one, sx, sy, sxx, sxy, syy = (
         np.concatenate([[0.0], np.cumsum(p)]) for p in (np.ones(n), x, y, x * x, x * y, y * y)
     )
@@ -195,7 +202,7 @@ def edge(x: Array, y: Array, least: int, most: int) -> tuple[int, int]:
     end = min(n, max(most, least) + 1)
     first, stop = np.arange(end - least)[:, None], np.arange(least + 1, end + 1)[None, :]
     count, x1, y1, x2, xy, y2 = (s[stop] - s[first] for s in (one, sx, sy, sxx, sxy, syy))
-    with np.errstate(divide="ignore", invalid="ignore"):  # of one row and less, which are masked below
+    with np.errstate(divide="ignore", invalid="ignore"):  # lines of one row or fewer, which are masked below
         line = y2 - y1**2 / count - (xy - x1 * y1 / count) ** 2 / (x2 - x1**2 / count)
     before = flat(first, sy[first], syy[first])
     after = flat(n - stop, sy[n] - sy[stop], syy[n] - syy[stop])
@@ -205,35 +212,35 @@ def edge(x: Array, y: Array, least: int, most: int) -> tuple[int, int]:
 
 
 def ramp(time: Array, speed: Array, *, rising: bool) -> tuple[int, int]:
-    """First and last row of the line along which an animal speeds up or slows down, however late it does.
+    """First and last row of the line along which an animal speeds up or slows down, however late it reacts.
 
-    The rows before the extreme speed are left out where the edge begins by going the other way. The extreme
-    is that up to the line's end: a stray fix later on, at the new speed, is none.
+    If the speed first changes the other way, the rows before its extreme are left out. The extreme is sought
+    up to the line's end only: a stray fix at the new speed does not count.
 
     Args:
         time, speed: (n,), n > 1; s, m/s.
+        rising: it speeds up.
     """
     most = round(EDGE_S / float(np.median(np.diff(time))))
     begin, end = edge(time, speed, 1, most)
-    gone_on = int(np.argmin(speed[: end + 1] if rising else -speed[: end + 1]))
-    if 0 < gone_on < len(speed) - 1:
-        begin, end = (gone_on + row for row in edge(time[gone_on:], speed[gone_on:], 1, most))
+    extreme = int(np.argmin(speed[: end + 1] if rising else -speed[: end + 1]))
+    if 0 < extreme < len(speed) - 1:
+        begin, end = (extreme + row for row in edge(time[extreme:], speed[extreme:], 1, most))
     return begin, end
 
 
 def measure(track: Track, source: MotionSource) -> Trial:
-    """What a trial tells about its animal."""
+    """Read the statistics of one trial."""
     trial = Trial(track.name)
     known = []
     for command, first, last in stretches(track.command):
         if command in set(Command) and command != Command.NONE and last > first:
             if track.usable[first : last + 1].all():
-                thin = min(
-                    last - first, max(1, round(Block.sample_time / track.step))
-                )  # the edges' cost grows as n^2
-                known.append((Command(command), slice(first, last + 1, thin)))
+                # read finer logs at the models' tick: the cost of the edges grows with the square of the rows
+                stride = min(last - first, max(1, round(Block.sample_time / track.step)))
+                known.append((Command(command), slice(first, last + 1, stride)))
             else:
-                for key in _told_by(Command(command)):
+                for key in _read_from(Command(command)):
                     trial.left_out[key, "the motion is not known throughout"] += 1
     _speed(track, known, source, trial)
     _drift(track, known, trial)
@@ -248,8 +255,8 @@ def measure(track: Track, source: MotionSource) -> Trial:
     return trial
 
 
-def _told_by(command: Command) -> tuple[str, ...]:
-    """What a stretch of a command would have told."""
+def _read_from(command: Command) -> tuple[str, ...]:
+    """The statistics that a stretch of a command gives."""
     return {
         Command.FORWARD: ("cruise_speed", "speeding_up", "drift"),
         Command.RECALL: ("cruise_speed",),
@@ -258,7 +265,7 @@ def _told_by(command: Command) -> tuple[str, ...]:
 
 
 def _speed(track: Track, known: Sequence[tuple[Command, slice]], source: MotionSource, trial: Trial) -> None:
-    """Cruise speed, acceleration and deceleration."""
+    """Read cruising speed, acceleration and deceleration."""
     lines: dict[str, list[tuple[Array, Array]]] = {"speeding_up": [], "slowing_down": []}
     steady = []
     for command, rows in known:
@@ -266,7 +273,7 @@ def _speed(track: Track, known: Sequence[tuple[Command, slice]], source: MotionS
         fresh = track.fresh[rows]
         time, speed = track.time[rows][fresh], track.speed[rows][fresh]
         if len(speed) < 2 or not (running or (command == Command.STOP and speed[0] > AT_REST_M_S)):
-            continue  # nothing to see, or to brake
+            continue  # it was at rest when told to stop, or two fresh speeds are missing
         begin, end = ramp(time, speed, rising=running)
         line = time[begin : end + 1], speed[begin : end + 1]
         if not running:
@@ -277,8 +284,8 @@ def _speed(track: Track, known: Sequence[tuple[Command, slice]], source: MotionS
             else:
                 lines["slowing_down"].append(line)
             continue
-        steadily = speed[end:].mean()
-        if steadily < MOVING_M_S:
+        reached = speed[end:].mean()
+        if reached < MOVING_M_S:
             trial.left_out["cruise_speed", f"came to less than {MOVING_M_S:g} m/s"] += 1
         elif time[-1] - time[end] > CRUISE_S - 1e-9:
             steady.append(speed[end + 1 :])
@@ -286,11 +293,13 @@ def _speed(track: Track, known: Sequence[tuple[Command, slice]], source: MotionS
             trial.left_out["cruise_speed", ENDED_EARLY] += 1
         if command == Command.RECALL:
             continue
-        if speed[0] < AT_REST_M_S and steadily >= source.moving:
+        if speed[0] < AT_REST_M_S and reached >= source.moving:
             lines["speeding_up"].append(line)
         else:
-            why = "not from rest" if speed[0] >= AT_REST_M_S else f"came to less than {source.moving:g} m/s"
-            trial.left_out["speeding_up", why] += 1
+            reason = (
+                "not from rest" if speed[0] >= AT_REST_M_S else f"came to less than {source.moving:g} m/s"
+            )
+            trial.left_out["speeding_up", reason] += 1
     if steady:
         trial.values["cruise_speed"] = float(np.concatenate(steady).mean())
     for key, sign in (("speeding_up", 1), ("slowing_down", -1)):
@@ -298,11 +307,8 @@ def _speed(track: Track, known: Sequence[tuple[Command, slice]], source: MotionS
             trial.values[key] = sign * slope(lines[key])
 
 
-ENDED_EARLY = f"ended before {CRUISE_S:g} s of steady speed"
-
-
 def _drift(track: Track, known: Sequence[tuple[Command, slice]], trial: Trial) -> None:
-    """Rate of the heading while told FORWARD and under way."""
+    """Read the drift: the rate of the heading during FORWARD, from where the animal is under way."""
     lines = []
     for command, rows in known:
         if command != Command.FORWARD:
@@ -318,7 +324,10 @@ def _drift(track: Track, known: Sequence[tuple[Command, slice]], trial: Trial) -
 
 
 def _turn(track: Track, known: Sequence[tuple[Command, slice]], source: MotionSource, trial: Trial) -> None:
-    """Responses to LEFT and RIGHT, and the turn rates of those obeyed; drift is known already if it is."""
+    """Read the responses to LEFT and RIGHT, and the turn rates of those obeyed.
+
+    The drift must have been read before.
+    """
     lines: dict[str, list[tuple[Array, Array]]] = {key: [] for key, _ in TURNS.values()}
     drift = trial.values.get("drift", 0.0)
     for command, rows in known:
@@ -342,6 +351,6 @@ def _turn(track: Track, known: Sequence[tuple[Command, slice]], source: MotionSo
         if obeyed:
             begin, end = edge(time, heading, least, round(EDGE_S / step))
             lines[key].append((time[begin : end + 1], heading[begin : end + 1]))
-    for key, found in lines.items():
-        if found:
-            trial.values[key] = slope(found)
+    for key, turns in lines.items():
+        if turns:
+            trial.values[key] = slope(turns)

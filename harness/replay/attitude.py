@@ -1,8 +1,8 @@
-"""From raw inertial samples to roll, pitch and heading on the estimator's ticks, causally.
+"""Roll, pitch and heading on the estimator's ticks, from raw inertial samples and courses over ground.
 
-Every value at a tick depends only on samples and fixes at or before it, so a replay sees what a wearable
-computer would have seen. Body axes are forward, right, down; roll, pitch (nose up positive) and heading
-(clockwise from north) are the aerospace Euler angles, in rad.
+Everything is causal: a value at a tick depends only on samples and fixes at or before it, as on a wearable
+computer. Body axes are forward, right, down; roll, pitch (nose up positive) and heading (clockwise from
+north) are the aerospace Euler angles, in rad.
 """
 
 import numpy as np
@@ -17,15 +17,15 @@ Array = npt.NDArray[np.float64]
 
 TICK_S = Block.sample_time
 OVERSAMPLING = 40  # the filter runs at 1 kHz, the resolution of the sample times
-CUTOFF_HZ = 8.0  # -3 dB; 12.5 Hz is the Nyquist frequency of the ticks, 25 Hz (-40 dB) aliases to 0
+CUTOFF_HZ = 8.0  # -3 dB; the ticks' Nyquist frequency is 12.5 Hz, and 25 Hz (-40 dB) aliases to 0
 FILTER_ORDER = 4  # below 2 Hz its group delay is 2.613 / (2 pi CUTOFF_HZ) = 52 ms
 
 
 def anti_alias(t: Array, samples: Array, ticks: int) -> Array:
-    """Low-pass `samples` (n, m) taken at uneven times `t` (n,) s, and read them at the ticks k * TICK_S.
+    """Low-pass `samples` (n, m) taken at uneven times `t` (n,) s, and sample them at the ticks k * TICK_S.
 
-    Each instant of a uniform 1 kHz grid holds the last sample (the first one before it), then comes a
-    Butterworth filter that starts settled on its first input. Returns (ticks, m).
+    A uniform grid of 1 kHz holds the last sample at each instant (before the first sample, the first). It
+    passes a Butterworth filter that starts settled on its first input. Returns (ticks, m).
     """
     grid = np.arange((ticks - 1) * OVERSAMPLING + 1) * (TICK_S / OVERSAMPLING)
     held = samples[np.maximum(np.searchsorted(t, grid + 1e-9, side="right") - 1, 0)]
@@ -36,13 +36,13 @@ def anti_alias(t: Array, samples: Array, ticks: int) -> Array:
 
 
 def euler_angles(t: Array, specific_force: Array, rate: Array) -> Array:
-    """Roll, pitch and heading from an arbitrary zero, unwrapped, (n, 3) rad.
+    """Roll, pitch and heading, unwrapped, (n, 3) rad; the heading counts from an arbitrary zero.
 
-    `t` (n,) s, `specific_force` (n, 3) m/s2 and `rate` (n, 3) rad/s in body axes.
-    Madgwick's gradient filter (Madgwick, Harrison, Vaidyanathan, ICORR 2011) at the library's gain of
-    0.033 rad/s: its step has a fixed length, so the centripetal acceleration of a long turn tilts it slowly,
-    and it has no bias state to wind up in one, as Mahony's has. Its vertical is gravity
-    (minus the specific force), so its earth frame is north, east, down up to the unknown heading.
+    `t` (n,) s, `specific_force` (n, 3) m/s2 and `rate` (n, 3) rad/s in body axes. The filter is Madgwick's
+    gradient filter (Madgwick, Harrison, Vaidyanathan, ICORR 2011) at the library's gain of 0.033 rad/s. Its
+    step has a fixed length, so the centripetal acceleration of a long turn tilts it slowly; unlike Mahony's
+    filter it has no bias state that winds up in a turn. Its vertical is gravity (minus the specific force),
+    so its earth frame is north, east, down, turned by the unknown heading.
     """
     madgwick = Madgwick()
     q = np.empty((len(t), 4))
@@ -59,17 +59,17 @@ def euler_angles(t: Array, specific_force: Array, rate: Array) -> Array:
 def align_heading(
     heading: Array, fix_tick: npt.NDArray[np.int64], course: Array, time_constant_s: float
 ) -> Array:
-    """Turn a heading with an arbitrary zero (ticks,) into one clockwise from north, by courses over ground.
+    """Turn a heading from an arbitrary zero (ticks,) into one clockwise from north, by courses over ground.
 
-    `fix_tick` (f,) are the ascending ticks at which `course` (f,) rad became known. The offset is the mean of
-    course - heading over the fixes so far, later one that forgets with `time_constant_s`, and zero before
-    the first. Returns (ticks,) rad in (-pi, pi].
+    `course` (f,) rad became known at the ascending ticks `fix_tick` (f,). The offset is the mean of
+    course - heading over the fixes so far, which later forgets older ones with `time_constant_s`; before the
+    first fix it is zero. Returns (ticks,) rad in (-pi, pi].
     """
     offset = np.zeros_like(heading)
     mean, last = 0j, 0
-    for n, (k, direction) in enumerate(zip(fix_tick, course, strict=True), start=1):
+    for n, (k, course_at_fix) in enumerate(zip(fix_tick, course, strict=True), start=1):
         forgetting = 1 - np.exp(-(k - last) * TICK_S / time_constant_s)
-        mean += max(1 / n, forgetting) * (np.exp(1j * (direction - heading[k])) - mean)
+        mean += max(1 / n, forgetting) * (np.exp(1j * (course_at_fix - heading[k])) - mean)
         offset[k:] = np.angle(mean)
         last = k
     return np.asarray(np.angle(np.exp(1j * (heading + offset))), dtype=np.float64)

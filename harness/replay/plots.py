@@ -1,4 +1,4 @@
-"""The picture of a replay: what the receiver measured, and where estimators went without it."""
+"""The picture of a replay: the receiver's path, and the estimates during outages."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ def replay_picture(
     outages: Sequence[tuple[float, float]],
     title: str = "",
 ) -> None:
-    """Write the picture of a replay: what the receiver measured, and where estimators went without it.
+    """Write the picture of a replay: the receiver's path, and the estimates during outages.
 
     Args:
         path: the PNG.
-        gps: time [s], north and east [m] of the fixes, each (f,), those of the outages included.
-        estimates: for each configuration its label, time [s], north and east [m], each (n,); NaN where there
-            is nothing to draw, as between outages.
-        outages: start and end [s] of each, which are shaded.
+        gps: time [s], north and east [m] of all fixes, the withheld ones too, (f,) each.
+        estimates: label, time [s], north and east [m] of each configuration, (n,) each; NaN breaks the line
+            between outages.
+        outages: start and end [s] of each; they are shaded.
         title: above the picture.
 
     Raises:
@@ -57,8 +57,10 @@ def replay_figure(
     for number, (label, at, estimate_north, estimate_east) in enumerate(estimates):
         color = ESTIMATES[number % len(ESTIMATES)]
         paths.plot(estimate_east, estimate_north, color=color, linewidth=1.6, label=label, zorder=3)
-        off = np.hypot(estimate_north - np.interp(at, time, north), estimate_east - np.interp(at, time, east))
-        errors.plot(at, off, color=color, linewidth=1.4, label=label, zorder=3)
+        error = np.hypot(
+            estimate_north - np.interp(at, time, north), estimate_east - np.interp(at, time, east)
+        )
+        errors.plot(at, error, color=color, linewidth=1.4, label=label, zorder=3)
     paths.set_aspect("equal", adjustable="datalim")
     paths.set_xlabel("east [m]")
     paths.set_ylabel("north [m]")

@@ -1,11 +1,12 @@
-"""A recording of a GPS receiver and an IMU, turned into the sensor signals of the estimator at 25 Hz.
+"""Reads a recording of a GPS receiver and an IMU, and turns it into the estimator's sensor signals at 25 Hz.
 
 A folder holds one `*.ubx` (u-blox binary stream), one `imu*.csv` (ax, ay, az [g], gx, gy, gz [deg/s],
-tick [ms since power-up]) and beside each its RTKLIB time tag, `*.tag`.
+tick [ms since power-up]), and beside each file its RTKLIB time tag, `*.tag`.
 
-Clocks: a fix carries GPS time of week, an IMU line only the IMU's own tick. Its tag says when the logging
-computer, whose clock keeps GPS time, received it. Transport only delays, so the smallest arrival - tick over
-the recording ties the clocks. The receiver's tag shows that the computer's clock is right.
+Clocks: a fix carries GPS time of week, an IMU line only the IMU's own tick. The tag of the IMU's file gives
+the time when the logging computer, whose clock keeps GPS time, received each line. Transport only delays, so
+the smallest (arrival - tick) of the recording is the offset between the clocks. The receiver's tag shows that
+the computer's clock is right.
 """
 
 import struct
@@ -34,21 +35,21 @@ NAV_PVT, NAV_POSLLH, NAV_VELNED = b"\x01\x07", b"\x01\x02", b"\x01\x12"
 # Forward, right and down in the axes of the IMU: roll, pitch, yaw = 180, 0, -90 deg.
 MOUNTING = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
-MOVING_M_S = 0.5  # m/s, above it the course over ground is used
-ALIGNING_S = 10.0  # s, in which the heading's offset forgets older courses
-MIN_OVERLAP_S = 20.0  # s of both sensors: one outage of 10 s and as much before it
+MOVING_M_S = 0.5  # m/s, speed above which the course over ground is used
+ALIGNING_S = 10.0  # s, time constant with which the heading's offset forgets older courses
+MIN_OVERLAP_S = 20.0  # s with both sensors: one outage of 10 s and 10 s before it
 MAX_RECEIVER_LATENCY_S = 0.5  # s from the epoch of a fix to its arrival
 MAX_CLOCK_DRIFT_S = 0.05  # s, of the IMU's clock against the computer's over the recording
-MAX_H_ACC_M = 100.0  # m, NAV-POSLLH has no fix flag; without a fix its accuracy is far beyond
+MAX_H_ACC_M = 100.0  # m; NAV-POSLLH has no fix flag, and without a fix its accuracy is far worse
 
 
 class RecordingError(CanineError):
-    """What is wrong with which file of a recording: got, expected, what to do."""
+    """A file of a recording is missing or wrong."""
 
 
 @dataclass(frozen=True)
 class Fixes:
-    """Valid fixes, arrays (f,) in s, rad, m and m/s."""
+    """The valid fixes of a recording, arrays (f,) in s, rad, m and m/s."""
 
     t: Array
     latitude: Array
@@ -62,32 +63,33 @@ class Fixes:
 
 @dataclass(frozen=True)
 class Recording:
-    """Both sensors on one clock (s), zero at the first fix that the IMU accompanies, which is the origin."""
+    """Both sensors' data on one clock [s], which is zero at the first fix with IMU samples: the origin."""
 
     fixes: Fixes
     imu_t: Array  # (n,)
     specific_force: Array  # (n, 3) m/s2, forward, right, down
     rate: Array  # (n, 3) rad/s, forward, right, down
-    checksum_errors: int  # UBX frames dropped
+    checksum_errors: int  # number of UBX frames dropped
 
     @property
     def ticks(self) -> int:
-        """Number of ticks k * TICK_S from 0 that both sensors cover."""
+        """Number of ticks k * TICK_S, from k = 0 on, that both sensors cover."""
         return int(min(np.ceil(self.fixes.t[-1] / TICK_S - 1e-6), np.floor(self.imu_t[-1] / TICK_S))) + 1
 
     @cached_property
     def on_ticks(self) -> Array:
-        """Specific force, rate, roll, pitch, unaligned heading, all late by one filter: (ticks, 9)."""
+        """Specific force, rate, roll, pitch, unaligned heading, all delayed by one filter: (ticks, 9)."""
         angles = euler_angles(self.imu_t, self.specific_force, self.rate)
         return anti_alias(self.imu_t, np.hstack([self.specific_force, self.rate, angles]), self.ticks)
 
 
 @dataclass(frozen=True)
 class SensorSignals:
-    """SensorSignals at the ticks, arrays (ticks,), SI units and rad; body axes are forward, right, down.
+    """The inputs of an estimator at each tick, and the reference to compare its outputs with.
 
-    The inertial signals are late by the filter's delay. The gps signals hold their last value between fixes
-    and in outages. reference_* is the receiver with the outages included, for scoring only.
+    Arrays are (ticks,), in SI units and rad; body axes are forward, right, down. The inertial signals are
+    delayed by the filter. The gps signals hold their last value between fixes and during outages. The
+    reference has the withheld fixes too; an estimator never gets it.
     """
 
     t: Array
@@ -103,7 +105,7 @@ class SensorSignals:
     roll_meas: Array
     pitch_meas: Array  # nose up positive
     heading_meas: Array  # clockwise from north, but from an arbitrary zero until the first moving fix
-    gps_fix: Mask  # a fresh fix at this tick
+    gps_fix: Mask  # a new fix at this tick
     gps_north: Array  # from the origin, the position of the fix at t = 0
     gps_east: Array
     gps_speed: Array
@@ -120,7 +122,11 @@ class SensorSignals:
 
 
 def read_recording(folder: Path) -> Recording:
-    """Read a folder's UBX stream, IMU samples and time tags. Raises RecordingError."""
+    """Read a folder's UBX stream, IMU samples and time tags.
+
+    Raises:
+        RecordingError: a file is missing, damaged, or does not fit the others.
+    """
     if not folder.is_dir():
         raise RecordingError(f"{folder}: no such folder; expected the folder of a recording")
     ubx, imu = _only_file(folder, "*.ubx"), _only_file(folder, "imu*.csv")
@@ -161,10 +167,13 @@ def read_recording(folder: Path) -> Recording:
 
 
 def sensor_signals(recording: Recording, outages: Sequence[tuple[float, float]] = ()) -> SensorSignals:
-    """The estimator's signals, with the fixes at start <= t <= end (s) of each outage withheld.
+    """Resample a recording to ticks, and withhold the fixes at start <= t <= end [s] of each outage.
 
-    A fix counts at the first tick at or after it. Fixes faster than MOVING_M_S align the heading with the
-    time constant ALIGNING_S. An outage starts after 0, for the fix at 0 is the origin; else RecordingError.
+    A fix falls on the first tick at or after it. Fixes faster than MOVING_M_S align the heading, with the
+    time constant ALIGNING_S.
+
+    Raises:
+        RecordingError: an outage hides the fix at 0, which is the origin, or ends before it starts.
     """
     fixes = recording.fixes
     origin = int(np.searchsorted(fixes.t, 0.0))
@@ -220,20 +229,20 @@ def sensor_signals(recording: Recording, outages: Sequence[tuple[float, float]] 
 
 
 def _only_file(folder: Path, pattern: str) -> Path:
-    found = sorted(folder.glob(pattern))
-    if len(found) != 1:
-        got = ", ".join(path.name for path in found) or "none"
+    paths = sorted(folder.glob(pattern))
+    if len(paths) != 1:
+        got = ", ".join(path.name for path in paths) or "none"
         raise RecordingError(
-            f"{folder}: got {got} for {pattern}, expected one file; keep one recording a folder"
+            f"{folder}: got {got} for {pattern}, expected one file; keep one recording in each folder"
         )
-    for path in (found[0], _tag(found[0])):
+    for path in (paths[0], _tag(paths[0])):
         if not path.is_file():
             raise RecordingError(
-                f"{path}: missing; expected the time tag that RTKLIB writes with {found[0].name}"
+                f"{path}: missing; expected the time tag that RTKLIB writes with {paths[0].name}"
             )
         if path.stat().st_size == 0:
             raise RecordingError(f"{path}: got an empty file, expected a recording; copy it again")
-    return found[0]
+    return paths[0]
 
 
 def _tag(path: Path) -> Path:
@@ -241,7 +250,7 @@ def _tag(path: Path) -> Path:
 
 
 def _read_ubx(path: Path) -> tuple[Array, Index, int]:
-    """Valid fixes (f, 8), their columns as in `Fixes`, the file position after each, the frames dropped."""
+    """Valid fixes (f, 8), columns as in `Fixes`; the file position after each; number of frames dropped."""
     pvt: list[tuple[float, ...]] = []
     pairs: list[tuple[float, ...]] = []
     errors, posllh = 0, None
@@ -276,7 +285,7 @@ def _position(m: Any) -> tuple[float, float, float, float]:
 
 
 def _read_imu(path: Path) -> tuple[Array, Index]:
-    """Samples (n, 7) and the file position after each; the logger cuts the first and the last line."""
+    """Samples (n, 7) and the file position after each; the logger truncates the first and the last line."""
     lines = path.read_bytes().split(b"\n")
     samples = np.empty((max(len(lines) - 2, 0), 7))
     for i, line in enumerate(lines[1:-1]):
@@ -296,26 +305,26 @@ def _read_imu(path: Path) -> tuple[Array, Index]:
 
 
 def _arrival(path: Path, ends: Index) -> Array:
-    """GPS time of week in s at which the computer had received the file up to each position of `ends`.
+    """GPS time of week [s] at which the computer had received the file up to each position in `ends`.
 
-    A tag is 64 bytes of header, the start as GPS time from 1970 (uint32 s and float64 s), then pairs of
-    uint32: ms since the start and the size of the file by then.
+    A tag has 64 bytes of header, the start as GPS time since 1970 (uint32 s and float64 s), then pairs of
+    uint32: ms since the start, and the size of the file at that time.
     """
     tag = _tag(path).read_bytes()
     if not tag.startswith(b"TIMETAG RTKLIB") or len(tag) < 84 or (len(tag) - 76) % 8:
         raise RecordingError(
             f"{_tag(path)}: got {len(tag)} bytes, expected TIMETAG RTKLIB, a header of 76 and pairs of 8; "
-            "it is truncated or no time tag, copy it again"
+            "it is truncated or not a time tag, copy it again"
         )
     seconds, fraction = struct.unpack_from("<Id", tag, 64)
     ms, received = np.frombuffer(tag, "<u4", offset=76).reshape(-1, 2).astype(np.int64).T
     excess = int(received[-1]) - path.stat().st_size
-    if excess == len(ends) + 1:  # CR LF became LF in a copy: each line is a byte shorter than when received
+    if excess == len(ends) + 1:  # a copy turned CR LF into LF: each line is a byte shorter than when received
         ends = ends + np.arange(2, len(ends) + 2)
     elif excess != 0:
         raise RecordingError(
-            f"{path}: got {path.stat().st_size} bytes, expected {received[-1]} by its tag; one of them is "
-            "truncated or of another recording"
+            f"{path}: got {path.stat().st_size} bytes, expected {received[-1]} by its tag; one of the two is "
+            "truncated or from another recording"
         )
     started = (seconds - GPS_EPOCH_S) % WEEK_S + fraction
     return np.asarray(started + ms[np.searchsorted(received, ends)] / 1000)
@@ -325,9 +334,10 @@ def _require_increasing(path: Path, clock: Array) -> None:
     for i in np.flatnonzero(~(np.diff(clock) > 0))[:1]:
         raise RecordingError(
             f"{path}: the clock goes from {clock[i]:.3f} to {clock[i + 1]:.3f} s at record {i + 2}, expected "
-            "it to increase; cut the recording there"
+            "an increase; cut the recording there"
         )
 
 
 def _wrap_week(seconds: Array) -> Array:
+    """A difference of times of week, wrapped to half a week around 0."""
     return (seconds + WEEK_S / 2) % WEEK_S - WEEK_S / 2

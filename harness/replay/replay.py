@@ -1,8 +1,8 @@
-"""A recording through the estimator FMU, with the GPS taken away for a while wherever that fits (3.3.6, D.7).
+"""Replays a recording through the estimator's FMU, with simulated GPS outages (3.3.6, D.7).
 
-For each simulated outage the estimator runs from the start of the recording to the end of the outage, as on
-board, and is compared there with the fixes that were kept from it. `speed held` is dead reckoning without a
-filter: the last fix, then its speed along the measured heading.
+For each outage the estimator runs from the start of the recording to the end of the outage, as on board. Its
+error is measured there, against the last withheld fix. `speed held` is dead reckoning without a filter: after
+the last fix its speed continues along the measured heading.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from models.kit.block import Block
 Window = tuple[float, float]  # s, start and end of an outage
 
 HELD = "speed held"
-SETTLE = 10.0  # s that the estimator has before the first outage
+SETTLE = 10.0  # s of motion before the first outage, for the estimator to settle
 ESTIMATORS: dict[str, type[Block]] = {block.title(): block for block in (FourState,)}
 CONFIGURATIONS: dict[str, dict[str, dict[str, float]]] = {
     "four_state": {
@@ -47,11 +47,12 @@ COLUMNS = ("position_error_m", "velocity_error_m_s")
 
 @dataclass(frozen=True)
 class ReplaySource:
-    """What can be replayed: a recording of real sensors, or the log of a trial.
+    """A recording of real sensors, or the log of a trial, as a source of sensor signals.
 
     Attributes:
-        signals: what the estimator gets when the fixes within some windows are withheld.
-        broken: why the recording is not whole, "" if it is.
+        name: of the recording or trial, for the results.
+        signals: gives the estimator's inputs with the fixes in some windows withheld.
+        broken: why the recording is incomplete; "" if it is complete.
     """
 
     name: str
@@ -60,18 +61,20 @@ class ReplaySource:
 
     @property
     def folder(self) -> Path:
-        """Where the results go if nobody says."""
+        """The folder of the results by default."""
         return Path("out") / f"replay-{self.name}"
 
     def windows(self, length: float, every: float, settle: float = SETTLE) -> list[Window]:
-        """Outages of `length` [s], every `every` [s], from `settle` [s] after the first moving fix."""
-        given = self.signals([])
-        moving = given.t[given.reference_fix & (given.reference_speed > MOVING_M_S)]
+        """Outages of `length` [s], one every `every` [s], from `settle` [s] after the first moving fix on.
+
+        A window without a fix is left out: the error could not be measured there.
+        """
+        signals = self.signals([])
+        moving = signals.t[signals.reference_fix & (signals.reference_speed > MOVING_M_S)]
         if not len(moving):
             return []
-        fixes = given.t[given.reference_fix]
+        fixes = signals.t[signals.reference_fix]
         starts = np.arange(np.ceil(moving[0] + settle), fixes[-1] - length + 1e-9, every)
-        # without a fix inside, there is nothing to judge by
         return [
             (float(start), float(start + length))
             for start in starts
@@ -91,15 +94,15 @@ def find_estimator(name: str) -> type[Block]:
 
 
 def open_source(path: Path) -> ReplaySource:
-    """A folder with a recording, or a trial.mcap.
+    """Open the folder of a recording, or a trial.mcap.
 
     Raises:
-        RecordingError, LogError: it is neither, or is damaged.
+        RecordingError, LogError: the path is neither, or is damaged.
     """
     if path.suffix == ".mcap":
         return _of_log(path)
     recording = read_recording(path)
-    return ReplaySource(path.resolve().name, lambda chosen: sensor_signals(recording, chosen))
+    return ReplaySource(path.resolve().name, lambda windows: sensor_signals(recording, windows))
 
 
 def _of_log(path: Path) -> ReplaySource:
@@ -111,75 +114,79 @@ def _of_log(path: Path) -> ReplaySource:
             f'{path}: the log has no signal "{missing[0]}"; expected a trial with sensors, such as '
             "`canine run three_waypoint` makes"
         )
-    fixed = log["sensors.gps_fix"] > 0
+    received = log["sensors.gps_fix"] > 0
 
-    def masked(chosen: Sequence[Window]) -> SensorSignals:
-        used = fixed.copy()
-        for start, end in chosen:
+    def signals_without(windows: Sequence[Window]) -> SensorSignals:
+        used = received.copy()
+        for start, end in windows:
             used &= (log.time < start) | (log.time > end)
-        latest = np.maximum.accumulate(np.where(used, np.arange(len(used)), 0))  # fix that is held
-        given: dict[str, Any] = {}
+        latest = np.maximum.accumulate(np.where(used, np.arange(len(used)), 0))  # tick of the held fix
+        columns: dict[str, Any] = {}
         for name in (f.name for f in fields(SensorSignals)):
-            recorded = log[f"sensors.{name}"] if f"sensors.{name}" in log else np.zeros(len(used))
-            given[name] = recorded[latest] if name.startswith("gps_") else recorded
+            logged = log[f"sensors.{name}"] if f"sensors.{name}" in log else np.zeros(len(used))
+            columns[name] = logged[latest] if name.startswith("gps_") else logged
         for name in ("north", "east", "speed", "course"):
-            given[f"reference_{name}"] = log[f"sensors.gps_{name}"]
-        given |= {"t": log.time, "gps_fix": used, "reference_fix": fixed}
-        given |= {"origin_latitude": log.origin[0], "origin_longitude": log.origin[1]}
-        return SensorSignals(**given)
+            columns[f"reference_{name}"] = log[f"sensors.gps_{name}"]
+        columns |= {"t": log.time, "gps_fix": used, "reference_fix": received}
+        columns |= {"origin_latitude": log.origin[0], "origin_longitude": log.origin[1]}
+        return SensorSignals(**columns)
 
     scenario = log.metadata.get("scenario", {})
     name = f"{scenario.get('name', path.stem)}-{scenario.get('seed', '')}".strip("-")
-    return ReplaySource(name, masked, log.broken)
+    return ReplaySource(name, signals_without, log.broken)
 
 
 def run_fmu(
-    path: Path, given: SensorSignals, ticks: int, parameters: Mapping[str, float]
+    path: Path, signals: SensorSignals, ticks: int, parameters: Mapping[str, float]
 ) -> dict[str, Array]:
-    """An estimator's FMU over the first `ticks` ticks: the estimate, arrays (ticks,) by output.
+    """Run an estimator's FMU over the first `ticks` ticks; its outputs by name, (ticks,) each.
 
     Raises:
-        FmuError: the FMU fails, or has inputs that are no signals.
+        FmuError: the FMU fails, or has an input that is not a sensor signal.
     """
     with FmuInstance("estimator", path) as component:
         inputs, outputs = component.description.inputs.values(), component.description.outputs.values()
-        known = {f.name for f in fields(SensorSignals)}
+        signal_names = {f.name for f in fields(SensorSignals)}
         for quantity in inputs:
-            if quantity.name not in known:
-                raise FmuError(f'{path}: input "{quantity.name}" is no sensor signal; cannot be replayed')
+            if quantity.name not in signal_names:
+                raise FmuError(
+                    f'{path}: input "{quantity.name}" is not a sensor signal; it cannot be replayed'
+                )
         component.initialize(parameters)
-        feeds, keeps = [], []  # (call, its values, all ticks' values, what it does)
+        setters, getters = [], []  # (call, one tick's values, all ticks' values, what it does)
         for access in dict.fromkeys(q.access for q in inputs):
-            chosen = [q for q in inputs if q.access == access]
-            table = np.column_stack([getattr(given, q.name)[:ticks] for q in chosen]).astype(access.dtype)
-            now = np.zeros(len(chosen), dtype=access.dtype)
-            feeds.append((component.setting(chosen, now.ctypes.data), now, table, f"set of {access.fmi}"))
+            group = [q for q in inputs if q.access == access]
+            table = np.column_stack([getattr(signals, q.name)[:ticks] for q in group]).astype(access.dtype)
+            now = np.zeros(len(group), dtype=access.dtype)
+            setters.append((component.setting(group, now.ctypes.data), now, table, f"set of {access.fmi}"))
         estimate = {q.name: np.zeros(ticks) for q in outputs}
         for access in dict.fromkeys(q.access for q in outputs):
-            chosen = [q for q in outputs if q.access == access]
-            now = np.zeros(len(chosen), dtype=access.dtype)
-            table = np.zeros((ticks, len(chosen)), dtype=access.dtype)
-            keeps.append((component.getting(chosen, now.ctypes.data), now, table, f"get of {access.fmi}"))
-            estimate |= {q.name: table[:, i] for i, q in enumerate(chosen)}
+            group = [q for q in outputs if q.access == access]
+            now = np.zeros(len(group), dtype=access.dtype)
+            table = np.zeros((ticks, len(group)), dtype=access.dtype)
+            getters.append((component.getting(group, now.ctypes.data), now, table, f"get of {access.fmi}"))
+            estimate |= {q.name: table[:, i] for i, q in enumerate(group)}
         time, ended = ctypes.c_double(), ctypes.c_char()
         step = component.stepping(time, TICK_S, ctypes.addressof(ended))
         for tick in range(ticks):
             time.value = tick * TICK_S
-            for call, now, table, what in feeds:
+            for call, now, table, what in setters:
                 now[:] = table[tick]
                 component.call(call, what, time.value)
             component.call(step, "doStep", time.value)
-            for call, now, table, what in keeps:
+            for call, now, table, what in getters:
                 component.call(call, what, time.value)
                 table[tick] = now
     return estimate
 
 
-def hold_speed(given: SensorSignals, ticks: int) -> dict[str, Array]:
-    """Dead reckoning without a filter: from the last fix on its speed along the heading, (ticks,) each."""
-    north, east, speed = (getattr(given, f"gps_{name}")[:ticks].copy() for name in ("north", "east", "speed"))
-    last = int(np.flatnonzero(given.gps_fix[:ticks])[-1])
-    steps = speed[last] * TICK_S * np.exp(1j * given.heading_meas[last + 1 : ticks])
+def hold_speed(signals: SensorSignals, ticks: int) -> dict[str, Array]:
+    """Dead reckoning without a filter, (ticks,) each: after the last fix its speed along the heading."""
+    north, east, speed = (
+        getattr(signals, f"gps_{name}")[:ticks].copy() for name in ("north", "east", "speed")
+    )
+    last = int(np.flatnonzero(signals.gps_fix[:ticks])[-1])
+    steps = speed[last] * TICK_S * np.exp(1j * signals.heading_meas[last + 1 : ticks])
     way = np.cumsum(steps)
     north[last + 1 :], east[last + 1 :] = north[last] + way.real, east[last] + way.imag
     speed[last + 1 :] = speed[last]
@@ -188,90 +195,89 @@ def hold_speed(given: SensorSignals, ticks: int) -> dict[str, Array]:
 
 @dataclass(frozen=True, eq=False)
 class Outage:
-    """One simulated outage: what each configuration was off by at the fix that ends it."""
+    """One simulated outage, with each configuration's error at the last withheld fix."""
 
     start: float  # s
     end: float  # s
-    path_m: float  # length of the way gone meanwhile
+    path_m: float  # length of the path during the outage
     errors: dict[str, tuple[float, float]]  # configuration -> position [m], velocity [m/s]
-    estimates: dict[str, tuple[Array, Array]]  # configuration -> north, east over the outage
+    estimates: dict[str, tuple[Array, Array]]  # configuration -> north, east during the outage
     time: Array  # s, of the estimates
 
 
 def replay(
     source: ReplaySource,
     estimator: str,
-    chosen: Sequence[Window],
+    windows: Sequence[Window],
     progress: Callable[[int], None] | None = None,
 ) -> list[Outage]:
-    """Run every configuration through every outage.
+    """Run every configuration of an estimator through every outage.
+
+    Args:
+        progress: called with the number of outages done.
 
     Raises:
         FmuError: the FMU fails.
-        RecordingError: there is no outage to run through.
+        RecordingError: there are no windows.
     """
-    if not chosen:
+    if not windows:
         raise RecordingError(
             f"{source.name}: no outage fits; expected fixes, {SETTLE:g} s of motion before the first outage, "
             "and its length after that; record longer or take shorter outages"
         )
     path = build_fmu(find_estimator(estimator), build_folder() / "fmi2", 2)
-    found = []
-    for number, window in enumerate(chosen):
-        given = source.signals([window])
-        inside = np.flatnonzero((given.t >= window[0]) & (given.t <= window[1]))
-        judged = int(inside[given.reference_fix[inside]][-1])  # the last fix that was kept from it
-        ticks = judged + 1
-        runs = {HELD: hold_speed(given, ticks)}
+    outages = []
+    for number, window in enumerate(windows):
+        signals = source.signals([window])
+        inside = np.flatnonzero((signals.t >= window[0]) & (signals.t <= window[1]))
+        withheld = inside[signals.reference_fix[inside]]
+        last = int(withheld[-1])  # where the errors are measured
+        ticks = last + 1
+        runs = {HELD: hold_speed(signals, ticks)}
         for name, parameters in CONFIGURATIONS[estimator].items():
-            runs[name] = run_fmu(path, given, ticks, parameters)
-        away = {
+            runs[name] = run_fmu(path, signals, ticks, parameters)
+        errors = {
             name: (
                 float(
                     np.hypot(
-                        run["north"][judged] - given.reference_north[judged],
-                        run["east"][judged] - given.reference_east[judged],
+                        run["north"][last] - signals.reference_north[last],
+                        run["east"][last] - signals.reference_east[last],
                     )
                 ),
-                float(abs(run["speed"][judged] - given.reference_speed[judged])),
+                float(abs(run["speed"][last] - signals.reference_speed[last])),
             )
             for name, run in runs.items()
         }
-        fixes = inside[given.reference_fix[inside]]
-        gone = np.hypot(np.diff(given.reference_north[fixes]), np.diff(given.reference_east[fixes])).sum()
-        shown = slice(int(inside[0]), ticks)
-        found.append(
-            Outage(
-                *window, float(gone), away,
-                {name: (run["north"][shown], run["east"][shown]) for name, run in runs.items()},
-                given.t[shown],
-            )
-        )  # fmt: skip
+        north, east = signals.reference_north[withheld], signals.reference_east[withheld]
+        path_m = float(np.hypot(np.diff(north), np.diff(east)).sum())
+        during = slice(int(inside[0]), ticks)
+        estimates = {name: (run["north"][during], run["east"][during]) for name, run in runs.items()}
+        outages.append(Outage(*window, path_m, errors, estimates, signals.t[during]))
         if progress:
             progress(number + 1)
-    return found
+    return outages
 
 
-def statistics(found: Sequence[Outage]) -> dict[str, Any]:
+def statistics(outages: Sequence[Outage]) -> dict[str, Any]:
     """Mean, standard deviation, median and 90th percentile of the errors, and paired two-tailed t-tests.
 
-    The tests are of outages that do not overlap: others share what they are judged by.
+    The tests use outages that do not overlap: overlapping ones share fixes, so they are not independent.
     """
-    names = list(found[0].errors)
-    table = np.array([[outage.errors[name] for name in names] for outage in found])  # (n, configurations, 2)
-    of: dict[str, dict[str, Any]] = {}
+    names = list(outages[0].errors)
+    table = np.array([[o.errors[name] for name in names] for o in outages])  # (n, configurations, 2)
+    configurations: dict[str, dict[str, Any]] = {}
     for i, name in enumerate(names):
-        of[name] = {"n": len(found)}
+        configurations[name] = {"n": len(outages)}
         for j, column in enumerate(COLUMNS):
             values = table[:, i, j]
-            of[name][column] = {
+            configurations[name][column] = {
                 "mean": float(values.mean()),
-                "sd": float(values.std(ddof=1)) if len(found) > 1 else None,
+                "sd": float(values.std(ddof=1)) if len(outages) > 1 else None,
                 "median": float(np.median(values)),
                 "p90": float(np.percentile(values, 90)),
             }
-    separate = disjoint(found)
-    apart = [i for i, outage in enumerate(found) if outage in separate]
+    separate = disjoint(outages)
+    apart = [i for i, outage in enumerate(outages) if outage in separate]
     pairs = []
     for i, first in enumerate(names):
         for k in range(i + 1, len(names)):
@@ -283,24 +289,25 @@ def statistics(found: Sequence[Outage]) -> dict[str, Any]:
                 else:
                     pair[column] = None
             pairs.append(pair)
-    return {"configurations": of, "paired_t_tests": pairs}
+    return {"configurations": configurations, "paired_t_tests": pairs}
 
 
-def disjoint(found: Sequence[Outage]) -> list[Outage]:
-    """Those of the outages, by time, that do not overlap with one before."""
-    chosen: list[Outage] = []
-    for outage in found:
-        if not chosen or outage.start >= chosen[-1].end:
-            chosen.append(outage)
-    return chosen
+def disjoint(outages: Sequence[Outage]) -> list[Outage]:
+    """The outages, in the order of time, without those that overlap an earlier one."""
+    separate: list[Outage] = []
+    for outage in outages:
+        if not separate or outage.start >= separate[-1].end:
+            separate.append(outage)
+    return separate
 
 
 def _number(value: float) -> float | None:
+    """A number for JSON, which has no NaN."""
     return float(value) if np.isfinite(value) else None
 
 
-def report(source: ReplaySource, estimator: str, found: Sequence[Outage], out: Path) -> dict[str, Any]:
-    """Write outages.json and replay.png; what the JSON holds.
+def report(source: ReplaySource, estimator: str, outages: Sequence[Outage], out: Path) -> dict[str, Any]:
+    """Write outages.json and replay.png; returns the content of the JSON.
 
     Raises:
         UsageError: the folder cannot be made.
@@ -310,7 +317,7 @@ def report(source: ReplaySource, estimator: str, found: Sequence[Outage], out: P
     result = {
         "recording": source.name,
         "estimator": estimator,
-        **statistics(found),
+        **statistics(outages),
         "outages": [
             {
                 "start_s": outage.start,
@@ -320,27 +327,27 @@ def report(source: ReplaySource, estimator: str, found: Sequence[Outage], out: P
                     name: dict(zip(COLUMNS, values, strict=True)) for name, values in outage.errors.items()
                 },
             }
-            for outage in found
+            for outage in outages
         ],
     }
     write_whole(out / "outages.json", (json.dumps(result, indent=2) + "\n").encode())
-    given = source.signals([])
-    fixes = given.reference_fix
-    shown = disjoint(found)  # overlapping ones would hide each other
+    signals = source.signals([])
+    fixes = signals.reference_fix
+    drawn = disjoint(outages)  # overlapping ones would hide each other
     replay_picture(
         out / "replay.png",
-        (given.t[fixes], given.reference_north[fixes], given.reference_east[fixes]),
-        [(name, *_joined(shown, name)) for name in found[0].errors],
-        [(outage.start, outage.end) for outage in shown],
-        f"{source.name}: {estimator} through outages of {found[0].end - found[0].start:g} s",
+        (signals.t[fixes], signals.reference_north[fixes], signals.reference_east[fixes]),
+        [(name, *_joined(drawn, name)) for name in outages[0].errors],
+        [(outage.start, outage.end) for outage in drawn],
+        f"{source.name}: {estimator} through outages of {outages[0].end - outages[0].start:g} s",
     )
     return result
 
 
-def _joined(shown: Sequence[Outage], name: str) -> tuple[Array, Array, Array]:
-    """Time, north and east of a configuration over the outages, NaN between them."""
+def _joined(outages: Sequence[Outage], name: str) -> tuple[Array, Array, Array]:
+    """Time, north and east of a configuration over the outages, with NaN between them."""
     gap = np.array([np.nan])
-    parts = [np.stack([o.time, *o.estimates[name]]) for o in shown]
+    parts = [np.stack([o.time, *o.estimates[name]]) for o in outages]
     time, north, east = np.hstack([np.hstack([part, np.tile(gap, (3, 1))]) for part in parts])
     return time, north, east
 
@@ -348,7 +355,7 @@ def _joined(shown: Sequence[Outage], name: str) -> tuple[Array, Array, Array]:
 def show(result: Mapping[str, Any], console: Console) -> None:
     """Print the table of errors at the ends of the outages, and the t-tests."""
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
-    table.add_column("off at the end of the outage")
+    table.add_column("error at the end of the outage")
     for heading in ("n", "position [m]\nmean", "\nsd", "\nmedian", "\np90"):
         table.add_column(heading, justify="right")
     for heading in ("speed [m/s]\nmean", "\nsd", "\nmedian", "\np90"):

@@ -1,4 +1,4 @@
-"""Pictures of a sweep, as Figures 5.3 and 5.5 show it: success rate and mean time over what was varied."""
+"""Pictures of a sweep, like Figures 5.3 and 5.5: success rate and mean time over the varied parameters."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from harness.sweep.table import Z_95, Point, plain
 Varied = tuple[str, str, Sequence[Decimal]]  # label, unit, values
 SUCCESS, TIME, TREND, BEST, FRONTS = "#0072B2", "#7B3FB5", "#111111", "#00A06D", "#D7263D"
 TYPE_COLOURS = ("#D55E00", "#E69F00", "#009E73", "#CC79A7")
-# The text does not say what its trend lines are. A polynomial of this degree, cut at 100 %, has the R2 of its
-# two-waypoint trials (89.1 %); that of its three-waypoint trials (95.4 %) is a straight line's.
+# The text does not define its trend lines. A polynomial of this degree, cut at 100 %, has the R2 of its
+# two-waypoint trials (89.1 %); the R2 of its three-waypoint trials (95.4 %) is that of a straight line.
 DEGREE = 4
-FEW = 10  # values that get a tick each
+FEW = 10  # values up to which each gets a tick of its axis
 FRONT = "Pareto front"
 RINGS: dict[str, Any] = {
     "linestyle": "none", "marker": "o", "markersize": 9, "markerfacecolor": "none", "markeredgecolor": FRONTS,
@@ -49,9 +49,9 @@ def sweep_png(axes: Sequence[Varied], table: Sequence[Point], result: Mapping[st
     """The picture of a sweep over one or two parameters as a PNG.
 
     Args:
-        axes: label, unit and values of what was varied.
-        table: what each point came to.
-        result: what is recommended, as `harness.recommend.recommend` gives it.
+        axes: label, unit and values of each varied parameter.
+        table: a row for each point.
+        result: as `recommend` returns it.
     """
     return png_of(sweep_figure(axes, table, result, title))
 
@@ -66,11 +66,11 @@ def sweep_figure(
 
 
 def trend(x: Array, rate: Array) -> tuple[Callable[[Array], Array], float] | None:
-    """The polynomial of least squares through success rates, within 0 and 1, and its R2.
+    """The least-squares polynomial through success rates, cut at 0 and 1, and its R2.
 
-    None of too few points, or if all are equal.
+    None if there are too few points, or if all rates are equal.
     """
-    if len(x) < DEGREE + 2 or np.ptp(rate) == 0.0:  # a mean of equal numbers need not equal them
+    if len(x) < DEGREE + 2 or np.ptp(rate) == 0.0:  # not by the variance: it may exceed 0 by rounding
         return None
     spread = float(np.sum((rate - rate.mean()) ** 2))
     fitted = Polynomial.fit(x, rate, DEGREE)
@@ -90,8 +90,8 @@ def _curves(varied: Varied, table: Sequence[Point], result: Mapping[str, Any]) -
     success, time = figure.subplots(2, 1, sharex=True, height_ratios=(1.25, 1))
     _draw_success(success, x, table)
     _draw_time(time, x, table)
-    for axes, measured in ((success, "success_rate"), (time, "mean_time_s")):
-        front = [(_place(point, 1), point[measured]) for point in result["pareto"]["points"]]
+    for axes, ordinate in ((success, "success_rate"), (time, "mean_time_s")):
+        front = [(_place(point, 1), point[ordinate]) for point in result["pareto"]["points"]]
         if front:
             axes.plot([x for (x,), _ in front], [y for _, y in front], label=FRONT, zorder=3, **RINGS)
     for axes, key, words in (
@@ -111,7 +111,7 @@ def _curves(varied: Varied, table: Sequence[Point], result: Mapping[str, Any]) -
 
 
 def _draw_success(axes: Axes, x: Array, table: Sequence[Point]) -> None:
-    """Rates with their intervals, the trend, and each type of trial."""
+    """Success rates with their intervals, the trend, and a curve for each type of trial."""
     rate = np.array([point.success_rate for point in table])
     low, high = np.array([point.interval for point in table]).T
     axes.fill_between(x, low, high, color=SUCCESS, alpha=0.18, linewidth=0, label="95 % interval (Wilson)")
@@ -147,11 +147,11 @@ def _draw_time(axes: Axes, x: Array, table: Sequence[Point]) -> None:
     axes.set_ylabel("time [s]")
 
 
-def _draw_range(axes: Axes, x: Array, found: Mapping[str, Any], words: str, hatch: str) -> None:
+def _draw_range(axes: Axes, x: Array, recommended: Mapping[str, Any], words: str, hatch: str) -> None:
     """Shade a recommended range."""
-    if "range" not in found or found["flat"]:
+    if "range" not in recommended or recommended["flat"]:
         return
-    ((first, last),) = found["range"].values()
+    ((first, last),) = recommended["range"].values()
     half = 0.5 * float(np.diff(x).mean()) if len(x) > 1 else 0.5
     style: dict[str, Any] = {"facecolor": BEST, "alpha": 0.12, "linewidth": 0}
     if hatch:
@@ -160,9 +160,9 @@ def _draw_range(axes: Axes, x: Array, found: Mapping[str, Any], words: str, hatc
 
 
 def _maps(axes: Sequence[Varied], table: Sequence[Point], result: Mapping[str, Any]) -> Figure:
-    """Success rate and mean time over two parameters as maps; what is best is outlined, the front ringed."""
+    """Maps of success rate and mean time over two parameters; the best cells outlined, the front ringed."""
     (label, unit, values), (other_label, other_unit, others) = axes
-    x, y = (np.array([float(v) for v in part]) for part in (values, others))
+    x, y = (np.array([float(v) for v in written]) for written in (values, others))
     figure = new_figure(14, 6.2)
     rate = _numbers([point.success_rate for point in table])
     time = _numbers([point.mean_time for point in table])
@@ -186,8 +186,8 @@ def _maps(axes: Sequence[Varied], table: Sequence[Point], result: Mapping[str, A
             if not _is_shown(result[best_for]):
                 caption.append(f"{named}: no optimum shown")
                 continue
-            found = {tuple(map(float, place)) for place in result[best_for]["points"]}
-            mask = np.array([[(float(v), float(w)) in found for v in values] for w in others])
+            named_points = {tuple(map(float, place)) for place in result[best_for]["points"]}
+            mask = np.array([[(float(v), float(w)) in named_points for v in values] for w in others])
             _outline(panel, _edges(x), _edges(y), mask, style)
             caption.append(f"{style['label']}: {named}{', the star did best' if best_for == key else ''}")
         if _is_shown(result[key]):
@@ -203,18 +203,18 @@ def _maps(axes: Sequence[Varied], table: Sequence[Point], result: Mapping[str, A
     return figure
 
 
-def _is_shown(found: Mapping[str, Any]) -> bool:
+def _is_shown(recommended: Mapping[str, Any]) -> bool:
     """Whether some points are shown to be better than others."""
-    return "points" in found and not found["flat"]
+    return "points" in recommended and not recommended["flat"]
 
 
 def _place(point: Mapping[str, Any], axes: int) -> tuple[float, ...]:
-    """A recommended point's values of what was varied, which are its first."""
+    """A recommended point's varied parameters, which are the first values of its row."""
     return tuple(map(float, list(point.values())[:axes]))
 
 
 def _set_ticks(axis: Axis, values: Sequence[Decimal]) -> None:
-    """A tick a value if they are few, as those of a switch are; else round numbers."""
+    """A tick for each value if they are few, such as a switch's two; else ticks at round numbers."""
     if len(values) <= FEW:
         axis.set_ticks([float(value) for value in values], [plain(value) for value in values])
     else:
@@ -222,7 +222,7 @@ def _set_ticks(axis: Axis, values: Sequence[Decimal]) -> None:
 
 
 def _outline(axes: Axes, x: Array, y: Array, mask: Any, style: Mapping[str, Any]) -> None:
-    """Draw the border of the cells in a mask (y, x), whose edges lie at x and y."""
+    """Draw the border of a mask's cells (y, x); x and y are the edges of the cells."""
     padded = np.pad(mask, 1)
     upright = zip(*np.nonzero(padded[:, 1:] != padded[:, :-1]), strict=True)
     level = zip(*np.nonzero(padded[1:, :] != padded[:-1, :]), strict=True)
@@ -232,12 +232,12 @@ def _outline(axes: Axes, x: Array, y: Array, mask: Any, style: Mapping[str, Any]
 
 
 def _edges(centres: Array) -> Array:
-    """The borders of cells around values in equal steps."""
+    """The edges of the cells around values in equal steps."""
     half = 0.5 * (centres[1] - centres[0]) if len(centres) > 1 else 0.5
     edges: Array = np.append(centres - half, centres[-1] + half)
     return edges
 
 
 def _numbers(values: Sequence[float | None]) -> Array:
-    """NaN where there is no number."""
+    """An array with NaN for None."""
     return np.array([np.nan if value is None else value for value in values], dtype=float)

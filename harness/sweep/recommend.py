@@ -1,21 +1,20 @@
-"""Which values of what was varied are best, as far as the trials tell.
+"""Which values of the varied parameters are best, with statistical confidence.
 
-The difficulty is to choose among many points by chance results. The rule: a point counts as among the best
-unless the trials show it to be worse than the one that did best. Which one does best is chance too, so each
-of the K (K - 1) ordered pairs of points gets its equal part of 5 % (Bonferroni's bound): in 95 % of all
-sweeps and more, every point that is left out is truly worse, the best one is among those named, and a curve
-that is flat is called so. It gets sharper with more trials.
+Results at each point are partly chance, and many points are compared. The rule: a point is named among the
+best unless the trials show that it is worse than the point that did best. Chance also decides which point
+does best, so each of the K (K - 1) ordered pairs of points gets an equal share of 5 % (Bonferroni's bound).
+In at least 95 % of all sweeps every point left out is truly worse, the truly best point is named, and a flat
+curve is called flat. More trials make the choice sharper.
 
-Trial i has the same seed at every point, so points are compared trial by trial, which takes out most of the
+Trial i has the same seed at every point, so points are compared trial by trial, which removes most of the
 chance:
 
-- **success**: McNemar's exact test, one-sided: of the trials that succeeded at only one of both points, how
-  many were the best one's?
-- **time**, of the successful trials: the difference of both means over its standard error. Each trial's
-  share in a mean is its deviation from it over the number of successes, 0 if it failed, so the paired shares
-  give the error of the difference. It needs successes: a point with fewer than 30 is not judged. Where few
-  succeed they are the easy ones, so a short time with a low success rate is no merit; hence
-- **both**: among the best for success, the fastest.
+- **success**: McNemar's exact test, one-sided, of the trials that succeeded at only one of the two points.
+- **time** of the successful trials: the difference of the two means over its standard error. Each trial's
+  share in the error of a mean is its deviation from the mean over the number of successes, 0 if it failed;
+  the paired shares give the error of the difference. A point with fewer than 30 successes is not judged.
+- **both**: the fastest among the best for success. Where few trials succeed they are the easy ones, so a
+  short time with a low success rate is not an advantage.
 """
 
 from __future__ import annotations
@@ -31,15 +30,15 @@ import numpy.typing as npt
 
 from harness.sweep.table import Point, plain
 
-ALPHA = 0.05  # how often, of all sweeps, the best point may be missing among those named
-LEAST = 30  # successes, below which a point's mean time is not judged
+ALPHA = 0.05  # share of sweeps in which the best point may be missing among those named
+LEAST = 30  # successes from which on a point's mean time is judged
 RULE = (
     "A point is named unless it is shown to be worse than the one that did best: one-sided tests of the "
     "trials paired by their seeds, at 5 % over all pairs of points (Bonferroni). Success: McNemar's exact "
     "test. Time, of the successful trials: t-test of the paired difference of the means; points with fewer "
     f"than {LEAST} successes are not judged. Both: the fastest among the best for success. The range is the "
     "connected stretch of named points around the best one. Pareto: by the means as measured; no other point "
-    "has a success rate at least as high and a time at least as short, and one of both better."
+    "has a success rate at least as high and a time at least as short, and is better in one of the two."
 )
 ENDS = {(False, False): "inside", (True, False): "start", (False, True): "end", (True, True): "both"}
 WORDS = {
@@ -53,19 +52,19 @@ UNJUDGED = {
     "end": "; above the stretch{} nothing could be judged: no optimum inside is shown",
     "both": "; below and above the stretch{} nothing could be judged: no optimum inside is shown",
 }
-MENTIONED = 6  # points that a text names one by one
+MENTIONED = 6  # points that a text names one by one at most
 Mask = npt.NDArray[np.bool_]
 Ticks = npt.NDArray[np.unsignedinteger[Any]]
 
 
 @dataclass(frozen=True)
 class Finding:
-    """The points that are best for something, of K.
+    """The best of K points by one criterion.
 
     Attributes:
-        best: index of the one that did best.
-        named: (K,) which are not shown to be worse.
-        unjudged: (K,) which could not be compared.
+        best: index of the point that did best.
+        named: (K,) the points not shown to be worse.
+        unjudged: (K,) the points that could not be compared.
     """
 
     best: int
@@ -76,7 +75,7 @@ class Finding:
 def best_for_success(ticks: Ticks) -> Finding:
     """Which of K points are not shown to succeed less often than the best; ticks (K, trials), 0 is a failure.
 
-    Of several that did best, the fastest counts as the best.
+    Of several points with the most successes, the fastest counts as the best.
     """
     from scipy.stats import binom  # noqa: PLC0415 - it takes half a second, which errors need not wait
 
@@ -86,19 +85,28 @@ def best_for_success(ticks: Ticks) -> Finding:
     only_best = [int(np.count_nonzero((ticks[best] > 0) & (row == 0))) for row in ticks]
     only_this = [int(np.count_nonzero((ticks[best] == 0) & (row > 0))) for row in ticks]
     gains, losses = np.array(only_best), np.array(only_this)
-    by_chance = binom.sf(gains - 1, gains + losses, 0.5)  # one trial in doubt is as likely this way as that
+    by_chance = binom.sf(
+        gains - 1, gains + losses, 0.5
+    )  # if equal, a trial won at one point only is either's
     named = by_chance > ALPHA / _pairs(len(ticks))
     return Finding(best, named, np.zeros(len(ticks), dtype=bool))
 
 
 def best_for_time(ticks: Ticks, among: Mask | None = None) -> Finding | None:
-    """Which of K points (of those `among` them) are not shown to be slower than the fastest; None: too few
-    successes everywhere. ticks (K, trials), 0 is a failure."""
+    """Which of K points are not shown to be slower than the fastest.
+
+    Args:
+        ticks: (K, trials), 0 is a failure.
+        among: (K,) the points to compare; all by default.
+
+    Returns:
+        None if every point has fewer than LEAST successes.
+    """
     from scipy.stats import t  # noqa: PLC0415
 
     successes = np.array([np.count_nonzero(row) for row in ticks])
-    asked = np.ones(len(ticks), dtype=bool) if among is None else among
-    judged = asked & (successes >= LEAST)
+    candidates = np.ones(len(ticks), dtype=bool) if among is None else among
+    judged = candidates & (successes >= LEAST)
     if not judged.any():
         return None
     means = np.array([row.sum(dtype=np.int64) for row in ticks]) / np.maximum(successes, 1)
@@ -110,33 +118,31 @@ def best_for_time(ticks: Ticks, among: Mask | None = None) -> Finding | None:
         error = math.sqrt(float(np.sum((error_shares(ticks[i], means[i]) - share) ** 2)))
         least = min(successes[i], successes[best])
         named[i] = means[i] - means[best] <= t.ppf(level, least - 1) * error * math.sqrt(least / (least - 1))
-    return Finding(best, named, asked & ~judged)
+    return Finding(best, named, candidates & ~judged)
 
 
 def _pairs(points: int) -> int:
-    """Ordered pairs, of which any may turn out to be the best and one compared with it."""
+    """Number of ordered pairs (the best point, another), any of which chance may pick; at least 1."""
     return max(1, points * (points - 1))
 
 
 def error_shares(row: Ticks, mean: float) -> npt.NDArray[np.float64]:
-    """What each trial adds to the error of a mean [ticks] over the successful ones: (trials,), as `row`.
+    """Each trial's share in the error of the mean [ticks] over the successful ones: (trials,), as `row`.
 
-    The root of the sum of their squares is the mean's standard error; of the squares of two rows' paired
-    differences, that of the difference of the means.
+    The root of the sum of the squared shares is the mean's standard error. The same of two rows' paired
+    differences is the standard error of the difference of the means.
     """
     shares: npt.NDArray[np.float64] = np.where(row > 0, row - mean, 0.0) / np.count_nonzero(row)
     return shares
 
 
 def pareto(table: Sequence[Point]) -> list[int]:
-    """The points of which none other is at least as good in success rate and mean time, and better in one."""
-    known = [(i, p.successes / p.trials, p.mean_time) for i, p in enumerate(table)]
+    """The points for which no other is at least as good in success rate and mean time, and better in one."""
+    measured = [(i, p.success_rate, p.mean_time) for i, p in enumerate(table) if p.mean_time is not None]
     front: list[int] = []
     least = math.inf
     last: tuple[float, float] | None = None
-    for i, rate, time in sorted(
-        ((i, rate, time) for i, rate, time in known if time is not None), key=lambda p: (-p[1], p[2], p[0])
-    ):
+    for i, rate, time in sorted(measured, key=lambda p: (-p[1], p[2], p[0])):
         if time < least or (rate, time) == last:
             front.append(i)
             least, last = time, (rate, time)
@@ -146,12 +152,12 @@ def pareto(table: Sequence[Point]) -> list[int]:
 def recommend(
     axes: Sequence[tuple[str, str, Sequence[Decimal]]], table: Sequence[Point], ticks: Ticks
 ) -> dict[str, Any]:
-    """What the sweep recommends: the keys of recommendation.json.
+    """What the sweep recommends, with the keys of recommendation.json.
 
     Args:
         axes: column, unit and values of each varied parameter; the last varies first from point to point.
-        table: what each point came to.
-        ticks: (points, trials), the tick on which a trial succeeded, 0 if it did not.
+        table: a row for each point.
+        ticks: (points, trials), the tick on which a trial succeeded, 0 if it failed.
     """
     describe = _Describer(axes, table)
     front = pareto(table)
@@ -180,19 +186,24 @@ def _time(point: Point) -> str:
 
 
 def _reaches(places: Sequence[int], size: int) -> tuple[bool, bool]:
-    """Whether places along an axis begin where it begins, and end where it ends."""
+    """Whether places along an axis reach its start and its end."""
     return places[0] == 0, places[-1] == size - 1
 
 
 class _Describer:
-    """Findings in words and as plain data."""
+    """Turns findings into words and plain data."""
 
     def __init__(self, axes: Sequence[tuple[str, str, Sequence[Decimal]]], table: Sequence[Point]) -> None:
         self.axes, self.table = axes, table
         self.grid = tuple(len(values) for _, _, values in axes)
 
-    def __call__(self, what: str, finding: Finding, said: Callable[[Point], str]) -> dict[str, Any]:
-        """What is best: its range, whether that is an optimum inside what was varied, and both in words."""
+    def __call__(self, what: str, finding: Finding, measure: Callable[[Point], str]) -> dict[str, Any]:
+        """A finding's range, whether the optimum lies inside the varied range, and both in words.
+
+        Args:
+            what: the criterion in words.
+            measure: a point's value of the criterion in words.
+        """
         region = self.around(finding.best, finding.named)
         open_region = self.around(finding.best, finding.named | finding.unjudged)
         ranges, ends, words = {}, {}, ""
@@ -214,13 +225,13 @@ class _Describer:
         if not self.table[finding.best].successes:
             text += "no trial succeeded at any point"
         elif len(self.table) == 1:
-            text += f"one point, nothing to compare ({self.ranges(region)}: {said(self.table[0])})"
+            text += f"one point, nothing to compare ({self.ranges(region)}: {measure(self.table[0])})"
         elif flat:
             text += f"no value of {self.ranges(region)} is shown to be better than another: flat, no optimum"
-            text += f" (best measured at {self.value(finding.best)}: {said(self.table[finding.best])})"
+            text += f" (best measured at {self.value(finding.best)}: {measure(self.table[finding.best])})"
         else:
             text += f"{self.ranges(region)} (best at {self.value(finding.best)}: "
-            text += f"{said(self.table[finding.best])})"
+            text += f"{measure(self.table[finding.best])})"
             text += words
         text += self.rest("; besides ", finding.named & ~region)
         text += self.rest("; too few successes to judge ", finding.unjudged)
@@ -235,7 +246,7 @@ class _Describer:
         }
 
     def front(self, indices: Sequence[int]) -> str:
-        """The Pareto front in words: its ends and some points between."""
+        """The Pareto front in words: its two ends and some points between them."""
         if not indices:
             return "Pareto front of success rate and time: empty, no trial succeeded"
         steps = min(len(indices), MENTIONED)
@@ -246,7 +257,7 @@ class _Describer:
         return f"Pareto front of success rate and time, as measured: {', '.join(texts)}{left_out}"
 
     def around(self, best: int, mask: Mask) -> Mask:
-        """Those of the points that are connected with the best one, neighbour by neighbour."""
+        """The points of a mask that are connected to the best one, neighbour by neighbour."""
         from scipy.ndimage import label  # noqa: PLC0415
 
         numbered = label(mask.reshape(self.grid))[0].ravel()
@@ -268,7 +279,7 @@ class _Describer:
         return " and ".join(texts)
 
     def rest(self, what: str, mask: Mask) -> str:
-        """Some more points, by their values."""
+        """A few points of a mask by their values, and how many more there are."""
         indices = np.flatnonzero(mask)
         if not indices.size:
             return ""
@@ -299,5 +310,5 @@ class _Describer:
 
 
 def number(value: Decimal) -> int | float:
-    """A value as JSON has it."""
+    """A value as a JSON number, whole if it can be."""
     return int(value) if value == int(value) else float(value)

@@ -470,7 +470,7 @@ def test_nothing_to_estimate_from_says_why_for_each_statistic() -> None:
     with pytest.raises(FitError) as caught:
         pool([told], PLANT.turned)
     assert str(caught.value) == (
-        "no trial holds a stretch to estimate from (velocity: came to less than 1 m/s (1); acceleration: "
+        "no trial has a stretch to estimate from (velocity: came to less than 1 m/s (1); acceleration: "
         "came to less than 1 m/s (1); deceleration: no STOP of a moving animal; right turn: no RIGHT; left "
         "turn: no LEFT; heading drift: under way for less than 1 s (1); start heading: the log has no "
         "waypoint (1)); give longer trials"
@@ -497,7 +497,7 @@ def test_the_fragment_appended_to_a_scenario_gives_that_dog(tmp_path: Path) -> N
     assert values["right_turn_rate"] == pytest.approx(50 * DEG, rel=1e-5)
     assert values["right_success"] == 1
     assert "right_turn_rate_deviation" not in values
-    assert "# one value does not tell canine.right_turn_rate_deviation: it stays" in written.read_text()
+    assert "# one value does not show canine.right_turn_rate_deviation: it stays" in written.read_text()
 
 
 def test_the_fragment_says_what_it_lacks_and_what_is_the_handlers() -> None:
@@ -506,7 +506,7 @@ def test_the_fragment_says_what_it_lacks_and_what_is_the_handlers() -> None:
     assert tomllib.loads(text)["parameters"] == {
         "canine.drift": pytest.approx(2), "canine.drift_deviation": pytest.approx(math.sqrt(2), rel=1e-5)
     }  # fmt: skip
-    assert "# nothing to tell canine.cruise_speed by: it stays as the model has it" in text
+    assert "# the trials do not show canine.cruise_speed: it stays as the model has it" in text
     assert '# "canine.start_heading_deviation" = 1.41421' in text
     assert "the start was 2 deg off the first waypoint on average" in text
 

@@ -376,11 +376,11 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "fixes back": (
         lambda f: _write_ubx(f, [TOW + 1, TOW + 2, TOW + 1.5]),
-        r"gnss\.ubx: the clock goes from 415802\.000 to 415801\.500 s at record 3, expected it to increase",
+        r"gnss\.ubx: the clock goes from 415802\.000 to 415801\.500 s at record 3, expected an increase",
     ),
     "ticks back": (
         lambda f: _write_imu(f, [TOW + 1, TOW + 2, TOW + 2]),
-        r"imu\.csv: the clock goes from 7\.000 to 7\.000 s at record 3, expected it to increase",
+        r"imu\.csv: the clock goes from 7\.000 to 7\.000 s at record 3, expected an increase",
     ),
     "overlap": (_shift_gps, r"gnss\.ubx and imu\.csv overlap by 5\.1 s, expected at least 20\.0 s"),
     "computer in UTC": (
