@@ -61,7 +61,7 @@ class Plant(Block):
         """What accelerations and yaw rates are differences to."""
         m.past_velocity, m.past_heading = m.velocity, m.body_heading
 
-    @triggered(lambda m: m.obeyed == Command.RECALL)
+    @triggered(lambda m: m.obeyed == Command.RECALL, "RECALL is obeyed")
     def turn_home(m) -> None:
         """On recall the animal homes straight to the start (5.3.2); its body turns there as fast as it can.
 
@@ -189,7 +189,8 @@ class Canine(Plant):
     @triggered(
         lambda m: any_of(
             m.cruise_speed_deviation > 0, m.speeding_up_deviation > 0, m.slowing_down_deviation > 0
-        )
+        ),
+        "a speed or an acceleration has a deviation",
     )
     def initialize_speeds(m) -> None:
         """Draw speed and accelerations of the trial, where they have a deviation."""
@@ -199,7 +200,11 @@ class Canine(Plant):
         m.trial_speeding_up = _redrawn(m.speeding_up, m.speeding_up_deviation, ups)
         m.trial_slowing_down = _redrawn(m.slowing_down, m.slowing_down_deviation, downs)
 
-    @triggered(lambda m: any_of(m.command != m.past_command, m.command != m.obeyed), seldom=True)
+    @triggered(
+        lambda m: any_of(m.command != m.past_command, m.command != m.obeyed),
+        "the command is new, or not obeyed yet",
+        seldom=True,
+    )
     def hear(m) -> None:
         """Obey a command once it has been on for its time (5.3.7.1).
 
@@ -218,13 +223,21 @@ class Canine(Plant):
         m.obeyed = where(wait > 0, m.obeyed, m.command)
         m.wait = where(wait > 0, wait - 1, 0)
 
-    @triggered(lambda m: all_of(m.command == Command.RIGHT, m.past_command != Command.RIGHT), seldom=True)
+    @triggered(
+        lambda m: all_of(m.command == Command.RIGHT, m.past_command != Command.RIGHT),
+        "RIGHT is new",
+        seldom=True,
+    )
     def hear_right(m) -> None:
         """Draw the response to a RIGHT just issued (eq. 5.3, 5.4)."""
         draw, m.right_stream = uniform(m.right_stream)
         m.obeys_right = draw <= m.right_success
 
-    @triggered(lambda m: all_of(m.command == Command.LEFT, m.past_command != Command.LEFT), seldom=True)
+    @triggered(
+        lambda m: all_of(m.command == Command.LEFT, m.past_command != Command.LEFT),
+        "LEFT is new",
+        seldom=True,
+    )
     def hear_left(m) -> None:
         """Draw the response to a LEFT just issued."""
         draw, m.left_stream = uniform(m.left_stream)
@@ -249,7 +262,7 @@ class Canine(Plant):
         m.stride = phase - where(m.jerk_due, 2 * math.pi, 0)
         m.jerk = 0
 
-    @triggered(lambda m: all_of(m.shaking, m.jerk_due))
+    @triggered(lambda m: all_of(m.shaking, m.jerk_due), "`shaking`, and a stride began on this tick")
     def shake(m) -> None:
         """The pack may hit the dog's back once a stride: spikes, sometimes over 20 m/s2 (B.4)."""
         chance, stream = uniform(m.jerk_stream)

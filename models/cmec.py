@@ -7,10 +7,11 @@ from enum import IntEnum
 
 from models.commands import Command, Status
 from models.kit import casadi as ca
-from models.kit.block import Block, Row, table, triggered
+from models.kit.block import Block, Row, moves, table, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State
 from models.kit.geometry import COUNT_MAX, all_of, any_of, counted, none_of, one_of, where, wrap
 from models.kit.timing import TICK, lasted
+from models.kit.tracing import Condition
 from models.kit.units import DEG
 
 MAX_WAYPOINTS = 16
@@ -175,7 +176,12 @@ class Cmec(Block):
         m.overruled = cause
         m.ticks = counted(m.ticks)
 
-    @triggered(lambda m: all_of(m.start, m.now == Mode.IDLE, ca.logic_not(m._blocked())), seldom=True)
+    @triggered(
+        lambda m: all_of(m.start, m.now == Mode.IDLE, ca.logic_not(m._blocked())),
+        "in IDLE, `start` is on, not blocked",
+        seldom=True,
+    )
+    @moves({Mode.IDLE: Mode.FORWARD})
     def begin(m) -> None:
         """Latch the mission; the first command is forward."""
         m.route_north, m.route_east, m.count = m.waypoint_north, m.waypoint_east, m.waypoint_count
@@ -192,14 +198,23 @@ class Cmec(Block):
             m._begun(),
             any_of(m.now != Mode.STOPPED, m._lasted(m.stop_hold)),  # a stop is held, this one too
         ),
+        "not in IDLE, `start` is off; in STOPPED, once the stop has lasted `stop_hold`",
         seldom=True,
     )
+    @moves({m: Mode.IDLE if m in ENDED else Mode.STOPPED for m in Mode if m is not Mode.IDLE})
     def end(m) -> None:
         """The start signal is withdrawn: a running trial is stopped, an ended one makes room for the next."""
         m.now = where(none_of(m.now, ENDED), Mode.STOPPED, Mode.IDLE)
         m.ticks = 0
 
-    @triggered(lambda m: all_of(m._blocked(), m._begun(), one_of(m.now, BEFORE_RECALL)), seldom=True)
+    @triggered(
+        lambda m: all_of(m._blocked(), m._begun(), one_of(m.now, BEFORE_RECALL)),
+        "in a mode between IDLE and RECALL, blocked",
+        seldom=True,
+    )
+    @moves(
+        {m: m if m is Mode.STOP_AT_WAYPOINT else Mode.STOP_TO_TURN for m in BEFORE_RECALL - {Mode.IDLE}},
+    )
     def interrupt(m) -> None:
         """What the animal does meanwhile is not ours: afterwards begin again from a stop."""
         m.now = where(m.now == Mode.STOP_AT_WAYPOINT, m.now, Mode.STOP_TO_TURN)
@@ -207,6 +222,7 @@ class Cmec(Block):
 
     @triggered(
         lambda m: all_of(m.now == Mode.STOP_AT_WAYPOINT, ca.logic_not(m._blocked()), m._at_rest()),
+        "in STOP_AT_WAYPOINT, not blocked, at rest",
         seldom=True,
     )
     def advance(m) -> None:
@@ -227,77 +243,82 @@ class Cmec(Block):
         deviation = wrap(desired - m.heading)  # eq. 4.4
         m.deviation = where(good, deviation, 0)
 
-    @triggered(lambda m: all_of(m._begun(), ca.logic_not(m._blocked())))
+    @triggered(lambda m: all_of(m._begun(), ca.logic_not(m._blocked())), "not in IDLE, not blocked")
     @table("now")
     def decide(m) -> Iterator[Row]:
         """The controller's table: Figure 4.2 and the anomalies of Table 4.3."""
-        won = m.distance <= m.capture_radius
-        off = ca.fabs(m.deviation)
         limit = where(
             all_of(m.limit_stop_deviation, m.moving_deviation < m.stop_deviation),
             m.moving_deviation,
             m.stop_deviation,
         )
+        off = ca.fabs(m.deviation)
+        won = Condition(m.distance <= m.capture_radius, "d <= d'")
+        at_rest = Condition(m._at_rest(), "at rest")
+        aligned = Condition(off < limit, "|h| < h''")
         at_waypoint = {"ticks": 0}
         forward = {"ticks": 0, "issue_north": m.north, "issue_east": m.east}
 
         yield Row(Mode.FORWARD, won, Mode.STOP_AT_WAYPOINT, at_waypoint)
-        yield Row(Mode.FORWARD, off >= m.moving_deviation, Mode.STOP_TO_TURN, {"ticks": 0})
+        misaligned = Condition(off >= m.moving_deviation, "|h| >= h'")
+        yield Row(Mode.FORWARD, misaligned, Mode.STOP_TO_TURN, {"ticks": 0})
         yield Row(
             Mode.FORWARD,
-            m._stuck(),
+            Condition(m._stuck(), "moved less than DISTTHRESH in DELTHRESH3"),
             Mode.DEAD,
             {"ticks": 0, "planned": Command.FORWARD},
             Anomaly.FORWARD_FAILURE,
         )
 
         yield Row(Mode.STOP_TO_TURN, won, Mode.STOP_AT_WAYPOINT)  # the stop command is on already
-        yield Row(Mode.STOP_TO_TURN, all_of(m._at_rest(), off < limit), Mode.FORWARD, forward)
-        yield from m._turn(Mode.STOP_TO_TURN, m._at_rest(), counts=ca.SX(1))
+        yield Row(Mode.STOP_TO_TURN, at_rest & aligned, Mode.FORWARD, forward)
+        yield from m._turn(Mode.STOP_TO_TURN, at_rest)
 
-        for mode, same, side in (
-            (Mode.RIGHT, Command.RIGHT, m.deviation < 0),
-            (Mode.LEFT, Command.LEFT, m.deviation > 0),
+        for mode, same, beyond in (
+            (Mode.RIGHT, Command.RIGHT, Condition(m.deviation < 0, "h < 0")),
+            (Mode.LEFT, Command.LEFT, Condition(m.deviation > 0, "h > 0")),
         ):
             opposite = Command.LEFT if same is Command.RIGHT else Command.RIGHT
             yield Row(mode, won, Mode.STOP_AT_WAYPOINT, at_waypoint)
-            yield Row(mode, off < m.turn_end_deviation, Mode.FORWARD, forward)
+            turned = Condition(off < m.turn_end_deviation, "|h| < `turn_end_deviation`")
+            yield Row(mode, turned, Mode.FORWARD, forward)
             yield Row(
                 mode,
-                all_of(side, off >= limit),
+                beyond & Condition(off >= limit, "|h| >= h''"),
                 Mode.DEAD,
                 {"ticks": 0, "planned": opposite, "uncounted": 0},
                 Anomaly.DIRECTION_SWITCH,
             )
             yield Row(
                 mode,
-                m._lasted(m.turn_timeout),
+                Condition(m._lasted(m.turn_timeout), "the command has lasted DELTHRESH2"),
                 Mode.DEAD,
                 {"ticks": 0, "planned": same, "uncounted": ca.logic_not(m.count_reissue)},
                 Anomaly.TURN_FAILURE,
             )
 
         # d and h are watched in the dead period too; what they ask for beats the command planned (4.1.4.3)
-        over = m._lasted(m.dead_time)
-        go_on = m.planned == Command.FORWARD
+        over = Condition(m._lasted(m.dead_time), "HEADCOUNTTHRESH is over")
+        go_on = Condition(m.planned == Command.FORWARD, "FORWARD is planned")
+        roughly_aligned = Condition(off < m.moving_deviation, "|h| < h'")
         changed = Anomaly.NO_COMMAND
         yield Row(Mode.DEAD, won, Mode.STOP_AT_WAYPOINT, at_waypoint, changed)
-        yield Row(Mode.DEAD, all_of(over, go_on, off < m.moving_deviation), Mode.FORWARD, forward)
-        yield Row(Mode.DEAD, all_of(over, go_on), Mode.STOP_TO_TURN, {"ticks": 0}, changed)
-        yield Row(Mode.DEAD, all_of(over, off < limit), Mode.FORWARD, forward, changed)
+        yield Row(Mode.DEAD, over & go_on & roughly_aligned, Mode.FORWARD, forward)
+        yield Row(Mode.DEAD, over & go_on, Mode.STOP_TO_TURN, {"ticks": 0}, changed)
+        yield Row(Mode.DEAD, over & aligned, Mode.FORWARD, forward, changed)
         reissued = m.planned == where(m.deviation >= 0, Command.RIGHT, Command.LEFT)
-        yield from m._turn(Mode.DEAD, over, counts=ca.logic_not(all_of(m.uncounted, reissued)))
+        counts = Condition(ca.logic_not(all_of(m.uncounted, reissued)), "the turn counts")
+        yield from m._turn(Mode.DEAD, over, counts)
 
-        yield Row(
-            Mode.STOP_AT_WAYPOINT, all_of(m._at_rest(), m.reached >= m.count), Mode.RECALL, {"ticks": 0}
-        )
-        yield Row(Mode.STOP_AT_WAYPOINT, all_of(m._at_rest(), off < limit), Mode.FORWARD, forward)
-        yield from m._turn(Mode.STOP_AT_WAYPOINT, m._at_rest(), counts=ca.SX(1))
+        reached = Condition(m.reached >= m.count, "all waypoints are reached")
+        yield Row(Mode.STOP_AT_WAYPOINT, at_rest & reached, Mode.RECALL, {"ticks": 0})
+        yield Row(Mode.STOP_AT_WAYPOINT, at_rest & aligned, Mode.FORWARD, forward)
+        yield from m._turn(Mode.STOP_AT_WAYPOINT, at_rest)
 
         yield Row(Mode.RECALL, won, Mode.SUCCESS, {"ticks": 0})
         yield Row(Mode.FAILURE_RECALL, won, Mode.FAILED, {"ticks": 0})
 
-    @triggered(lambda m: m.anomaly > Anomaly.NONE, seldom=True)
+    @triggered(lambda m: m.anomaly > Anomaly.NONE, "`anomaly` is not NONE", seldom=True)
     def report(m) -> None:
         """Count each anomaly by its kind."""
         m.anomalies = ca.vertcat(
@@ -336,21 +357,23 @@ class Cmec(Block):
         due = all_of(m._lasted(m.forward_timeout), ca.logic_not(m._lasted(m.forward_timeout, ticks_ago=1)))
         return all_of(due, moved < m.forward_distance**2)
 
-    def _turn(m, mode: Mode, when: SX, counts: SX) -> Iterator[Row]:
+    def _turn(m, mode: Mode, when: Condition, counts: Condition | None = None) -> Iterator[Row]:
         """Issue the directional command that is asked for; one more than MAXTURN fails the trial."""
         failure = {"ticks": 0, "target_north": m.base_north, "target_east": m.base_east}
-        too_many = all_of(when, counts, m.turns >= m.max_turns)
-        yield Row(mode, too_many, Mode.FAILURE_RECALL, failure, Anomaly.TRIAL_FAILURE)
+        too_many = Condition(m.turns >= m.max_turns, "MAXTURN turns were counted")
+        counting = when & counts if counts else when
+        yield Row(mode, counting & too_many, Mode.FAILURE_RECALL, failure, Anomaly.TRIAL_FAILURE)
         for next, command, side in (
-            (Mode.RIGHT, Command.RIGHT, m.deviation >= 0),
-            (Mode.LEFT, Command.LEFT, m.deviation < 0),
+            (Mode.RIGHT, Command.RIGHT, Condition(m.deviation >= 0, "h >= 0")),
+            (Mode.LEFT, Command.LEFT, Condition(m.deviation < 0, "h < 0")),
         ):
-            issue = {"ticks": 0, "issued": m.issued + 1, "turns": m.turns + counts}
+            issue = {"ticks": 0, "issued": m.issued + 1, "turns": m.turns + (counts.holds if counts else 1)}
             if mode is Mode.DEAD:
-                yield Row(mode, all_of(when, side, m.planned == command), next, issue)
-                yield Row(mode, all_of(when, side), next, issue, Anomaly.NO_COMMAND)
+                planned = Condition(m.planned == command, f"{command.name} is planned")
+                yield Row(mode, when & side & planned, next, issue)
+                yield Row(mode, when & side, next, issue, Anomaly.NO_COMMAND)
             else:
-                yield Row(mode, all_of(when, side), next, issue)
+                yield Row(mode, when & side, next, issue)
 
 
 def _choose(key: SX, table: dict[Mode, Command] | dict[Mode, Status], other: IntEnum) -> SX:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 from pathlib import Path
 
+from models import glossary
 from models.cmec import Cmec
 from models.kit.block import Block
 from models.kit.declaration import Parameter, Type, Variable
@@ -15,13 +17,13 @@ from models.system import BLOCKS
 README = Path(__file__).with_name("README.md")
 INTRODUCTION = """# The models
 
-One file per block, in the order of the dissertation's equations; each line names the equation it comes from.
-`kit/` is what blocks are declared with, `system.py` wires them, `readings.py` holds the two readings of what
-the text leaves open. Where the text errs or is silent, [CHOICES.md](CHOICES.md) says what is done. Angles are
-in rad here and in the FMUs, in degrees at the command line and in scenarios.
+Each block is one file, with the dissertation's equations in their order; every equation names its number.
+`kit/` is what blocks are declared with, `system.py` links them, and `readings.py` holds the two readings of
+what the text leaves open. [CHOICES.md](CHOICES.md) lists where the text errs or is silent, and what is done.
+Angles are in rad here and in the FMUs, in degrees at the command line and in scenarios.
 
-A block is a class whose variables are declared one to a line, and whose public methods are the updates of a
-tick, in their order. From the class come the C, the FMUs, the log's schema, this page, and the reference:
+A block is a class that declares its variables, one to a line. Its public methods are the updates of a tick,
+in their order. The class gives the C, the FMUs, the log's schema, this page, and the reference in Python:
 
 ```python
 from models.four_state import FourState
@@ -37,17 +39,26 @@ print(estimator["north_sd"])
 `models.interconnect` gives a block (`control_system`) or the whole loop (`interconnect(SYSTEMS["full"])`)
 as a `control` system.
 
-This page is made by `python -m models.document`.
+`python -m models.document` makes this page.
+"""
+CONDITIONS = """The controller is *blocked* by a lost link, an operator's command, bad input or an invalid
+estimate. The animal is *at rest* when the stop command has lasted DELAYTHRESH and the speed is below V'.
+
+These are the rows of `decide`. In each mode the first row that holds is carried out; if none holds, the mode
+stays. |h| is the size of h, and h'' in force is at most h' with `limit_stop_deviation`.
+"""
+ARROWS = """All changes of the mode: those of `decide` with the anomalies that they may report,
+the others with the update that makes them.
 """
 
 
 def readme() -> str:
-    """The page: every block's variables, the controller's diagram, the readings."""
-    parts = [INTRODUCTION]
+    """The page: words, the variables and the tick of every block, the controller's table, the readings."""
+    parts = [INTRODUCTION, glossary.page()]
     for block in BLOCKS:
-        parts.append(_block(block))
+        parts += [_block(block), _tick(block)]
         if block is Cmec:
-            parts.append(_diagram(block))
+            parts += [CONDITIONS, _rows(block), ARROWS, _diagram(block)]
     return "\n".join([*parts, _readings()])
 
 
@@ -73,6 +84,23 @@ def _block(block: type[Block]) -> str:
     return "\n".join(lines)
 
 
+def _tick(block: type[Block]) -> str:
+    """The updates in their order, and when each runs."""
+    program = block.program()
+    lines = ["| update | when | what it does |", "|---|---|---|"]
+    for phases, always in ((program.initialize, "at the start"), (program.tick, "every tick")):
+        for phase in phases:
+            if always == "every tick" or phase.name.startswith("initialize"):
+                when = phase.when if always == "every tick" else f"at the start, {phase.when}"
+                cells = [f"`{phase.name}`", when if phase.guard else always, phase.doc.partition("\n")[0]]
+                lines.append(_cells(cells))
+    return "\n".join([*lines, ""])
+
+
+def _cells(cells: list[str]) -> str:
+    return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
+
+
 def _row(variable: Variable, has_start: bool) -> str:
     name = f"`{variable.name}`" + (f" [1..{variable.size}]" if variable.size else "")
     meaning = variable.meaning
@@ -95,31 +123,41 @@ def _start(variable: Variable) -> str:
     return f"{value:g}"
 
 
-def _diagram(block: type[Block]) -> str:
-    """The state machine, drawn from its rows."""
-    edges: dict[tuple[str, str], set[str]] = {}
+def _rows(block: type[Block]) -> str:
+    """The rows of a state machine."""
+    modes, anomalies = _choices(block, "now"), _choices(block, "anomaly")
+    lines = ["| in | when | to | reports |", "|---|---|---|---|"]
     for phase in block.program().tick:
         if isinstance(phase, Table):
-            names = block.variables()[phase.mode].choices
-            anomalies = block.variables()["anomaly"].choices
-            assert names
-            assert anomalies
+            for row in phase.rows:
+                report = anomalies(row.anomaly).name if row.anomaly else ""
+                lines.append(_cells([modes(row.mode).name, row.when, modes(row.next).name, report]))
+    return "\n".join([*lines, ""])
+
+
+def _diagram(block: type[Block]) -> str:
+    """The state machine, drawn from its rows and from the updates that beat them."""
+    modes, anomalies = _choices(block, "now"), _choices(block, "anomaly")
+    arrows: dict[tuple[int, int, str], set[str]] = {}
+    for phase in block.program().tick:
+        if isinstance(phase, Table):
             for row in phase.rows:
                 label = anomalies(row.anomaly).name.replace("_", " ") if row.anomaly else ""
-                edges.setdefault((names(row.mode).name, names(row.next).name), set()).add(label)
+                arrows.setdefault((row.mode, row.next, ""), set()).add(label)
+        else:
+            for source, target in phase.edges:
+                arrows[source, target, phase.name] = {phase.name}
     lines = ["```mermaid", "stateDiagram-v2"]
-    for (source, target), labels in edges.items():
+    for (source, target, _), labels in sorted(arrows.items()):
         label = ", ".join(sorted(filter(None, labels)))
-        lines.append(f"    {source} --> {target}" + (f": {label}" if label else ""))
-    return "\n".join(
-        [
-            "The modes and the anomalies that a change of mode reports (the guards are in cmec.py):",
-            "",
-            *lines,
-            "```",
-            "",
-        ]
-    )
+        lines.append(f"    {modes(source).name} --> {modes(target).name}" + (f": {label}" if label else ""))
+    return "\n".join([*lines, "```", ""])
+
+
+def _choices(block: type[Block], variable: str) -> type[IntEnum]:
+    choices = block.variables()[variable].choices
+    assert choices
+    return choices
 
 
 def _readings() -> str:

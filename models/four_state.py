@@ -89,12 +89,16 @@ class FourState(Block):
         m.accepted = 0
         m.sigma = m.sigma_constant
 
-    @triggered(lambda m: all_of(m.fuzzy, ca.fabs(m.x[SPEED]) < RUNS_FROM))
+    @triggered(
+        lambda m: all_of(m.fuzzy, ca.fabs(m.x[SPEED]) < RUNS_FROM), f"`fuzzy`, slower than {RUNS_FROM:g} m/s"
+    )
     def tune_walking(m) -> None:
         """Process noise by speed (eq. 3.18-3.21) of an animal that stands or walks."""
         m.sigma = m._at_least_floor(noise_walking(m.x[SPEED]))
 
-    @triggered(lambda m: all_of(m.fuzzy, ca.fabs(m.x[SPEED]) >= RUNS_FROM))
+    @triggered(
+        lambda m: all_of(m.fuzzy, ca.fabs(m.x[SPEED]) >= RUNS_FROM), f"`fuzzy`, {RUNS_FROM:g} m/s or faster"
+    )
     def tune_running(m) -> None:
         """Process noise by speed (eq. 3.18-3.21) of an animal that runs."""
         m.sigma = m._at_least_floor(noise_running(m.x[SPEED]))
@@ -147,7 +151,8 @@ class FourState(Block):
         m.age = 0
 
     @triggered(
-        lambda m: all_of(m.gps_fix, m.good, any_of(ca.logic_not(m.started), m.rejected >= m.recovery_fixes))
+        lambda m: all_of(m.gps_fix, m.good, any_of(ca.logic_not(m.started), m.rejected >= m.recovery_fixes)),
+        "a good fix is the first, or the last of `recovery_fixes` rejected in a row",
     )
     def recover(m) -> None:
         """Begin (anew) at the fix; the bias is kept if there is one.

@@ -106,7 +106,10 @@ class Sensors(Block):
         """No fix, unless one is due."""
         m.fixed = 0
 
-    @triggered(lambda m: lasted(m.tick, m.fixes * m.gps_period, m.sample_time, tolerance=1e-6))
+    @triggered(
+        lambda m: lasted(m.tick, m.fixes * m.gps_period, m.sample_time, tolerance=1e-6),
+        "a fix is due, every `gps_period`",
+    )
     def fix(m) -> None:
         """The receiver's fix, on the first tick at or after its time (eq. D.12, D.15; 2.3)."""
         draws, m.gps_stream = normals(m.gps_stream, 6)

@@ -20,7 +20,7 @@ from models.kit import casadi as ca
 from models.kit.declaration import SX, Output, State, Stream, Variable, flatten
 from models.kit.elementary import Precision
 from models.kit.timing import TICK
-from models.kit.tracing import Guard, Method, Program, trace
+from models.kit.tracing import Condition, Guard, Method, Program, trace
 
 
 def first_line(documented: type) -> str:
@@ -28,15 +28,29 @@ def first_line(documented: type) -> str:
     return (documented.__doc__ or "").strip().partition("\n")[0]
 
 
-def triggered(guard: Guard, *, seldom: bool = False) -> Callable[[Method], Method]:
+def triggered(guard: Guard, when: str = "", *, seldom: bool = False) -> Callable[[Method], Method]:
     """Run an update only on ticks on which the guard holds: a Boolean variable's name, or an expression.
 
-    `seldom` says that this is on less than one tick in about fifty. It changes no result: where many trials
-    run side by side, a trial leaves the others for that tick.
+    `when` puts an expression into words, for the page about the models. `seldom` says that the guard holds on
+    less than one tick in about fifty. It changes no result: where many trials run side by side, a trial
+    leaves the others for that tick.
     """
 
     def mark(method: Method) -> Method:
-        method.guard, method.seldom = guard, seldom  # type: ignore[attr-defined]
+        method.guard, method.when, method.seldom = guard, when, seldom  # type: ignore[attr-defined]
+        return method
+
+    return mark
+
+
+def moves(edges: Mapping[int, int]) -> Callable[[Method], Method]:
+    """Name the transitions that an update makes outside of the table: in mode m it goes to `edges[m]`.
+
+    They complete the diagram of the state machine and change nothing else.
+    """
+
+    def mark(method: Method) -> Method:
+        method.edges = tuple(sorted(edges.items()))  # type: ignore[attr-defined]
         return method
 
     return mark
@@ -46,11 +60,12 @@ def triggered(guard: Guard, *, seldom: bool = False) -> Callable[[Method], Metho
 class Row:
     """One transition: in `mode`, when `guard` holds, assign and go to `next`.
 
-    `anomaly` names what is wrong with the animal, if the transition reports it.
+    A guard with words is a `Condition`. `anomaly` names what is wrong with the animal, if the transition
+    reports it.
     """
 
     mode: int
-    guard: SX
+    guard: SX | Condition
     next: int
     assign: Mapping[str, SX | float] = field(default_factory=dict)
     anomaly: int = 0

@@ -4,16 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 from models.errors import DeclarationError
 from models.kit import casadi as ca
 from models.kit.declaration import SX, Output, Parameter, State, Stream, Variable
 from models.kit.elementary import Precision, lower
+from models.kit.geometry import all_of
 
 Guard = str | Callable[[Any], SX]
 Method = Callable[[Any], Any]
 GROUPS = ("state", "input", "parameter", "output")  # the arguments of every traced function, in this order
+
+
+class Condition(NamedTuple):
+    """A condition and its words, joined with others by `&`."""
+
+    holds: SX
+    words: str
+
+    def __and__(self, other: Condition) -> Condition:
+        """Both hold."""
+        return Condition(all_of(self.holds, other.holds), f"{self.words}, {other.words}")
 
 
 @dataclass(frozen=True)
@@ -25,7 +37,9 @@ class Update:
     writes: tuple[str, ...]
     function: Any  # ca.Function: 4 column vectors -> 1 column vector
     guard: Any = None  # ca.Function: 4 column vectors -> scalar; None: every tick
+    when: str = ""  # the guard in words
     seldom: bool = False
+    edges: tuple[tuple[int, int], ...] = ()  # of the state machine: from which mode to which
 
 
 @dataclass(frozen=True)
@@ -38,6 +52,7 @@ class Transition:
     writes: tuple[str, ...]
     function: Any
     anomaly: int
+    when: str = ""  # the guard in words
 
 
 @dataclass(frozen=True)
@@ -49,6 +64,7 @@ class Table:
     mode: str
     rows: tuple[Transition, ...]
     guard: Any = None  # as in Update
+    when: str = ""
 
 
 Phase = Update | Table
@@ -164,18 +180,20 @@ class _Tracer:
         ]
         return tuple(n for n, _ in flat), [value for _, value in flat]
 
-    def guard(self, name: str, method: Method) -> Any:
+    def guard(self, name: str, method: Method) -> tuple[Any, str]:
+        """The guard of an update as a function, and in words; (None, "") without one."""
         guard: Guard | None = getattr(method, "guard", None)
         if guard is None:
-            return None
+            return None, ""
         if isinstance(guard, str) and guard not in self.block.variables():
             raise DeclarationError(f'{self.block.__name__}.{name}: guard "{guard}" is not a variable')
         m, arguments = self.open()
         condition = getattr(m, guard) if isinstance(guard, str) else guard(m)
-        return self.close(f"{name}_guard", arguments, [ca.SX(condition)])
+        words = f"`{guard}`" if isinstance(guard, str) else getattr(method, "when", "")
+        return self.close(f"{name}_guard", arguments, [ca.SX(condition)]), words
 
     def update(self, name: str, method: Method) -> Update:
-        guard = self.guard(name, method)
+        guard, when = self.guard(name, method)
         m, arguments = self.open()
         method(m)
         names, values = self.writes(m.assigned)
@@ -185,7 +203,9 @@ class _Tracer:
             names,
             self.close(name, arguments, values),
             guard,
+            when,
             getattr(method, "seldom", False),
+            getattr(method, "edges", ()),
         )
         if guard is None:
             self.readable |= m.assigned.keys() & self.block.variables(Output).keys()
@@ -206,17 +226,19 @@ class _Tracer:
                     raise DeclarationError(f'{self.block.__name__}.{name}: row assigns unknown "{target}"')
                 setattr(m, target, value)
             names, values = self.writes(m.assigned)
+            holds, words = row.guard if isinstance(row.guard, Condition) else (row.guard, "")
             rows.append(
                 Transition(
                     int(row.mode),
                     int(row.next),
-                    self.close(f"{name}_{index}_guard", arguments, [ca.SX(row.guard)]),
+                    self.close(f"{name}_{index}_guard", arguments, [ca.SX(holds)]),
                     names,
                     self.close(f"{name}_{index}", arguments, values),
                     int(row.anomaly),
+                    words,
                 )
             )
-        return Table(name, (method.__doc__ or "").strip(), mode, tuple(rows), self.guard(name, method))
+        return Table(name, (method.__doc__ or "").strip(), mode, tuple(rows), *self.guard(name, method))
 
     def phase(self, name: str, method: Method) -> Phase:
         mode = getattr(method, "mode", None)

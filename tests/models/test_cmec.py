@@ -19,6 +19,7 @@ from collections.abc import Iterable
 from itertools import groupby
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -27,6 +28,7 @@ from models.cmec import MAX_WAYPOINTS, Anomaly, Cmec, Mode
 from models.commands import Command, Status
 from models.kit.declaration import Type
 from models.kit.model import Model
+from models.kit.tracing import GROUPS, Update
 from models.readings import READINGS
 
 DEG = math.pi / 180
@@ -635,6 +637,43 @@ def test_a_trial_does_not_begin_while_the_controller_is_blocked() -> None:
     assert trial.tick(20, valid=0) == Command.STOP
     assert trial.mode == Mode.IDLE
     assert trial.tick(valid=1) == Command.FORWARD
+
+
+def random_columns(kind: str, count: int, generator: np.random.Generator) -> np.ndarray[Any, Any]:
+    """Values of all variables of a kind, one column for each of `count` draws."""
+    rows = []
+    for variable in (v for v in Cmec.group(kind) for _ in range(v.width)):
+        if variable.type is Type.REAL:
+            rows.append(generator.uniform(variable.min or 0, 10, count))
+        else:
+            values = list(variable.choices) if variable.choices else [0, 1]
+            rows.append(generator.choice([*values, 1000] if variable.name == "ticks" else values, count))
+    return np.array(rows, dtype=float)
+
+
+@pytest.mark.parametrize(
+    "update",
+    [phase for phase in Cmec.program().tick if isinstance(phase, Update) and "now" in phase.writes],
+    ids=lambda update: update.name,
+)
+def test_an_update_that_moves_the_mode_names_exactly_the_transitions_that_it_makes(update: Update) -> None:
+    # given 500 random states, inputs and parameters in each mode
+    generator, now = np.random.default_rng(1), Cmec.flat_names("state").index("now")
+    made = set()
+    for mode in Mode:
+        arguments = [random_columns(kind, 500, generator) for kind in GROUPS]
+        arguments[0][now] = mode
+        # when the update runs where its guard holds
+        holds = np.array(update.guard(*arguments)).ravel().astype(bool)
+        results = np.array(update.function(*arguments))[update.writes.index("now"), holds]
+        made |= {(mode, Mode(int(result))) for result in results}
+    # then
+    assert made == set(update.edges)
+
+
+def test_begin_end_and_interrupt_alone_move_the_mode_beside_the_table() -> None:
+    movers = [phase.name for phase in Cmec.program().tick if isinstance(phase, Update) and phase.edges]
+    assert movers == ["begin", "end", "interrupt"]
 
 
 def any_input() -> st.SearchStrategy[dict[str, float]]:

@@ -1,0 +1,146 @@
+"""The words of this project, each with the place in the code that holds it; a test keeps the places true."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Term(NamedTuple):
+    """A word, what it means, and where it is: (name in the code, file)."""
+
+    word: str
+    meaning: str
+    places: tuple[tuple[str, str], ...]
+
+
+TERMS: dict[str, tuple[Term, ...]] = {
+    "Systems": (
+        Term(
+            "block",
+            "a class that declares a model: its variables, and the updates of its tick as methods",
+            (("Block", "models/kit/block.py"),),
+        ),
+        Term(
+            "tick",
+            "0.04 s, in which every component is stepped once",
+            (("TICK", "models/kit/timing.py"), ("Program", "models/kit/tracing.py")),
+        ),
+        Term(
+            "role",
+            "what a place needs: plant (the animal), sensors, estimator, controller, command module",
+            (("Role", "harness/cosim/roles.py"),),
+        ),
+        Term(
+            "component",
+            "a place in a system, named after its role and taken by a block, or by an FMU",
+            (("components", "models/system.py"), ("FmuComponent", "harness/cosim/ssp.py")),
+        ),
+        Term(
+            "link",
+            "from an output of a component to an input of another; one between FMUs may convert units",
+            (("Link", "models/kit/link.py"), ("ScaledLink", "harness/cosim/ssp.py")),
+        ),
+        Term(
+            "system",
+            "components and the links between them, as blocks, or as FMUs in an .ssp package",
+            (("System", "models/system.py"), ("FmuSystem", "harness/cosim/ssp.py")),
+        ),
+        Term(
+            "FMU",
+            "a model in a file that any simulation tool can run; ours are built from blocks",
+            (("build", "fmus/build.py"), ("FmuDescription", "harness/cosim/fmu.py")),
+        ),
+        Term(
+            "instance",
+            "a component at work, with values: of a block in Python, or of an FMU",
+            (("Model", "models/kit/model.py"), ("FmuInstance", "harness/cosim/fmu.py")),
+        ),
+    ),
+    "Trials": (
+        Term(
+            "scenario",
+            "what happens in a trial, as a user writes it: waypoints, parameters, faults by time",
+            (("Scenario", "harness/trial/scenario.py"),),
+        ),
+        Term("plan", "the same resolved to SI units for one system", (("Plan", "harness/trial/plan.py"),)),
+        Term("trial", "one run of a plan from the start to its end", (("run", "harness/trial/trial.py"),)),
+        Term(
+            "reading",
+            "the parameters that stand for one way to read the dissertation",
+            (("READINGS", "models/readings.py"),),
+        ),
+    ),
+    "Motion": (
+        Term(
+            "heading",
+            "where the body looks; clockwise from north, as all directions",
+            (("body_heading", "models/canine.py"), ("held_heading", "models/four_state.py")),
+        ),
+        Term(
+            "course", "where it moves", (("gps_course", "models/sensors.py"), ("course", "models/canine.py"))
+        ),
+        Term("bearing", "where another place lies", (("bearing", "models/canine.py"),)),
+        Term(
+            "deviation",
+            "h, the bearing of the target less the heading: how far to turn, to the right if positive",
+            (("deviation", "models/cmec.py"),),
+        ),
+        Term(
+            "fix",
+            "one position and speed from the GPS receiver, four a second",
+            (("fix", "models/sensors.py"), ("judge", "models/four_state.py")),
+        ),
+        Term(
+            "outage",
+            "a time without fixes",
+            (("outage_start", "models/sensors.py"), ("Outage", "harness/replay/replay.py")),
+        ),
+    ),
+    "Control": (
+        Term("mode", "what the controller is doing", (("Mode", "models/cmec.py"),)),
+        Term("command", "what the animal is told", (("Command", "models/commands.py"),)),
+        Term("status", "how the trial stands; some end it", (("Status", "models/commands.py"),)),
+        Term(
+            "anomaly",
+            "an animal that does not do as told, or a reason why the controller does not lead",
+            (("Anomaly", "models/cmec.py"),),
+        ),
+    ),
+}
+
+TRAILS: dict[str, tuple[tuple[str, str, str], ...]] = {
+    "A stop at a waypoint is decided": (
+        ("decide", "models/cmec.py", "goes to STOP_AT_WAYPOINT when the target is near enough"),
+        ("answer", "models/cmec.py", "gives the command STOP in that mode"),
+        ("advance", "models/cmec.py", "aims at the next waypoint once the animal has stopped"),
+    ),
+    "A fix enters the filter": (
+        ("judge", "models/four_state.py", "accepts or rejects it"),
+        ("correct", "models/four_state.py", "updates state and covariance by an accepted one"),
+        ("recover", "models/four_state.py", "begins anew at the first, or after many rejected ones"),
+    ),
+    "A row reaches the log": (
+        ("Simulation", "harness/cosim/loop.py", "steps the components and hands their rows over"),
+        ("LogRows", "harness/trial/contents.py", "arranges them by component"),
+        ("LogWriter", "harness/log/log.py", "writes them to the file"),
+    ),
+}
+
+
+def page() -> str:
+    """The glossary in Markdown."""
+    lines = ["## Words", ""]
+    for title, terms in TERMS.items():
+        lines += [f"| {title.lower()} | what it is | where it is |", "|---|---|---|"]
+        for term in terms:
+            places = ", ".join(_place(name, path) for name, path in term.places)
+            lines.append(f"| **{term.word}** | {term.meaning} | {places} |")
+        lines.append("")
+    for title, steps in TRAILS.items():
+        lines.append(f"{title}: " + "; ".join(f"{_place(n, path)} {does}" for n, path, does in steps) + ".")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _place(name: str, path: str) -> str:
+    return f"`{name}` in [{path}](../{path})"
