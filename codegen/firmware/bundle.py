@@ -15,9 +15,11 @@ from pathlib import Path
 
 from codegen.blocks.block_c import comment, generate, start_literal, write_files
 from codegen.firmware.record import Entry, drivers, is_mission, of_block
+from codegen.firmware.structs import Headers, read_headers
 from codegen.firmware.targets import Target
+from codegen.firmware.telemetry import FIELDS, OFFSETS, PAYLOAD, Flag
 from codegen.templating import environment
-from models.cmec import Cmec
+from models.cmec import MAX_WAYPOINTS, Cmec
 from models.command_module import CommandModule
 from models.errors import UsageError
 from models.four_state import FourState
@@ -46,9 +48,31 @@ def settable(block: type[Block]) -> dict[str, Variable]:
     return {v.name: v for v in block.group("parameter") if not is_mission(v) and not v.size}
 
 
+def program() -> dict[str, str]:
+    """The sources beside the blocks and their parameters, file name to text: by hand, and what they share."""
+    files = {path.name: path.read_text() for path in sorted(SOURCES.glob("*.[ch]"))}
+    context = {
+        "fields": FIELDS,
+        "offsets": OFFSETS,
+        "flags": list(Flag),
+        "size": PAYLOAD.size,
+        "tick_ms": round(1000 * Block.sample_time),
+        "max_waypoints": MAX_WAYPOINTS,
+    }
+    for name in ("models.h", "telemetry.h", "telemetry.c"):
+        files[name] = TEMPLATES.get_template(f"{name}.jinja").render(context)
+    return {name: text for name, text in files.items() if not name.startswith("pil")}
+
+
+def headers() -> Headers:
+    """The structs of the program beside the blocks."""
+    return read_headers({name: text for name, text in program().items() if name.endswith(".h")})
+
+
 def _record() -> dict[str, list[Entry]]:
     """The record by the part of the program that writes it."""
-    return {"drivers": list(drivers())} | {m: list(of_block(m, b)) for m, b in BLOCKS.items()}
+    beside = list(drivers(headers(), BLOCKS))
+    return {"drivers": beside} | {m: list(of_block(m, b)) for m, b in BLOCKS.items()}
 
 
 @cache
@@ -71,9 +95,7 @@ def library(values: Values | None = None, *, constants: bool = False) -> dict[st
     }
     for member, block in BLOCKS.items():
         files |= generate(block, "float", constants=chosen[member] if constants else None)
-    for source in sorted(SOURCES.glob("*.[ch]")):
-        if not source.name.startswith("pil"):
-            files[source.name] = source.read_text()
+    files |= program()
     context = {"assignments": [] if constants else list(_assignments(chosen))}
     files["parameters.c"] = TEMPLATES.get_template("parameters.c.jinja").render(context)
     return files

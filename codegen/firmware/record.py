@@ -1,26 +1,25 @@
 """The record of the processor in the loop: every word that the onboard program remembers, named.
 
-What a struct of `onboard/` or a block holds stands here once: from it come the C that writes the
-record, and the names by which it is read. Left out are copies (where a frame lies in a buffer) and what does
-not change, parameters but the mission.
+The words are derived: those of the drivers from the structs of the headers in `onboard/`, those of the blocks
+from their declarations. A member that is added there is recorded. From the words come the C that writes the
+record, and the names by which it is read. INSTEAD lists what is recorded in another form. Of a block's
+parameters only the mission is recorded, since the others do not change.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
+from codegen.firmware.structs import Headers
+from models.errors import DeclarationError
 from models.kit.block import Block
 from models.kit.declaration import Parameter, Type, Variable
 
-FIX = ("time_ms", "latitude", "longitude", "h_acc", "speed", "course", "s_acc")
-SCANNER = ("start", "count", "needed", "length", "frames", "errors", "skipped")
-QUANTITIES = (
-    *(f"{n}_{axis}" for n in ("ACCEL", "GYRO", "MAG") for axis in "XYZ"),
-    "ROLL",
-    "PITCH",
-    "HEADING",
-)
+SCALARS = {"bool": Type.BOOLEAN, "float": Type.REAL} | {
+    f"{sign}int{bits}_t": Type.INTEGER for sign in ("", "u") for bits in (8, 16, 32)
+}
+UNNAMED = ("scanner", "waypoints")  # members whose own name is not part of their words' names
 
 
 @dataclass(frozen=True)
@@ -52,34 +51,84 @@ class Entry:
         }[self.type]
 
 
-def drivers() -> Iterator[Entry]:
-    """What stands in `onboard` beside the blocks."""
-    for name in ("time_ms", "pause", "mission_id", "sequence"):
-        yield Entry(name, f"m->{name}")
-    for name in ("start_wanted", "busy", "reporting"):
-        yield Entry(name, f"m->{name}", Type.BOOLEAN)
-    for driver in ("gps", "imu", "radio"):
-        for name in SCANNER:
-            yield Entry(f"{driver}.{name}", f"m->{driver}.scanner.{name}")
-        yield Entry(f"{driver}.held", f"held(&m->{driver}.scanner)")
-    for part in ("fix", "epoch"):
-        for name in FIX:
-            yield Entry(f"gps.{part}.{name}", f"m->gps.{part}.{name}")
-    for name in ("fixed", "good"):
-        yield Entry(f"gps.{name}", f"m->gps.{name}", Type.BOOLEAN)
-    for name in ("parts", "refused"):
-        yield Entry(f"gps.{name}", f"m->gps.{name}")
-    for quantity in QUANTITIES:
-        yield Entry(f"imu.{quantity.lower()}", f"mt_value(&m->imu, MT_{quantity})", Type.REAL)
-    for name in ("z_up", "sampled"):
-        yield Entry(f"imu.{name}", f"m->imu.{name}", Type.BOOLEAN)
-    for name in ("counter", "lost"):
-        yield Entry(f"imu.{name}", f"m->imu.{name}")
-    for name in ("override", "sequence", "refused", "unknown", "mission.id", "mission.count"):
-        yield Entry(f"radio.{name}", f"m->radio.{name}")
-    for name in ("latitude", "longitude"):
-        yield Entry(f"radio.mission.home.{name}", f"m->radio.mission.home.{name}")
-        yield Entry(f"radio.mission.{name}", f"m->radio.mission.waypoints[i].{name}", size=16)
+@dataclass(frozen=True)
+class Place:
+    """Where a struct lies.
+
+    Attributes:
+        name, c: what the names of its members' words, and their C, begin with.
+        size: of the array of which it is element `i`, or 0.
+    """
+
+    name: str
+    c: str
+    size: int = 0
+
+    @property
+    def address(self) -> str:
+        """A pointer to it as C."""
+        return f"&{self.c.removesuffix('.')}"
+
+
+def _held(place: Place, headers: Headers) -> Iterator[Entry]:
+    """The bytes in use as a sum; the others are what earlier frames left."""
+    yield Entry(f"{place.name}held", f"held({place.address})")
+
+
+def _quantities(place: Place, headers: Headers) -> Iterator[Entry]:
+    """The bytes of a sample as its values."""
+    for quantity in headers.enums["mt_quantity"]:
+        name = quantity.removeprefix("MT_").lower()
+        yield Entry(f"{place.name}{name}", f"mt_value({place.address}, {quantity})", Type.REAL)
+
+
+def _nothing(place: Place, headers: Headers) -> Iterator[Entry]:
+    """An address, which differs from processor to processor."""
+    return iter(())
+
+
+# what is recorded instead of a member, by its struct and name
+INSTEAD: Mapping[tuple[str, str], Callable[[Place, Headers], Iterator[Entry]]] = {
+    ("scanner", "bytes"): _held,
+    ("scanner", "frame"): _nothing,
+    ("mt", "values"): _quantities,
+}
+
+
+def drivers(headers: Headers, blocks: Mapping[str, type[Block]]) -> Iterator[Entry]:
+    """What stands in `onboard` beside the blocks.
+
+    Args:
+        headers: those of `onboard/`.
+        blocks: the members of `onboard` that are blocks.
+
+    Raises:
+        DeclarationError: a member is neither a scalar, nor a struct of these headers, nor a block, or it is
+            an array in an array.
+    """
+    yield from _members("onboard", Place("", "m->"), headers, blocks)
+
+
+def _members(
+    struct: str, place: Place, headers: Headers, blocks: Mapping[str, type[Block]]
+) -> Iterator[Entry]:
+    for member in headers.structs[struct]:
+        if member.size and place.size:
+            raise DeclarationError(f"{struct}.{member.name} is an array in an array; expected one at most")
+        name, size = f"{place.name}{member.name}", member.size or place.size
+        c = f"{place.c}{member.name}{'[i]' if member.size else ''}"
+        if (struct, member.name) in INSTEAD:
+            yield from INSTEAD[struct, member.name](place, headers)
+        elif member.type in SCALARS:
+            yield Entry(name, c, SCALARS[member.type], size)
+        elif member.type in headers.structs:
+            inside = place.name if member.name in UNNAMED else f"{name}."
+            yield from _members(member.type, Place(inside, f"{c}.", size), headers, blocks)
+        elif member.name not in blocks or blocks[member.name].title() != member.type:
+            raise DeclarationError(
+                f"{struct}.{member.name} is `{member.type}`; expected a scalar, a struct of onboard/*.h or a "
+                "block of bundle.BLOCKS"
+            )
 
 
 def of_block(member: str, block: type[Block]) -> Iterator[Entry]:

@@ -9,17 +9,17 @@ from __future__ import annotations
 
 import struct
 from binascii import crc_hqx
-from dataclasses import astuple, dataclass, fields
-from enum import IntFlag
-from typing import Annotated, ClassVar, get_type_hints
+from dataclasses import dataclass
+from typing import ClassVar
 
+from codegen.firmware.telemetry import PAYLOAD, Telemetry
+from models.cmec import MAX_WAYPOINTS
 from models.commands import Command
 from models.errors import UsageError
 
 SYNC = b"\xa5\x5a"
 HEADER = struct.Struct(">2sBBB")  # sync, type, sequence number, length of the payload
 CRC = struct.Struct(">H")
-MAX_WAYPOINTS = 16
 MAX_LATITUDE, MAX_LONGITUDE = 90.0, 180.0  # deg
 
 
@@ -130,63 +130,6 @@ class Heartbeat:
 Message = Mission | Start | Override | Abort | Heartbeat
 
 
-class Flag(IntFlag):
-    """What is so on board: bits of `Telemetry.flags`."""
-
-    VALID = 0x01  # the estimate
-    IMU_OK = 0x02  # samples come
-    LINK_OK = 0x04  # the laptop is heard
-    FIXED = 0x08  # there has been a fix
-    LOADED = 0x10  # a mission is held
-    STARTED = 0x20  # it is under way, or has ended
-    WAITING = 0x40  # a START waits for a fix, or for the end of a stop
-
-
-U8 = Annotated[int, "B"]  # as struct names them
-U16 = Annotated[int, "H"]
-U32 = Annotated[int, "I"]
-I16 = Annotated[int, "h"]
-I32 = Annotated[int, "i"]
-
-
-@dataclass(frozen=True)
-class Telemetry:
-    """How the vest and the animal are, 5 times a second. Payload: the fields in this order."""
-
-    type: ClassVar[int] = 16
-    time_ms: U32  # ms since power-up
-    latitude: I32  # 1e-7 deg, estimate
-    longitude: I32  # 1e-7 deg, estimate
-    speed: I16  # cm/s
-    heading: I16  # 1e-4 rad, clockwise from north
-    position_sd: U16  # cm
-    speed_sd: U16  # cm/s
-    distance: U16  # dm, to the target
-    deviation: I16  # 1e-4 rad, of the orientation from the target, right positive
-    directional_commands: U16  # LEFT and RIGHT issued in this trial
-    command: U8  # models.commands.Command
-    mode: U8  # models.cmec.Mode
-    status: U8  # models.commands.Status
-    waypoint: U8  # number of waypoints reached
-    anomaly: U8  # models.cmec.Anomaly
-    flags: U8  # Flag
-    mission_id: U16  # of the mission under way; else of the one held
-    received: U8  # sequence number of the last message taken from the laptop
-    gps_frames: U16  # modulo 2^16
-    gps_errors: U16  # wrong checksums; this and the other errors stop at 65535
-    imu_frames: U16  # modulo 2^16
-    imu_errors: U16  # wrong checksums
-    link_errors: U16  # wrong checksums
-
-    def payload(self) -> bytes:
-        """The fields packed."""
-        return TELEMETRY.pack(*astuple(self))
-
-
-_TYPES = get_type_hints(Telemetry, include_extras=True)
-TELEMETRY = struct.Struct(">" + "".join(_TYPES[f.name].__metadata__[0] for f in fields(Telemetry)))
-
-
 def encode(message: Message | Telemetry, sequence: int) -> bytes:
     """The message as a frame.
 
@@ -211,7 +154,7 @@ class Decoder:
         lost: telemetry that the sequence numbers jumped over, as far as they tell (modulo 256).
     """
 
-    SIZE = HEADER.size + TELEMETRY.size + CRC.size
+    SIZE = HEADER.size + PAYLOAD.size + CRC.size
 
     def __init__(self) -> None:
         self.frames = self.errors = self.lost = 0
@@ -222,21 +165,21 @@ class Decoder:
         """The telemetry that these bytes complete, in order."""
         begin = SYNC + bytes([Telemetry.type])
         self._held += data
-        found = []
+        telemetry = []
         while (start := self._held.find(begin)) >= 0 and start + self.SIZE <= len(self._held):
             frame = self._held[start : start + self.SIZE]
             _, _, sequence, length = HEADER.unpack_from(frame)
             taken = len(SYNC)  # a false frame is searched again behind its sync
-            if length == TELEMETRY.size:
+            if length == PAYLOAD.size:
                 if crc16(frame[len(SYNC) :]) == 0:  # the remainder over a frame with its CRC
-                    found.append(Telemetry(*TELEMETRY.unpack_from(frame, HEADER.size)))
+                    telemetry.append(Telemetry.from_payload(frame[HEADER.size : -CRC.size]))
                     self._count(sequence)
                     taken = self.SIZE
                 else:
                     self.errors += 1
             self._held = self._held[start + taken :]
         self._held = self._held[start:] if start >= 0 else self._held[-len(begin) + 1 :]
-        return found
+        return telemetry
 
     def _count(self, sequence: int) -> None:
         if self._sequence is not None:

@@ -16,130 +16,22 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from codegen.firmware.bundle import BLOCKS, recorded, settable
+from codegen.firmware.telemetry import FIELDS, POSITION_UNIT, Telemetry
 from harness.cosim.fmu import Call, FmuDescription, Quantity
 from harness.log.geodesy import TangentPlane
 from harness.log.log import Channel
 from harness.onboard.instruments import InertialUnit, Receiver
+from harness.onboard.memory import Memory
+from harness.onboard.operator import Operator
 from harness.onboard.processors import Processor, ProcessorError, Received, Reply
-from harness.onboard.radio import (
-    MAX_WAYPOINTS,
-    Abort,
-    Decoder,
-    Flag,
-    Message,
-    Mission,
-    Override,
-    Position,
-    Start,
-    Telemetry,
-    encode,
-)
+from harness.onboard.radio import Mission, Position
+from harness.onboard.tones import commands
+from models.cmec import MAX_WAYPOINTS
 from models.commands import Command
-from models.errors import UsageError
-from models.kit.declaration import Type
 from models.kit.link import Values
 
 Live = list[tuple[list[str], npt.NDArray[Any]]]  # names, and values that change under them
 ROLES = ("estimator", "controller", "command_module")  # the components whose place it takes
-UNIT = math.radians(1e-7)  # of latitudes and longitudes on board
-RESEND = 0.4  # s between the operator's messages; some may get lost before the vest stops
-TONES = {"forward_tone": Command.FORWARD, "stop_tone": Command.STOP, "recall_tone": Command.RECALL}
-# the telemetry as signals of the log: name, unit, factor to it, meaning; what has no unit is a whole number
-SIGNALS: tuple[tuple[str, str, float, str], ...] = (
-    ("time_ms", "s", 1e-3, "since power-up"),
-    ("latitude", "rad", UNIT, "of the estimate"),
-    ("longitude", "rad", UNIT, "of the estimate"),
-    ("speed", "m/s", 1e-2, "estimated ground speed"),
-    ("heading", "rad", 1e-4, "estimated heading, clockwise from north"),
-    ("position_sd", "m", 1e-2, "standard deviation of the position"),
-    ("speed_sd", "m/s", 1e-2, "standard deviation of the speed"),
-    ("distance", "m", 1e-1, "distance to the target"),
-    ("deviation", "rad", 1e-4, "orientation deviation from the target, right positive"),
-    ("directional_commands", "", 1, "LEFT and RIGHT commands issued in this trial"),
-    ("command", "", 1, "what the animal is told"),
-    ("mode", "", 1, "what the controller is doing"),
-    ("status", "", 1, "how the trial stands"),
-    ("waypoint", "", 1, "number of waypoints reached"),
-    ("anomaly", "", 1, "what keeps the controller from deciding"),
-    ("flags", "", 1, "what is so on board: bits as in harness.radio.Flag"),
-    ("mission_id", "", 1, "of the mission under way; else of the one held"),
-    ("received", "", 1, "sequence number of the last message heard"),
-    ("gps_frames", "", 1, "from the receiver, modulo 2^16"),
-    ("gps_errors", "", 1, "wrong checksums"),
-    ("imu_frames", "", 1, "from the inertial unit, modulo 2^16"),
-    ("imu_errors", "", 1, "wrong checksums"),
-    ("link_errors", "", 1, "wrong checksums"),
-)
-
-
-class Memory:
-    """The record of a tick by names: `controller.output.distance`."""
-
-    _kinds = recorded()
-    _index = {name: i for i, name in enumerate(_kinds)}
-    _real = np.array([kind is Type.REAL for kind in _kinds.values()])
-
-    def __init__(self, record: bytes) -> None:
-        words = np.frombuffer(record, "<u4")
-        self.values = np.where(self._real, words.view("<f4"), words.view("<i4").astype(np.float64))
-
-    def __getitem__(self, name: str) -> float:
-        return float(self.values[self._index[name]])
-
-
-class Operator:
-    """The operator's laptop: keeps the vest in the state that is wished, by what the telemetry tells.
-
-    Args:
-        mission: what the vest is to do.
-    """
-
-    def __init__(self, mission: Mission) -> None:
-        self.mission = mission
-        self.decoder = Decoder()
-        self._telemetry: Telemetry | None = None
-        self._sequence = 0
-        self._silent_since = -math.inf
-        self._wish: tuple[bool, Command] | None = None
-
-    def send(self, time: float, start: bool, override: Command, link_ok: bool) -> bytes:
-        """What the laptop sends on a tick.
-
-        Args:
-            time: s.
-            start: the trial is to be on.
-            override: the operator's own command.
-            link_ok: off: the radio is out of reach, and nothing passes either way.
-        """
-        if not link_ok:
-            return b""
-        wish = (start, override)
-        if wish == self._wish and time < self._silent_since + RESEND - 1e-6:
-            return b""
-        messages: list[Message] = []
-        flags = Flag(self._telemetry.flags) if self._telemetry else Flag(0)
-        if self._telemetry is None or self._telemetry.mission_id != self.mission.id:
-            messages.append(self.mission)
-        begun = Flag.STARTED in flags or Flag.WAITING in flags
-        if start and not begun:
-            messages.append(Start(self.mission.id))
-        if not start and (begun or wish != self._wish):
-            messages.append(Abort())
-        messages.append(Override(override))  # always: what got lost is said again
-        self._wish, self._silent_since = wish, time
-        return b"".join(self._frame(message) for message in messages)
-
-    def _frame(self, message: Message) -> bytes:
-        self._sequence += 1
-        return encode(message, self._sequence)
-
-    def receive(self, data: bytes) -> Telemetry | None:
-        """The last telemetry in the bytes, if there is any."""
-        found = self.decoder.receive(data)
-        if found:
-            self._telemetry = found[-1]
-        return self._telemetry if found else None
 
 
 class Onboard:
@@ -231,23 +123,29 @@ class Onboard:
         """North and east of the program's origin, m."""
         if self._shift is None:
             latitude, longitude = (
-                self.memory[f"local_plane.state.origin_{name}"] * UNIT for name in ("latitude", "longitude")
+                self.memory[f"local_plane.state.origin_{name}"] * POSITION_UNIT
+                for name in ("latitude", "longitude")
             )
             self._shift = self.plane.to_plane(latitude, longitude)
         return self._shift
 
     @staticmethod
     def channel() -> Channel:
-        """How the telemetry stands in the log."""
-        names = tuple(name.removesuffix("_ms") for name, *_ in SIGNALS)
-        units = tuple(unit for _, unit, *_ in SIGNALS)
-        kinds = tuple("Real" if unit else "Integer" for unit in units)
-        return Channel("telemetry", "telemetry", names, units, kinds, tuple(m for *_, m in SIGNALS))
+        """How the telemetry stands in the log, in SI; a value without a unit is a whole number."""
+        fields = FIELDS.values()
+        return Channel(
+            "telemetry",
+            "telemetry",
+            tuple(name.removesuffix("_ms") for name in FIELDS),
+            tuple(field.si for field in fields),
+            tuple("Real" if field.si else "Integer" for field in fields),
+            tuple(field.meaning for field in fields),
+        )
 
     def row(self, time: float) -> list[float]:
-        """What the operator had been told last at the time of a tick: the log's row; zeros before."""
-        told = self._rows.pop(time, None)
-        return [factor * getattr(told, name, 0) for name, _, factor, _ in SIGNALS]
+        """The last telemetry before the end of a tick, as the log's row; zeros until there is one."""
+        telemetry = self._rows.pop(time, None)
+        return [field.factor * getattr(telemetry, name, 0) for name, field in FIELDS.items()]
 
     def stand_ins(self, fmus: Mapping[str, FmuDescription]) -> dict[str, StandIn]:
         """What takes the places of the components' FMUs in the loop."""
@@ -265,27 +163,6 @@ class Onboard:
     def close(self) -> None:
         """Stop the processor."""
         self.processor.close()
-
-
-def commands(values: Mapping[str, float]) -> dict[tuple[int, bool, bool], Command]:
-    """What the vest plays for each command.
-
-    Raises:
-        UsageError: two commands sound alike, or one is no whole number of Hz.
-    """
-    found = {(0, False, False): Command.NONE, (0, True, False): Command.LEFT, (0, False, True): Command.RIGHT}
-    declared = settable(BLOCKS["command_module"])
-    for name, command in TONES.items():
-        tone = values.get(name, declared[name].start[0])
-        played = (int(tone), False, False)
-        if played in found or tone != played[0]:
-            wrong = f"as for {found[played].name}" if played in found else "no whole number"
-            raise UsageError(
-                f"command_module.{name} is {tone:g} Hz, {wrong}; "
-                "expected a tone of its own, since the animal hears nothing else"
-            )
-        found[played] = command
-    return found
 
 
 class StandIn:

@@ -15,7 +15,11 @@
 #define POSITION 8U /* bytes of a latitude and a longitude */
 #define ID 2U       /* and of a mission's id */
 #define MAX_PAYLOAD (ID + (POSITION * (1U + LINK_MAX_WAYPOINTS)))
-#define TELEMETRY (LINK_TELEMETRY_SIZE - HEADER - CHECKSUM)
+#define TELEMETRY_END (HEADER + TELEMETRY_SIZE)
+
+#if (HEADER + MAX_PAYLOAD + CHECKSUM) > SCANNER_SIZE
+#error "a mission is longer than the scanner's buffer"
+#endif
 
 #define MAX_LATITUDE 900000000
 #define MAX_LONGITUDE 1800000000
@@ -49,32 +53,6 @@ static int32_t big_i32(const uint8_t *bytes)
         ((uint32_t)bytes[0] << 24) | ((uint32_t)bytes[1] << 16) | ((uint32_t)bytes[2] << 8) | bytes[3];
 
     return (int32_t)value;
-}
-
-static uint8_t *put_u8(uint8_t *bytes, uint8_t value)
-{
-    bytes[0] = value;
-    return &bytes[1];
-}
-
-static uint8_t *put_u16(uint8_t *bytes, uint16_t value)
-{
-    bytes[0] = (uint8_t)(value >> 8);
-    bytes[1] = (uint8_t)(value & 0xFFU);
-    return &bytes[2];
-}
-
-static uint8_t *put_u32(uint8_t *bytes, uint32_t value)
-{
-    return put_u16(put_u16(bytes, (uint16_t)(value >> 16)), (uint16_t)(value & 0xFFFFU));
-}
-
-static uint8_t flags(const link_telemetry *telemetry)
-{
-    return (uint8_t)((telemetry->valid ? 0x01U : 0U) | (telemetry->imu_ok ? 0x02U : 0U) |
-                     (telemetry->link_ok ? 0x04U : 0U) | (telemetry->fixed ? 0x08U : 0U) |
-                     (telemetry->loaded ? 0x10U : 0U) | (telemetry->started ? 0x20U : 0U) |
-                     (telemetry->waiting ? 0x40U : 0U));
 }
 
 static uint8_t link_length(const uint8_t *header)
@@ -198,38 +176,18 @@ void link_idle(radio_link *m)
     scanner_abandon(&m->scanner);
 }
 
-uint8_t link_write_telemetry(uint8_t *frame, uint8_t sequence, const link_telemetry *telemetry)
+uint8_t link_write_telemetry(uint8_t *frame, uint8_t sequence, const telemetry *t)
 {
-    uint8_t *end = frame;
+    uint16_t checksum;
 
-    end = put_u8(end, SYNC_1);
-    end = put_u8(end, SYNC_2);
-    end = put_u8(end, (uint8_t)LINK_TELEMETRY);
-    end = put_u8(end, sequence);
-    end = put_u8(end, TELEMETRY);
-    end = put_u32(end, telemetry->time_ms);
-    end = put_u32(end, (uint32_t)telemetry->latitude);
-    end = put_u32(end, (uint32_t)telemetry->longitude);
-    end = put_u16(end, (uint16_t)telemetry->speed);
-    end = put_u16(end, (uint16_t)telemetry->heading);
-    end = put_u16(end, telemetry->position_sd);
-    end = put_u16(end, telemetry->speed_sd);
-    end = put_u16(end, telemetry->distance);
-    end = put_u16(end, (uint16_t)telemetry->deviation);
-    end = put_u16(end, telemetry->directional_commands);
-    end = put_u8(end, telemetry->command);
-    end = put_u8(end, telemetry->mode);
-    end = put_u8(end, telemetry->status);
-    end = put_u8(end, telemetry->waypoint);
-    end = put_u8(end, telemetry->anomaly);
-    end = put_u8(end, flags(telemetry));
-    end = put_u16(end, telemetry->mission_id);
-    end = put_u8(end, telemetry->received);
-    end = put_u16(end, telemetry->gps_frames);
-    end = put_u16(end, telemetry->gps_errors);
-    end = put_u16(end, telemetry->imu_frames);
-    end = put_u16(end, telemetry->imu_errors);
-    end = put_u16(end, telemetry->link_errors);
-    (void)put_u16(end, crc16(&frame[TYPE], (uint8_t)(HEADER - TYPE + TELEMETRY)));
+    frame[0] = SYNC_1;
+    frame[1] = SYNC_2;
+    frame[TYPE] = (uint8_t)LINK_TELEMETRY;
+    frame[SEQUENCE] = sequence;
+    frame[LENGTH] = (uint8_t)TELEMETRY_SIZE;
+    telemetry_write(&frame[HEADER], t);
+    checksum = crc16(&frame[TYPE], (uint8_t)(TELEMETRY_END - TYPE));
+    frame[TELEMETRY_END] = (uint8_t)(checksum >> 8);
+    frame[TELEMETRY_END + 1U] = (uint8_t)(checksum & 0xFFU);
     return (uint8_t)LINK_TELEMETRY_SIZE;
 }

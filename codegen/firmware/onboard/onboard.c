@@ -259,7 +259,7 @@ static uint16_t at_most_u16(uint32_t count)
 static void report(onboard *m)
 {
     uint8_t frame[LINK_TELEMETRY_SIZE];
-    link_telemetry t;
+    telemetry t;
     const float north_sd = m->estimator.out.north_sd;
     const float east_sd = m->estimator.out.east_sd;
 

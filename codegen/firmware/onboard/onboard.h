@@ -8,11 +8,11 @@
 #include "four_state.h"
 #include "link.h"
 #include "local_plane.h"
+#include "models.h"
 #include "mt.h"
 #include "ubx.h"
 #include "watchdog.h"
 
-#define ONBOARD_TICK_MS 40U
 #define ONBOARD_BLOCKS 2U /* of at most PORT_MOST bytes, read from a source in a tick; the rest waits */
 
 #ifndef ONBOARD_IMU_Z_UP

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import os
-import re
 import struct
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -12,18 +11,18 @@ from typing import Any
 
 from pyubx2 import calc_checksum
 
-import codegen
+from codegen.blocks.block_c import write_files
+from codegen.firmware.bundle import headers, program
 from codegen.toolchains.compiler import NUMERICS, WARNINGS, build_library
 from harness.onboard import radio
+from models.commands import Command
 
-ONBOARD = Path(codegen.__file__).parent / "firmware" / "onboard"
-SOURCES = ("scanner.c", "ubx.c", "mt.c", "link.c")
+SOURCES = ("scanner.c", "ubx.c", "mt.c", "link.c", "telemetry.c")
 TYPES: dict[str, Any] = {
     "uint8_t": ctypes.c_uint8, "uint16_t": ctypes.c_uint16, "uint32_t": ctypes.c_uint32,
     "int16_t": ctypes.c_int16, "int32_t": ctypes.c_int32, "float": ctypes.c_float, "bool": ctypes.c_bool,
-    "const uint8_t *": ctypes.c_void_p,
+    "uint8_t *": ctypes.c_void_p, "function *": ctypes.c_void_p,
 }  # fmt: skip
-CONSTANTS = {"SCANNER_SIZE": 145, "LINK_MAX_WAYPOINTS": 16, "4U * MT_VALUES": 48}
 PROJECT = Path(__file__).resolve().parents[3]
 DATA = Path(os.environ.get("CANINE_DATA", PROJECT.parent / "shared" / "data"))
 POSLLH, SOL, PVT, VELNED = 0x02, 0x06, 0x07, 0x12
@@ -32,29 +31,44 @@ MISSION, START, OVERRIDE, ABORT, HEARTBEAT = range(1, 6)
 
 
 def _structs() -> dict[str, Any]:
-    """The structs of the headers, by name."""
-    types = dict(TYPES)
-    for header in ("scanner.h", "ubx.h", "mt.h", "link.h"):
-        text = re.sub(r"/\*.*?\*/", "", (ONBOARD / header).read_text(), flags=re.DOTALL)
-        for body, name in re.findall(r"typedef struct \{(.*?)\} (\w+);", text, flags=re.DOTALL):
-            fields = []
-            for of, field, size in re.findall(r"([\w ]+(?: \*|\s))(\w+)(?:\[([\w *]+)\])?;", body):
-                kind = types[of.strip()]
-                fields.append((field, kind * (CONSTANTS.get(size) or int(size)) if size else kind))
-            types[name] = type(name, (ctypes.Structure,), {"_fields_": fields})
-    return {name: kind for name, kind in types.items() if name not in TYPES}
+    """The structs of the drivers' headers as ctypes, each behind those that it holds."""
+    declared, made = headers().structs, dict[str, Any]()
+
+    def declare(name: str) -> Any:
+        if name not in made:
+            kinds = [(m, TYPES.get(m.type) or declare(m.type)) for m in declared[name]]
+            fields = [(m.name, kind * m.size if m.size else kind) for m, kind in kinds]
+            made[name] = type(name, (ctypes.Structure,), {"_fields_": fields})
+        return made[name]
+
+    for name in ("scanner_input", "ubx", "mt", "radio_link", "telemetry"):
+        declare(name)
+    return made
 
 
 STRUCTS = _structs()
+SIZES = f"""#include "link.h"
+#include "mt.h"
+#include "ubx.h"
+
+#include <stddef.h>
+
+const size_t SIZES[] = {{{", ".join(f"sizeof({name})" for name in STRUCTS)}}};
+"""
+
+
+def write_drivers(folder: Path) -> None:
+    """The sources of the drivers with their headers, into a folder."""
+    write_files({n: t for n, t in program().items() if n.endswith(".h") or n in SOURCES}, folder)
 
 
 def library(folder: Path) -> ctypes.CDLL:
-    """The drivers, compiled for this machine."""
-    flags = (*NUMERICS, *WARNINGS, "-Wsign-conversion", "-Wshadow", "-fno-sanitize=all", f"-I{ONBOARD}")
-    sources = [*SOURCES, str(Path(__file__).with_suffix(".c"))]
-    return ctypes.CDLL(
-        str(build_library(ONBOARD, sources, folder / "drivers.so", what="drivers", flags=flags))
-    )
+    """The drivers, compiled for this machine, with the sizes of their structs."""
+    write_drivers(folder)
+    write_files({"sizes.c": SIZES}, folder)
+    flags = (*NUMERICS, *WARNINGS, "-Wsign-conversion", "-Wshadow", "-fno-sanitize=all", "-I.")
+    path = build_library(folder, [*SOURCES, "sizes.c"], folder / "drivers.so", what="drivers", flags=flags)
+    return ctypes.CDLL(str(path))
 
 
 class Driver:
@@ -174,14 +188,11 @@ VELNED_SAMPLE = bytes.fromhex(
 MISSION_16 = radio.Mission(
     radio.Position(32.6, -85.49), tuple(radio.Position(32.6 + k / 1e4, -85.49 - k / 1e4) for k in range(16))
 )
+MESSAGES: tuple[radio.Message, ...] = (
+    MISSION_16, radio.Start(MISSION_16.id), radio.Override(Command.LEFT), radio.Abort(), radio.Heartbeat(),
+)  # fmt: skip
 GOOD: dict[str, list[bytes]] = {
     "ubx": [VELNED_SAMPLE, posllh(123_000), sol(123_000), pvt(123_250)],
     "mt": [MT_SAMPLE],
-    "link": [
-        radio.encode(message, 200 + i)
-        for i, message in enumerate(
-            (MISSION_16, radio.Start(MISSION_16.id), radio.Override(radio.Command.LEFT), radio.Abort(),
-             radio.Heartbeat())
-        )
-    ],
-}  # fmt: skip
+    "link": [radio.encode(message, 200 + i) for i, message in enumerate(MESSAGES)],
+}

@@ -31,13 +31,14 @@ import codegen
 from codegen.firmware import bundle
 from codegen.firmware.bundle import BLOCKS, SOURCES
 from codegen.firmware.targets import TARGETS
+from codegen.firmware.telemetry import Flag, Telemetry
 from codegen.toolchains import sdcc
 from codegen.toolchains.compiler import FLAGS, CompileError, build_library
 from harness import main
 from harness.log.geodesy import TangentPlane
 from harness.onboard.instruments import InertialUnit, Receiver
 from harness.onboard.processors import Received, open_processor
-from harness.onboard.radio import Decoder, Flag, Mission, Position, Start, Telemetry, encode
+from harness.onboard.radio import Decoder, Mission, Position, Start, encode
 from models.errors import UsageError
 from tests.codegen.firmware.vest import LATITUDE, LONGITUDE, lead, still
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import io
 import math
+import re
 import struct
 from collections.abc import Iterable
 from functools import cache
@@ -17,7 +18,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyubx2 import UBX_PROTOCOL, UBXReader
 
+from codegen.firmware.telemetry import FIELDS, Flag, Telemetry
 from harness.onboard import radio
+from models.commands import Command
 from tests.codegen.firmware.onboard_drivers import (
     ABORT,
     DATA,
@@ -28,7 +31,6 @@ from tests.codegen.firmware.onboard_drivers import (
     MISSION,
     MISSION_16,
     MT_SAMPLE,
-    ONBOARD,
     OVERRIDE,
     POSLLH,
     PVT,
@@ -101,9 +103,8 @@ def fixes(c: ctypes.CDLL, *frames: bytes) -> list[dict[str, Any]]:
 
 
 def test_structs_are_laid_out_as_the_compiler_does(c: ctypes.CDLL) -> None:
-    names = [n for n in STRUCTS if n != "scanner_protocol"]
-    sizes = (ctypes.c_size_t * len(names)).in_dll(c, "SIZES")
-    assert dict(zip(names, sizes, strict=True)) == {n: ctypes.sizeof(STRUCTS[n]) for n in names}
+    sizes = (ctypes.c_size_t * len(STRUCTS)).in_dll(c, "SIZES")
+    assert dict(zip(STRUCTS, sizes, strict=True)) == {n: ctypes.sizeof(s) for n, s in STRUCTS.items()}
 
 
 # --- samples and captures ---
@@ -323,7 +324,7 @@ def test_random_bytes_behind_a_header_pass_as_often_as_the_checksum_lets_them(
     header = {
         "ubx": velned(0)[:6],
         "mt": MT_SAMPLE[:4],
-        "link": radio.encode(radio.Override(radio.Command.NONE), 0)[:5],
+        "link": radio.encode(radio.Override(Command.NONE), 0)[:5],
     }
     rest = {"ubx": 38, "mt": 51, "link": 3}[name]
     noise = random_bytes(2, 50_000 * rest)
@@ -511,7 +512,7 @@ def test_mission_arrives_whole_and_starts(c: ctypes.CDLL, mission: radio.Mission
 
 def test_the_other_messages_arrive(c: ctypes.CDLL) -> None:
     link = driver(c, "link")
-    for command in radio.Command:
+    for command in Command:
         assert list(link.receive(radio.encode(radio.Override(command), 3))) == [OVERRIDE]
         assert link.state.override == command
     assert list(link.receive(radio.encode(radio.Abort(), 4) + radio.encode(radio.Heartbeat(), 5))) == [
@@ -595,31 +596,29 @@ def test_an_abort_behind_half_a_mission_waits_no_longer_than_the_radio_pauses(c:
     assert list(link.receive_block(b"")) == [ABORT]
 
 
-def c_telemetry(telemetry: radio.Telemetry) -> Any:
-    """The struct of link.h; the bools that it has are the flags of the same names."""
-    values = dict(vars(telemetry))
-    flags = values.pop("flags")
-    structure = STRUCTS["link_telemetry"]()
-    names = {name for name, *_ in structure._fields_}
-    bools = {flag.name.lower(): bool(flags & flag) for flag in radio.Flag}  # type: ignore[union-attr]
-    assert names == values.keys() | bools.keys()
-    for name, value in (values | bools).items():
-        setattr(structure, name, value)
-    return structure
+def c_telemetry(telemetry: Telemetry) -> Any:
+    """The struct of telemetry.h; in the place of `flags` it has a bool for each."""
+    flags = Flag(telemetry.flags)
+    bools = {str(flag.name).lower(): flag in flags for flag in Flag}
+    return STRUCTS["telemetry"](**{n: v for n, v in vars(telemetry).items() if n != "flags"} | bools)
 
 
-BITS = {"B": (0, 255), "H": (0, U16), "I": (0, U32), "h": (-(2**15), 2**15 - 1), "i": (-(2**31), 2**31 - 1)}
-telemetries = st.builds(
-    lambda values, flags: radio.Telemetry(*values[:15], flags, *values[16:]),
-    st.tuples(*(st.integers(*BITS[code]) for code in radio.TELEMETRY.format[1:])),
-    st.integers(0, 63),
-)
+def limits(kind: str) -> tuple[int, int]:
+    """The least and the greatest value of an integer of C, `uint16_t` say."""
+    bits = int(re.sub(r"\D", "", kind))
+    return (0, 2**bits - 1) if kind.startswith("u") else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+
+
+telemetries = st.fixed_dictionaries(
+    {name: st.integers(*limits(field.type)) for name, field in FIELDS.items()}
+    | {"flags": st.integers(0, sum(Flag))}
+).map(lambda values: Telemetry(**values))
 
 
 @settings(max_examples=200, deadline=None)
 @given(telemetry=telemetries, sequence=st.integers(0, 255))
 def test_telemetry_of_the_vest_is_what_the_laptop_reads(
-    c: ctypes.CDLL, telemetry: radio.Telemetry, sequence: int
+    c: ctypes.CDLL, telemetry: Telemetry, sequence: int
 ) -> None:
     frame = ctypes.create_string_buffer(radio.Decoder.SIZE)
     write = c.link_write_telemetry
@@ -627,7 +626,3 @@ def test_telemetry_of_the_vest_is_what_the_laptop_reads(
     assert write(frame, sequence, ctypes.byref(c_telemetry(telemetry))) == radio.Decoder.SIZE
     assert radio.Decoder().receive(frame.raw) == [telemetry]
     assert frame.raw == radio.encode(telemetry, sequence)
-
-
-def test_header_states_the_size_of_telemetry() -> None:
-    assert f"#define LINK_TELEMETRY_SIZE {radio.Decoder.SIZE}U" in (ONBOARD / "link.h").read_text()

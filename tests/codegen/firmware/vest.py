@@ -9,10 +9,11 @@ import math
 import time
 from collections.abc import Callable, Iterator
 
+from codegen.firmware.telemetry import Telemetry
 from harness.log.geodesy import TangentPlane
 from harness.onboard.instruments import InertialUnit, Receiver
-from harness.onboard.radio import Mission, Position, Telemetry
-from harness.onboard.stand_in import Operator
+from harness.onboard.operator import Operator
+from harness.onboard.radio import Mission, Position
 from models.commands import Command
 
 LATITUDE, LONGITUDE = 32.6, -85.5  # deg

@@ -16,8 +16,8 @@ from pyubx2 import ERR_RAISE, UBXReader
 
 from harness.log.geodesy import TangentPlane
 from harness.onboard.instruments import InertialUnit, Receiver
+from harness.onboard.memory import Memory
 from harness.onboard.processors import Processor, Received, open_processor
-from harness.onboard.stand_in import Memory
 
 ORIGIN = TangentPlane(math.radians(32.6), math.radians(-85.49))
 FIX = {

@@ -9,11 +9,12 @@ from typing import Any
 
 import pytest
 
+from codegen.firmware.telemetry import Flag
 from harness.log.geodesy import TangentPlane
 from harness.onboard.instruments import InertialUnit, Receiver
+from harness.onboard.memory import Memory
 from harness.onboard.processors import Received, open_processor
-from harness.onboard.radio import Abort, Decoder, Flag, Heartbeat, Mission, Position, Start, encode
-from harness.onboard.stand_in import Memory
+from harness.onboard.radio import Abort, Decoder, Heartbeat, Mission, Position, Start, encode
 from models.cmec import Mode
 from models.commands import Command
 

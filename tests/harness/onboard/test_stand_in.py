@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import dataclasses
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -15,14 +14,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from codegen.firmware.telemetry import FIELDS, Flag, Telemetry
 from harness.cosim.fmu import Call, FmuDescription, FmuError, Quantity
 from harness.cosim.loop import Event, Outcome, Simulation
 from harness.log.geodesy import TangentPlane
 from harness.log.log import Log, read_log
 from harness.onboard import radio
+from harness.onboard.memory import Memory
+from harness.onboard.operator import RESEND, Operator
 from harness.onboard.processors import Processor, ProcessorError, Reply, open_processor
-from harness.onboard.radio import Decoder, Flag, Mission, Position, Telemetry, encode
-from harness.onboard.stand_in import RESEND, SIGNALS, Memory, Onboard, Operator, StandIn
+from harness.onboard.radio import Decoder, Mission, Position, encode
+from harness.onboard.stand_in import Onboard, StandIn
 from harness.trial import trial
 from harness.trial.prepare import Prepared, prepared
 from harness.trial.request import Changes, Request, build_missing, requested
@@ -62,8 +64,7 @@ def overrides(sent: bytes) -> list[int]:
 
 def told(**fields: Any) -> bytes:
     """Telemetry as a frame, all zeros but these."""
-    nothing = {f.name: 0 for f in dataclasses.fields(Telemetry)}
-    return encode(Telemetry(**(nothing | fields)), 0)
+    return encode(Telemetry(**(dict.fromkeys(FIELDS, 0) | fields)), 0)
 
 
 def test_mission_and_start_are_sent_again_until_the_telemetry_tells_them() -> None:
@@ -253,7 +254,7 @@ def test_lost_link_stops_the_animal_2_s_after_the_last_message(walk: Callable[..
     assert set(commands[50:]) == {Command.STOP}
     assert vest.onboard.memory["controller.state.overruled"] == Anomaly.LOST_LINK
     # and nothing was told to the operator meanwhile
-    row = dict(zip((s[0] for s in SIGNALS), vest.onboard.row((vest.onboard.tick - 1) * TICK), strict=True))
+    row = dict(zip(FIELDS, vest.onboard.row((vest.onboard.tick - 1) * TICK), strict=True))
     assert row["time_ms"] <= (vest.onboard.tick - 60) * TICK
     # when it is back, then it stops to turn, at least 1.5 s (Table 4.2), and goes on
     assert vest.until(Mode.FORWARD) >= 1.5 / TICK

@@ -18,8 +18,8 @@ from rich.console import Console
 from codegen.firmware.bundle import recorded
 from codegen.firmware.image import Footprint
 from harness.log.log import read_log
+from harness.onboard.memory import Memory
 from harness.onboard.processors import Cost, Processor, Received, Reply, open_processor
-from harness.onboard.stand_in import Memory
 from harness.pil import compare
 from harness.pil.compare import Compared, DifferenceError, report, show
 from harness.trial.firmware import values_on_board

@@ -1,0 +1,141 @@
+"""The telemetry, stated once: what the vest tells the operator, five times a second.
+
+From `Telemetry` and `Flag` come the struct and its writer in C (templates/telemetry.[hc].jinja), the laptop's
+reader (harness/onboard/radio.py) and the signals of the log (harness/onboard/stand_in.py).
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from dataclasses import astuple, dataclass
+from enum import IntFlag
+from itertools import accumulate
+from typing import Annotated, ClassVar, get_type_hints
+
+TYPES = {"uint8_t": "B", "uint16_t": "H", "uint32_t": "I", "int16_t": "h", "int32_t": "i"}  # C: struct
+POSITION_UNIT = math.radians(1e-7)  # rad: latitudes and longitudes on board and by radio
+UNITS: dict[str, tuple[str, float]] = {  # by radio: SI, factor to it
+    "": ("", 1),
+    "ms": ("s", 1e-3),
+    "1e-7 deg": ("rad", POSITION_UNIT),
+    "1e-4 rad": ("rad", 1e-4),
+    "cm/s": ("m/s", 1e-2),
+    "cm": ("m", 1e-2),
+    "dm": ("m", 1e-1),
+}
+
+
+@dataclass(frozen=True)
+class Wire:
+    """How a field is sent.
+
+    Attributes:
+        type: of C; big-endian by radio.
+        unit: of the whole number that is sent, one of UNITS; "" for a count, a choice or bits.
+    """
+
+    type: str
+    unit: str
+    meaning: str
+
+    @property
+    def size(self) -> int:
+        """Bytes by radio."""
+        return struct.calcsize(f">{TYPES[self.type]}")
+
+    @property
+    def signed(self) -> bool:
+        """It can be below 0."""
+        return not self.type.startswith("u")
+
+    @property
+    def si(self) -> str:
+        """The unit in the log, "" for a whole number."""
+        return UNITS[self.unit][0]
+
+    @property
+    def factor(self) -> float:
+        """From what is sent to the value in the log."""
+        return UNITS[self.unit][1]
+
+    @property
+    def comment(self) -> str:
+        """Unit and meaning, for C."""
+        return f"{self.unit}: {self.meaning}" if self.unit else self.meaning
+
+
+class Flag(IntFlag):
+    """Conditions on board: the bits of `Telemetry.flags`. In C each is a bool of the struct."""
+
+    meaning: str
+
+    def __new__(cls, bit: int, meaning: str = "") -> Flag:
+        flag = int.__new__(cls, bit)
+        flag._value_, flag.meaning = bit, meaning
+        return flag
+
+    VALID = 0x01, "the estimate may be trusted"
+    IMU_OK = 0x02, "samples come"
+    LINK_OK = 0x04, "the operator is heard"
+    FIXED = 0x08, "there has been a fix"
+    LOADED = 0x10, "a mission is held"
+    STARTED = 0x20, "the mission is under way, or has ended"
+    WAITING = 0x40, "a START waits for a fix, or for the end of a stop"
+
+
+BITS = "conditions on board, the lowest bit first: " + ", ".join(str(flag.name).lower() for flag in Flag)
+
+
+@dataclass(frozen=True)
+class Telemetry:
+    """State of the vest and the animal. Payload: the fields in this order.
+
+    `command`, `mode`, `status` and `anomaly` are numbers of the controller's enumerations of these names.
+    The counts of errors stop at 65535.
+    """
+
+    type: ClassVar[int] = 16
+    time_ms: Annotated[int, Wire("uint32_t", "ms", "since power-up")]
+    latitude: Annotated[int, Wire("int32_t", "1e-7 deg", "of the estimate")]
+    longitude: Annotated[int, Wire("int32_t", "1e-7 deg", "of the estimate")]
+    speed: Annotated[int, Wire("int16_t", "cm/s", "estimated ground speed")]
+    heading: Annotated[int, Wire("int16_t", "1e-4 rad", "estimated heading, clockwise from north")]
+    position_sd: Annotated[int, Wire("uint16_t", "cm", "standard deviation of the position")]
+    speed_sd: Annotated[int, Wire("uint16_t", "cm/s", "standard deviation of the speed")]
+    distance: Annotated[int, Wire("uint16_t", "dm", "distance to the target")]
+    deviation: Annotated[
+        int, Wire("int16_t", "1e-4 rad", "orientation deviation from the target, right positive")
+    ]
+    directional_commands: Annotated[int, Wire("uint16_t", "", "LEFT and RIGHT commands issued in this trial")]
+    command: Annotated[int, Wire("uint8_t", "", "what the animal is told")]
+    mode: Annotated[int, Wire("uint8_t", "", "what the controller is doing")]
+    status: Annotated[int, Wire("uint8_t", "", "how the trial stands")]
+    waypoint: Annotated[int, Wire("uint8_t", "", "number of waypoints reached")]
+    anomaly: Annotated[int, Wire("uint8_t", "", "what keeps the controller from deciding")]
+    flags: Annotated[int, Wire("uint8_t", "", BITS)]
+    mission_id: Annotated[int, Wire("uint16_t", "", "of the mission under way; else of the one held")]
+    received: Annotated[int, Wire("uint8_t", "", "sequence number of the last message heard")]
+    gps_frames: Annotated[int, Wire("uint16_t", "", "from the receiver, modulo 2^16")]
+    gps_errors: Annotated[int, Wire("uint16_t", "", "wrong checksums")]
+    imu_frames: Annotated[int, Wire("uint16_t", "", "from the inertial unit, modulo 2^16")]
+    imu_errors: Annotated[int, Wire("uint16_t", "", "wrong checksums")]
+    link_errors: Annotated[int, Wire("uint16_t", "", "wrong checksums")]
+
+    def payload(self) -> bytes:
+        """The fields packed."""
+        return PAYLOAD.pack(*astuple(self))
+
+    @classmethod
+    def from_payload(cls, data: bytes) -> Telemetry:
+        """The fields unpacked, of PAYLOAD.size bytes."""
+        return cls(*PAYLOAD.unpack(data))
+
+
+FIELDS: dict[str, Wire] = {
+    name: hint.__metadata__[0]
+    for name, hint in get_type_hints(Telemetry, include_extras=True).items()
+    if hasattr(hint, "__metadata__")
+}
+OFFSETS = dict(zip(FIELDS, accumulate((wire.size for wire in FIELDS.values()), initial=0), strict=False))
+PAYLOAD = struct.Struct(">" + "".join(TYPES[wire.type] for wire in FIELDS.values()))

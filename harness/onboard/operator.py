@@ -1,0 +1,65 @@
+"""The operator's laptop: it repeats by radio what the telemetry does not show yet."""
+
+from __future__ import annotations
+
+import math
+
+from codegen.firmware.telemetry import Flag, Telemetry
+from harness.onboard.radio import Abort, Decoder, Message, Mission, Override, Start, encode
+from models.commands import Command
+
+RESEND = 0.4  # s between the operator's messages; some may get lost before the vest stops
+
+
+class Operator:
+    """The operator's laptop: keeps the vest in the state that is wished, by what the telemetry tells.
+
+    Args:
+        mission: what the vest is to do.
+    """
+
+    def __init__(self, mission: Mission) -> None:
+        self.mission = mission
+        self.decoder = Decoder()
+        self._telemetry: Telemetry | None = None
+        self._sequence = 0
+        self._silent_since = -math.inf
+        self._wish: tuple[bool, Command] | None = None
+
+    def send(self, time: float, start: bool, override: Command, link_ok: bool) -> bytes:
+        """What the laptop sends on a tick.
+
+        Args:
+            time: s.
+            start: the trial is to be on.
+            override: the operator's own command.
+            link_ok: off: the radio is out of reach, and nothing passes either way.
+        """
+        if not link_ok:
+            return b""
+        wish = (start, override)
+        if wish == self._wish and time < self._silent_since + RESEND - 1e-6:
+            return b""
+        messages: list[Message] = []
+        flags = Flag(self._telemetry.flags) if self._telemetry else Flag(0)
+        if self._telemetry is None or self._telemetry.mission_id != self.mission.id:
+            messages.append(self.mission)
+        begun = Flag.STARTED in flags or Flag.WAITING in flags
+        if start and not begun:
+            messages.append(Start(self.mission.id))
+        if not start and (begun or wish != self._wish):
+            messages.append(Abort())
+        messages.append(Override(override))  # always: what got lost is said again
+        self._wish, self._silent_since = wish, time
+        return b"".join(self._frame(message) for message in messages)
+
+    def _frame(self, message: Message) -> bytes:
+        self._sequence += 1
+        return encode(message, self._sequence)
+
+    def receive(self, data: bytes) -> Telemetry | None:
+        """The last telemetry in the bytes, if there is any."""
+        found = self.decoder.receive(data)
+        if found:
+            self._telemetry = found[-1]
+        return self._telemetry if found else None

@@ -1,0 +1,65 @@
+"""The table of the telemetry, and what is made of it: the struct, its bytes, the signals of the log."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from codegen.firmware.bundle import headers, program
+from codegen.firmware.telemetry import FIELDS, PAYLOAD, UNITS, Flag, Telemetry, Wire
+from harness.onboard.stand_in import Onboard
+
+
+def test_each_field_has_a_member_of_its_type_and_the_flags_have_a_bool_each() -> None:
+    # given the struct as the header has it
+    members = {member.name: member.type for member in headers().structs["telemetry"]}
+    # then it has the fields in their order, and the seven conditions where the flags are
+    names = list(FIELDS)
+    at = names.index("flags")
+    bools = ["valid", "imu_ok", "link_ok", "fixed", "loaded", "started", "waiting"]
+    assert list(members) == [*names[:at], *bools, *names[at + 1 :]]
+    assert {members[name] for name in bools} == {"bool"}
+    assert all(members[name] == FIELDS[name].type for name in names if name != "flags")
+
+
+def test_payload_is_45_bytes_as_the_header_states() -> None:
+    # 4 + 4 + 4, seven of 2, six of 1, 2, 1, five of 2
+    assert PAYLOAD.size == 12 + 14 + 6 + 2 + 1 + 10
+    assert "#define TELEMETRY_SIZE 45U" in program()["telemetry.h"]
+
+
+def test_payload_is_read_back() -> None:
+    telemetry = Telemetry(*range(len(FIELDS)))
+    assert Telemetry.from_payload(telemetry.payload()) == telemetry
+
+
+def test_flags_are_the_bits_of_one_byte_each_once() -> None:
+    assert [flag.value for flag in Flag] == [1, 2, 4, 8, 16, 32, 64]
+    assert all(flag.meaning for flag in Flag)
+    assert Flag(0x21) == Flag.VALID | Flag.STARTED
+
+
+@pytest.mark.parametrize(
+    ("unit", "value"),
+    [("ms", 0.001), ("1e-7 deg", 1.7453292519943295e-09), ("cm/s", 0.01), ("dm", 0.1), ("1e-4 rad", 1e-4)],
+)
+def test_one_of_a_unit_by_radio_is_so_much_in_si(unit: str, value: float) -> None:
+    assert UNITS[unit][1] == pytest.approx(value, rel=1e-15)
+
+
+def test_log_has_each_field_in_si_and_counts_as_whole_numbers() -> None:
+    channel = Onboard.channel()
+    # the time is in s there, and loses the unit in its name
+    assert channel.names == ("time", *list(FIELDS)[1:])
+    kinds = dict(zip(channel.names, zip(channel.units, channel.types, strict=True), strict=True))
+    assert kinds["time"] == ("s", "Real")
+    assert kinds["latitude"] == ("rad", "Real")
+    assert kinds["distance"] == ("m", "Real")
+    assert kinds["command"] == kinds["gps_frames"] == ("", "Integer")
+
+
+def test_comment_in_c_tells_the_unit_by_radio() -> None:
+    assert Wire("int16_t", "cm/s", "ground speed").comment == "cm/s: ground speed"
+    assert Wire("uint8_t", "", "what the animal is told").comment == "what the animal is told"
+    assert math.isclose(UNITS["1e-7 deg"][1] * 1e7, math.radians(1))
