@@ -20,10 +20,11 @@ from codegen.toolchains.compiler import PLATFORMS
 from harness.cosim.stepping import DURATION, Order
 from harness.pil import SCENARIO
 from harness.trial.scenario import DEFAULT, MAX_SEED
-from models.errors import CanineError
+from models.errors import CanineError, UsageError
 
 if TYPE_CHECKING:
     from harness.cosim.fmu import FmuDescription
+    from harness.trial.request import Request
 
 LONG_S = 60.0  # s of trial time, from which on a run shows its progress
 TRY_OUT_S = 1.0  # s for which an FMU that is checked is run alone
@@ -53,8 +54,21 @@ Constants = Annotated[
 ]
 
 
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"canine {version('guided-canine')}")
+        raise typer.Exit
+
+
 @app.callback()
-def canine() -> None:
+def canine(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="print the version and exit"),
+    ] = False,
+) -> None:
     """Guided canine: models, FMUs, and trials of a dog that is led along waypoints.
 
     \b
@@ -68,6 +82,10 @@ def canine() -> None:
     canine sweep two                              many trials at each value of a parameter
     canine firmware --target cortex-m4f --out fw  the onboard program's sources
     canine pil --target cortex-m4f                runs them on the simulated processor, bit by bit
+    canine export out/demo/trial.mcap --to csv    a log as files that other tools read
+    canine scenarios                              the trials that come with the project
+    canine parameters cmec                        what a scenario can set: unit, range, default, meaning
+    canine c cmec --precision float               the C of a block
 
     --debug anywhere shows where an error comes from.
     Exit status: 0 done (also when the dog failed its trial), 1 a fault in what was run, 2 wrong usage,
@@ -103,7 +121,11 @@ def run(
     *,
     seed: Seed = None,
     settings: Settings = None,
+    seeds: Annotated[
+        str | None, typer.Option(metavar="a:b", help="a trial with each seed from a to b: a table")
+    ] = None,
     plant: Fmu = None,
+    estimator: Fmu = None,
     controller: Fmu = None,
     order: Stepping = None,
     fmi: Fmi = None,
@@ -117,7 +139,9 @@ def run(
     folder: Annotated[
         Path | None,
         typer.Option(
-            "--out", file_okay=False, help="by default out/<scenario>-<seed>, or <folder of the log>-again"
+            "--out",
+            file_okay=False,
+            help="by default out/<scenario>-<seed>, <folder of the log>-again, or out/<scenario>-seeds",
         ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="print the summary as JSON")] = False,
@@ -130,6 +154,7 @@ def run(
     canine run my.toml --plant dog.fmu --order jacobi --fmi 3 --out out/dog
     canine run out/three_waypoint-1/trial.mcap    that trial again: the same log
     canine run --onboard pil:cortex-m4f           the firmware in the loop, fed with its instruments' bytes
+    canine run two_waypoint --seeds 1:20          twenty trials: a folder each, a table, seeds.csv
 
     It leaves trial.mcap, summary.json, trial.html and trial.png.
     """
@@ -138,11 +163,16 @@ def run(
     from harness.trial.request import Changes, build_missing, requested
     from harness.trial.summary import show
 
-    swaps = {"plant": plant, "controller": controller}
-    wanted = Changes(order, fmi, swaps, settings or [], seed, onboard)
-    with requested(target, wanted) as request:
+    swaps = {"plant": plant, "estimator": estimator, "controller": controller}
+    changes = Changes(order, fmi, swaps, settings or [], seed, onboard)
+    if seeds is not None and seed is not None:
+        raise UsageError(f"--seed {seed} and --seeds {seeds}: expected one of both")
+    with requested(target, changes) as request:
         with _telling("building the FMUs") as done:
             build_missing(request, done)
+        if seeds is not None:
+            _run_seeds(request, seeds, folder, as_json)
+            return
         with prepared(request) as ready:
             for note in (*request.notes, *ready.notes):
                 _note(note)
@@ -158,6 +188,29 @@ def run(
     else:
         show(summary, out)
         _say_where(place)
+
+
+def _run_seeds(request: Request, seeds: str, folder: Path | None, as_json: bool) -> None:
+    """`canine run --seeds`."""
+    from harness.trial.seeds import SEEDS, default_folder, parse_seeds, run_seeds, show
+
+    chosen = parse_seeds(seeds)
+    place = folder or default_folder(request)
+    summaries = []
+    with _bar("trials", len(chosen), quiet=as_json) as progress:
+        try:
+            for summary in run_seeds(request, chosen, place, _note):
+                summaries.append(summary)
+                if progress:
+                    progress(len(summaries))
+        except KeyboardInterrupt:
+            done = f"{len(summaries)} of {len(chosen)} trials are done"
+            _ended(f"{done}: {place / SEEDS}" if summaries else done)
+    if as_json:
+        typer.echo(json.dumps(summaries, indent=2))
+    else:
+        show(summaries, out)
+        typer.echo(f"{_short(place)}/: {SEEDS}, and a folder for each seed")
 
 
 @app.command()
@@ -236,6 +289,7 @@ def wiring(
     order: Stepping = None,
     fmi: Fmi = None,
     plant: Fmu = None,
+    estimator: Fmu = None,
     controller: Fmu = None,
     as_json: Annotated[bool, typer.Option("--json", help="print it as JSON")] = False,
 ) -> None:
@@ -251,8 +305,8 @@ def wiring(
     from harness.trial.prepare import prepared
     from harness.trial.request import Changes, build_missing, requested
 
-    wanted = Changes(order, fmi, {"plant": plant, "controller": controller})
-    with requested(target, wanted) as request:
+    swaps = {"plant": plant, "estimator": estimator, "controller": controller}
+    with requested(target, Changes(order, fmi, swaps)) as request:
         with _telling("building the FMUs") as done:
             build_missing(request, done)
         with prepared(request) as ready:
@@ -444,6 +498,117 @@ def fit_animal(
     else:
         report.show(result, out)
         _say_where(place)
+
+
+@app.command("export")
+def export_log(
+    log: Annotated[str, typer.Argument(metavar="LOG.mcap")],
+    *,
+    to: Annotated[Literal["csv", "parquet"], typer.Option(help="the format")],
+    folder: Annotated[
+        Path | None,
+        typer.Option("--out", file_okay=False, help="by default a folder csv or parquet beside it"),
+    ] = None,
+) -> None:
+    """Write a log's signals for other tools: a file for each component, and units.json.
+
+    \b
+    canine export out/demo/trial.mcap --to csv
+    canine export out/demo/trial.mcap --to parquet --out data
+
+    The first column is `time` in s. NaN, Infinity and -Infinity stand in a CSV by these names. Parquet needs
+    the extra guided-canine[parquet].
+    """
+    from harness.log.export import export
+    from harness.log.log import read_log
+    from harness.trial.scenario import shipped
+
+    if log.endswith(".toml") or (log in shipped() and not Path(log).exists()):
+        raise UsageError(f"export {log}: expected a log; `canine run {log}` writes one, trial.mcap")
+    content = read_log(Path(log))
+    if content.broken:
+        _note(f"{log}: the log is not whole, {content.broken}")
+    place = folder or Path(log).parent / to
+    export(content, to, place)
+    _say_where(place)
+
+
+@app.command("scenarios")
+def list_scenarios(
+    as_json: Annotated[bool, typer.Option("--json", help="print them as JSON")] = False,
+) -> None:
+    """List the scenarios that come with the project; each runs by its name."""
+    from rich.table import Table
+
+    from harness.trial.scenario import about, load, shipped
+
+    scenarios = {name: load(name) for name in shipped()}
+    if as_json:
+        entries = [
+            {"name": name, "system": s.system, "waypoints": s.waypoints, "duration_s": s.duration}
+            | {"about": about(name)}
+            for name, s in scenarios.items()
+        ]
+        typer.echo(json.dumps(entries, indent=2))
+        return
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    for heading in ("\nscenario", "waypoints\nafter the start", "\nsystem", "\nwhat it is"):
+        table.add_column(heading, justify="right" if "waypoints" in heading else "left")
+    for name, scenario in scenarios.items():
+        table.add_row(name, str(len(scenario.waypoints)), scenario.system, escape(about(name)))
+    out.print(table)
+
+
+@app.command("parameters")
+def list_parameters(
+    block: Annotated[str | None, typer.Argument(metavar="[BLOCK]", help="by default all")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print them as JSON")] = False,
+) -> None:
+    """List the parameters that a scenario or --set can set: unit, range, default, meaning; angles in deg.
+
+    \b
+    canine parameters
+    canine parameters cmec
+    """
+    from harness.trial import parameters
+    from models.system import BLOCKS, find_block
+
+    rows = parameters.parameters_of(BLOCKS if block is None else [find_block(block)])
+    if as_json:
+        typer.echo(json.dumps(parameters.as_json(rows), indent=2))
+    else:
+        parameters.show(rows, out)
+
+
+@app.command("c")
+def c_of_block(
+    block: str,
+    *,
+    precision: Annotated[Literal["float", "double"], typer.Option(help="of the arithmetic")] = "double",
+    folder: Annotated[
+        Path | None, typer.Option("--out", file_okay=False, metavar="DIR", help="by default out/c")
+    ] = None,
+) -> None:
+    """Write the C of a block: a header and a source, which need no library but sqrt, floor and fabs.
+
+    \b
+    canine c cmec
+    canine c four_state --precision float --out firmware/src
+    """
+    from codegen.blocks.block_c import generate, write_files
+    from harness.files import make_folder
+    from models.system import find_block
+
+    declared = find_block(block)
+    if precision not in declared.precisions:
+        raise UsageError(
+            f"--precision {precision}: {block} comes in {' and '.join(declared.precisions)} only"
+        )
+    files = generate(declared, precision)
+    place = folder or Path("out/c")
+    make_folder(place)
+    for path in write_files(files, place):
+        typer.echo(_short(path))
 
 
 def _try_out(description: FmuDescription, name: str) -> None:

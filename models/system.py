@@ -9,7 +9,7 @@ from graphlib import CycleError, TopologicalSorter
 from models.canine import Canine
 from models.cmec import Cmec
 from models.command_module import CommandModule
-from models.errors import WiringError, nearest
+from models.errors import UsageError, WiringError, nearest
 from models.four_state import FourState
 from models.kit.block import Block
 from models.kit.declaration import Input, Output, Variable, flatten
@@ -137,3 +137,15 @@ BLOCKS: tuple[type[Block], ...] = tuple(
         ]
     )
 )
+
+
+def find_block(name: str) -> type[Block]:
+    """A block by its name, or by that of its component in the full system: `cmec`, `controller`.
+
+    Raises:
+        UsageError: there is none.
+    """
+    blocks = {**SYSTEMS["full"].components, **{block.title(): block for block in BLOCKS}}
+    if name not in blocks:
+        raise UsageError(f'there is no block "{name}"{nearest(name, blocks)}')
+    return blocks[name]

@@ -28,6 +28,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import takewhile
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
@@ -170,6 +171,14 @@ def _literal(text: str) -> Written:
 def shipped() -> list[str]:
     """The names of the scenarios that come with the project."""
     return sorted(path.stem for path in SHIPPED.glob("*.toml"))
+
+
+def about(name: str) -> str:
+    """What a shipped scenario is: the first sentence of its file's comment."""
+    lines = (SHIPPED / f"{name}.toml").read_text().splitlines()
+    comment = takewhile(lambda line: line.startswith("#"), lines)
+    sentence, *_ = " ".join(line.lstrip("# ") for line in comment).split(". ")
+    return sentence.rstrip(".")
 
 
 def load(target: str, *, mission: bool = True) -> Scenario:

@@ -1,0 +1,122 @@
+"""The parameters that a scenario can set, in the units in which it states them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from harness.trial.plan import is_angular
+from models.kit.block import Block
+from models.kit.declaration import Type, Variable
+
+LINE = 250  # columns
+
+Number = bool | int | float
+
+
+@dataclass(frozen=True)
+class ParameterRow:
+    """A parameter as scenarios have it: angles in degrees.
+
+    Attributes:
+        name: `block.name`.
+        type: Real, Integer or Boolean.
+        unit: "" for a number without one.
+        size: of a vector; None for a scalar.
+        min, max: None where there is no limit.
+        default: of a vector, the one value of all elements, or the list of them.
+        choices: the named values of an enumeration.
+    """
+
+    name: str
+    type: str
+    unit: str
+    size: int | None
+    min: Number | None
+    max: Number | None
+    default: Number | list[Number]
+    choices: dict[str, int]
+    meaning: str
+
+
+def parameters_of(blocks: Sequence[type[Block]]) -> list[ParameterRow]:
+    """The parameters of blocks, in the order of their declarations."""
+    return [_row(block, variable) for block in blocks for variable in block.group("parameter")]
+
+
+def _row(block: type[Block], variable: Variable) -> ParameterRow:
+    unit = variable.unit.replace("rad", "deg") if is_angular(variable) else variable.unit
+    starts = [_written(variable, value) for value in variable.start]
+    return ParameterRow(
+        f"{block.title()}.{variable.name}",
+        variable.type.value,
+        "" if unit == "1" else unit,
+        variable.size,
+        None if variable.min is None else _written(variable, variable.min),
+        None if variable.max is None else _written(variable, variable.max),
+        starts[0] if len(set(starts)) == 1 else starts,
+        {choice.name: int(choice) for choice in variable.choices or ()},
+        variable.meaning,
+    )
+
+
+def _written(variable: Variable, value: float) -> Number:
+    """A value as a scenario states it: 37 for the float next to 37 deg."""
+    if variable.type is Type.BOOLEAN:
+        return bool(value)
+    if variable.type is Type.INTEGER:
+        return int(value)
+    if not is_angular(variable):
+        return value
+    rounded = float(f"{math.degrees(value):.12g}")
+    return rounded if math.radians(rounded) == value else math.degrees(value)
+
+
+def as_json(rows: Sequence[ParameterRow]) -> list[dict[str, Any]]:
+    """The rows for a program."""
+    return [asdict(row) for row in rows]
+
+
+def show(rows: Sequence[ParameterRow], console: Console) -> None:
+    """Print the rows as a table."""
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    table.add_column("parameter", no_wrap=True)
+    table.add_column("unit")
+    table.add_column("range", no_wrap=True)
+    table.add_column("default", justify="right")
+    table.add_column("meaning")
+    for row in rows:
+        size = "" if row.size is None else f"[1..{row.size}]"
+        cells = (f"{row.name}{size}", row.unit, _range(row), _text(row.default), row.meaning)
+        table.add_row(*map(escape, cells))
+    if not console.is_terminal:  # a file or a pipe: a line for each parameter
+        console = Console(file=console.file, width=LINE)
+    console.print(table)
+
+
+def _range(row: ParameterRow) -> str:
+    if row.choices:
+        return ", ".join(row.choices)
+    if row.type == "Boolean":
+        return "false, true"
+    match row.min, row.max:
+        case None, None:
+            return ""
+        case None, high:
+            return f"up to {_text(high)}"
+        case low, None:
+            return f"from {_text(low)}"
+        case low, high:
+            return f"{_text(low)} to {_text(high)}"
+
+
+def _text(value: Number | list[Number] | None) -> str:
+    if isinstance(value, list):
+        return ", ".join(map(_text, value))
+    return f"{value:.6g}" if isinstance(value, float) else str(value).lower()

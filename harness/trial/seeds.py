@@ -1,0 +1,123 @@
+"""A scenario run with several seeds: a folder for each trial, and a table of all."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from harness.files import make_folder, write_whole
+from harness.trial import trial
+from harness.trial.prepare import prepared
+from harness.trial.request import Request
+from harness.trial.scenario import MAX_SEED
+from models.errors import UsageError
+
+SEEDS = "seeds.csv"
+COLUMNS = ("seed", "outcome", "time_s", "waypoints_reached", "directional_commands")
+ERRORS = ("mean", "max", "final")
+
+
+def parse_seeds(text: str) -> range:
+    """The seeds of `a:b`, with b.
+
+    Raises:
+        UsageError: it is no such range.
+    """
+    first, colon, last = text.partition(":")
+    if colon and first.isdecimal() and last.isdecimal() and int(first) <= int(last) <= MAX_SEED:
+        return range(int(first), int(last) + 1)
+    raise UsageError(
+        f"--seeds {text}: expected a:b, the first and the last seed, 0 <= a <= b <= {MAX_SEED}; as in 1:20"
+    )
+
+
+def default_folder(request: Request) -> Path:
+    """Where the trials go by default: out/<scenario>-seeds."""
+    return request.default_folder.with_name(f"{request.scenario.name}-seeds")
+
+
+def run_seeds(
+    request: Request,
+    seeds: Sequence[int],
+    out: Path,
+    note: Callable[[str], None] = lambda text: None,
+) -> Iterator[dict[str, Any]]:
+    """Run a trial with each seed into out/<seed>; yields the summaries.
+
+    However it ends, seeds.csv has the trials that are done. A trial that the user ends leaves no files.
+
+    Args:
+        note: is told what the user should know, once.
+
+    Raises:
+        UsageError: a folder cannot be made.
+        CanineError: a fault in what was run; the log of that trial is kept up to there.
+        KeyboardInterrupt: the user ended it.
+    """
+    make_folder(out)
+    (out / SEEDS).unlink(missing_ok=True)  # an earlier run's
+    summaries: list[dict[str, Any]] = []
+    try:
+        for seed in seeds:
+            folder = out / str(seed)
+            one = replace(request, scenario=replace(request.scenario, seed=seed))
+            with prepared(one) as ready:
+                if not summaries:
+                    for text in (*request.notes, *ready.notes):
+                        note(text)
+                try:
+                    summaries.append(trial.run(one, ready, folder))
+                except KeyboardInterrupt:
+                    _remove(folder)
+                    raise
+            yield summaries[-1]
+    finally:
+        if summaries:
+            write_whole(out / SEEDS, csv_of(summaries))
+
+
+def _remove(folder: Path) -> None:
+    """Remove the files of a trial, and its folder if nothing else is in it."""
+    for name in (trial.LOG, trial.SUMMARY, trial.PAGE, trial.PICTURE):
+        (folder / name).unlink(missing_ok=True)
+    if folder.is_dir() and not any(folder.iterdir()):
+        folder.rmdir()
+
+
+def csv_of(summaries: Sequence[Mapping[str, Any]]) -> bytes:
+    """The table as CSV: a row for each trial; errors of the position [m] are empty without an estimator."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([*COLUMNS, *(f"position_error_{kind}_m" for kind in ERRORS)])
+    for summary in summaries:
+        errors = summary["position_error_m"] or dict.fromkeys(ERRORS, "")
+        writer.writerow([*(summary[column] for column in COLUMNS), *(errors[kind] for kind in ERRORS)])
+    return text.getvalue().encode()
+
+
+def show(summaries: Sequence[Mapping[str, Any]], console: Console) -> None:
+    """Print the table, and how many trials succeeded."""
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    for heading in ("seed", "outcome", "time [s]", "waypoints", "commands", "position error [m]"):
+        table.add_column(escape(heading), justify="left" if heading == "outcome" else "right")
+    for summary in summaries:
+        error = summary["position_error_m"]
+        table.add_row(
+            str(summary["seed"]),
+            summary["outcome"],
+            f"{summary['time_s']:.2f}",
+            str(summary["waypoints_reached"]),
+            str(summary["directional_commands"]),
+            f"{error['mean']:.2f}" if error else "-",
+        )
+    console.print(table)
+    successes = sum(summary["outcome"] == "success" for summary in summaries)
+    console.print(f"{successes} of {len(summaries)} trials succeeded ({successes / len(summaries):.0%})")

@@ -1,0 +1,135 @@
+"""The commands beside trials, sweeps and replays: exports, lists, the C of a block, the version."""
+
+import json
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from codegen.blocks.block_c import generate
+from fmus.build import build_folder
+from harness.log.log import read_log
+from harness.trial.scenario import load, shipped
+from models.cmec import Cmec
+from tests.harness.command import canine
+
+RUN = ["run", "two_waypoint", "--set", "canine.shaking=false"]
+
+
+def test_the_version_is_that_of_the_package(capsys: pytest.CaptureFixture[str]) -> None:
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
+    assert canine(capsys, "--version") == (0, f"canine {project['version']}\n", "")
+
+
+def test_scenarios_are_listed_by_name_with_what_they_are(capsys: pytest.CaptureFixture[str]) -> None:
+    # when
+    status, text, _ = canine(capsys, "scenarios")
+    entries = json.loads(canine(capsys, "scenarios", "--json")[1])
+    # then
+    assert status == 0
+    assert [entry["name"] for entry in entries] == shipped()
+    assert [line.split()[0] for line in text.splitlines()[1:] if line[0] != " "] == ["scenario", *shipped()]
+    (two,) = [entry for entry in entries if entry["name"] == "two_waypoint"]
+    assert two == {
+        "name": "two_waypoint", "system": "full", "waypoints": [[25.0, 0.0]],
+        "duration_s": load("two_waypoint").duration,
+        "about": "Two waypoints: the start, and a point 25 m north of it (5.3.3)",
+    }  # fmt: skip
+    (distance,) = [entry for entry in entries if entry["name"] == "distance_100"]
+    assert distance["about"] == "Two waypoints 100 m apart, to see what distance does (5.3.5, Figure 5.4)"
+
+
+@pytest.mark.parametrize("to", ["csv", "parquet"])
+def test_a_log_is_exported_beside_itself_or_where_it_is_told(
+    to: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # given
+    canine(capsys, *RUN, "--out", tmp_path)
+    log = read_log(tmp_path / "trial.mcap")
+    # when
+    status, text, errors = canine(capsys, "export", tmp_path / "trial.mcap", "--to", to)
+    canine(capsys, "export", tmp_path / "trial.mcap", "--to", to, "--out", tmp_path / "data")
+    # then
+    names = {*(f"{channel.component}.{to}" for channel in log.channels), "units.json"}
+    assert (status, errors) == (0, "")
+    assert text == f"{tmp_path}/{to}/: {', '.join(sorted(names))}\n"
+    assert {path.name for path in (tmp_path / "data").iterdir()} == names
+    if to == "csv":
+        lines = (tmp_path / "csv" / "plant.csv").read_text().splitlines()
+        assert lines[0].split(",")[0] == "time"
+        assert [float(line.split(",")[0]) for line in lines[1:]] == log.time.tolist()
+
+
+def test_the_export_of_a_scenario_says_to_run_it_first(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    for scenario in ("three_waypoint", str(tmp_path / "my.toml")):
+        status, _, errors = canine(capsys, "export", scenario, "--to", "csv")
+        assert status == 2
+        assert f"expected a log; `canine run {scenario}` writes one" in errors
+
+
+def test_the_export_of_a_cut_log_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    # given the first nine tenths of a log
+    canine(capsys, *RUN, "--out", tmp_path)
+    log = tmp_path / "trial.mcap"
+    log.write_bytes(log.read_bytes()[: log.stat().st_size * 9 // 10])
+    # when
+    status, _, errors = canine(capsys, "export", log, "--to", "csv")
+    # then
+    assert status == 0
+    assert f"note: {log}: the log is not whole, the file ends early" in errors.replace("\n", "")
+    assert len((tmp_path / "csv" / "plant.csv").read_text().splitlines()) == len(read_log(log).time) + 1
+
+
+def test_the_c_of_a_block_is_what_the_generator_gives(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    # when
+    status, text, _ = canine(capsys, "c", "cmec", "--precision", "float")
+    canine(capsys, "c", "controller", "--out", "double")
+    # then
+    assert (status, text) == (0, "out/c/cmec.h\nout/c/cmec.c\n")
+    assert {p.name: p.read_text() for p in Path("out/c").iterdir()} == generate(Cmec, "float")
+    assert {p.name: p.read_text() for p in Path("double").iterdir()} == generate(Cmec, "double")
+
+
+def test_a_block_without_float_arithmetic_is_refused_in_float(capsys: pytest.CaptureFixture[str]) -> None:
+    status, _, errors = canine(capsys, "c", "canine", "--precision", "float")
+    assert (status, errors) == (2, "canine: --precision float: canine comes in double only\n")
+
+
+def test_an_estimator_from_a_file_takes_the_place_of_ours(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # given our own estimator's FMI 3.0 FMU
+    fmu = build_folder() / "fmi3" / "four_state.fmu"
+    canine(capsys, *RUN, "--out", tmp_path / "own")
+    # when
+    status, _, errors = canine(capsys, *RUN, "--estimator", fmu, "--out", tmp_path / "swapped")
+    # then
+    own, swapped = (read_log(tmp_path / name / "trial.mcap") for name in ("own", "swapped"))
+    assert (status, errors) == (0, "")
+    assert swapped.metadata["swaps"] == {"estimator": "estimator.fmu"}
+    assert (own["estimator.north_sd"] == swapped["estimator.north_sd"]).all()
+    assert canine(capsys, "wiring", "--estimator", fmu) == canine(capsys, "wiring")
+
+
+def test_an_estimator_does_not_fit_a_system_without_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scenario = tmp_path / "true.toml"
+    scenario.write_text('system = "cts"\nwaypoints = [[25, 0]]')
+    fmu = build_folder() / "fmi3" / "four_state.fmu"
+    status, _, errors = canine(capsys, "run", scenario, "--estimator", fmu, "--out", tmp_path / "out")
+    assert status in (1, 2)
+    assert "estimator" in errors
+    assert not (tmp_path / "out").exists()
+
+
+def test_help_of_each_command_shows_how_to_call_it(capsys: pytest.CaptureFixture[str]) -> None:
+    for command in ("export", "parameters", "c"):
+        status, text, _ = canine(capsys, command, "--help")
+        assert status == 0
+        assert f"\n  canine {command} " in text
