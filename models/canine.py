@@ -13,11 +13,11 @@ from models.kit.random import normal, normals, uniform
 from models.kit.timing import ticks_until
 from models.kit.units import DEG
 
-REDRAWS = 4  # draws of a speed or acceleration before the floor is taken; all four fail in 5 of 10^6 trials
+REDRAWS = 4  # draws of a speed or an acceleration, then its floor: all fall below it in 5 of 10^6 trials
 
 
 class Plant(Block):
-    """What every plant gives and takes: the role's contract, and the kinematics common to ours."""
+    """The role of a plant: the variables that every plant has, and the kinematics that ours share."""
 
     moore = True
 
@@ -36,14 +36,16 @@ class Plant(Block):
     start_east = Parameter("m", "position at the start", start=0, min=-1e5, max=1e5)
     start_heading = Parameter("rad", "heading at the start", start=0, min=-4, max=4)
 
-    recall_turn_rate = Parameter("rad/s", "how fast the body turns home on recall", start=270 * DEG, min=0)
+    recall_turn_rate = Parameter(
+        "rad/s", "turn rate of the body towards the start on RECALL", start=270 * DEG, min=0
+    )
 
-    obeyed = State(Command, "command that is being carried out")
+    obeyed = State(Command, "command that the animal carries out")
     position_north = State("m", "position")
     position_east = State("m", "position")
     velocity = State("m/s", "ground speed")
     body_heading = State("rad", "heading")
-    bearing = State("rad", "on recall: direction to the start, in which the animal moves")
+    bearing = State("rad", "bearing of the start, and the course on RECALL")
     past_velocity = State("m/s", "ground speed a tick ago")
     past_heading = State("rad", "heading a tick ago")
 
@@ -58,22 +60,22 @@ class Plant(Block):
         m.obeyed = m.command
 
     def remember(m) -> None:
-        """What accelerations and yaw rates are differences to."""
+        """Keep speed and heading: acceleration and yaw rate are differences from them."""
         m.past_velocity, m.past_heading = m.velocity, m.body_heading
 
     @triggered(lambda m: m.obeyed == Command.RECALL, "RECALL is obeyed")
     def turn_home(m) -> None:
-        """On recall the animal homes straight to the start (5.3.2); its body turns there as fast as it can.
+        """On RECALL move straight to the start (5.3.2), and turn the body that way.
 
-        The text has no turn on recall. Turning the body takes no time from the trial, and keeps the yaw rate
-        within what an animal can do and a gyroscope can measure.
+        The text has no turn on recall. Here the body turns at a rate that an animal can reach and a gyroscope
+        can measure, and the turn takes no time from the trial.
         """
         m.bearing = ca.atan2(m.start_east - m.position_east, m.start_north - m.position_north)
-        most = m.recall_turn_rate * m.sample_time
-        m.body_heading = wrap(m.body_heading + clip(wrap(m.bearing - m.body_heading), -most, most))
+        largest = m.recall_turn_rate * m.sample_time
+        m.body_heading = wrap(m.body_heading + clip(wrap(m.bearing - m.body_heading), -largest, largest))
 
     def _move(m, acceleration: SX, top_speed: SX, turn_rate: SX) -> None:
-        """Kinematics of a tick."""
+        """The kinematics of one tick."""
         m.velocity = clip(m.velocity + acceleration * m.sample_time, 0.0, top_speed)  # eq. D.9
         turned = wrap(m.body_heading + turn_rate * m.sample_time)  # eq. D.10
         homing = m.obeyed == Command.RECALL
@@ -118,24 +120,24 @@ class Canine(Plant):
     drift_deviation = Parameter("rad/s", "Heading Drift, standard deviation", start=1.62 * DEG, min=0)
     left_success = Parameter("1", "Left Success Rate", start=0.64, min=0, max=1)
     right_success = Parameter("1", "Right Success Rate", start=0.6, min=0, max=1)
-    # why trials take longer in the field (5.3.7.1); off
+    # why trials take longer in the field (5.3.7.1): all off
     response_delay = Parameter(
         "s",
-        "how long a command is on before it is obeyed; the last one is till then",
+        "time from a command to its obedience; until then the one before is obeyed",
         start=0,
         min=0,
         max=1e4,
     )
     bumper_search_min = Parameter(
-        "s", "shortest search for the bumper before the first recall is obeyed (1)", start=0, min=0, max=1e4
+        "s", "shortest search for the bumper before the first RECALL is obeyed (1)", start=0, min=0, max=1e4
     )
     bumper_search_max = Parameter(
-        "s", "longest search for it (5); if less than the shortest, that one", start=0, min=0, max=1e4
+        "s", "longest search for the bumper (5), at least the shortest", start=0, min=0, max=1e4
     )
     start_delay = Parameter(
-        "s", "hand timing: how long the watch runs before the first command acts", start=0, min=0, max=1e4
+        "s", "hand timing: time on the watch before the first command acts", start=0, min=0, max=1e4
     )
-    # how it moves in detection mode (walking) and running: B.4, D.5
+    # motion when walking (detection mode) and when running: B.4, D.5
     shaking = Parameter(
         Boolean, "the pack shakes with the stride; off: it moves as the animal's centre", start=1
     )
@@ -160,22 +162,22 @@ class Canine(Plant):
     trial_speeding_up = State("m/s2", "acceleration of this trial")
     trial_slowing_down = State("m/s2", "deceleration of this trial")
     past_command = State(Command, "command a tick ago")
-    told = State(Boolean, "a command has been given in this trial")
-    recalled = State(Boolean, "RECALL has been given in this trial")
-    wait = State(Integer, "ticks until the command given is obeyed", min=0)
+    commanded = State(Boolean, "the first command has been given")
+    recalled = State(Boolean, "the first RECALL has been given")
+    wait = State(Integer, "ticks until the command is obeyed", min=0)
     obeys_right = State(Boolean, "the response drawn for RIGHT")
     obeys_left = State(Boolean, "the response drawn for LEFT")
     stride = State("rad", "phase of the stride", min=0)
     jerk = State("m/s2", "jerk of the pack on this tick")
     jerk_due = State(Boolean, "a stride began on this tick")
-    temper_stream = Stream("what is drawn once a trial", substream=0)
+    temper_stream = Stream("traits of the dog in this trial", substream=0)
     right_stream = Stream("responses to RIGHT", substream=1)
     left_stream = Stream("responses to LEFT", substream=2)
     jerk_stream = Stream("jerks of the pack", substream=3)
     search_stream = Stream("search for the bumper", substream=4)
 
     def initialize(m) -> None:
-        """Draw what holds for the whole trial (eq. 5.1, 5.2, 5.5)."""
+        """Draw start heading, drift and turn rates of the trial (eq. 5.1, 5.2, 5.5)."""
         draws, m.temper_stream = normals(m.temper_stream, 4)
         m._place()
         m.body_heading = wrap(m.start_heading + m.start_heading_deviation * draws[0])  # eq. 5.1
@@ -193,7 +195,7 @@ class Canine(Plant):
         "a speed or an acceleration has a deviation",
     )
     def initialize_speeds(m) -> None:
-        """Draw speed and accelerations of the trial, where they have a deviation."""
+        """Draw speed and accelerations of the trial."""
         draws, m.temper_stream = normals(m.temper_stream, 3 * REDRAWS)
         speeds, ups, downs = draws[:REDRAWS], draws[REDRAWS : 2 * REDRAWS], draws[2 * REDRAWS :]
         m.trial_speed = _redrawn(m.cruise_speed, m.cruise_speed_deviation, speeds)
@@ -206,20 +208,20 @@ class Canine(Plant):
         seldom=True,
     )
     def hear(m) -> None:
-        """Obey a command once it has been on for its time (5.3.7.1).
+        """Obey a command after its delay (5.3.7.1).
 
-        The dog searches for the bumper once, on the first RECALL. The watch is not the dog's: a hand that
-        starts it early enters as a delay of the first command.
+        The dog searches for the bumper once, on the first RECALL. A hand that starts the watch early delays
+        the first command.
         """
-        given = m.command != m.past_command
-        searching = all_of(given, m.command == Command.RECALL, ca.logic_not(m.recalled))
+        new = m.command != m.past_command
+        searching = all_of(new, m.command == Command.RECALL, ca.logic_not(m.recalled))
         draw, stream = uniform(m.search_stream)
         m.search_stream = where(searching, stream, m.search_stream)
         longest = where(m.bumper_search_max < m.bumper_search_min, m.bumper_search_min, m.bumper_search_max)
         search = m.bumper_search_min + draw * (longest - m.bumper_search_min)
-        time = m.response_delay + where(m.told, 0, m.start_delay) + where(searching, search, 0)
-        wait = where(given, ticks_until(time, m.sample_time), m.wait)
-        m.told, m.recalled = 1, any_of(m.recalled, searching)
+        time = m.response_delay + where(m.commanded, 0, m.start_delay) + where(searching, search, 0)
+        wait = where(new, ticks_until(time, m.sample_time), m.wait)
+        m.commanded, m.recalled = 1, any_of(m.recalled, searching)
         m.obeyed = where(wait > 0, m.obeyed, m.command)
         m.wait = where(wait > 0, wait - 1, 0)
 
@@ -244,7 +246,7 @@ class Canine(Plant):
         m.obeys_left = draw <= m.left_success
 
     def move(m) -> None:
-        """Tones are always obeyed; the dog brakes on whatever does not tell it to run."""
+        """Run on FORWARD and RECALL, which are always obeyed, and brake on any other command."""
         m.past_command = m.command
         running = any_of(m.obeyed == Command.FORWARD, m.obeyed == Command.RECALL)
         drift = where(any_of(running, m.velocity > 0), m.trial_drift, 0)
@@ -264,16 +266,16 @@ class Canine(Plant):
 
     @triggered(lambda m: all_of(m.shaking, m.jerk_due), "`shaking`, and a stride began on this tick")
     def shake(m) -> None:
-        """The pack may hit the dog's back once a stride: spikes, sometimes over 20 m/s2 (B.4)."""
+        """By chance, once a stride, the pack hits the back: a spike, sometimes over 20 m/s2 (B.4)."""
         chance, stream = uniform(m.jerk_stream)
         size, m.jerk_stream = normal(stream)
         m.jerk = where(chance <= m.jerk_rate, m.jerk_deviation * size, 0)
         m.jerk_due = 0
 
     def output(m) -> None:
-        """The animal's motion, and what the pack on its back makes of it.
+        """The animal's motion; acceleration, attitude and yaw rate are those of the pack on its back.
 
-        The heading is the animal's: the pack's swing about it, which the gyroscope sees, is not in it (B.4).
+        The heading is the animal's. The gyroscope turns with the pack, which swings about it (B.4).
         """
         m.north, m.east = m.position_north, m.position_east
         m.speed, m.heading = m.velocity, m.body_heading
@@ -292,13 +294,13 @@ class Canine(Plant):
         )
 
     def _gait(m) -> tuple[SX, SX]:
-        """How much it walks and runs, by its speed, with the breakpoints of eq. 3.19."""
+        """Shares of walking and of running in the gait, by speed, with the breakpoints of eq. 3.19."""
         run = clip(m.velocity - 3.0, 0.0, 1.0)
         return clip(m.velocity / 0.5, 0.0, 1.0) * (1 - run), run
 
 
 def _redrawn(mean: SX, deviation: SX, draws: list[SX]) -> SX:
-    """N(mean, deviation), drawn again below 0.2 of the mean."""
+    """The first of some draws from N(mean, deviation) that is at least 0.2 of the mean, else that floor."""
     floor = 0.2 * mean
     value = floor
     for draw in reversed(draws):

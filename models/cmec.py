@@ -35,7 +35,7 @@ class Mode(IntEnum):
 
 
 class Anomaly(IntEnum):
-    """What went otherwise than commanded (Table 4.3), and what keeps the controller from deciding."""
+    """How the animal disobeys (Table 4.3), and what keeps the controller from deciding."""
 
     NONE = 0
     FORWARD_FAILURE = 1
@@ -101,7 +101,7 @@ class Cmec(Block):
     distance = Output("m", "d: distance to the target")
     deviation = Output("rad", "h: orientation deviation from the target, right positive")
     directional_commands = Output(Integer, "LEFT and RIGHT commands issued in this trial", min=0)
-    anomaly = Output(Anomaly, "what went otherwise than commanded on this tick")
+    anomaly = Output(Anomaly, "anomaly that is reported on this tick")
 
     # Table 4.2
     capture_radius = Parameter("m", "d': distance at which a waypoint counts as reached", start=7, min=0)
@@ -130,7 +130,7 @@ class Cmec(Block):
         min=0,
         max=1000,
     )
-    # what the text leaves open: the two readings
+    # choices that the text leaves open: the two readings
     turn_end_deviation = Parameter(
         "rad", "orientation deviation below which a turn command ends", start=5 * DEG, min=0, max=4
     )
@@ -196,7 +196,7 @@ class Cmec(Block):
         lambda m: all_of(
             ca.logic_not(m.start),
             m._begun(),
-            any_of(m.now != Mode.STOPPED, m._lasted(m.stop_hold)),  # a stop is held, this one too
+            any_of(m.now != Mode.STOPPED, m._lasted(m.stop_hold)),  # every stop is held, this one too
         ),
         "not in IDLE, `start` is off; in STOPPED, once the stop has lasted `stop_hold`",
         seldom=True,
@@ -344,7 +344,7 @@ class Cmec(Block):
         return any_of(m.overruled > Anomaly.NONE, m.override > Command.NONE)
 
     def _lasted(m, time: SX, ticks_ago: int = 0) -> SX:
-        """Had the mode lasted this long [s]? A tenth of a tick's tolerance keeps it the same in float32."""
+        """Had the mode lasted the time [s] so many ticks ago?"""
         return lasted(m.ticks - ticks_ago, time, m.sample_time)
 
     def _at_rest(m) -> SX:

@@ -1,4 +1,4 @@
-"""What is said to the animal, and how a trial stands: the values that blocks exchange."""
+"""The commands to the animal and the status of a trial, which blocks exchange."""
 
 from __future__ import annotations
 
@@ -26,4 +26,4 @@ class Status(IntEnum):
     STOPPED = 4
 
 
-ENDS = frozenset({int(Status.SUCCESS), int(Status.FAILED), int(Status.STOPPED)})  # with which a trial is over
+ENDS = frozenset({int(Status.SUCCESS), int(Status.FAILED), int(Status.STOPPED)})  # of a trial

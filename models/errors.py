@@ -19,7 +19,7 @@ class WiringError(CanineError):
 
 
 class UsageError(CanineError):
-    """What was asked for is not there or makes no sense: wrong usage, not a fault of what was run."""
+    """Wrong usage: a request names something that does not exist, or makes no sense."""
 
 
 class ParameterError(UsageError):

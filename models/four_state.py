@@ -58,7 +58,7 @@ class FourState(Block):
     gate_speed_growth = Parameter("m/s2", "nominal growth of the speed's deviation", start=4, min=0)
     gate_position_growth = Parameter("m/s", "nominal growth of the position's deviation", start=1.5, min=0)
     recovery_fixes = Parameter(
-        Integer, "after so many rejected in a row, begin anew", start=4, min=1, max=1000
+        Integer, "fixes rejected in a row after which the filter begins anew", start=4, min=1, max=1000
     )
     max_age = Parameter("s", "a fix older than this makes the estimate invalid", start=15, min=0, max=1e6)
     heading_accuracy = Parameter("rad", "standard deviation of the AHRS's heading", start=3 * DEG, min=0)
@@ -79,7 +79,7 @@ class FourState(Block):
     bad_fixes = State(Integer, "fixes skipped for values out of range", max=COUNT_MAX)
 
     def listen(m) -> None:
-        """Take the sample if all of it is good, else hold speed and heading, and count it."""
+        """Take the sample if all its values are good; else hold speed and heading, and count it."""
         good = m.within("accel_x", "pitch_meas", "heading_meas")
         gravity = where(m.use_pitch, GRAVITY * ca.sin(m.pitch_meas), 0)
         m.acceleration = where(good, m.accel_x - gravity, m.x[BIAS])  # eq. 3.10
@@ -119,7 +119,7 @@ class FourState(Block):
 
     @triggered("gps_fix")
     def judge(m) -> None:
-        """Gate the innovations by a nominal covariance: one that sigma has not blown up."""
+        """Accept or reject the fix: the gate of its innovations has a nominal width, without sigma."""
         m.good = m.within("gps_north", "gps_east", "gps_speed", "gps_h_acc", "gps_s_acc")
         age = m.age * m.sample_time
         position_variance = 2 * (0.5 * m.gps_h_acc) ** 2 + (m.gate_position_growth * age) ** 2
@@ -155,7 +155,7 @@ class FourState(Block):
         "a good fix is the first, or the last of `recovery_fixes` rejected in a row",
     )
     def recover(m) -> None:
-        """Begin (anew) at the fix; the bias is kept if there is one.
+        """Begin, or begin anew, at the fix; keep the bias if there is one.
 
         Eq. 3.9 begins with zeros at a known start, with P0 of eq. 3.17. A state taken from a fix is as
         uncertain as the fix, so its variance is added.

@@ -6,7 +6,7 @@ from models.kit import casadi as ca
 from models.kit.declaration import SX
 from models.kit.geometry import clip, where
 
-RUNS_FROM = 3.0  # m/s, from which on the membership of running is not 0
+RUNS_FROM = 3.0  # m/s: a faster animal runs to some degree
 STEP = 0.2  # m/s2, the grid of eq. 3.21
 MEDIUM = 14  # grid points under mu_M: 0.2, 0.4, .. 2.8 (eq. 3.20)
 HIGH = 1485  # grid points from 3.0 on under mu_H; the one at 300 lies outside its strict bound
@@ -26,13 +26,13 @@ def memberships_running(speed: SX) -> tuple[SX, SX]:
 
 
 def noise_walking(speed: SX) -> SX:
-    """sigma_Ax [m/s2] for a speed between -3 and 3 [m/s]: rules 3.18 joined, of which the third is silent."""
+    """sigma_Ax [m/s2] for a speed between -3 and 3 [m/s]: rules 3.18 joined; the third does not fire."""
     stopped, walking = memberships_walking(ca.fabs(speed))
     return defuzzify(stopped, walking, ca.SX(0))
 
 
 def noise_running(speed: SX) -> SX:
-    """sigma_Ax [m/s2] for any other speed [m/s]: rules 3.18 joined, of which the first is silent."""
+    """sigma_Ax [m/s2] for any other speed [m/s]: rules 3.18 joined; the first does not fire."""
     walking, running = memberships_running(ca.fabs(speed))
     return defuzzify(ca.SX(0), walking, running)
 

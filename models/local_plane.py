@@ -1,4 +1,4 @@
-"""Latitude and longitude to metres north and east of an origin, and back, on board."""
+"""Latitude and longitude to metres north and east of an origin, on board."""
 
 from __future__ import annotations
 
@@ -27,9 +27,7 @@ class LocalPlane(Block):
     north = Output("m", "of the origin")
     east = Output("m", "of the origin")
 
-    least_parallel = Parameter(
-        "m", "the radius of the parallel is taken for no less (at the poles)", start=1e3, min=1
-    )
+    least_parallel = Parameter("m", "least radius of a parallel, in force near the poles", start=1e3, min=1)
 
     settled = State(Boolean, "there is an origin")
     origin_latitude = State(Integer, "in 1e-7 deg")
@@ -39,7 +37,7 @@ class LocalPlane(Block):
 
     @triggered("settle")
     def begin(m) -> None:
-        """The scales at the origin: meridian and parallel."""
+        """Make this position the origin; its meridian and parallel give the scales."""
         latitude = m.latitude * ANGLE
         flattening = 1 - ECCENTRICITY_SQUARED * ca.sin(latitude) ** 2
         normal = SEMI_MAJOR_AXIS / ca.sqrt(flattening)
@@ -50,13 +48,13 @@ class LocalPlane(Block):
         m.settled = 1
 
     def project(m) -> None:
-        """Differences are taken in whole units, so that float32 loses nothing within 180 km."""
+        """Scale the differences: in whole units float32 holds them exactly within 180 km."""
         m.north = (m.latitude - m.origin_latitude) * m.north_scale
         m.east = m._eastward() * m.east_scale
 
     def _eastward(m) -> SX:
         """Longitude from the origin's, the short way round; no difference leaves 32 bits."""
-        apart = 0.5 * m.longitude - 0.5 * m.origin_longitude  # as Reals: coarse, but far from the limit
+        apart = 0.5 * m.longitude - 0.5 * m.origin_longitude  # as Reals: coarse, yet far from the limit
         onward, back = apart < -QUARTER, apart > QUARTER  # across the date line, to the east and to the west
         turn = where(onward, HALF, where(back, -HALF, 0))
         longitude, origin = m.longitude + turn, m.origin_longitude - turn

@@ -1,4 +1,4 @@
-"""The pedestrian who carried the system in the first tests: it obeys at once (4.1.5)."""
+"""The pedestrian who carried the system in the first tests, and obeys at once (4.1.5)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from models.kit.units import DEG
 
 
 class Pedestrian(Plant):
-    """A person who carries the system and does what it says."""
+    """A person who carries the system and obeys its commands."""
 
     source = "Miller 2010, 4.1.5"
 
@@ -23,14 +23,14 @@ class Pedestrian(Plant):
         m._place()
 
     def move(m) -> None:
-        """Walk, stop, turn as told."""
+        """Walk on FORWARD and RECALL, turn on LEFT and RIGHT, slow down on all but the first two."""
         walking = any_of(m.command == Command.FORWARD, m.command == Command.RECALL)
         turn = where(m.command == Command.RIGHT, m.turning_rate, 0)
         turn = where(m.command == Command.LEFT, -m.turning_rate, turn)
         m._move(where(walking, 1, -1) * m.walking_acceleration, m.walking_speed, turn)
 
     def output(m) -> None:
-        """A level pack that moves as the person does."""
+        """The person's motion; the pack stays level."""
         m.north, m.east = m.position_north, m.position_east
         m.speed, m.heading = m.velocity, m.body_heading
         m.acceleration = (m.velocity - m.past_velocity) / m.sample_time

@@ -24,7 +24,7 @@ READINGS: dict[str, dict[str, float]] = {
 
 
 def start_heading_deviation(reading: str, waypoints: int) -> float:
-    """Standard deviation [rad] of the heading at the start of a trial to so many waypoints beyond it.
+    """Standard deviation [rad] of the heading at the start of a trial, by its number of waypoints.
 
     5.3.3 gives 10 deg for the two-waypoint trials; the calibrated reading has none in longer ones.
     """

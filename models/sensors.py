@@ -15,7 +15,7 @@ OUTAGES = 8  # time windows without GPS
 
 
 class Sensors(Block):
-    """Sensor suite: what GPS, IMU, AHRS and magnetometer say of the animal's motion."""
+    """Sensor suite: GPS, IMU, AHRS and magnetometer measure the animal's motion."""
 
     source = "Miller 2010, 2.3, eq. C.3, D.12-D.17"
 
@@ -56,7 +56,7 @@ class Sensors(Block):
     gps_wander_time = Parameter("s", "correlation time of that error", start=60, min=0)
     gps_position_noise = Parameter("m", "white position noise, standard deviation", start=0.3, min=0)
     gps_speed_noise = Parameter("m/s", "speed noise (eq. D.12)", start=0.05, min=0)
-    gps_slow_speed = Parameter("m/s", "below it the course noise grows no more", start=0.1, min=1e-3)
+    gps_slow_speed = Parameter("m/s", "speed below which the course noise grows no more", start=0.1, min=1e-3)
     gps_reported_h_acc = Parameter(
         "m", "horizontal accuracy that the receiver states (B.11)", start=3.5, min=0
     )
@@ -92,7 +92,7 @@ class Sensors(Block):
     imu_stream = Stream("IMU, AHRS and magnetometer noise", substream=9)
 
     def initialize(m) -> None:
-        """The slowly varying error starts where it might be at any time."""
+        """Draw the slowly varying position error as it might be at any time."""
         draws, m.gps_stream = normals(m.gps_stream, 2)
         m.wander_north, m.wander_east = m.gps_wander * draws[0], m.gps_wander * draws[1]
 
@@ -103,7 +103,7 @@ class Sensors(Block):
         m.noise = ca.vertcat(*draws)
 
     def listen(m) -> None:
-        """No fix, unless one is due."""
+        """Begin the tick without a fix."""
         m.fixed = 0
 
     @triggered(
@@ -132,7 +132,7 @@ class Sensors(Block):
         m.fix_speed, m.fix_course = where(m.fixed, speed, m.fix_speed), where(m.fixed, course, m.fix_course)
 
     def output(m) -> None:
-        """Eq. D.16 and D.17 in three axes, C.3 the other way round."""
+        """The measurements: eq. D.16 and D.17 in three axes, eq. C.3 solved for the field."""
         n = [where(m.noisy, m.noise[i], 0) for i in range(12)]
         sine_pitch, cosine_pitch = ca.sin(m.pitch), ca.cos(m.pitch)
         sine_roll, cosine_roll = ca.sin(m.roll), ca.cos(m.roll)
@@ -177,7 +177,7 @@ class Sensors(Block):
         m.gps_h_acc, m.gps_s_acc = m.gps_reported_h_acc, m.gps_reported_s_acc
 
     def remember(m) -> None:
-        """What rates are differences to, and the time."""
+        """Keep pitch and roll, whose differences are rates, and count the tick."""
         m.past_pitch, m.past_roll = m.pitch, m.roll
         m.tick = counted(m.tick)
 

@@ -1,4 +1,4 @@
-"""The watchdogs on board: what has not been heard of for too long is not relied on."""
+"""The watchdogs on board: they notice that the IMU or the operator has fallen silent."""
 
 from __future__ import annotations
 
@@ -9,23 +9,25 @@ from models.kit.timing import TICK, ticks_within
 
 
 class Watchdog(Block):
-    """Watchdog: is the IMU alive, is the operator there, is it time to report."""
+    """Watchdog: detects a silent IMU and a silent operator, and times the telemetry."""
 
-    source = "ours: the text has no word of what fails (2.3, 2.4 have the links)"
+    source = "ours: the text does not treat failures (2.3 and 2.4 describe the links)"
     precisions = ("double", "float")
 
-    sampled = Input(Boolean, "the IMU's sample came on this tick", start=0)
-    heard = Input(Boolean, "a message of the operator's came on this tick", start=0)
-    valid = Input(Boolean, "the estimator relies on its last fix", start=0)
+    sampled = Input(Boolean, "a sample of the IMU arrived on this tick", start=0)
+    heard = Input(Boolean, "a message of the operator arrived on this tick", start=0)
+    valid = Input(Boolean, "the estimator's last fix is recent enough", start=0)
 
-    imu_ok = Output(Boolean, "samples come")
-    link_ok = Output(Boolean, "the operator is heard")
+    imu_ok = Output(Boolean, "the IMU's samples arrive")
+    link_ok = Output(Boolean, "the operator's messages arrive")
     estimate_ok = Output(Boolean, "the estimate may be trusted")
     report = Output(Boolean, "telemetry is due on this tick")
 
-    imu_timeout = Parameter("s", "longest silence of the IMU", start=0.2, min=TICK, max=1e4)
-    link_timeout = Parameter("s", "longest silence of the operator, who is heard", start=2, min=TICK, max=1e4)
-    report_period = Parameter("s", "time between reports (telemetry)", start=0.2, min=TICK, max=10)
+    imu_timeout = Parameter("s", "longest time without a sample of the IMU", start=0.2, min=TICK, max=1e4)
+    link_timeout = Parameter(
+        "s", "longest time without a message of the operator", start=2, min=TICK, max=1e4
+    )
+    report_period = Parameter("s", "time between two reports by telemetry", start=0.2, min=TICK, max=10)
 
     imu_limit = State(Integer, "imu_timeout in ticks")
     link_limit = State(Integer, "link_timeout in ticks")
@@ -35,13 +37,13 @@ class Watchdog(Block):
     report_age = State(Integer, "ticks since the last report", start=COUNT_MAX, max=COUNT_MAX)
 
     def initialize(m) -> None:
-        """Whole ticks, so that nothing but counts is compared in each of them."""
+        """Turn the times into whole ticks, so that every tick compares counts alone."""
         m.imu_limit = ticks_within(m.imu_timeout, m.sample_time)
         m.link_limit = ticks_within(m.link_timeout, m.sample_time)
         m.report_ticks = ticks_within(m.report_period, m.sample_time)
 
     def watch(m) -> None:
-        """Count what does not come."""
+        """Count the ticks since each last arrival, and compare them with their limits."""
         m.imu_age = where(m.sampled, 0, counted(m.imu_age))
         m.link_age = where(m.heard, 0, counted(m.link_age))
         m.imu_ok, m.link_ok = m.imu_age <= m.imu_limit, m.link_age <= m.link_limit

@@ -60,8 +60,8 @@ def moves(edges: Mapping[int, int]) -> Callable[[Method], Method]:
 class Row:
     """One transition: in `mode`, when `guard` holds, assign and go to `next`.
 
-    A guard with words is a `Condition`. `anomaly` names what is wrong with the animal, if the transition
-    reports it.
+    A guard with words is a `Condition`. `anomaly` is the one that the transition
+    reports, if any.
     """
 
     mode: int

@@ -77,7 +77,7 @@ class Variable:
             min, max = 0.0, 1.0
         self.min, self.max = min, max
         self.has_start = start is not None
-        if start is None:  # unset: zero, or what lies nearest in the range
+        if start is None:  # unset: zero, or the nearest value in the range
             start = (min if min is not None and min > 0 else 0.0) if max is None or max >= 0 else max
         values = list(start) if isinstance(start, Sequence) else [start]
         self.start: tuple[float, ...] = tuple(
@@ -147,7 +147,7 @@ class Variable:
         return f"{type(self).__name__}({self.name!r}, {self.unit or self.type.value!r})"
 
 
-LARGEST = 3.4028234663852886e38  # the largest float32: what is larger is infinite on board
+LARGEST = 3.4028234663852886e38  # the largest float32: a larger value is infinite on board
 
 
 def _lowest(choices: type[enum.IntEnum]) -> int:
@@ -159,19 +159,19 @@ def _highest(choices: type[enum.IntEnum]) -> int:
 
 
 class Input(Variable):
-    """What another block provides each tick. Without a start value it must be connected."""
+    """A value from another block on each tick. Without a start value it must be linked."""
 
     kind = "input"
 
 
 class Output(Variable):
-    """What the block answers; assigned on every tick."""
+    """An answer of the block; assigned on every tick."""
 
     kind = "output"
 
 
 class Parameter(Variable):
-    """Set before initialization and constant during a trial (unless `latched` says when it is read)."""
+    """A value that is set before initialization; a `latched` one is read when the trial starts."""
 
     kind = "parameter"
 
@@ -183,7 +183,7 @@ class Parameter(Variable):
 
 
 class State(Variable):
-    """What the block remembers from tick to tick."""
+    """A value that the block remembers from tick to tick."""
 
     kind = "state"
 

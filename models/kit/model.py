@@ -90,10 +90,10 @@ class Model:
         """Set the outputs of a plant for its states as they are.
 
         Raises:
-            DeclarationError: the block is none; its outputs depend on its inputs.
+            DeclarationError: the block is not a `moore` block: its outputs depend on its inputs.
         """
         if not self.block.moore:
-            raise DeclarationError(f"{self.block.title()} is no moore block: its outputs need a step")
+            raise DeclarationError(f"{self.block.title()} is not a moore block: its outputs need a step")
         self._initialize[-1]()
 
     def _call(self, function: Any) -> tuple[Callable[[], None], Array]:

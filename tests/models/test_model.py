@@ -218,5 +218,5 @@ def test_a_plant_is_observed_without_a_step() -> None:
     assert plant["north"] == plant["position_north"]
     assert np.count_nonzero(plant.state != before) == 1
     # but what answers to its inputs cannot be
-    with pytest.raises(DeclarationError, match="four_state is no moore block: its outputs need a step"):
+    with pytest.raises(DeclarationError, match="four_state is not a moore block: its outputs need a step"):
         Model(FourState).observe()
