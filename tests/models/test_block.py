@@ -1,4 +1,4 @@
-"""Tracing: what a block's equations become, and which blocks are refused, in which words."""
+"""Tracing: the program of a block's equations, and which blocks are refused in which words."""
 
 from __future__ import annotations
 
@@ -149,8 +149,13 @@ def set_y_seldom(m: Any) -> None:
     m.y = 1
 
 
+def read_and_set_z(m: Any) -> None:
+    m.y = m.z
+    m.z = 0
+
+
 Y = Output("1", "answer")
-FAULTS = {
+FAULTS: dict[str, dict[str, Any]] = {
     'Faulty: output "y" is read before it is set': {
         "y": Y,
         "x": State("1", "x"),
@@ -218,14 +223,14 @@ def test_an_output_set_by_a_triggered_update_alone_may_not_be_read() -> None:
 
 
 # Plants: outputs depend on states and parameters alone.
-PLANT = {"moore": True, "u": Input("1", "u"), "x": State("1", "x"), "y": Y}
+PLANT: dict[str, Any] = {"moore": True, "u": Input("1", "u"), "x": State("1", "x"), "y": Y}
 
 
 def move(m: Any) -> None:
     m.x = m.u
 
 
-MOORE_FAULTS = {
+MOORE_FAULTS: dict[str, dict[str, Any]] = {
     "Faulty.output depends on inputs; a moore block's may not": {
         "output": lambda m: setattr(m, "y", m.u + m.x)
     },
@@ -238,7 +243,7 @@ MOORE_FAULTS = {
     "Faulty.output depends on outputs; a moore block's may not": {
         "z": Output("1", "z"),
         "move": lambda m: setattr(m, "z", m.u),
-        "output": lambda m: (setattr(m, "y", m.z), setattr(m, "z", 0)),
+        "output": read_and_set_z,
     },
 }
 

@@ -1,4 +1,4 @@
-"""The dog: what it draws, how it moves, how it answers commands, how it shakes its pack."""
+"""The dog: its draws, responses, kinematics and delays, and the shaking of its pack."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from models.commands import Command, Status
 from models.errors import ParameterError
 from models.kit.model import Model
 from models.kit.random import start_state, uniform
+from models.kit.timing import TICK as TS
 from models.pedestrian import Pedestrian
 
 DEG = math.pi / 180
-TS = 0.04
 SEEDS = range(1, 2001)
 CALM = {
     "shaking": 0, "drift": 0.0, "drift_deviation": 0.0, "right_turn_rate_deviation": 0.0,
@@ -52,7 +52,7 @@ def tell(model: Model, command: Command, ticks: int = 1) -> dict[str, np.ndarray
 
 @pytest.fixture(scope="module")
 def draws(native: Callable[..., Any]) -> dict[str, np.ndarray[Any, Any]]:
-    """What is drawn for each of 2,000 trials."""
+    """The draws of 2,000 trials."""
     parameters = {"start_heading_deviation": 10 * DEG, **SPREAD}
     names = [
         "body_heading", "trial_drift", "trial_right_rate", "trial_left_rate", "trial_speed",
@@ -74,8 +74,10 @@ def draws(native: Callable[..., Any]) -> dict[str, np.ndarray[Any, Any]]:
         ("trial_left_rate", -77.67 * DEG, 41.13 * DEG),
     ],
 )
-def test_means_and_deviations_of_the_draws(draws: Any, name: str, mean: float, deviation: float) -> None:
-    # given n draws: the mean lies within 4 deviations/sqrt(n), the deviation within 4/sqrt(2 n)
+def test_draws_have_their_stated_mean_and_deviation(
+    draws: Any, name: str, mean: float, deviation: float
+) -> None:
+    # given n draws, the mean lies within 4 deviations/sqrt(n), the deviation within 4/sqrt(2 n)
     drawn, n = draws[name], len(SEEDS)
     assert abs(drawn.mean() - mean) < 4 * deviation / math.sqrt(n)
     assert abs(drawn.std() / deviation - 1) < 4 / math.sqrt(2 * n)
@@ -96,7 +98,9 @@ def test_some_dogs_turn_the_wrong_way(draws: Any, name: str, sign: int, share: f
     ("name", "mean", "deviation"),
     [("trial_speed", 4.86, 1.49), ("trial_speeding_up", 1.78, 0.67), ("trial_slowing_down", 2.72, 1.31)],
 )
-def test_redrawn_below_a_fifth_of_the_mean(draws: Any, name: str, mean: float, deviation: float) -> None:
+def test_speeds_below_a_fifth_of_their_mean_are_drawn_again(
+    draws: Any, name: str, mean: float, deviation: float
+) -> None:
     drawn = draws[name]
     assert drawn.min() > 0.2 * mean
     # given a normal distribution cut at a = (0.2 mean - mean)/deviation: mean + deviation phi(a)/(1 - Phi(a))
@@ -107,7 +111,7 @@ def test_redrawn_below_a_fifth_of_the_mean(draws: Any, name: str, mean: float, d
     assert drawn.mean() == pytest.approx(mean + deviation * hazard, abs=4 * spread / math.sqrt(len(SEEDS)))
 
 
-def test_the_floor_itself_when_every_draw_is_below_it() -> None:
+def test_a_speed_is_its_floor_when_every_draw_lies_below_it() -> None:
     # given a deviation so large that half of the draws fail, then some of 200 dogs take the floor: 1 in 2^4
     speeds = [dog(seed=s, cruise_speed_deviation=1e6)["trial_speed"] for s in range(1, 121)]
     assert min(speeds) == 0.2 * 4.86
@@ -141,7 +145,7 @@ def stream(model: Model, side: str) -> tuple[float, ...]:
     return tuple(model[f"{side}_stream[{i}]"] for i in range(1, 7))
 
 
-def test_a_response_is_drawn_for_each_command_issued_and_not_otherwise() -> None:
+def test_a_response_is_drawn_once_for_each_directional_command() -> None:
     model = dog(seed=1)
     for command, draws_right, draws_left in [
         (Command.NONE, False, False),
@@ -166,7 +170,9 @@ def test_a_response_is_drawn_for_each_command_issued_and_not_otherwise() -> None
     ("command", "response", "rate"),
     [(Command.RIGHT, "obeys_right", 0.6), (Command.LEFT, "obeys_left", 0.64)],
 )
-def test_response_rates(command: Command, response: str, rate: float, native: Callable[..., Any]) -> None:
+def test_responses_have_their_success_rates(
+    command: Command, response: str, rate: float, native: Callable[..., Any]
+) -> None:
     """Table 5.1."""
     model = native(Canine, "double", {"seed": 5})
     n = 4000
@@ -175,7 +181,7 @@ def test_response_rates(command: Command, response: str, rate: float, native: Ca
 
 
 @pytest.mark.parametrize(("rate", "turned"), [(0.0, 0.0), (1.0, 57.92 * DEG * TS * 10)])
-def test_a_dog_that_does_not_obey_stands(rate: float, turned: float) -> None:
+def test_a_standing_dog_turns_on_a_command_only_if_it_obeys(rate: float, turned: float) -> None:
     model = dog(**CALM | {"right_success": rate})
     outputs = tell(model, Command.RIGHT, 10)
     assert outputs["heading"][-1] == pytest.approx(turned, rel=1e-12)
@@ -184,7 +190,7 @@ def test_a_dog_that_does_not_obey_stands(rate: float, turned: float) -> None:
 
 
 @pytest.mark.parametrize(("command", "rate"), [(Command.RIGHT, 57.92), (Command.LEFT, -77.67)])
-def test_it_turns_at_its_rate_while_the_command_is_on(command: Command, rate: float) -> None:
+def test_the_dog_turns_at_its_rate_while_the_command_is_on(command: Command, rate: float) -> None:
     model = dog(**CALM)
     assert tell(model, command, 25)["heading"][-1] == pytest.approx(rate * DEG, rel=1e-12)
     assert tell(model, Command.NONE, 25)["heading"][-1] == pytest.approx(rate * DEG, rel=1e-12)
@@ -193,9 +199,9 @@ def test_it_turns_at_its_rate_while_the_command_is_on(command: Command, rate: fl
 # Kinematics
 
 
-def test_kinematics_by_hand() -> None:
+def test_the_dogs_speed_and_path_are_those_computed_by_hand() -> None:
     """Eq. D.9-D.11: the speed is a ramp up to cruise, the way its trapezoids."""
-    # given a dog without drift, heading 30 deg, told to go for 3 s and to stop
+    # given a dog without drift that heads 30 deg, runs for 3 s and is stopped
     model = dog(**CALM, start_north=10.0, start_east=-20.0, start_heading=30 * DEG)
     assert (model["north"], model["east"], model["speed"]) == (10, -20, 0)  # outputs before the first tick
     speeds = [0.0]
@@ -206,7 +212,7 @@ def test_kinematics_by_hand() -> None:
     speed, north, east, acceleration = (
         np.concatenate([go[n], stop[n]]) for n in ("speed", "north", "east", "acceleration")
     )
-    # then it covers 1.78 m/s2 (2.76 s to cruise) and so on, tick by tick
+    # then it speeds up by 1.78 m/s2 (2.73 s to cruise), cruises, and brakes by 2.72 m/s2, tick by tick
     assert speed == pytest.approx(speeds[1:], abs=1e-12)
     assert north == pytest.approx(10 + way * math.cos(30 * DEG), abs=1e-12)
     assert east == pytest.approx(-20 + way * math.sin(30 * DEG), abs=1e-12)
@@ -217,7 +223,7 @@ def test_kinematics_by_hand() -> None:
     assert speed[-1] == 0
 
 
-def test_heading_drift_acts_while_moving_alone() -> None:
+def test_heading_drifts_only_while_the_dog_moves() -> None:
     model = dog(**CALM | {"drift": 0.1})
     assert not tell(model, Command.NONE, 50)["heading"].any()
     assert tell(model, Command.FORWARD, 50)["heading"][-1] == pytest.approx(50 * TS * 0.1)
@@ -228,7 +234,7 @@ def test_heading_drift_acts_while_moving_alone() -> None:
 
 
 @pytest.mark.parametrize("command", [Command.NONE, Command.STOP, Command.LEFT, Command.RIGHT])
-def test_it_brakes_to_a_stop_on_whatever_does_not_tell_it_to_run(command: Command) -> None:
+def test_the_dog_brakes_to_a_stop_on_any_command_except_forward_and_recall(command: Command) -> None:
     model = dog(**CALM)
     tell(model, Command.FORWARD, 100)
     speed = tell(model, command, 60)["speed"]
@@ -237,12 +243,12 @@ def test_it_brakes_to_a_stop_on_whatever_does_not_tell_it_to_run(command: Comman
     assert speed[-1] == 0
 
 
-def test_on_recall_it_homes_straight_to_its_start() -> None:
+def test_on_recall_the_dog_runs_straight_to_its_start() -> None:
     # given a dog 30 m north, 40 m east of its start
     model = dog(**CALM | {"drift": 0.1}, start_north=5.0, start_east=6.0)
     model["position_north"], model["position_east"] = 35.0, 46.0
     way = tell(model, Command.RECALL, 250)
-    # then its body turns there at 270 deg/s and stays, and its distance falls by what it runs, drift or not
+    # then its body turns that way at 270 deg/s, and its distance falls by the way it runs, in spite of drift
     home = math.atan2(-40, -30)
     assert way["heading"][0] == pytest.approx(-270 * DEG * TS, rel=1e-12)
     assert way["heading"][math.ceil(abs(home) / (270 * DEG * TS)) :] == pytest.approx(home, rel=1e-12)
@@ -252,7 +258,7 @@ def test_on_recall_it_homes_straight_to_its_start() -> None:
     assert distance == pytest.approx(50 - run, abs=1e-9)
 
 
-def test_heading_stays_in_half_open_turn() -> None:
+def test_heading_stays_within_minus_pi_and_pi() -> None:
     model = dog(**CALM, start_heading=170 * DEG)
     heading = tell(model, Command.RIGHT, 100)["heading"]
     assert heading.min() > -math.pi
@@ -287,7 +293,7 @@ DELAYS = ["response_delay", "bumper_search_min", "bumper_search_max", "start_del
 
 
 def search_ticks(seed: int, shortest: float, longest: float) -> int:
-    """By hand: the first tick at or after the time drawn, to a tenth of a tick."""
+    """By hand: the time drawn, rounded up to ticks with a tolerance of a tenth."""
     draw, _ = uniform(ca.DM(start_state(seed, 4)))
     return math.ceil((shortest + (longest - shortest) * float(draw)) / TS - 0.1)
 
@@ -310,7 +316,7 @@ def trial(plant: Model) -> np.ndarray[Any, Any]:
     return np.array(rows)
 
 
-def test_without_delays_it_obeys_as_the_pedestrian_does_at_once() -> None:
+def test_a_dog_without_delays_obeys_at_once_as_the_pedestrian_does() -> None:
     # given a dog without chance and drift, and a person of its speeds
     calm = dog(**CALM | {"left_turn_rate": -1.0, "right_turn_rate": 1.0, "slowing_down": 1.78})
     person = Model(Pedestrian, {"walking_speed": 4.86, "walking_acceleration": 1.78, "turning_rate": 1.0})
@@ -342,27 +348,27 @@ def test_every_command_is_obeyed_later_by_the_response_delay(seed: int) -> None:
     ("delay", "ticks"),
     [(0.0, 0), (0.0039, 0), (0.0041, 1), (0.04, 1), (0.0439, 1), (0.0441, 2), (0.2, 5), (0.28, 7), (12, 300)],
 )
-def test_a_delay_ends_on_the_first_tick_after_it_to_a_tenth_of_a_tick(delay: float, ticks: int) -> None:
+def test_a_delay_is_rounded_up_to_ticks_with_a_tolerance_of_a_tenth(delay: float, ticks: int) -> None:
     model = dog(**CALM, response_delay=delay)
     assert np.count_nonzero(tell(model, Command.FORWARD, ticks + 2)["speed"]) == 2
 
 
-def test_it_brakes_and_turns_later_and_for_as_long_as_it_was_told() -> None:
+def test_a_late_dog_brakes_and_turns_later_and_for_the_time_commanded() -> None:
     # given a dog that runs, by hand
     model = dog(**CALM, **LATE)
     assert list(tell(model, Command.FORWARD, 7)["speed"]) == pytest.approx([0] * 5 + [0.0712, 0.1424])
     tell(model, Command.FORWARD, 93)
-    # when told to stop: 5 ticks at cruise before the first of 4.86 - 2.72 * 0.04
+    # when stopped: 5 ticks at cruise before the first of 4.86 - 2.72 * 0.04
     assert list(tell(model, Command.STOP, 6)["speed"]) == pytest.approx([4.86] * 5 + [4.7512])
     tell(model, Command.STOP, 60)
-    # when told to turn for 10 ticks: 5 of them, and 5 after
+    # when commanded to turn for 10 ticks: 5 of them, and 5 after
     assert np.ptp(tell(model, Command.RIGHT, 5)["heading"]) == 0
     assert tell(model, Command.RIGHT, 5)["heading"][-1] == pytest.approx(5 * TS * 57.92 * DEG)
     assert tell(model, Command.NONE, 20)["heading"][-1] == pytest.approx(10 * TS * 57.92 * DEG)
 
 
 @pytest.mark.parametrize(("on", "run"), [(1, 0), (5, 0), (6, 6), (9, 9)])
-def test_a_command_withdrawn_before_its_time_is_never_obeyed(on: int, run: int) -> None:
+def test_a_command_withdrawn_within_its_delay_is_never_obeyed(on: int, run: int) -> None:
     model = dog(**CALM, **LATE)
     go = tell(model, Command.FORWARD, on)
     stop = tell(model, Command.NONE, 30)
@@ -370,8 +376,8 @@ def test_a_command_withdrawn_before_its_time_is_never_obeyed(on: int, run: int) 
     assert np.flatnonzero(accelerating).tolist() == list(range(5, 5 + run))
 
 
-def test_every_command_waits_its_own_time() -> None:
-    # given a stop for 3 ticks and a recall, while the dog runs north: it obeys but the second, after 5 ticks
+def test_each_command_has_a_delay_of_its_own() -> None:
+    # given a stop for 3 ticks and then a recall, while the dog runs north: it obeys the recall alone
     model = dog(**CALM, **LATE)
     tell(model, Command.FORWARD, 100)
     speed = np.concatenate([tell(model, Command.STOP, 3)["speed"], tell(model, Command.RECALL, 5)["speed"]])
@@ -379,7 +385,7 @@ def test_every_command_waits_its_own_time() -> None:
     assert tell(model, Command.RECALL)["heading"][0] == pytest.approx(270 * DEG * TS)
 
 
-def test_the_response_is_drawn_when_the_command_is_issued() -> None:
+def test_a_late_dogs_response_is_drawn_when_the_command_is_issued() -> None:
     model = dog(**LATE)
     for command, side in ((Command.RIGHT, "right"), (Command.LEFT, "left")):
         changes = []
@@ -395,19 +401,19 @@ def test_the_response_is_drawn_when_the_command_is_issued() -> None:
     [(Command.RIGHT, Command.LEFT, 57.92), (Command.LEFT, Command.RIGHT, -77.67)],
 )
 @pytest.mark.parametrize("obeyed", [0, 1])
-def test_the_next_response_does_not_touch_a_turn_that_goes_on(
+def test_a_new_command_does_not_change_the_response_to_the_one_still_obeyed(
     first: Command, second: Command, rate: float, obeyed: int
 ) -> None:
-    # given a dog that obeys one side alone, told to turn to one side and then to the other
+    # given a dog that obeys one side alone, and a command to one side and then to the other
     right = float((first == Command.RIGHT) == bool(obeyed))
     model = dog(**CALM | {"right_success": right, "left_success": 1 - right}, **LATE)
     tell(model, first, 10)
-    # then until 5 ticks after the first command it is that one it turns by, or does not
+    # then for 5 ticks more it turns by its response to the first
     assert tell(model, second, 5)["heading"][-1] == pytest.approx(obeyed * 10 * TS * rate * DEG)
 
 
 @pytest.mark.parametrize("seed", range(1, 9))
-def test_it_searches_for_the_bumper_before_it_obeys_the_first_recall(seed: int) -> None:
+def test_the_dog_searches_for_the_bumper_before_it_obeys_the_first_recall(seed: int) -> None:
     # given a dog that has been stopped 20 m away, and finds the bumper in 1 to 5 s
     model = dog(**CALM, seed=seed, bumper_search_min=1.0, bumper_search_max=5.0)
     model["position_north"] = 20.0
@@ -415,19 +421,19 @@ def test_it_searches_for_the_bumper_before_it_obeys_the_first_recall(seed: int) 
     assert 25 <= ticks <= 125
     assert tell(model, Command.FORWARD)["speed"][0] > 0  # no other command waits
     assert tell(model, Command.STOP)["speed"][0] == 0
-    # when recalled it stands till it has found it, then goes
+    # when recalled it stands until it has found the bumper, then goes
     searching = tell(model, Command.RECALL, ticks)
     assert not searching["speed"].any()
     assert not searching["heading"].any()
     assert tell(model, Command.RECALL)["speed"][0] == pytest.approx(1.78 * TS)
     # when recalled again it goes at once, and nothing is drawn
-    found = stream(model, "search")
+    after_search = stream(model, "search")
     tell(model, Command.STOP, 10)
     assert tell(model, Command.RECALL)["speed"][0] == pytest.approx(1.78 * TS)
-    assert stream(model, "search") == found != start_state(seed, 4)
+    assert stream(model, "search") == after_search != start_state(seed, 4)
 
 
-def test_a_recall_withdrawn_in_the_search_is_not_searched_for_again() -> None:
+def test_after_a_recall_withdrawn_during_the_search_the_next_needs_no_search() -> None:
     model = dog(**CALM, bumper_search_min=2.0, bumper_search_max=2.0)
     assert not tell(model, Command.RECALL, 20)["speed"].any()
     assert not tell(model, Command.STOP)["speed"].any()
@@ -440,8 +446,8 @@ def test_a_longest_search_below_the_shortest_is_the_shortest(longest: float) -> 
     assert np.flatnonzero(tell(model, Command.RECALL, 52)["speed"]).tolist() == [50, 51]
 
 
-def test_a_late_hand_delays_the_whole_trial_and_the_first_command_alone() -> None:
-    # given half a second on the watch, 12.5 ticks, before the dog is off
+def test_a_watch_started_early_delays_the_first_command_alone() -> None:
+    # given half a second on the watch, 12.5 ticks, before the first command acts
     prompt, late = dog(**CALM), dog(**CALM, start_delay=0.5)
     # then it stands for 13 ticks, and makes the same trial after them
     rows = trial(late)
@@ -470,7 +476,7 @@ def test_delays_are_off_by_default(name: str) -> None:
     assert dog()[name] == 0
 
 
-# How it shakes its pack
+# The pack
 
 
 def gait(speed: float, **parameters: float) -> dict[str, np.ndarray[Any, Any]]:
@@ -485,7 +491,7 @@ def gait(speed: float, **parameters: float) -> dict[str, np.ndarray[Any, Any]]:
     [(1.5, (10, 20), (5, 10)), (4.86, (40, 50), (40, 60))],
     ids=["walking", "running"],
 )
-def test_swings_are_those_of_a_dog(
+def test_swings_of_the_pack_lie_in_the_ranges_of_appendix_b(
     speed: float, acceleration: tuple[float, float], pitch: tuple[float, float]
 ) -> None:
     """B.4, D.5: peak to peak, m/s2 and deg; the jerks of the pack come on top."""
@@ -499,12 +505,12 @@ def test_swings_are_those_of_a_dog(
 
 
 @pytest.mark.parametrize(("speed", "strides"), [(1.5, 2.0 * 20), (4.86, 2.9 * 20)])
-def test_it_takes_as_many_strides_as_it_should(speed: float, strides: float) -> None:
+def test_the_dog_takes_its_stated_number_of_strides(speed: float, strides: float) -> None:
     pitch = gait(speed)["pitch"] + 8.5 * DEG
     assert np.count_nonzero((pitch[1:] >= 0) & (pitch[:-1] < 0)) == pytest.approx(strides, abs=1)
 
 
-def test_jerks_of_the_pack_pass_20_at_times() -> None:
+def test_jerks_of_the_pack_sometimes_exceed_20_m_s2() -> None:
     """B.4: spikes over 20 m/s2 from the pack, though the walk itself stays within 7.5."""
     calm = gait(1.5, jerk_rate=0.0)["acceleration"]
     walks = [gait(1.5, seed=seed)["acceleration"] for seed in range(1, 11)]
@@ -516,13 +522,13 @@ def test_jerks_of_the_pack_pass_20_at_times() -> None:
 
 
 @pytest.mark.parametrize("speed", [1.5, 4.86])
-def test_no_shake_when_shaking_is_off(speed: float) -> None:
+def test_the_pack_is_still_when_shaking_is_off(speed: float) -> None:
     motion = gait(speed, shaking=0)
     for name in ("acceleration", "pitch", "roll", "yaw_rate"):
         assert not motion[name].any(), name
 
 
-def test_no_shake_while_the_dog_stands() -> None:
+def test_the_pack_is_still_while_the_dog_stands() -> None:
     model = dog(**CALM | {"shaking": 1, "jerk_rate": 1.0})
     tell(model, Command.FORWARD, 100)
     tell(model, Command.STOP, 60)
@@ -532,7 +538,7 @@ def test_no_shake_while_the_dog_stands() -> None:
     assert set(still["pitch"]) == {-8.5 * DEG}
 
 
-def test_shaking_changes_nothing_of_where_the_dog_goes() -> None:
+def test_shaking_does_not_change_the_dogs_path() -> None:
     ways = []
     for shaking in (0, 1):
         model = dog(seed=8, shaking=shaking)

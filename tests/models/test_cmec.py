@@ -44,7 +44,7 @@ CALIBRATED = {name.partition(".")[2]: value for name, value in READINGS["calibra
 
 
 class Trial:
-    """A controller whose inputs are set by hand; the first waypoint lies far north unless said otherwise."""
+    """A controller whose inputs are set by hand; the first waypoint lies far north by default."""
 
     def __init__(self, **parameters: Any) -> None:
         self.model = Model(Cmec, FAR | parameters.pop("route", {}) | parameters)
@@ -54,7 +54,7 @@ class Trial:
         self.commands: list[Command] = []
         self.anomalies: list[tuple[int, Anomaly]] = []
 
-    def tick(self, ticks: int = 1, **inputs: float) -> Command:
+    def tick(self, ticks: int = 1, /, **inputs: float) -> Command:
         """So many ticks with inputs that stay; `h` [deg] sets the heading for a waypoint due north."""
         if "h" in inputs:
             inputs["heading"] = -inputs.pop("h") * DEG
@@ -67,8 +67,8 @@ class Trial:
             self.commands.append(Command(int(self.model["command"])))
         return self.commands[-1]
 
-    def until(self, command: Command, limit: int = 400, **inputs: float) -> int:
-        """Ticks until a command is given."""
+    def until(self, command: Command, limit: int = 400, /, **inputs: float) -> int:
+        """The number of ticks until a command is on."""
         for k in range(1, limit + 1):
             if self.tick(**(inputs if k == 1 else {})) == command:
                 return k
@@ -118,7 +118,7 @@ def fail_turns(trial: Trial, count: int) -> None:
         ((40, 40), 6.9, 10.0, math.pi - 6.9 + 2 * math.pi),  # a heading beyond a turn: 2.5248
     ],
 )
-def test_distance_and_deviation_by_hand(
+def test_distance_and_deviation_are_those_computed_by_hand(
     position: tuple[float, float], heading: float, distance: float, deviation: float
 ) -> None:
     """Eq. 4.1-4.4."""
@@ -132,7 +132,7 @@ def test_distance_and_deviation_by_hand(
 # Figure 4.2
 
 
-def test_idle_until_started() -> None:
+def test_the_controller_is_idle_until_started() -> None:
     trial = Trial()
     trial.tick(10, start=0)
     assert (trial.mode, trial.status, trial.commands) == (Mode.IDLE, Status.IDLE, [Command.NONE] * 10)
@@ -140,7 +140,7 @@ def test_idle_until_started() -> None:
     assert trial.status == Status.RUNNING
 
 
-def test_forward_until_the_waypoint_is_within_its_radius() -> None:
+def test_the_command_is_forward_until_the_waypoint_is_within_its_radius() -> None:
     # given an animal that runs north at 0.2 m a tick towards a waypoint 20 m away (d' = 7 m)
     trial = Trial(route={"waypoint_north[1]": 20.0})
     for k in range(100):
@@ -167,10 +167,10 @@ def test_a_deviation_of_exactly_the_threshold_stops() -> None:
     # given h' = 0.5 rad, whose negative is a heading exactly
     trial = Trial(moving_deviation=0.5)
     trial.tick(heading=math.nextafter(-0.5, 0))
-    assert trial.mode == Mode.FORWARD
+    below = trial.mode
     trial.tick(heading=-0.5)
     assert trial.model["deviation"] == 0.5  # atan2(0, north) is 0, and wrapping adds nothing
-    assert trial.mode == Mode.STOP_TO_TURN
+    assert (below, trial.mode) == (Mode.FORWARD, Mode.STOP_TO_TURN)
 
 
 def test_a_stop_is_held_for_38_ticks_though_the_animal_stands() -> None:
@@ -187,7 +187,7 @@ def test_a_stop_is_held_for_38_ticks_though_the_animal_stands() -> None:
 def test_a_stop_is_held_for_no_less_than_the_parameter(hold: float, ticks: int) -> None:
     trial = Trial(stop_hold=hold)
     trial.tick(h=60, speed=0)
-    trial.until(Command.RIGHT, limit=3000)
+    trial.until(Command.RIGHT, 3000)
     assert trial.phases()[0] == ("STOP", ticks)
 
 
@@ -204,7 +204,7 @@ def test_a_stop_lasts_until_the_animal_is_slower_than_v() -> None:
     [(60, Command.RIGHT), (20.001, Command.RIGHT), (19.999, Command.FORWARD), (0, Command.FORWARD),
      (-19.999, Command.FORWARD), (-20.001, Command.LEFT), (-60, Command.LEFT), (180, Command.RIGHT)],
 )  # fmt: skip
-def test_after_the_stop_it_turns_to_the_side_of_h_or_goes_on(h: float, command: Command) -> None:
+def test_after_the_stop_the_command_is_a_turn_to_the_side_of_h_or_forward(h: float, command: Command) -> None:
     """h'' = 20 deg, checked again once the animal stands (4.1.4.1)."""
     trial = Trial()
     trial.tick(h=60, speed=0)
@@ -251,7 +251,7 @@ def test_a_waypoint_is_won_while_stopping_and_the_stop_is_not_begun_anew() -> No
     assert trial.model["waypoint"] == 1
 
 
-def test_next_waypoint_after_standing_at_one_and_recall_after_the_last() -> None:
+def test_the_next_waypoint_follows_a_stop_and_recall_follows_the_last() -> None:
     # given a route north, then east, and an animal that looks straight at each waypoint
     trial = Trial(route=ROUTE)
     trial.tick(10, heading=0)
@@ -357,7 +357,7 @@ def test_no_forward_failure_when_it_has_moved_a_metre() -> None:
     assert trial.phases() == [("FORWARD", 201)]
 
 
-def test_forward_is_judged_once_when_its_time_is_up() -> None:
+def test_progress_is_judged_once_when_forward_has_lasted_its_time() -> None:
     # given an animal that has moved 1 m at 3 s, when it is back after that, then it is no failure
     trial = Trial()
     trial.tick()
@@ -421,7 +421,7 @@ def test_trial_failure_when_a_third_directional_command_is_due() -> None:
     assert (trial.mode, trial.status) == (Mode.FAILED, Status.FAILED)
 
 
-def test_max_turns_0_fails_at_the_first() -> None:
+def test_with_max_turns_0_the_first_turn_fails_the_trial() -> None:
     trial = Trial(max_turns=0)
     trial.tick(39, h=60, speed=0)
     assert trial.status == Status.FAILED
@@ -430,7 +430,7 @@ def test_max_turns_0_fails_at_the_first() -> None:
 # The two readings
 
 
-def test_calibrated_a_reissue_after_turn_failure_does_not_count() -> None:
+def test_in_the_calibrated_reading_a_reissue_after_turn_failure_does_not_count() -> None:
     trial = turning(60, **CALIBRATED)
     fail_turns(trial, 5)
     assert trial.model["turns"] == 1
@@ -438,7 +438,7 @@ def test_calibrated_a_reissue_after_turn_failure_does_not_count() -> None:
     assert trial.status == Status.RUNNING
 
 
-def test_literal_every_directional_command_counts() -> None:
+def test_in_the_literal_reading_every_directional_command_counts() -> None:
     trial = turning(60, **LITERAL)
     fail_turns(trial, 1)
     assert trial.model["turns"] == 2
@@ -528,7 +528,7 @@ LOST, OVERRIDE, BAD, INVALID = {"link_ok": 0}, {"override": Command.LEFT}, {"nor
     ],
     ids=str,
 )
-def test_safety_1_what_beats_what(inputs: dict[str, float], command: Command, anomaly: Anomaly) -> None:
+def test_safety_1_order_of_precedence(inputs: dict[str, float], command: Command, anomaly: Anomaly) -> None:
     # given a running trial, when any of the four happens, then the first decides, and is reported once
     trial = Trial()
     trial.tick(10)
@@ -569,7 +569,7 @@ def test_safety_2_bad_input_never_reaches_a_command(name: str, value: float, mod
 
 @pytest.mark.parametrize("what", [LOST, {"override": Command.FORWARD}, BAD, INVALID], ids=str)
 @pytest.mark.parametrize("at", [Mode.FORWARD, Mode.RIGHT, Mode.STOP_AT_WAYPOINT])
-def test_safety_4_after_an_interruption_it_begins_again_from_a_held_stop(
+def test_safety_4_after_an_interruption_the_controller_begins_again_from_a_held_stop(
     what: dict[str, float], at: Mode
 ) -> None:
     # given a trial that is interrupted for 10 s
@@ -581,13 +581,13 @@ def test_safety_4_after_an_interruption_it_begins_again_from_a_held_stop(
     elif at is Mode.STOP_AT_WAYPOINT:
         trial.tick(3, north=100)
     assert trial.mode == at
-    before = {name: trial.model[name] for name in what}
+    after = {name: trial.model[name] for name in what}
+    if at is not Mode.STOP_AT_WAYPOINT:
+        after["north"] = 0
     trial.tick(250, **what)
     # when that is over, the animal standing
     begun = len(trial.commands)
-    trial.until(
-        Command.RIGHT, h=60, speed=0, **(before | ({"north": 0} if at is not Mode.STOP_AT_WAYPOINT else {}))
-    )
+    trial.until(Command.RIGHT, **{**after, "h": 60, "speed": 0})
     # then a stop is held in full before the next command
     assert len(trial.commands) - begun >= 38
     assert set(trial.commands[begun:-1]) == {Command.STOP}
@@ -746,7 +746,7 @@ def check_rules(model: Model, inputs: dict[str, float], was_running: bool) -> No
     steps=st.lists(st.tuples(any_input(), st.sampled_from([1, 1, 2, 25, 40, 80])), min_size=1, max_size=12),
     reading=st.sampled_from([CALIBRATED, LITERAL]),
 )
-def test_safety_1_2_3_7_whatever_is_fed(steps: Iterable[Any], reading: dict[str, Any]) -> None:
+def test_safety_1_2_3_7_hold_for_any_inputs(steps: Iterable[Any], reading: dict[str, Any]) -> None:
     model = Model(Cmec, ROUTE | reading)
     model.initialize()
     for inputs, ticks in steps:

@@ -1,4 +1,4 @@
-"""Table 4.1: which command is which tone or vibration."""
+"""Table 4.1: the tone or the vibration of each command."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from models.kit.model import Model
         (Command.RIGHT, 0, 0, 1),
     ],
 )
-def test_table_4_1(command: Command, tone: float, left: int, right: int) -> None:
+def test_each_command_has_its_signal(command: Command, tone: float, left: int, right: int) -> None:
     model = Model(CommandModule)
     model.initialize()
     model["command"] = command
@@ -28,7 +28,7 @@ def test_table_4_1(command: Command, tone: float, left: int, right: int) -> None
     assert (model["tone_hz"], model["vibrate_left"], model["vibrate_right"]) == (tone, left, right)
 
 
-def test_tones_of_appendix_a_by_parameters() -> None:
+def test_parameters_give_the_tones_of_appendix_a() -> None:
     """CHOICES.md: App. A has 3500, 9500 and 1500 Hz for forward, stop and recall."""
     model = Model(CommandModule, {"forward_tone": 3500, "stop_tone": 9500, "recall_tone": 1500})
     model.initialize()
@@ -41,7 +41,7 @@ def test_tones_of_appendix_a_by_parameters() -> None:
 
 
 @pytest.mark.parametrize("command", [-1, 6, 1000])
-def test_what_is_no_command_is_silent(command: int) -> None:
+def test_an_unknown_command_is_silent(command: int) -> None:
     model = Model(CommandModule)
     model.initialize()
     model["command"] = command

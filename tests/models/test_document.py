@@ -1,4 +1,4 @@
-"""The page about the models is what the declarations give, and its words are where it says."""
+"""The page about the models agrees with the declarations, and its glossary with the code."""
 
 from __future__ import annotations
 

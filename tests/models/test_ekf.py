@@ -60,7 +60,7 @@ def integrate(n: int, x: Any, u: Any, time: float = T, steps: int = 20) -> Array
         k3 = f(x + h / 2 * k2)
         k4 = f(x + h * k3)
         x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    return x
+    return np.asarray(x)
 
 
 def flow_derivative(n: int, x: Any, u: Any) -> Array:
@@ -78,7 +78,7 @@ def truncation(x: Any, u: Any) -> float:
     """Bound of T^5/5! times the fifth derivative of V cos psi's integral, for the six states."""
     rate, acceleration = abs(u[1] - x[3]), abs(u[0] - x[1])
     speed = abs(x[0]) + acceleration * T
-    return T**5 / 120 * (speed * rate**4 + 4 * acceleration * rate**3)
+    return float(T**5 / 120 * (speed * rate**4 + 4 * acceleration * rate**3))
 
 
 def evaluate(n: int, x: Any, u: Any) -> tuple[Array, Array]:
@@ -290,7 +290,7 @@ def test_predict_of_a_triangular_transition_is_the_same(seed: int) -> None:
 
 
 @pytest.mark.parametrize("state", range(4))
-def test_an_order_of_its_own_changes_nothing_but_the_packing(state: int) -> None:
+def test_another_order_of_the_factors_changes_only_the_packing(state: int) -> None:
     # given the same covariance in two orders
     rng = np.random.default_rng(state)
     P = dense(any_factors(rng, 4), 4)
@@ -334,7 +334,7 @@ def test_correct_is_the_textbook_measurement_update(key: tuple[int, int], seed: 
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_one_component_after_the_other_is_all_of_them_at_once(seed: int) -> None:
+def test_sequential_corrections_equal_one_joint_correction(seed: int) -> None:
     """Eq. 3.1-3.3 with C = [V, N, E] of eq. 3.14 and the diagonal R of eq. 3.15."""
     rng = np.random.default_rng(seed)
     packed, x = any_factors(rng, 4), rng.normal(0, 10, 4)

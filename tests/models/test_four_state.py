@@ -159,7 +159,7 @@ def test_the_first_fix_sets_the_state_and_p0() -> None:
 
 @pytest.mark.parametrize("fuzzy", [0, 1])
 @pytest.mark.parametrize("top", [2.0, 6.0])
-def test_it_is_the_filter_of_the_text_in_dense_matrices(native: Make, fuzzy: int, top: float) -> None:
+def test_the_estimator_equals_the_textbooks_dense_filter(native: Make, fuzzy: int, top: float) -> None:
     inputs = noisy(walk(1500, top), seed=1)
     inputs["pitch_meas"] = 0.2 * np.sin(np.arange(1500) * 0.1)
     inputs = without_fixes(inputs, 40, 50)
@@ -189,7 +189,7 @@ def test_outputs_are_state_and_deviations(native: Make) -> None:
     assert set(out["heading_sd"]) == {math.radians(3)}
 
 
-def test_heading_is_wrapped() -> None:
+def test_the_estimated_heading_is_wrapped() -> None:
     m = Model(FourState)
     m.initialize()
     m["heading_meas"] = 6.5
@@ -198,7 +198,7 @@ def test_heading_is_wrapped() -> None:
 
 
 def test_sigma_is_tuned_by_the_speed_before_the_tick_and_has_a_floor(native: Make) -> None:
-    """CHOICES.md 6's values; at rest the tuner says 0 and the floor holds."""
+    """CHOICES.md 6's values; at rest the tuner gives 0 and the floor holds."""
     for speed, sigma in ((0.0, 0.01), (1.0, 1.0667), (4.86, 151.70)):
         inputs = motion(np.full(60, speed), np.zeros(60))
         out = native(FourState).run(**inputs)
@@ -221,7 +221,7 @@ def test_the_model_in_python_is_the_compiled_one(native: Make) -> None:
     assert out["bad_samples"][-1] == 1
 
 
-def test_float_is_double_up_to_rounding(native: Make) -> None:
+def test_the_float_estimate_equals_the_double_one_up_to_rounding(native: Make) -> None:
     inputs = without_fixes(noisy(walk(1500), seed=4), 30, 40)
     single, double = native(FourState, "float").run(**inputs), native(FourState).run(**inputs)
     for name, tolerance in {"north": 1e-4, "east": 1e-4, "speed": 1e-5, "accel_bias": 1e-5}.items():
@@ -249,7 +249,7 @@ def test_the_covariance_stays_positive_in_float32_for_a_million_ticks(native: Ma
         assert (out["sigma_accel"] > 100).mean() > 0.7
         assert out["speed_sd"].max() > 400  # sqrt(151.7^2 * 10 s): the outage has its effect
         assert out["north_sd"][inputs["gps_fix"]].max() < 2.5
-    assert least == pytest.approx(0.1**2, rel=1e-3)  # no less than what a fix leaves of the speed's variance
+    assert least == pytest.approx(0.1**2, rel=1e-3)  # the variance of the speed after a fix
     assert estimator["bad_samples"] == 0
 
 
@@ -285,7 +285,7 @@ def test_a_day_of_dead_reckoning_at_the_largest_force_stays_finite_and_recovers(
 
 
 def a_dogs_trial(native: Make, seed: int = 1, **sensors: float) -> tuple[Columns, Columns]:
-    """A dog without shaking pack that runs, turns, stops, is recalled: (truth, what the sensors say)."""
+    """A dog without shaking pack that runs, turns, stops, is recalled: (truth, measurements)."""
     script = [
         (Command.FORWARD, 5.0), (Command.RIGHT, 1.5), (Command.FORWARD, 6.0), (Command.STOP, 4.0),
         (Command.LEFT, 1.2), (Command.FORWARD, 8.0), (Command.RECALL, 8.0), (Command.STOP, 6.0),
@@ -300,25 +300,25 @@ def a_dogs_trial(native: Make, seed: int = 1, **sensors: float) -> tuple[Columns
     return truth, native(Sensors, "double", {"seed": seed, **sensors}).run(**truth)
 
 
-def estimator_inputs(said: Columns) -> Columns:
-    return {name: said[name] for name in INPUTS}
+def estimator_inputs(measurements: Columns) -> Columns:
+    return {name: measurements[name] for name in INPUTS}
 
 
 @BOTH
 def test_without_noise_the_estimate_of_a_dogs_trial_is_the_truth(native: Make, precision: str) -> None:
-    """The dog moves as the filter predicts, so nothing is left but rounding."""
-    truth, said = a_dogs_trial(native, noisy=0)
+    """The dog moves as the filter predicts, so the error is rounding alone."""
+    truth, measurements = a_dogs_trial(native, noisy=0)
     assert truth["speed"].max() == pytest.approx(4.86)
     assert np.ptp(truth["heading"]) > 2
-    out = native(FourState, precision).run(**estimator_inputs(said))
+    out = native(FourState, precision).run(**estimator_inputs(measurements))
     tolerance = 1e-9 if precision == "double" else 2e-4
-    way_out = slice(0, round(25.7 / T))  # on recall the body turns while it moves: it slips, for a while
+    way_out = slice(0, round(25.7 / T))  # on RECALL the dog slips while its body turns
     for name in ("north", "east", "speed"):
         assert np.abs(out[name] - truth[name])[way_out].max() < tolerance, name
     assert np.abs(out["accel_bias"])[way_out].max() < tolerance
     assert out["heading"] == pytest.approx(truth["heading"], abs=1e-6)
     assert out["valid"].all()
-    # and what the slip has left goes away by itself
+    # and the error that the slip leaves decays
     off = np.hypot(out["north"] - truth["north"], out["east"] - truth["east"])
     assert off.max() > 0.1
     assert off[-1] < 0.5 * off.max()
@@ -365,16 +365,16 @@ def test_a_wrong_start_converges_to_the_truth_without_noise(native: Make, bias: 
 
 
 @pytest.mark.parametrize("bias", [0.5, -0.3])
-def test_the_bias_of_a_noisy_accelerometer_is_found(native: Make, bias: float) -> None:
+def test_the_bias_of_a_noisy_accelerometer_is_estimated(native: Make, bias: float) -> None:
     """Walking at 2 m/s for 400 s with the sensors' own noise; shaking off."""
     n = 10_000
     t = np.arange(n) * T
     heading = 0.5 * np.sin(0.1 * t)
     north, east = (np.cumsum(2.0 * T * f(heading)) for f in (np.cos, np.sin))
-    said = native(Sensors, "double", {"seed": 6, "accel_bias[1]": bias}).run(
+    measurements = native(Sensors, "double", {"seed": 6, "accel_bias[1]": bias}).run(
         north=north, east=east, speed=np.full(n, 2.0), heading=heading
     )
-    out = native(FourState).run(**estimator_inputs(said))
+    out = native(FourState).run(**estimator_inputs(measurements))
     late = out["accel_bias"][n // 2 :]
     assert late.mean() == pytest.approx(bias, abs=0.03)
     assert np.abs(late - bias).max() < 5 * out["accel_bias_sd"][-1] + 0.05
@@ -389,14 +389,15 @@ def incline_trial(native: Make, seconds: float, seed: int, **parameters: float) 
         np.full(len(inputs["accel_x"]), 0.2),
         np.full(len(inputs["accel_x"]), 0.05),
     )
-    return native(FourState, "double", {"fuzzy": 0, **parameters}).run(**inputs)
+    out: Columns = native(FourState, "double", {"fuzzy": 0, **parameters}).run(**inputs)
+    return out
 
 
 SETTLED = 0.1 + G * math.sin(math.radians(10))  # 1.803 m/s2
 
 
 @pytest.mark.parametrize(("use_pitch", "bias"), [(0, SETTLED), (1, 0.1)])
-def test_on_an_incline_the_bias_takes_up_gravity_unless_pitch_takes_it_out(
+def test_on_an_incline_the_bias_absorbs_gravity_unless_pitch_removes_it(
     native: Make, use_pitch: int, bias: float
 ) -> None:
     """D.6.4 and CHOICES.md 13: the asymptote, over 600 s with the Q of D.7."""
@@ -405,7 +406,7 @@ def test_on_an_incline_the_bias_takes_up_gravity_unless_pitch_takes_it_out(
     assert out["accel_bias"][-5000:].mean() == pytest.approx(bias, abs=0.02)
 
 
-def test_within_the_trial_the_bias_settles_with_the_q_that_choice_13_names(native: Make) -> None:
+def test_the_bias_settles_within_the_trial_with_the_q_of_choice_13(native: Make) -> None:
     """sigma_A = 0.04 and sigma_b = 0.03 per step; ours is per square root of a second: 0.04 / sqrt(0.04)."""
     fast = {"sigma_constant": 0.2, "sigma_bias": 0.03, "use_pitch": 0}
     means = [incline_trial(native, 15, seed, **fast)["accel_bias"][-125:].mean() for seed in range(20)]
@@ -474,7 +475,7 @@ def test_a_bad_first_fix_does_not_start_the_filter(native: Make, precision: str)
 
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), precision=st.sampled_from(["double", "float"]))
-def test_whatever_comes_in_what_goes_out_is_finite(native: Make, seed: int, precision: str) -> None:
+def test_the_estimate_is_finite_for_any_input(native: Make, seed: int, precision: str) -> None:
     rng = np.random.default_rng(seed)
     n = 1000
     inputs: dict[str, Array] = {"gps_fix": rng.random(n) < rng.choice([0.02, 0.16, 1.0])}
@@ -505,7 +506,7 @@ def standing_then(native: Make, seconds_without: float, jump: float, fixes: int)
     return native(FourState).run(**inputs), after.tolist()
 
 
-def test_the_gate_rejects_a_jump_of_50_m_and_goes_on(native: Make) -> None:
+def test_the_gate_rejects_a_jump_of_50_m_and_accepts_the_next_fixes(native: Make) -> None:
     out, after = standing_then(native, 0, 50, fixes=2)
     assert out["accepted"][after[:4]].tolist() == [0, 0, 1, 1]
     assert out["rejected"][after[:4]].tolist() == [1, 2, 0, 0]
@@ -514,7 +515,7 @@ def test_the_gate_rejects_a_jump_of_50_m_and_goes_on(native: Make) -> None:
     assert out["bad_fixes"][-1] == 0
 
 
-def test_after_an_outage_the_gate_lets_the_same_jump_pass(native: Make) -> None:
+def test_after_an_outage_the_gate_accepts_a_jump_of_50_m(native: Make) -> None:
     """5 sqrt(2 1.75^2 + (1.5 * 10)^2) = 76 m after 10 s; 12 m after 0.25 s."""
     out, after = standing_then(native, 10, 50, fixes=100)
     assert out["accepted"][after[:4]].all()
@@ -523,7 +524,7 @@ def test_after_an_outage_the_gate_lets_the_same_jump_pass(native: Make) -> None:
 
 
 @pytest.mark.parametrize(("jump", "accepted"), [(12.0, 1), (13.0, 0)])
-def test_the_gates_width_between_fixes(native: Make, jump: float, accepted: int) -> None:
+def test_the_gate_is_12_55_m_wide_between_fixes(native: Make, jump: float, accepted: int) -> None:
     """7 ticks after the last: 5 sqrt(2 1.75^2 + (1.5 * 0.28)^2) = 12.55 m."""
     out, after = standing_then(native, 0, jump, fixes=1)
     assert out["accepted"][after[0]] == accepted
@@ -540,7 +541,7 @@ def test_sigma_does_not_widen_the_gate(native: Make) -> None:
     assert not out["accepted"][jump]
 
 
-def test_after_recovery_fixes_rejected_it_begins_anew_and_keeps_the_bias(native: Make) -> None:
+def test_after_enough_rejected_fixes_the_filter_begins_anew_and_keeps_the_bias(native: Make) -> None:
     n = 1500
     inputs = motion(np.full(n, 1.0), np.zeros(n))
     inputs["accel_x"] = inputs["accel_x"] + 0.4
@@ -594,7 +595,7 @@ def matched_run(native: Make, seed: int, ticks: int) -> tuple[Array, Columns, Co
     h_acc, s_acc = np.full(ticks, 2.0), np.full(ticks, 0.2)
     x = np.zeros((ticks, 4))
     x[0] = [15, rng.normal(), 0, 0]
-    accel = x[0, 1] + np.sin(0.05 * np.arange(ticks))  # any force will do; this one keeps the speed up
+    accel = x[0, 1] + np.sin(0.05 * np.arange(ticks))  # any force serves; this one keeps the speed high
     noise = rng.normal(size=(ticks, 4)) * [0.3 * math.sqrt(T), 0.01, 0.01, 0.01]
     for k in range(1, ticks):
         c, s = math.cos(heading[k]), math.sin(heading[k])
@@ -612,7 +613,7 @@ def matched_run(native: Make, seed: int, ticks: int) -> tuple[Array, Columns, Co
 RUNS, TICKS = 60, 500
 
 
-def test_nees_and_nis_are_chi_squared_where_the_noise_is_the_filters(native: Make) -> None:
+def test_nees_and_nis_are_chi_squared_for_noise_as_the_filter_assumes(native: Make) -> None:
     """60 trials of 20 s: the estimate's error at the end (4 degrees each), all innovations (3 each)."""
     nees, nis = [], []
     for seed in range(RUNS):

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-import skfuzzy
+import skfuzzy  # type: ignore[import-untyped]
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -82,7 +82,7 @@ OUTPUTS = np.array([[mu(x) for x in GRID] for mu in (mu_l, mu_m, mu_h)])
 def composite(v: float) -> np.ndarray[Any, Any]:
     """Rules 3.18: each output's membership clipped at its rule's firing strength, joined."""
     strengths = np.array([mu_s(v), mu_w(v), mu_r(v)])
-    return np.minimum(OUTPUTS, strengths[:, None]).max(axis=0)
+    return np.asarray(np.minimum(OUTPUTS, strengths[:, None]).max(axis=0))
 
 
 def printed(v: float) -> float:
@@ -112,7 +112,7 @@ def test_the_closed_form_is_the_printed_sum_around_every_corner() -> None:
 
 @settings(max_examples=200, deadline=None)
 @given(st.floats(-50, 50))
-def test_the_closed_form_is_the_printed_sum_anywhere(v: float) -> None:
+def test_the_closed_form_is_the_printed_sum_at_any_speed(v: float) -> None:
     assert_is_the_printed_sum(v)
 
 
@@ -123,7 +123,7 @@ def test_the_closed_form_is_the_printed_sum_anywhere(v: float) -> None:
         (3.1, 144.38), (3.5, 150.47), (4.0, 151.70), (4.86, 151.70), (40.0, 151.70),
     ],
 )  # fmt: skip
-def test_values_of_the_printed_tables(v: float, sigma: float) -> None:
+def test_sigma_takes_the_values_of_choice_6(v: float, sigma: float) -> None:
     """CHOICES.md 6."""
     digits = 5e-3 if sigma > 100 else 5e-4 if sigma in (1.081, 1.133) else 5e-5
     assert float(SIGMA(v)) == pytest.approx(sigma, abs=digits)
@@ -137,7 +137,7 @@ def test_firing_strengths_are_the_printed_memberships(v: float) -> None:
     assert strengths == pytest.approx([mu_s(v), mu_w(v), mu_r(v)], abs=1e-15)
 
 
-def test_float_differs_from_double_by_rounding() -> None:
+def test_sigma_in_float_differs_from_double_by_rounding() -> None:
     single = traced(PROCESS_NOISE, "float")
     for v in np.linspace(0, 6, 601):
         assert float(single(v)) == pytest.approx(float(SIGMA(v)), rel=1e-5)
@@ -151,7 +151,7 @@ TRAPEZOIDS: list[tuple[Callable[..., Any], list[float]]] = [
 
 
 @pytest.mark.parametrize("v", [0.05, 0.25, 0.4, 1.0, 3.02, 3.1, 3.5, 3.9, 4.0, 4.86])
-def test_scikit_fuzzy_agrees(v: float) -> None:
+def test_the_closed_form_agrees_with_scikit_fuzzy(v: float) -> None:
     """The same rules by an independent library, whose centroid is that of the polygon through the points.
 
     On an even grid that is the printed sum, if a point of membership 0 stands before x = 0 (the sum counts

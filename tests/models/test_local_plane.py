@@ -58,12 +58,12 @@ def units(angle: float) -> int:
 
 def around(origin: TangentPlane) -> list[tuple[int, int]]:
     """The places at OFFSETS."""
-    found = [origin.from_plane(*offset) for offset in OFFSETS]
-    return [(units(latitude), units(longitude)) for latitude, longitude in found]
+    angles = [origin.from_plane(*offset) for offset in OFFSETS]
+    return [(units(latitude), units(longitude)) for latitude, longitude in angles]
 
 
 def settled(native: Any, precision: str, latitude: int, longitude: int) -> Any:
-    """The block with its origin there."""
+    """The block with its origin at a place."""
     plane = native(LocalPlane, precision)
     plane.run(latitude=latitude, longitude=longitude, settle=1)
     plane["settle"] = 0
@@ -72,10 +72,10 @@ def settled(native: Any, precision: str, latitude: int, longitude: int) -> Any:
 
 def positions(plane: Any, places: list[tuple[int, int]]) -> np.ndarray[Any, Any]:
     """(places, 2): north, east."""
-    found = plane.run(
+    outputs = plane.run(
         latitude=np.array([p[0] for p in places]), longitude=np.array([p[1] for p in places]), settle=0
     )
-    return np.column_stack([found["north"], found["east"]])
+    return np.column_stack([outputs["north"], outputs["east"]])
 
 
 @pytest.mark.parametrize("latitude", LATITUDES)
@@ -128,7 +128,7 @@ def test_float32_tells_neighbouring_units_apart_within_180_km(native: Any) -> No
 
 
 @pytest.mark.parametrize("precision", ["double", "float"])
-def test_first_fix_is_the_origin_and_stays_it(native: Any, precision: str) -> None:
+def test_the_first_fix_becomes_the_origin_and_remains_it(native: Any, precision: str) -> None:
     # given no origin, and a first fix that settles it
     plane = native(LocalPlane, precision)
     first = plane.run(latitude=-123_456_789, longitude=987_654_321, settle=1)
@@ -145,7 +145,7 @@ def test_first_fix_is_the_origin_and_stays_it(native: Any, precision: str) -> No
 
 @pytest.mark.parametrize("precision", ["double", "float"])
 @pytest.mark.parametrize("east_of_it", [True, False])
-def test_date_line_is_crossed_the_short_way(native: Any, precision: str, east_of_it: bool) -> None:
+def test_the_date_line_is_crossed_the_short_way(native: Any, precision: str, east_of_it: bool) -> None:
     # given an origin on the equator 100 units to one side of the date line, and a place as far on the other
     side = 1 if east_of_it else -1
     plane = settled(native, precision, 0, -side * (HALF - 100))
@@ -157,23 +157,23 @@ def test_date_line_is_crossed_the_short_way(native: Any, precision: str, east_of
 
 
 @pytest.mark.parametrize("precision", ["double", "float"])
-def test_longitudes_of_plus_and_minus_180_deg_are_one(native: Any, precision: str) -> None:
+def test_longitudes_of_plus_and_minus_180_deg_are_the_same(native: Any, precision: str) -> None:
     plane = settled(native, precision, 0, HALF)
     assert positions(plane, [(0, -HALF)])[0].tolist() == [0, 0]
 
 
 @pytest.mark.parametrize("precision", ["double", "float"])
 @pytest.mark.parametrize("pole", [QUARTER, -QUARTER])
-def test_poles_do_not_blow_up(native: Any, precision: str, pole: int) -> None:
+def test_positions_at_the_poles_are_finite(native: Any, precision: str, pole: int) -> None:
     # given an origin at a pole, where the parallel is a point
     plane = settled(native, precision, pole, 0)
     # when
-    found = positions(plane, [(pole, longitude) for longitude in (-HALF, -1, 1, HALF)])
+    places = positions(plane, [(pole, longitude) for longitude in (-HALF, -1, 1, HALF)])
     # then east is that of a parallel of 1 km: half round it is pi * 1 km
-    assert np.all(np.isfinite(found))
-    assert found[:, 0].tolist() == [0] * 4
+    assert np.all(np.isfinite(places))
+    assert places[:, 0].tolist() == [0] * 4
     expected = [1e3 * math.pi, 1e3 * UNIT, 1e3 * UNIT, 1e3 * math.pi]
-    np.testing.assert_allclose(np.abs(found[:, 1]), expected, rtol=1e-6)
+    np.testing.assert_allclose(np.abs(places[:, 1]), expected, rtol=1e-6)
     # north has the meridian's radius there, a / sqrt(1 - e2): 111.694 km in a degree
     south = positions(plane, [(pole - int(math.copysign(10_000_000, pole)), 0)])[0, 0]
     assert abs(south) == pytest.approx(111_694, abs=1)
@@ -225,7 +225,7 @@ int main(void)
 
 @pytest.mark.skipif(not shutil.which("gcc"), reason="no gcc")
 @pytest.mark.parametrize("precision", ["double", "float"])
-def test_no_difference_leaves_32_bits(tmp_path: Path, precision: Any) -> None:
+def test_no_difference_of_positions_overflows_32_bits(tmp_path: Path, precision: Any) -> None:
     # given C that ends at the first signed overflow or conversion out of range, and places at every edge
     files = generate(LocalPlane, precision) | {"main.c": DRIVER}
     write_files(files, tmp_path)
@@ -245,14 +245,14 @@ def test_no_difference_leaves_32_bits(tmp_path: Path, precision: Any) -> None:
         for o in (draw.randint(-HALF, HALF) for _ in range(1000))
     ]
     north = [draw.choice([-QUARTER, QUARTER, 0]) for _ in rows]
-    given_ = "\n".join(f"{a} {o} {-a} {p}" for a, (o, p) in zip(north, rows, strict=True))
+    typed = "\n".join(f"{a} {o} {-a} {p}" for a, (o, p) in zip(north, rows, strict=True))
     # when
-    done = subprocess.run([tmp_path / "plane"], input=given_, capture_output=True, text=True, check=False)
+    done = subprocess.run([tmp_path / "plane"], input=typed, capture_output=True, text=True, check=False)
     # then
     assert (done.returncode, done.stderr) == (0, "")
-    found = [tuple(map(int, line.split())) for line in done.stdout.splitlines()]
-    assert len(found) == len(rows)
-    for (origin, place), (east, finite) in zip(rows, found, strict=True):
+    answers = [tuple(map(int, line.split())) for line in done.stdout.splitlines()]
+    assert len(answers) == len(rows)
+    for (origin, place), (east, finite) in zip(rows, answers, strict=True):
         apart = (place - origin + HALF) % (2 * HALF) - HALF
         # float32 knows longitudes to 128 units: nearer than that to half the earth, either way is short
         unsure = precision == "float" and HALF - abs(apart) < 512

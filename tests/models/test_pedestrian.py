@@ -1,4 +1,4 @@
-"""The pedestrian obeys at once, and turns up nothing by chance."""
+"""The pedestrian obeys at once and leaves nothing to chance."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ import pytest
 from models.commands import Command
 from models.kit.declaration import Stream
 from models.kit.model import Model
+from models.kit.timing import TICK as TS
 from models.pedestrian import Pedestrian
-
-TS = 0.04
 
 
 def person(**parameters: float) -> Model:
@@ -26,7 +25,7 @@ def tell(model: Model, command: Command, ticks: int) -> None:
         model.step()
 
 
-def test_walks_from_the_first_tick_and_stands_after_braking() -> None:
+def test_the_pedestrian_walks_from_the_first_tick_and_brakes_to_a_stand() -> None:
     model = person()
     tell(model, Command.FORWARD, 1)
     assert model["speed"] == pytest.approx(2.0 * TS)
@@ -44,7 +43,7 @@ def test_walks_from_the_first_tick_and_stands_after_braking() -> None:
 
 
 @pytest.mark.parametrize(("command", "sign"), [(Command.RIGHT, 1), (Command.LEFT, -1)])
-def test_turns_at_once_and_only_while_told(command: Command, sign: int) -> None:
+def test_the_pedestrian_turns_at_once_and_only_while_commanded(command: Command, sign: int) -> None:
     model = person()
     tell(model, command, 1)
     assert model["heading"] == pytest.approx(sign * math.radians(60) * TS)
@@ -56,7 +55,7 @@ def test_turns_at_once_and_only_while_told(command: Command, sign: int) -> None:
     assert (model["north"], model["east"], model["yaw_rate"]) == (0, 0, 0)
 
 
-def test_recall_goes_back_to_the_start() -> None:
+def test_on_recall_the_pedestrian_walks_back_to_the_start() -> None:
     model = person(start_east=3.0, start_heading=math.pi / 2)
     tell(model, Command.FORWARD, 100)
     tell(model, Command.STOP, 20)
@@ -67,7 +66,7 @@ def test_recall_goes_back_to_the_start() -> None:
     assert model["east"] == pytest.approx(away - (0.49 + 1.82), abs=1e-3)
 
 
-def test_level_pack_and_no_chance() -> None:
+def test_the_pedestrian_has_a_level_pack_and_draws_nothing() -> None:
     model = person()
     tell(model, Command.FORWARD, 30)
     assert (model["pitch"], model["roll"]) == (0, 0)

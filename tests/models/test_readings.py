@@ -1,4 +1,4 @@
-"""The two readings name what exists, in ranges, and say what CHOICES.md says."""
+"""The two readings set existing parameters within their ranges, to the values of CHOICES.md."""
 
 from __future__ import annotations
 

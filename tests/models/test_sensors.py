@@ -51,7 +51,7 @@ def axes(sensors: Model, name: str) -> np.ndarray[Any, Any]:
 def to_body(attitude: dict[str, float], vector: list[float]) -> np.ndarray[Any, Any]:
     """A vector (north, east, down) in body axes (forward, right, down), by scipy's rotations."""
     angles = [attitude["heading"], attitude["pitch"], attitude["roll"]]
-    return Rotation.from_euler("ZYX", angles).inv().apply(vector)
+    return np.asarray(Rotation.from_euler("ZYX", angles).inv().apply(vector))
 
 
 def tilt_compensated_heading(sensors: Model, pitch: float, roll: float) -> float:
@@ -67,10 +67,10 @@ def angle_between(a: Any, b: Any) -> Any:
     return np.abs((np.asarray(a) - np.asarray(b) + np.pi) % (2 * np.pi) - np.pi)
 
 
-# Given no noise
+# Without noise
 
 
-def test_gravity_in_the_accelerometers_by_hand() -> None:
+def test_the_accelerometers_read_gravity_as_computed_by_hand() -> None:
     """Eq. D.17: A + sin(-theta)(-g), so nose up by 30 deg at rest reads +g/2 forward."""
     assert axes(answer({"noisy": 0}), "accel") == pytest.approx([0, 0, -9.81])
     assert axes(answer({"noisy": 0}, pitch=30 * DEG), "accel") == pytest.approx(
@@ -149,7 +149,7 @@ def test_without_noise_the_sensors_return_the_truth(native: Make) -> None:
     assert set(out["gps_s_acc"]) == {0.1}
 
 
-def test_noise_of_no_size_is_the_truth(native: Make) -> None:
+def test_sensors_with_deviations_of_zero_return_the_truth(native: Make) -> None:
     truth = moving(300)
     quiet = native(Sensors, "double", QUIET).run(**truth)
     exact = native(Sensors, "double", {"noisy": 0}).run(**truth)
@@ -174,12 +174,12 @@ def test_a_fix_falls_on_the_first_tick_at_or_after_its_time(native: Make) -> Non
     ("period", "expected"),
     [(0.04, [0, 1, 2, 3, 4]), (0.1, [0, 3, 5, 8, 10]), (0.2, [0, 5, 10, 15, 20]), (1.0, [0, 25, 50, 75])],
 )
-def test_other_periods(native: Make, period: float, expected: list[int]) -> None:
+def test_fixes_follow_the_period(native: Make, period: float, expected: list[int]) -> None:
     out = native(Sensors, "double", {"gps_period": period}).run(north=np.zeros(expected[-1] + 1))
     assert fixes(out) == expected
 
 
-def test_outages_take_the_fixes_from_their_start_until_before_their_end(native: Make) -> None:
+def test_an_outage_has_no_fix_from_its_start_until_before_its_end(native: Make) -> None:
     windows = {"outage_start[1]": 1.0, "outage_end[1]": 2.0, "outage_start[8]": 3.01, "outage_end[8]": 4.0}
     out = native(Sensors, "double", windows).run(north=np.zeros(126))
     all_fixes = [-(-25 * k // 4) for k in range(21)]
@@ -196,7 +196,7 @@ def test_during_an_outage_the_receiver_holds_its_last_fix(native: Make) -> None:
         assert out[name][275] != held[0]
 
 
-def test_an_outage_shifts_no_other_draw(native: Make) -> None:
+def test_an_outage_does_not_shift_later_draws(native: Make) -> None:
     truth = moving(600)
     without = native(Sensors).run(**truth)
     with_one = native(Sensors, "double", {"outage_end[1]": 10.0}).run(**truth)
@@ -204,7 +204,7 @@ def test_an_outage_shifts_no_other_draw(native: Make) -> None:
         assert np.array_equal(with_one[name][250:], without[name][250:]), name
 
 
-def test_saturation(native: Make) -> None:
+def test_noisy_accelerometers_and_gyroscopes_saturate(native: Make) -> None:
     rates = np.array([0.0, 100.0, -100.0])
     force = np.array([0.0, 80.0, -80.0])
     out = native(Sensors).run(acceleration=force, yaw_rate=rates)
@@ -238,7 +238,8 @@ def assert_white(error: np.ndarray[Any, Any], deviation: float) -> None:
 
 
 @pytest.fixture(scope="module")
-def standing(native: Make) -> dict[str, np.ndarray[Any, Any]]:
+def standing(native: Make) -> Any:
+    """Measurements of an animal that walks at 2 m/s without moving on."""
     return native(Sensors, "double", {"seed": 21, "gps_wander": 0}).run(speed=np.full(N, 2.0), heading=0.0)
 
 
@@ -284,7 +285,7 @@ def test_the_slow_error_has_its_deviation_and_correlation_time(native: Make) -> 
     assert abs(correlation) < 3.3 / math.sqrt(fix.sum() * (1 - kept**2) / (1 + kept**2))
 
 
-def test_the_slow_error_starts_where_it_might_be_at_any_time(native: Make) -> None:
+def test_the_slow_error_starts_with_its_steady_deviation(native: Make) -> None:
     """Over trials, the first fix errs by wander and white noise together: 1.0 and 0.3 m."""
     starts = []
     for seed in range(400):
@@ -295,7 +296,7 @@ def test_the_slow_error_starts_where_it_might_be_at_any_time(native: Make) -> No
     assert 0.005 < stats.chi2.cdf((z**2).sum(), z.size) < 0.995
 
 
-def test_seeds(native: Make) -> None:
+def test_equal_seeds_repeat_the_noise_and_others_do_not(native: Make) -> None:
     truth = moving(50)
     first, again, other = (native(Sensors, "double", {"seed": seed}).run(**truth) for seed in (7, 7, 8))
     for name in Sensors.flat_names("output"):

@@ -1,4 +1,4 @@
-"""The wiring: what is refused and how it is said, the order of a tick, and the whole in `control`."""
+"""The links of systems: which are refused in which words, the order of a tick, systems in `control`."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from models.kit.block import Block
 from models.kit.declaration import Boolean, Input, Integer, Output, Parameter
 from models.kit.link import Link
 from models.kit.model import Model
+from models.kit.timing import TICK
 from models.pedestrian import Pedestrian
 from models.system import SYSTEMS, System, full_system, trial_simulator
 
@@ -154,7 +155,7 @@ def test_a_loop_needs_a_plant() -> None:
     )
 
 
-def test_a_loop_through_a_plant_is_fine() -> None:
+def test_a_loop_through_a_plant_is_accepted() -> None:
     # cts is one: the controller commands the plant, the plant feeds the controller
     system = SYSTEMS["cts"]
     assert Link("plant", "north", "controller", "north") in system.links
@@ -173,8 +174,8 @@ def test_order_does_not_depend_on_how_the_components_are_listed() -> None:
 
 
 def test_links_of_the_shipped_systems_are_those_of_the_roles() -> None:
-    """Contract 1: who gives what to whom."""
-    full = {(x.source, x.target): set() for x in SYSTEMS["full"].links}
+    """Contract 1."""
+    full: dict[tuple[str, str], set[str]] = {(x.source, x.target): set() for x in SYSTEMS["full"].links}
     for x in SYSTEMS["full"].links:
         assert x.source_variable == x.target_variable
         full[x.source, x.target].add(x.target_variable)
@@ -188,7 +189,7 @@ def test_links_of_the_shipped_systems_are_those_of_the_roles() -> None:
         ("controller", "command_module"): {"command"},
         ("controller", "plant"): {"command"},
     }  # fmt: skip
-    # what the scenario sets is left free
+    # the inputs that a scenario sets are left free
     fed = {x.target_variable for x in SYSTEMS["full"].links if x.target == "controller"}
     assert set(Cmec.flat_names("input")) - fed == {"start", "override", "link_ok"}
 
@@ -227,20 +228,20 @@ def step_by_hand(
     ],
     ids=["cts", "pedestrian", "full"],
 )
-def test_interconnected_is_stepped_by_hand(
+def test_the_control_system_gives_the_outputs_of_stepping_by_hand(
     system: System, ticks: int, parameters: dict[str, dict[str, float]]
 ) -> None:
     # given a trial stepped by hand, up to its end
     parameters = parameters | {"controller": MISSION}
     by_hand = step_by_hand(system, parameters, ticks)
     ended = np.nonzero(by_hand["controller_status"] >= 2)[0]
-    assert ended.size, "the trial is to end"
+    assert ended.size, "the trial does not end"
     ticks = int(ended[0]) + 2
     # when the same is run as one system of `control`
     whole = interconnect(system, parameters)
     inputs = np.tile(whole.initial_input[:, None], (1, ticks))
     inputs[whole.input_labels.index("controller_start")] = 1
-    time = np.arange(ticks) * 0.04
+    time = np.arange(ticks) * TICK
     response = control.input_output_response(whole, time, inputs, whole.initial_state)
     # then every output of every tick is the same (control's matrix product makes 0.0 of -0.0)
     assert set(whole.output_labels) == by_hand.keys()
@@ -248,7 +249,7 @@ def test_interconnected_is_stepped_by_hand(
         assert np.array_equal(row, by_hand[name][:ticks]), name
 
 
-def test_interconnected_names_its_free_inputs_with_their_start_values() -> None:
+def test_the_control_system_names_its_free_inputs_with_their_start_values() -> None:
     whole = interconnect(SYSTEMS["cts"])
     free = dict(zip(whole.input_labels, whole.initial_input, strict=True))
     assert free == {
@@ -257,4 +258,4 @@ def test_interconnected_names_its_free_inputs_with_their_start_values() -> None:
         "controller_override": 0,
         "controller_link_ok": 1,
     }
-    assert whole.dt == 0.04
+    assert whole.dt == TICK

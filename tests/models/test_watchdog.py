@@ -1,4 +1,4 @@
-"""Silence is found to the tick, telemetry keeps its period, and float32 counts as double does."""
+"""Silence is detected to the tick, telemetry keeps its period, and float32 counts as double does."""
 
 from __future__ import annotations
 
@@ -11,23 +11,28 @@ from hypothesis import strategies as st
 
 from models.kit.geometry import COUNT_MAX
 from models.kit.model import Model
+from models.kit.timing import TICK
 from models.watchdog import Watchdog
 
-TICK = 0.04  # s
 PRECISIONS = ["double", "float"]
 
 
 def once(tick: int, ticks: int) -> np.ndarray[Any, Any]:
-    """An input that is on at that tick only."""
+    """An input that is on at one tick alone."""
     return np.asarray(np.arange(ticks) == tick, dtype=float)
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)
-def test_nothing_is_relied_on_before_it_was_heard(native: Any, precision: str) -> None:
+def test_imu_and_operator_count_as_silent_before_their_first_message(native: Any, precision: str) -> None:
     # given a receiver whose fixes are good, and neither inertial unit nor operator
-    found = native(Watchdog, precision).run(valid=np.ones(3))
+    outputs = native(Watchdog, precision).run(valid=np.ones(3))
     # then
-    assert found["imu_ok"].tolist() == found["link_ok"].tolist() == found["estimate_ok"].tolist() == [0] * 3
+    assert (
+        outputs["imu_ok"].tolist()
+        == outputs["link_ok"].tolist()
+        == outputs["estimate_ok"].tolist()
+        == [0] * 3
+    )
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)
@@ -41,62 +46,62 @@ def test_nothing_is_relied_on_before_it_was_heard(native: Any, precision: str) -
         ("heard", "link_ok", "link_timeout", 0.07, 1),  # less than two ticks
     ],
 )
-def test_silence_is_found_on_the_first_tick_beyond_the_timeout(  # noqa: PLR0917
+def test_silence_is_detected_on_the_first_tick_beyond_the_timeout(  # noqa: PLR0917
     native: Any, precision: str, heard: str, ok: str, parameter: str, timeout: float, ticks: int
 ) -> None:
     # given one message, on tick 3
     watchdog = native(Watchdog, precision, {parameter: timeout})
     # when
-    found = watchdog.run(**{heard: once(3, ticks + 10)})
-    # then it is relied on from there for the timeout, not a tick longer
+    outputs = watchdog.run(**{heard: once(3, ticks + 10)})
+    # then the sender counts as alive from there for the timeout, and not a tick longer
     expected = [3 <= k <= 3 + ticks for k in range(ticks + 10)]
-    assert found[ok].tolist() == expected
-    # and the other one was never heard
-    assert not found["link_ok" if ok == "imu_ok" else "imu_ok"].any()
+    assert outputs[ok].tolist() == expected
+    # and the other one as silent throughout
+    assert not outputs["link_ok" if ok == "imu_ok" else "imu_ok"].any()
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)
-def test_what_is_heard_again_is_relied_on_at_once(native: Any, precision: str) -> None:
+def test_a_single_message_ends_a_long_silence_at_once(native: Any, precision: str) -> None:
     # given silence from tick 1 to 99, long beyond both timeouts
     heard = once(0, 101) + once(100, 101)
     # when
-    found = native(Watchdog, precision).run(heard=heard, sampled=heard, valid=np.ones(101))
+    outputs = native(Watchdog, precision).run(heard=heard, sampled=heard, valid=np.ones(101))
     # then
     for name, last in (("imu_ok", 5), ("link_ok", 50), ("estimate_ok", 5)):
-        assert np.flatnonzero(found[name]).tolist() == [*range(last + 1), 100], name
+        assert np.flatnonzero(outputs[name]).tolist() == [*range(last + 1), 100], name
 
 
 @pytest.mark.parametrize(("valid", "sampled", "ok"), [(1, 1, 1), (1, 0, 0), (0, 1, 0), (0, 0, 0)])
-def test_the_estimate_needs_its_fixes_and_the_inertial_unit(
+def test_the_estimate_is_trusted_with_recent_fixes_and_a_live_imu(
     native: Any, valid: int, sampled: int, ok: int
 ) -> None:
-    found = native(Watchdog, "float").run(valid=valid, sampled=sampled)
-    assert found["estimate_ok"].tolist() == [ok]
+    outputs = native(Watchdog, "float").run(valid=valid, sampled=sampled)
+    assert outputs["estimate_ok"].tolist() == [ok]
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)
 @pytest.mark.parametrize(("period", "ticks"), [(0.2, 5), (0.04, 1), (1.0, 25), (0.6, 15)])
-def test_reports_come_at_once_and_then_every_period(
+def test_telemetry_is_due_at_once_and_then_every_period(
     native: Any, precision: str, period: float, ticks: int
 ) -> None:
-    found = native(Watchdog, precision, {"report_period": period}).run(valid=np.zeros(4 * ticks))
-    assert np.flatnonzero(found["report"]).tolist() == [0, ticks, 2 * ticks, 3 * ticks]
+    outputs = native(Watchdog, precision, {"report_period": period}).run(valid=np.zeros(4 * ticks))
+    assert np.flatnonzero(outputs["report"]).tolist() == [0, ticks, 2 * ticks, 3 * ticks]
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)
-def test_initialize_begins_anew(native: Any, precision: str) -> None:
-    # given a watchdog that has heard everybody
+def test_initialize_resets_the_watchdog(native: Any, precision: str) -> None:
+    # given a watchdog that has heard both
     watchdog = native(Watchdog, precision)
     watchdog.run(heard=np.ones(7), sampled=1, valid=1)
     assert watchdog["link_ok"]
     # when
     watchdog._call("initialize")
-    # then it has heard nobody, and reports at once
-    found = watchdog.run(heard=0, sampled=0)
-    assert (found["link_ok"][0], found["imu_ok"][0], found["report"][0]) == (0, 0, 1)
+    # then both count as silent, and telemetry is due at once
+    outputs = watchdog.run(heard=0, sampled=0)
+    assert (outputs["link_ok"][0], outputs["imu_ok"][0], outputs["report"][0]) == (0, 0, 1)
 
 
-def test_ages_stop_counting_and_stay_silent() -> None:
+def test_ages_stop_at_their_maximum() -> None:
     # given ages at their end, as after two years without a message
     model = Model(Watchdog)
     model.initialize()
@@ -109,7 +114,7 @@ def test_ages_stop_counting_and_stay_silent() -> None:
 
 
 @pytest.mark.parametrize("name", ["imu_timeout", "link_timeout", "report_period"])
-def test_every_whole_number_of_ticks_is_the_same_in_float32(native: Any, name: str) -> None:
+def test_a_time_of_whole_ticks_counts_as_many_in_float32(native: Any, name: str) -> None:
     # given times of 1 to 250 ticks (the greatest report period), as decimals
     limit = {"imu_timeout": "imu_limit", "link_timeout": "link_limit", "report_period": "report_ticks"}[name]
     for ticks in range(1, 251):
