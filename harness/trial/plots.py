@@ -1,8 +1,8 @@
-"""Pictures of a trial, from its log and as Figures 4.9-4.13, 5.1 and 5.2 show it.
+"""Pictures of a trial from its log, in the manner of Figures 4.9-4.13, 5.1 and 5.2.
 
-Colours are the dissertation's in hues that the colour-blind can tell apart: forward green, stop red, recall
-black, no command blue, directional commands cyan, waypoints magenta, their circles yellow. Commands also
-differ in line width or have a marker.
+Colours are the dissertation's, in hues that the colour-blind can tell apart: forward green, stop red, recall
+black, no command blue, directional commands cyan, waypoints magenta, their circles yellow. Line widths and
+markers tell the commands apart too.
 """
 
 from __future__ import annotations
@@ -71,9 +71,10 @@ def trial_png(log: Log) -> bytes:
 
 
 def draw_path(axes: Axes, log: Log) -> list[Line2D | Patch]:
-    """East to the right, north up, equal axes; the truth coloured by the command in force on the tick.
+    """Draw the path, east to the right, north up; the truth in the colour of the command in force.
 
-    Returns what a legend needs.
+    Returns:
+        The handles of its legend.
     """
     handles: list[Line2D | Patch] = []
     if log.route:
@@ -117,7 +118,7 @@ def draw_path(axes: Axes, log: Log) -> list[Line2D | Patch]:
 
 
 def _draw_commanded_path(axes: Axes, log: Log) -> list[Line2D | Patch]:
-    """The true path; each command's stretch in its colour, a triangle where a directional one was given."""
+    """Draw the true path: stretches in their command's colour, a triangle where a LEFT or RIGHT began."""
     east, north = log["plant.east"], log["plant.north"]
     command = _command(log)
     handles: list[Line2D | Patch] = []
@@ -131,10 +132,10 @@ def _draw_commanded_path(axes: Axes, log: Log) -> list[Line2D | Patch]:
             continue
         width = WIDTHS.get(code, 2.6)
         if code in TRIANGLES:
-            given = np.array([stretch[0] for stretch in stretches])
+            starts = np.array([stretch[0] for stretch in stretches])
             marker: Style = {"marker": TRIANGLES[code], "color": color, "markersize": 11, "linestyle": ""}
             edge: Style = {"markeredgecolor": "#0B5F78", "markeredgewidth": 1.0}
-            axes.plot(given[:, 0], given[:, 1], **marker, **edge, zorder=7)
+            axes.plot(starts[:, 0], starts[:, 1], **marker, **edge, zorder=7)
             handles.append(Line2D([], [], **marker, **edge, label=code.name.lower()))
         else:
             handles.append(Line2D([], [], color=color, linewidth=width, label=_name(code)))
@@ -161,7 +162,7 @@ def _draw_over_time(figure: Figure, stack: Sequence[Axes], log: Log) -> None:
 
 
 def draw_speed(axes: Axes, log: Log) -> None:
-    """Speed of the dog, of the GPS fixes and of the estimate; V' as a line."""
+    """Draw the speed of the dog, of the GPS fixes and of the estimate, and V'."""
     if "sensors.gps_speed" in log:
         fixes = log["sensors.gps_fix"] > 0
         speed = log["sensors.gps_speed"][fixes]
@@ -176,7 +177,7 @@ def draw_speed(axes: Axes, log: Log) -> None:
 
 
 def draw_deviation(axes: Axes, log: Log) -> None:
-    """Orientation deviation from the waypoint in degrees; h' and h'' on both sides."""
+    """Draw the orientation deviation from the waypoint in degrees, and h' and h'' on both sides."""
     if "controller.deviation" in log:
         deviation = np.degrees(log["controller.deviation"])
         wrapped = np.abs(np.diff(deviation, prepend=deviation[0])) > 180
@@ -192,7 +193,7 @@ def draw_deviation(axes: Axes, log: Log) -> None:
 
 
 def draw_commands(axes: Axes, log: Log) -> None:
-    """Controller output as steps; a mark above them for every tick that reported an anomaly."""
+    """Draw the commands as steps, and above them a mark for each tick that reported an anomaly."""
     command = _command(log)
     axes.step(log.time, command, where="post", color="#B4BAC1", linewidth=1.0, zorder=2)
     for code, color in COLOURS.items():
@@ -228,14 +229,14 @@ def _command(log: Log) -> Array:
 
 
 def equal_stretches(values: Array) -> list[tuple[int, int, float]]:
-    """Stretches of equal values (ticks,): first tick, first tick of the next stretch (or the last), value."""
+    """Stretches of equal values: first tick, first tick of the next (or the last tick), value."""
     starts = [0, *(np.flatnonzero(np.diff(values)) + 1)]
     ends = [*starts[1:], len(values) - 1]
     return [(int(first), int(last), float(values[first])) for first, last in zip(starts, ends, strict=True)]
 
 
 def _reached(log: Log) -> Array:
-    """When waypoints were reached, in s."""
+    """The times at which waypoints were reached, s."""
     if "controller.waypoint" not in log:
         return np.empty(0)
     times: Array = log.time[1:][np.diff(log["controller.waypoint"]) > 0]

@@ -1,4 +1,4 @@
-"""What a trial came to, from its log alone: `summary.json`, a table for the terminal, the page trial.html."""
+"""The summary of a trial, from its log alone: summary.json, a table for the terminal, trial.html."""
 
 from __future__ import annotations
 
@@ -39,14 +39,18 @@ LABELS = {
 
 
 def summarize(log: Log, real_time_factor: float | None = None) -> dict[str, Any]:
-    """The keys of summary.json; `real_time_factor` is the caller's, for no clock is in a log.
+    """The content of summary.json.
 
-    - `outcome` is `success`, `failed` or `stopped` as the controller's last `status` says; else `timeout`, or
-      `stopped` if the log is broken (the run was ended from outside). A run without a controller times out.
-    - `time_s` is when the controller came to that status, or the end of the run.
+    - `outcome` follows from the last `status` of the controller: `success`, `failed` or `stopped`. Otherwise
+      it is `timeout`, or `stopped` if the log is broken: something else ended the run. A run without a
+      controller times out.
+    - `time_s` is when the controller took that status, or the end of the run.
     - `anomalies` counts the ticks that reported each kind, by name.
     - `position_error_m` is the horizontal distance of the estimate from the truth over all ticks; None
-      without an estimator, or if an estimate is no number.
+      without an estimator, or if an estimate is not finite.
+
+    Args:
+        real_time_factor: trial time over elapsed time; a log has no wall-clock time.
     """
     scenario = log.metadata.get("scenario", {})
     outcome, time = _outcome(log)
@@ -114,7 +118,7 @@ def write_summary(summary: Mapping[str, Any], path: Path) -> None:
 
 
 def words(summary: Mapping[str, Any]) -> dict[str, str]:
-    """The summary in words, label to text."""
+    """The summary as text, by label."""
     text = {key: str(summary[key]) for key in LABELS}
     text["time_s"] = f"{summary['time_s']:.2f} s"
     counts = (f"{name.lower().replace('_', ' ')} {n}" for name, n in summary["anomalies"].items())

@@ -9,6 +9,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex
 from matplotlib.patches import Circle
 
+from harness.drawing import MAGENTA
 from harness.log.log import Channel, Log
 from harness.trial import plots
 from tests.harness.pictures import line, size
@@ -56,11 +57,13 @@ def trial(*, sensors: bool = True) -> Log:
 
 def segments(axes: Axes, label: str) -> tuple[str, list[list[list[float]]]]:
     """Colour and pieces of the collection with this label."""
-    [found] = [c for c in axes.collections if isinstance(c, LineCollection) and c.get_label() == label]
-    return to_hex(found.get_color()[0]), [piece.tolist() for piece in found.get_segments()]
+    [pieces] = [c for c in axes.collections if isinstance(c, LineCollection) and c.get_label() == label]
+    return to_hex(np.atleast_2d(pieces.get_colors())[0]), [
+        np.asarray(s).tolist() for s in pieces.get_segments()
+    ]
 
 
-def test_the_picture_is_a_png_of_its_size_and_repeats() -> None:
+def test_the_same_log_gives_the_same_png() -> None:
     png = plots.trial_png(trial())
     assert size(png) == (14 * 150, 7.6 * 150)
     assert png == plots.trial_png(trial())
@@ -82,7 +85,8 @@ def test_the_path_is_coloured_by_command() -> None:
 
 def test_directional_commands_are_triangles_where_they_were_given() -> None:
     axes, *_ = plots.trial_figure(trial()).axes
-    triangles = {l.get_marker(): l.get_xydata().tolist() for l in axes.lines if l.get_marker() in ("<", ">")}  # noqa: E741
+    lines = [line for line in axes.lines if line.get_marker() in ("<", ">")]
+    triangles = {line.get_marker(): np.asarray(line.get_xydata()).tolist() for line in lines}
     assert triangles == {"<": [[10, 5]], ">": [[18, 9]]}
 
 
@@ -117,24 +121,24 @@ def test_over_time_there_are_speed_deviation_and_commands() -> None:
     ]  # fmt: skip
     assert segments(commands, "LEFT")[1] == [[[5, 4], [7, 4]]]
     assert line(commands, "turn failure")[:, 0].tolist() == [7]
-    magenta = [l for l in speed.lines if l.get_color() == plots.MAGENTA]  # noqa: E741
-    assert [l.get_xdata()[0] for l in magenta] == [10]  # noqa: E741
+    reached = [mark for mark in speed.lines if mark.get_color() == MAGENTA]
+    assert [np.asarray(mark.get_xdata())[0] for mark in reached] == [10]
 
 
-def test_a_system_without_sensors_has_its_picture() -> None:
+def test_a_trial_without_sensors_is_drawn_without_an_estimate() -> None:
     axes, *_ = plots.trial_figure(trial(sensors=False)).axes
     assert "estimate" not in [text.get_label() for text in axes.lines]
     assert size(plots.trial_png(trial(sensors=False))) == (2100, 1140)
 
 
-def test_a_wrap_of_the_deviation_is_no_line_across() -> None:
+def test_a_deviation_that_wraps_round_leaves_a_gap() -> None:
     log = trial()
     log.values["controller"][:, 3] = [3.1] * 7 + [-3.1] * 8
     deviation = plots.trial_figure(log).axes[2]
     assert np.flatnonzero(np.isnan(line(deviation, "h")[:, 1])).tolist() == [7]
 
 
-def test_one_tick_and_no_route_can_be_drawn() -> None:
+def test_a_log_of_one_tick_without_a_route_can_be_drawn() -> None:
     log = trial()
     values = {name: rows[:1] for name, rows in log.values.items()}
     short = Log(log.path, log.channels, {}, {}, log.time[:1], values)

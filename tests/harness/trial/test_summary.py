@@ -45,11 +45,11 @@ def little(
         channels.append(channel("estimator", "north", "east"))
         values["estimator"] = np.array(estimate)
     metadata = {"scenario": {"name": "<three>", "seed": "7"}, "parameters": {"canine.seed": "7"}}
-    time = np.arange(ticks) * 0.5
+    time = np.arange(ticks, dtype=np.float64) * 0.5
     return Log(Path("out/trial.mcap"), tuple(channels), metadata, {}, time, values, broken=broken)
 
 
-def test_the_summary_of_a_trial_by_hand() -> None:
+def test_the_summary_of_a_trial_is_that_derived_by_hand() -> None:
     # given a trial that succeeds on its fourth tick, with estimates off by 0, 5, 1, 2 and 2 m
     log = little(
         status=[1, 1, 1, 2, 2],
@@ -85,7 +85,9 @@ def test_the_summary_of_a_trial_by_hand() -> None:
         ([1, 2, 2], "killed", "success", 0.5),
     ],
 )
-def test_the_outcome_is_the_last_status(status: list[float], broken: str, outcome: str, time: float) -> None:
+def test_the_outcome_follows_from_the_last_status(
+    status: list[float], broken: str, outcome: str, time: float
+) -> None:
     summary = summarize(little(status=status, broken=broken))
     assert (summary["outcome"], summary["time_s"]) == (outcome, time)
 
@@ -96,7 +98,7 @@ def test_without_an_estimator_there_is_no_position_error() -> None:
     assert summary["real_time_factor"] is None
 
 
-def test_an_estimate_that_is_no_number_gives_no_position_error() -> None:
+def test_an_estimate_of_nan_gives_no_position_error() -> None:
     log = little(status=[1, 2], estimate=[(0, math.nan), (1, 1)])
     assert summarize(log)["position_error_m"] is None
 
@@ -112,7 +114,7 @@ def test_an_unnamed_anomaly_keeps_its_code() -> None:
     assert summarize(little(status=[1, 1], anomaly=[0, 77]))["anomalies"] == {"77": 1}
 
 
-def test_the_file_is_whole_or_not_at_all(tmp_path: Path) -> None:
+def test_a_summary_that_cannot_be_written_leaves_the_earlier_one(tmp_path: Path) -> None:
     path = tmp_path / "summary.json"
     summary = summarize(little(status=[1, 2]))
     write_summary(summary, path)
@@ -124,7 +126,7 @@ def test_the_file_is_whole_or_not_at_all(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_folder_that_is_not_there_is_an_error(tmp_path: Path) -> None:
+def test_a_summary_into_a_folder_that_does_not_exist_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(FileError, match=r"no/summary.json: cannot be written \(No such file or directory\)"):
         write_summary(summarize(little(status=[2])), tmp_path / "no" / "summary.json")
 
@@ -169,7 +171,7 @@ class Page(HTMLParser):
         self.text += data
 
 
-def test_the_page_needs_no_other_file(tmp_path: Path) -> None:
+def test_the_page_refers_to_no_other_file(tmp_path: Path) -> None:
     log = little(status=[1, 3], anomaly=[0, 5], broken="the file ends early")
     write_page(log, summarize(log), b"\x89PNG picture", tmp_path / "trial.html")
     page: Any = Page()

@@ -1,0 +1,154 @@
+"""Requests: what each kind of target asks for, and what overrides it."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from fmus.build import build_folder
+from harness.log.log import Channel, LogWriter, read_log
+from harness.trial import request as request_module
+from harness.trial import trial
+from harness.trial.prepare import prepared
+from harness.trial.request import Changes, Request, build_missing, requested
+from harness.trial.scenario import Scenario, ScenarioError, load
+from models.errors import UsageError
+
+NOTHING = Changes()
+
+
+def flown(folder: Path, request: Request) -> Path:
+    """The log of a trial."""
+    build_missing(request)
+    with prepared(request) as ready:
+        trial.run(request, ready, folder)
+    return folder / trial.LOG
+
+
+def test_the_target_is_a_scenarios_name_its_file_or_the_scenario_itself(tmp_path: Path) -> None:
+    # given one scenario in three forms
+    two = load("two_waypoint")
+    file = tmp_path / "two_waypoint.toml"
+    file.write_text(two.text())
+    # when, then
+    for target in ("two_waypoint", str(file), two):
+        with requested(target, NOTHING) as request:
+            assert request == Request(two)
+            assert request.ssp == build_folder() / "full.fmi2.ssp"
+
+
+def test_a_package_asks_for_the_default_trial_with_its_own_name(tmp_path: Path) -> None:
+    # given an .ssp, a folder with an .ssd, and the .ssd itself
+    folder = tmp_path / "toy"
+    folder.mkdir()
+    (folder / "SystemStructure.ssd").write_text("")
+    default = load("three_waypoint")
+    for target, package in (
+        (tmp_path / "toy.ssp", tmp_path / "toy.ssp"),
+        (folder, folder),
+        (folder / "SystemStructure.ssd", folder / "SystemStructure.ssd"),
+    ):
+        # when
+        with requested(str(target), NOTHING) as request:
+            # then
+            assert request.ssp == package.resolve()
+            assert request.scenario == replace(default, name="toy", system="toy.ssp")
+
+
+def test_a_log_asks_for_its_trial_with_the_files_that_it_holds(tmp_path: Path) -> None:
+    # given the log of a trial in jacobi order, FMI 3.0, with a controller from a file
+    cmec = build_folder() / "fmi3" / "cmec.fmu"
+    scenario = replace(load("two_waypoint"), duration=1.0, seed=9)
+    log = flown(tmp_path / "a", Request(scenario, "jacobi", 3, {"controller": cmec}))
+    # when
+    with requested(str(log), NOTHING) as request:
+        # then
+        assert (request.scenario, request.order, request.fmi) == (scenario, "jacobi", 3)
+        assert (request.log, request.broken, request.notes) == (log, "", ())
+        assert request.swaps["controller"].read_bytes() == cmec.read_bytes()
+        assert request.package is not None
+        assert request.package.read_bytes() == (build_folder() / "full.fmi3.ssp").read_bytes()
+        assert request.default_folder == tmp_path / "a-again"
+        unpacked = request.package.parent
+    assert not unpacked.exists()
+    # and with another version of FMI our package takes the place of that in the log
+    with requested(str(log), Changes(fmi="2")) as request:
+        assert (request.fmi, request.ssp) == (2, build_folder() / "full.fmi2.ssp")
+
+
+def test_a_log_that_is_cut_is_noted(tmp_path: Path) -> None:
+    log = flown(tmp_path / "a", Request(replace(load("two_waypoint"), duration=3.0)))
+    log.write_bytes(log.read_bytes()[: log.stat().st_size * 9 // 10])
+    with requested(str(log), NOTHING) as request:
+        assert request.notes == (f"{log}: the log is not whole, {read_log(log).broken}",)
+
+
+def test_a_log_without_a_scenario_is_refused(tmp_path: Path) -> None:
+    # given a log that no trial wrote
+    channel = Channel("plant", "toy", ("north",), ("m",), ("Real",), ("",))
+    path = tmp_path / "toy.mcap"
+    with LogWriter(path, [channel], origin=(0, 0), metadata={}, attachments={}) as log:
+        log.write(0.0, {"plant": [1.0]})
+    # when, then
+    with (
+        pytest.raises(ScenarioError, match=f"{path}: has neither scenario nor package"),
+        requested(str(path), NOTHING),
+    ):
+        pass
+
+
+def test_changes_override_the_target_and_keep_what_they_do_not_name(tmp_path: Path) -> None:
+    # given
+    dog = tmp_path / "dog.fmu"
+    changes = Changes("jacobi", "3", {"plant": dog, "controller": None}, ["cmec.max_turns=3"], 5)
+    # when
+    with requested("two_waypoint", changes) as request:
+        # then
+        scenario = replace(load("two_waypoint"), seed=5, parameters={"cmec.max_turns": 3})
+        assert request == Request(scenario, "jacobi", 3, {"plant": dog})
+
+
+def test_results_go_by_default_into_a_folder_of_scenario_and_seed() -> None:
+    assert Request(Scenario("mine", seed=7)).default_folder == Path("out/mine-7")
+
+
+def test_onboard_fmu_takes_the_firmware_of_a_log_out_again(tmp_path: Path) -> None:
+    with requested("two_waypoint", Changes(onboard="pil:host")) as request:
+        assert request.onboard == "host"
+    with requested("two_waypoint", Changes(onboard="fmu")) as request:
+        assert request.onboard == ""
+
+
+def test_the_firmware_takes_the_place_of_the_estimator_too(tmp_path: Path) -> None:
+    changes = Changes(onboard="pil:host", swaps={"estimator": tmp_path / "ekf.fmu"})
+    with (
+        pytest.raises(UsageError, match="takes the place of the estimator; leave --estimator out"),
+        requested("two_waypoint", changes),
+    ):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("exists", "current", "builds"),
+    [(True, True, 0), (True, False, 1), (False, True, 1), (False, False, 1)],
+)
+def test_our_package_is_built_if_it_is_missing_or_older_than_the_models(
+    exists: bool, current: bool, builds: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given
+    built: list[object] = []
+    monkeypatch.setattr(request_module, "build_folder", lambda: tmp_path)
+    monkeypatch.setattr(request_module, "is_current", lambda: current)
+    monkeypatch.setattr(request_module, "build_all", lambda **how: built.append(how))
+    if exists:
+        (tmp_path / "full.fmi2.ssp").write_bytes(b"")
+    # when
+    build_missing(Request(load("two_waypoint")))
+    # then
+    assert len(built) == builds
+
+
+def test_a_package_made_elsewhere_is_never_built(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(request_module, "build_all", lambda done: pytest.fail("it was built"))
+    build_missing(Request(Scenario("toy", system="toy.ssp", folder=tmp_path)))
+    build_missing(Request(load("two_waypoint"), package=tmp_path / "system.ssp"))
