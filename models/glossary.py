@@ -122,7 +122,7 @@ TRAILS: dict[str, tuple[tuple[str, str, str], ...]] = {
     "A row reaches the log": (
         ("Simulation", "harness/cosim/loop.py", "steps the components and hands their rows over"),
         ("LogRows", "harness/trial/contents.py", "arranges them by component"),
-        ("LogWriter", "harness/log/log.py", "writes them to the file"),
+        ("LogWriter", "harness/log/writer.py", "writes them to the file"),
     ),
 }
 

@@ -31,6 +31,7 @@ from models.errors import ParameterError, nearest
 from models.kit.link import Values
 
 Array = npt.NDArray[np.float64]
+Places = npt.NDArray[np.intp]
 Record = Callable[[Array, dict[str, Array]], None]
 
 _REALS = ("float64", "float32")
@@ -489,30 +490,32 @@ class Simulation:
         if not len(times):
             return
         if record is not None:
-            values = {name: np.zeros((len(rows), len(self.columns(name)))) for name in self.components}
-            for name, slot, columns, picked in self._sources:
-                end = slot.offset + slot.size * len(slot.quantities)
-                typed = np.ascontiguousarray(rows[:, slot.offset : end]).view(slot.access.dtype)
-                values[name][:, columns] = typed[:, picked]
+            values = {name: np.empty((len(rows), len(self.columns(name)))) for name in self.components}
+            for name, dtype, columns, places in self._sources:
+                values[name][:, columns] = rows.view(dtype)[:, places]
             record(times, values)
         if progress is not None:
             progress(float(times[-1]))
 
     @cached_property
-    def _sources(self) -> list[tuple[str, _Slot, list[int], list[int]]]:
-        """Where the columns of the rows lie: (component, slot, columns, places in the slot)."""
+    def _sources(self) -> list[tuple[str, npt.DTypeLike, Places, Places]]:
+        """Where the rows' columns come from: (component, type, columns, places in a row of the type)."""
         position = {n: {q.name: i for i, q in enumerate(self.columns(n))} for n in self.components}
-        found = []
+        places: dict[tuple[str, str], tuple[list[int], list[int]]] = {}
+
+        def add(component: str, quantities: Sequence[Quantity], slot: _Slot, picked: Iterable[int]) -> None:
+            columns, sources = places.setdefault((component, slot.type), ([], []))
+            columns += [position[component][q.name] for q in quantities]
+            sources += [slot.offset // slot.size + i for i in picked]
+
         for slot in [*self._outputs, *self._inputs]:
-            columns = [position[slot.component][q.name] for q in slot.quantities]
-            found.append((slot.component, slot, columns, list(range(len(columns)))))
+            add(slot.component, slot.quantities, slot, range(len(slot.quantities)))
         for transfer in self._transfers:
-            columns = [position[transfer.target][q.name] for q in transfer.quantities]
-            if transfer.slot is None:
-                found.append((transfer.target, transfer.source, columns, transfer.picked))
-            else:
-                found.append((transfer.target, transfer.slot, columns, list(range(len(columns)))))
-        return found
+            slot, picked = (transfer.source, transfer.picked)
+            if transfer.slot is not None:
+                slot, picked = transfer.slot, list(range(len(transfer.quantities)))
+            add(transfer.target, transfer.quantities, slot, picked)
+        return [(n, dtype, np.array(columns), np.array(at)) for (n, dtype), (columns, at) in places.items()]
 
 
 def _slots(component: str, quantities: Sequence[Quantity]) -> list[_Slot]:

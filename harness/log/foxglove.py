@@ -16,12 +16,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 from foxglove_schemas_protobuf.ArrowPrimitive_pb2 import ArrowPrimitive
 from foxglove_schemas_protobuf.Color_pb2 import Color
-from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
@@ -34,162 +34,136 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.TextPrimitive_pb2 import TextPrimitive
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from mcap.well_known import MessageEncoding, SchemaEncoding
-from mcap.writer import Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
+from harness.log.container import Container
 from harness.log.geodesy import TangentPlane
+from harness.log.log import SECOND, Array, named
+from harness.log.route import Route
 from models.cmec import Anomaly
 from models.commands import Command, Status
 
-SECOND = 1_000_000_000  # ns
 PERIOD = SECOND // 5  # ns: a dog moves two metres in it at most
 CIRCLE_POINTS = 48
 
 GREEN, ORANGE = Color(r=0.0, g=0.62, b=0.45, a=1.0), Color(r=0.90, g=0.62, b=0.0, a=1.0)
 MAGENTA, YELLOW = Color(r=0.80, g=0.20, b=0.60, a=1.0), Color(r=0.94, g=0.78, b=0.10, a=1.0)
 
-Row = Sequence[float]
+Times = npt.NDArray[np.int64]
+Ticks = npt.NDArray[np.intp]  # places in a batch
+Message = tuple[int, int, bytes]  # channel, log time in ns, protobuf
 
 
-class Message(Protocol):
-    """A protobuf message."""
-
-    def SerializeToString(self) -> bytes: ...  # noqa: N802
-
-
-@dataclass(frozen=True)
-class Route:
-    """The mission: places as (label, north, east) in m, home last, and the capture radius in m."""
-
-    places: tuple[tuple[str, float, float], ...]
-    radius: float
-
-    @classmethod
-    def of(cls, parameters: Mapping[str, str]) -> Route | None:
-        """From a log's `parameters` record; None if its controller has no such waypoints."""
-        try:
-
-            def value(name: str) -> float:
-                return float(parameters[f"controller.{name}"])
-
-            numbers = range(1, int(value("waypoint_count")) + 1)
-            places = [
-                (f"waypoint {i}", value(f"waypoint_north[{i}]"), value(f"waypoint_east[{i}]"))
-                for i in numbers
-            ]
-            home = ("home", value("home_north"), value("home_east"))
-            return cls((*places, home), value("capture_radius"))
-        except (KeyError, ValueError):
-            return None
-
-
-class _Topic:
-    """One topic of protobuf messages, written at trial times in ns."""
-
-    def __init__(self, writer: Writer, topic: str, schema: Any) -> None:
-        self.writer = writer
-        number = writer.register_schema(
-            schema.DESCRIPTOR.full_name,
-            SchemaEncoding.Protobuf,
-            build_file_descriptor_set(schema).SerializeToString(),
-        )
-        self.channel = writer.register_channel(topic, MessageEncoding.Protobuf, number)
-
-    def write(self, time: int, message: Message) -> None:
-        self.writer.add_message(self.channel, time, message.SerializeToString(), time)
+def _topic(container: Container, topic: str, schema: Any) -> int:
+    """Add a topic of protobuf messages; its channel."""
+    descriptors = build_file_descriptor_set(schema).SerializeToString()
+    number = container.add_schema(schema.DESCRIPTOR.full_name, SchemaEncoding.Protobuf, descriptors)
+    return container.add_channel(topic, MessageEncoding.Protobuf, number)
 
 
 class _Fixes:
     """A track on the map; `columns` are those of north, east and, for GPS, of the accuracy h_acc."""
 
-    def __init__(self, topic: _Topic, component: str, columns: Sequence[int], plane: TangentPlane) -> None:
-        self.topic, self.component, self.columns, self.plane = topic, component, columns, plane
+    def __init__(self, channel: int, component: str, columns: Sequence[int], plane: TangentPlane) -> None:
+        self.channel, self.component, self.columns, self.plane = channel, component, columns, plane
         self.message = LocationFix(frame_id="map")
+        self.timestamp = self.message.timestamp
+        self.message.timestamp.SetInParent()
+        self.h_acc = math.nan  # m, what the covariance is made from
 
-    def write(self, time: int, rows: Mapping[str, Row]) -> None:
-        row = rows[self.component]
-        north, east, *h_acc = (row[column] for column in self.columns)
-        if not (math.isfinite(north) and math.isfinite(east)):
-            return  # a map cannot show it; the component's own topic has it
-        message = self.message
-        message.timestamp.seconds, message.timestamp.nanos = divmod(time, SECOND)
+    def encode(self, times: Times, values: Mapping[str, Array], ticks: Ticks) -> list[Message]:
+        """A fix for each of the ticks, save where it has no finite position, which a map cannot show."""
+        rows = values[self.component][ticks[:, None], self.columns].tolist()
+        return [
+            (self.channel, time, self._fix(time, *row))
+            for time, row in zip(times[ticks].tolist(), rows, strict=True)
+            if math.isfinite(row[0]) and math.isfinite(row[1])
+        ]
+
+    def _fix(self, time: int, north: float, east: float, h_acc: float | None = None) -> bytes:
+        message, timestamp = self.message, self.timestamp
+        timestamp.seconds, timestamp.nanos = divmod(time, SECOND)
         latitude, longitude = self.plane.from_plane(north, east)
         message.latitude, message.longitude = math.degrees(latitude), math.degrees(longitude)
-        if h_acc:
-            variance = (h_acc[0] / 2) ** 2  # eq. 3.15 in m
+        if h_acc is not None and h_acc != self.h_acc:
+            self.h_acc = h_acc
+            variance = (h_acc / 2) ** 2  # eq. 3.15 in m
             message.position_covariance[:] = [variance, 0, 0, 0, variance, 0, 0, 0, 0]
             message.position_covariance_type = LocationFix.APPROXIMATED
-        self.topic.write(time, message)
+        data: bytes = message.SerializeToString()
+        return data
 
 
 class _Frames:
     """Where the dog is, and where the estimator thinks it is, for the 3D panel."""
 
-    def __init__(self, topic: _Topic, tracks: Mapping[str, tuple[str, Sequence[int]]]) -> None:
-        self.topic, self.message = topic, FrameTransforms()
-        self.tracks = [
-            (component, columns, self.message.transforms.add(parent_frame_id="map", child_frame_id=frame))
-            for frame, (component, columns) in tracks.items()
-        ]
+    def __init__(self, channel: int, tracks: Mapping[str, tuple[str, Sequence[int]]]) -> None:
+        self.channel, self.message = channel, FrameTransforms()
+        self.tracks = list(tracks.values())
+        transforms = [self.message.transforms.add(parent_frame_id="map", child_frame_id=f) for f in tracks]
+        self.parts = [(t.timestamp, t.translation, t.rotation) for t in transforms]
 
-    def write(self, time: int, rows: Mapping[str, Row]) -> None:
-        seconds, nanoseconds = divmod(time, SECOND)
-        for component, columns, transform in self.tracks:
-            row = rows[component]
-            _place(transform, *(row[column] for column in columns))
-            transform.timestamp.seconds, transform.timestamp.nanos = seconds, nanoseconds
-        self.topic.write(time, self.message)
-
-
-def _place(transform: FrameTransform, north: float, east: float, heading: float) -> None:
-    """A heading is clockwise from north, a rotation counterclockwise from east."""
-    half = (math.pi / 2 - heading) / 2 if math.isfinite(heading) else 0.0
-    transform.translation.x, transform.translation.y = east, north
-    transform.rotation.z, transform.rotation.w = math.sin(half), math.cos(half)
+    def encode(self, times: Times, values: Mapping[str, Array], ticks: Ticks) -> list[Message]:
+        """All frames for each of the ticks."""
+        poses = [values[component][ticks[:, None], columns].tolist() for component, columns in self.tracks]
+        messages = []
+        for time, *at in zip(times[ticks].tolist(), *poses, strict=True):
+            seconds, nanoseconds = divmod(time, SECOND)
+            for pose, (timestamp, translation, rotation) in zip(at, self.parts, strict=True):
+                north, east, heading = pose
+                timestamp.seconds, timestamp.nanos = seconds, nanoseconds
+                translation.x, translation.y = east, north
+                # a heading is clockwise from north, a rotation counterclockwise from east
+                half = (math.pi / 2 - heading) / 2 if math.isfinite(heading) else 0.0
+                rotation.z, rotation.w = math.sin(half), math.cos(half)
+            messages.append((self.channel, time, self.message.SerializeToString()))
+        return messages
 
 
 class _Events:
-    """Changes of the controller's outputs, told in words."""
+    """Changes of the controller's outputs in words; `columns` by name, the anomaly's last."""
 
     LEVELS = {Status.FAILED: Event.ERROR, Status.STOPPED: Event.WARNING}
 
-    def __init__(self, topic: _Topic, columns: Mapping[str, int]) -> None:
-        self.topic, self.columns = topic, columns
-        self.before: tuple[float, ...] = ()
+    def __init__(self, channel: int, columns: Mapping[str, int]) -> None:
+        self.channel, self.columns = channel, columns
+        self.before = np.zeros((1, len(columns)))
 
-    def write(self, time: int, rows: Mapping[str, Row]) -> None:
-        row = rows["controller"]
-        now = tuple(row[column] for column in self.columns.values())
-        # An anomaly is an event on every tick that reports one; everything else is one when it changes.
-        if now != self.before or now[-1]:
-            before = dict(zip(self.columns, self.before or (0,) * len(now), strict=True))
-            for name, value in zip(self.columns, now, strict=True):
-                if value != before[name] or (name == "anomaly" and value):
-                    self.tell(time, name, value)
-            self.before = now
-
-    def tell(self, time: int, name: str, value: float) -> None:
-        level: Event.Level.ValueType = Event.INFO
-        match name:
-            case "command":
-                text = f"command {named(Command, value)}"
-            case "status":
-                text = f"trial {named(Status, value)}"
-                level = self.LEVELS.get(Status(int(value)), level) if value in set(Status) else level
-            case "waypoint" if value:
-                text = f"waypoint {value:g} reached"
-            case "anomaly" if value:
-                text, level = f"anomaly {named(Anomaly, value)}", Event.WARNING
-            case _:  # back to none
-                return
-        message = Event(level=level, message=text, name="controller")
-        message.timestamp.seconds, message.timestamp.nanos = divmod(time, SECOND)
-        self.topic.write(time, message)
+    def encode(self, times: Times, values: Mapping[str, Array]) -> list[Message]:
+        """An event for each change, and for the anomaly on every tick that reports one."""
+        rows = values["controller"][:, list(self.columns.values())]
+        before = np.concatenate([self.before, rows[:-1]])
+        self.before = rows[-1:].copy()
+        happens = rows != before
+        if "anomaly" in self.columns:
+            happens[:, -1] |= rows[:, -1] != 0
+        names = list(self.columns)
+        ticks, columns = np.nonzero(happens)
+        events = []
+        for tick, column in zip(ticks.tolist(), columns.tolist(), strict=True):
+            if event := _event(names[column], float(rows[tick, column])):
+                time = int(times[tick])
+                event.timestamp.seconds, event.timestamp.nanos = divmod(time, SECOND)
+                events.append((self.channel, time, event.SerializeToString()))
+        return events
 
 
-def named(names: type[Anomaly] | type[Command] | type[Status], value: float) -> str:
-    """The name of an enumeration's value, or the number that a foreign component gave instead."""
-    return names(int(value)).name if value in set(names) else f"{value:g}"
+def _event(name: str, value: float) -> Event | None:
+    """What the new value of an output means; None if it only returns to none."""
+    level: Event.Level.ValueType = Event.INFO
+    match name:
+        case "command":
+            text = f"command {named(Command, value)}"
+        case "status":
+            text = f"trial {named(Status, value)}"
+            level = _Events.LEVELS.get(Status(int(value)), level) if value in set(Status) else level
+        case "waypoint" if value:
+            text = f"waypoint {value:g} reached"
+        case "anomaly" if value:
+            text, level = f"anomaly {named(Anomaly, value)}", Event.WARNING
+        case _:
+            return None
+    return Event(level=level, message=text, name="controller")
 
 
 class Views:
@@ -201,7 +175,7 @@ class Views:
 
     def __init__(
         self,
-        writer: Writer,
+        container: Container,
         signals: Mapping[str, Sequence[str]],
         origin: tuple[float, float],
         route: Route | None,
@@ -210,48 +184,59 @@ class Views:
         columns = {role: {name: i for i, name in enumerate(names)} for role, names in signals.items()}
 
         def find(role: str, *names: str) -> list[int]:
-            held = columns.get(role, {})
-            return [held[name] for name in names] if held.keys() >= set(names) else []
+            places = columns.get(role, {})
+            return [places[name] for name in names] if places.keys() >= set(names) else []
 
         self.regular: list[_Fixes | _Frames] = []
         frames: dict[str, tuple[str, Sequence[int]]] = {}
         for topic, role, frame in (("truth", "plant", "dog"), ("estimate", "estimator", "estimate")):
             if position := find(role, "north", "east"):
-                fixes = _Fixes(_Topic(writer, f"/map/{topic}", LocationFix), role, position, plane)
-                self.regular.append(fixes)
+                channel = _topic(container, f"/map/{topic}", LocationFix)
+                self.regular.append(_Fixes(channel, role, position, plane))
             if pose := find(role, "north", "east", "heading"):
                 frames[frame] = (role, pose)
         if frames:
-            self.regular.append(_Frames(_Topic(writer, "/3d/frames", FrameTransforms), frames))
-        self.scene = _Topic(writer, "/3d/scene", SceneUpdate) if frames or route else None
-        self.entities = [_arrow(frame) for frame in frames] + (_circles(route) if route else [])
+            self.regular.append(_Frames(_topic(container, "/3d/frames", FrameTransforms), frames))
+        self.scene = _topic(container, "/3d/scene", SceneUpdate) if frames or route else None
+        entities = [_arrow(frame) for frame in frames] + (_circles(route) if route else [])
+        self.drawing = SceneUpdate(entities=entities).SerializeToString()
 
         self.gps: _Fixes | None = None
         if position := find("sensors", "gps_north", "gps_east"):
-            accuracy = find("sensors", "gps_h_acc")
-            self.gps = _Fixes(_Topic(writer, "/map/gps", LocationFix), "sensors", position + accuracy, plane)
+            channel = _topic(container, "/map/gps", LocationFix)
+            self.gps = _Fixes(channel, "sensors", position + find("sensors", "gps_h_acc"), plane)
         self.fix = find("sensors", "gps_fix")
 
         names = [n for n in ("status", "command", "waypoint", "anomaly") if find("controller", n)]
         self.events: _Events | None = None
         if names:
             by_name = {name: columns["controller"][name] for name in names}
-            self.events = _Events(_Topic(writer, "/log/events", Event), by_name)
-        self.due = 0
+            self.events = _Events(_topic(container, "/log/events", Event), by_name)
+        self.period = np.array([-1])  # the last one that had a tick
 
-    def write(self, time: int, rows: Mapping[str, Row]) -> None:
-        """Write what is due at `time` (ns) for one tick's rows."""
-        if self.scene:
-            self.scene.write(time, SceneUpdate(entities=self.entities))
+    def encode(self, times: Times, values: Mapping[str, Array]) -> list[Message]:
+        """What is due in a batch of ticks.
+
+        Args:
+            times: (n,) in ns, growing.
+            values: by component (n, signals).
+        """
+        messages: list[Message] = []
+        if self.scene is not None:
+            messages.append((self.scene, int(times[0]), self.drawing))
             self.scene = None
-        if time >= self.due:
-            self.due = (time // PERIOD + 1) * PERIOD
+        periods = np.concatenate([self.period, times // PERIOD])
+        self.period = periods[-1:]
+        due = np.flatnonzero(periods[1:] > periods[:-1])
+        if len(due):
             for view in self.regular:
-                view.write(time, rows)
-        if self.gps and self.fix and rows["sensors"][self.fix[0]]:
-            self.gps.write(time, rows)
+                messages += view.encode(times, values, due)
+        if self.gps and self.fix:
+            fixes = np.flatnonzero(values["sensors"][:, self.fix[0]])
+            messages += self.gps.encode(times, values, fixes)
         if self.events:
-            self.events.write(time, rows)
+            messages += self.events.encode(times, values)
+        return messages
 
 
 def _arrow(frame: str) -> SceneEntity:

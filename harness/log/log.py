@@ -1,27 +1,19 @@
 """The log of a run: an MCAP file that viewers open, that outlives a killed run and reads back bit for bit.
 
 One topic per component, `/plant` and so on, holds its whole signal set as JSON, one message a tick; its JSON
-Schema carries each signal's type, unit and meaning. `harness.foxglove` adds the topics that viewers draw.
-Log time and publish time are trial time in ns: nothing comes from a clock, and the same run writes the same
-bytes. Reals are spelled with the fewest digits that read back to the same bits. JSON has no NaN and no
-infinities: they are the strings "NaN", "Infinity" and "-Infinity" (as in protobuf's JSON), and every NaN
-reads back as the one quiet NaN.
-
-A chunk is flushed after the first tick, then with the last tick of every second of trial time (the last of a
-batch as the loop hands them over): whatever ends the process, all but the last second is on disk.
+Schema carries each signal's type, unit and meaning. `foxglove` adds the topics that viewers draw. Log time
+and publish time are trial time in ns: nothing comes from a clock, and the same run writes the same bytes.
+`rows` spells the values; every NaN reads back as the one quiet NaN. `writer` says when the file is flushed.
 """
 
 from __future__ import annotations
 
 import json
-import math
 from array import array
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
+from enum import IntEnum
 from pathlib import Path
-from types import TracebackType
-from typing import IO, TYPE_CHECKING, Any, Self, cast
+from typing import IO, TYPE_CHECKING, Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -29,10 +21,9 @@ import zstandard
 from mcap import records
 from mcap.exceptions import EndOfFile, McapError
 from mcap.stream_reader import StreamReader
-from mcap.well_known import MessageEncoding, SchemaEncoding
-from mcap.writer import MCAP0_MAGIC, Writer
+from mcap.writer import MCAP0_MAGIC
 
-from harness.log.foxglove import SECOND, Route, Views
+from harness.log.route import Route
 from models.errors import CanineError, UsageError, nearest
 
 if TYPE_CHECKING:
@@ -44,9 +35,7 @@ OWN_RECORD = "log"  # metadata of the log itself: format and origin
 END_RECORD = "ended"  # metadata of a run that a fault ended
 JSON_TYPES = {"Real": "number", "Integer": "integer", "Boolean": "boolean"}
 TYPES = {json_type: name for name, json_type in JSON_TYPES.items()}
-MEDIA_TYPE = "application/octet-stream"
-CHUNK_SIZE = 64 << 20  # bytes, never reached: chunks are ended by time
-MAX_TEXTS = 4096  # spelled values that a column type keeps, which bounds the memory
+SECOND = 1_000_000_000  # ns
 
 Array = npt.NDArray[np.float64]
 
@@ -86,168 +75,6 @@ class Channel:
             tuple(p["unit"] for p in properties.values()),
             tuple(TYPES[p["type"]] for p in properties.values()),
             tuple(p["description"] for p in properties.values()),
-        )
-
-
-class _Texts(dict[float, str]):
-    """Spelled values. Most signals hold their value or repeat another's, and spelling a real costs most."""
-
-    def __init__(self, spell: Callable[[float], str]) -> None:
-        super().__init__()
-        self.spell = spell
-
-    def __missing__(self, value: float) -> str:
-        text = self.spell(value)
-        if value > 0 or value < 0:  # 0.0 and -0.0 are one key, and a NaN is none
-            if len(self) >= MAX_TEXTS:
-                self.clear()
-            self[value] = text
-        return text
-
-
-def _spell_real(value: float) -> str:
-    if value - value == 0:  # finite
-        return float.__repr__(float(value))
-    return '"NaN"' if math.isnan(value) else '"Infinity"' if value > 0 else '"-Infinity"'
-
-
-class _Rows:
-    """Writes the rows of one component."""
-
-    def __init__(self, writer: Writer, channel: Channel, texts: Mapping[str, _Texts]) -> None:
-        self.writer = writer
-        schema = writer.register_schema(channel.block, SchemaEncoding.JSONSchema, channel.schema())
-        held_as = {"component": channel.component, "block": channel.block}
-        self.channel = writer.register_channel(f"/{channel.component}", MessageEncoding.JSON, schema, held_as)
-        keys = (json.dumps(name).replace("%", "%%") for name in channel.names)
-        self.template = "{" + ",".join(f"{key}:%s" for key in keys) + "}"
-        self.texts = [texts[kind] for kind in channel.types]
-
-    def write(self, time: int, row: Sequence[float]) -> None:
-        values = [texts[value] for texts, value in zip(self.texts, row, strict=True)]
-        self.writer.add_message(self.channel, time, (self.template % tuple(values)).encode(), time)
-
-
-class LogWriter:
-    """Writes a run, tick by tick; as a context manager, an exception ends the log with its text.
-
-    Args:
-        path: the file, replaced if it is there.
-        channels: the components, in the order they are to be listed.
-        origin: latitude and longitude of north = east = 0, in degrees.
-        metadata: records by name (`scenario`, `parameters`, `roles`, `versions`): text to text. The waypoints
-            that are drawn come from `parameters`: `controller.waypoint_north[1]` and so on, in SI units.
-        attachments: files by name, the .ssp.
-
-    Raises:
-        LogError: the file cannot be written.
-    """
-
-    def __init__(
-        self,
-        path: Path,
-        channels: Sequence[Channel],
-        *,
-        origin: tuple[float, float],
-        metadata: Mapping[str, Mapping[str, str]],
-        attachments: Mapping[str, bytes],
-    ) -> None:
-        self.path = path
-        try:
-            self._file = path.open("wb")
-        except OSError as error:
-            raise self._failure(error) from error
-        self._writer: Any = Writer(self._file, chunk_size=CHUNK_SIZE)
-        try:
-            self._begin(channels, origin, metadata, attachments)
-        except OSError as error:
-            with suppress(OSError):
-                self._file.close()
-            with suppress(OSError):
-                if self.path.is_file():  # no device; and nothing of the run is in it yet
-                    self.path.unlink()
-            raise self._failure(error) from error
-        self._last, self._flush_due = 0, 0  # ns
-        self._open = True
-
-    def _begin(
-        self,
-        channels: Sequence[Channel],
-        origin: tuple[float, float],
-        metadata: Mapping[str, Mapping[str, str]],
-        attachments: Mapping[str, bytes],
-    ) -> None:
-        """Write what comes before the first tick, through to the file."""
-        self._writer.start(PROFILE, PROFILE)
-        own = {"format": FORMAT, "latitude": repr(origin[0]), "longitude": repr(origin[1])}
-        for name, values in {OWN_RECORD: own, **metadata}.items():
-            self._writer.add_metadata(name, dict(values))
-        for name, data in attachments.items():
-            self._writer.add_attachment(0, 0, name, MEDIA_TYPE, data)
-        texts = {
-            "Real": _Texts(_spell_real),
-            "Integer": _Texts(lambda value: repr(int(value))),
-            "Boolean": _Texts(lambda value: "true" if value else "false"),
-        }
-        self._rows = [(c.component, _Rows(self._writer, c, texts)) for c in channels]
-        signals = {channel.component: channel.names for channel in channels}
-        self._views = Views(self._writer, signals, origin, Route.of(metadata.get("parameters", {})))
-        self._file.flush()
-
-    def write(self, time: float, rows: Mapping[str, Sequence[float]]) -> None:
-        """Write the tick at `time` (s, 0 or more, growing): each component's values in its channel's order.
-
-        Raises:
-            LogError: the file cannot be written.
-        """
-        nanoseconds = round(time * SECOND)
-        try:
-            for component, writer in self._rows:
-                writer.write(nanoseconds, rows[component])
-            self._views.write(nanoseconds, rows)
-            following = 2 * nanoseconds - self._last  # when the next tick will be
-            if following >= self._flush_due:
-                self._writer.flush()
-                self._flush_due = (following // SECOND + 1) * SECOND
-            self._last = nanoseconds
-        except OSError as error:
-            raise self._failure(error) from error
-
-    def close(self) -> None:
-        """Write the last chunk and the index. Closing twice does no harm."""
-        if not self._open:
-            return
-        self._open = False
-        try:
-            with self._file:
-                self._writer.finish()
-        except OSError as error:
-            raise self._failure(error) from error
-
-    def abort(self, reason: str) -> None:
-        """Close a log whose run a fault has ended; `reason` is what a reader is told (`Log.broken`)."""
-        if self._open:
-            with suppress(OSError):  # a full disk must not hide the fault that ended the run
-                self._writer.flush()
-                self._writer.add_metadata(END_RECORD, {"reason": reason})
-        with suppress(LogError):
-            self.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if error is None or isinstance(error, LogError):
-            self.close()
-        else:
-            self.abort(str(error) or type(error).__name__)
-
-    def _failure(self, error: OSError) -> LogError:
-        return LogError(
-            f"log {self.path}: cannot be written ({error.strerror}); "
-            "make room, or choose another folder with --out"
         )
 
 
@@ -440,3 +267,8 @@ def read_log(path: Path) -> Log:
 def _values(table: _Topic, ticks: int) -> Array:
     width = len(table.channel.names)
     return np.array(table.values[: ticks * width], dtype=np.float64).reshape(ticks, width)
+
+
+def named(names: type[IntEnum], value: float) -> str:
+    """The name of an enumeration's value, or the number that a foreign component gave instead."""
+    return names(int(value)).name if value in set(names) else f"{value:g}"

@@ -14,7 +14,8 @@ from fmus.archive import pack
 from harness.cosim.fmu import Quantity
 from harness.cosim.loop import Array, Simulation
 from harness.cosim.roles import Rename, Role, find_role
-from harness.log.log import Channel, LogWriter
+from harness.log.log import Channel
+from harness.log.writer import LogWriter
 from harness.onboard.stand_in import Onboard
 from harness.trial.plan import values_of
 from harness.trial.prepare import Prepared
@@ -52,15 +53,12 @@ class LogRows:
 
     def write(self, log: LogWriter, times: Array, values: Mapping[str, Array]) -> None:
         """Write rows as `Simulation.run` hands them over."""
-        lists = {}
-        for name, rows in values.items():
-            factor, offset = self.scales.get(name, (None, None))
-            lists[name] = (rows if factor is None or offset is None else rows * factor + offset).tolist()
-        for i, moment in enumerate(times.tolist()):
-            row = {name: rows[i] for name, rows in lists.items()}
-            if self.onboard is not None:
-                row["telemetry"] = self.onboard.row(moment)
-            log.write(moment, row)
+        rows = dict(values)
+        for name, (factor, offset) in self.scales.items():
+            rows[name] = values[name] * factor + offset
+        if self.onboard is not None:
+            rows["telemetry"] = np.array([self.onboard.row(time) for time in times.tolist()])
+        log.write_rows(times, rows)
 
 
 @dataclass(frozen=True)

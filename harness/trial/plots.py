@@ -30,8 +30,7 @@ from harness.drawing import (
     new_figure,
     png_of,
 )
-from harness.log.foxglove import named
-from harness.log.log import Array, Log
+from harness.log.log import Array, Log, named
 from harness.trial.summary import summarize
 from models.cmec import Anomaly
 from models.commands import Command

@@ -16,8 +16,7 @@ from rich.table import Table
 
 from codegen.templating import environment
 from harness.files import write_whole
-from harness.log.foxglove import named
-from harness.log.log import Array, Log
+from harness.log.log import Array, Log, named
 from models.cmec import Anomaly
 from models.commands import Status
 

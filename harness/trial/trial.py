@@ -13,7 +13,8 @@ from typing import Any
 from codegen.firmware.targets import find_target
 from harness.cosim.loop import Simulation, Stop
 from harness.files import make_folder, write_whole
-from harness.log.log import Log, LogWriter, read_log
+from harness.log.log import Log, read_log
+from harness.log.writer import LogWriter
 from harness.onboard.processors import Processor, open_processor
 from harness.onboard.stand_in import Onboard
 from harness.trial.contents import LogRows, attachments, metadata

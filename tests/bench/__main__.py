@@ -19,12 +19,12 @@ from codegen.blocks.block_c import generate, write_files
 from codegen.toolchains.compiler import build_library
 from fmus.build import build_all
 from harness.cosim.loop import Simulation
-from harness.trial import trial
 from harness.trial.prepare import Prepared, prepared
-from harness.trial.request import Changes, Request, requested
+from harness.trial.request import Changes, requested
 from models.four_state import FourState
+from models.kit.timing import TICK
 from models.system import SYSTEMS
-from tests.bench import sweeps
+from tests.bench import logs, sweeps
 
 TICKS = 891  # of the trial that is timed: three_waypoint, seed 1
 ROUNDS = 15
@@ -109,7 +109,7 @@ class Wrapped:
             for name in order:
                 for kind, (targets, sources) in self.links[name].items():
                     self.setter(self.slaves[name], kind)(targets, [self.values[s] for s in sources])
-                self.slaves[name].doStep(tick * 0.04, 0.04)
+                self.slaves[name].doStep(tick * TICK, TICK)
                 self.collect(name)
 
     def close(self) -> None:
@@ -123,7 +123,7 @@ def loop_against_wrappers(ready: Prepared) -> tuple[float, float, float]:
 
     def ours() -> float:
         with Simulation(ready.system, ready.plan.values) as simulation:
-            return timed(lambda: simulation.run(ready.plan.events, duration=(TICKS - 1) * 0.04))
+            return timed(lambda: simulation.run(ready.plan.events, duration=(TICKS - 1) * TICK))
 
     def wrappers() -> float:
         master = Wrapped(ready)
@@ -133,13 +133,6 @@ def loop_against_wrappers(ready: Prepared) -> tuple[float, float, float]:
             master.close()
 
     return paired(ours, wrappers)
-
-
-def with_log(request: Request, ready: Prepared) -> float:
-    """Seconds of a trial with its log (and its summary and pictures, which are not timed)."""
-    with tempfile.TemporaryDirectory() as folder:
-        summary = trial.run(request, ready, Path(folder))
-        return summary["ticks"] * 0.04 / summary["real_time_factor"]
 
 
 def ekf_against_filterpy() -> tuple[float, float, float]:
@@ -214,18 +207,27 @@ def main() -> None:
     )
     with requested("three_waypoint", Changes()) as request, prepared(request) as ready:
         ours, wrappers, ratio = loop_against_wrappers(ready)
-        logged = statistics.median(with_log(request, ready) for _ in range(5))
+        logged, by_rows, log_ratio = paired(
+            lambda: logs.with_log(request, ready, TICKS), lambda: logs.row_by_row(ready, TICKS)
+        )
     table.add_row(
         "loop over 5 FMUs, against fmpy's call wrappers",
         f"{ours / TICKS * 1e6:.1f} us/tick",
         f"{wrappers / TICKS * 1e6:.1f} us/tick",
         f"{ratio:.1f}",
     )
-    for name, seconds in (("without", ours), ("with", logged)):
-        rate = TICKS / seconds
-        table.add_row(
-            f"loop {name} the log", f"{rate:,.0f} ticks/s", f"{rate * 0.04:,.0f} times real time", ""
-        )
+    table.add_row(
+        "loop without the log",
+        f"{TICKS / ours:,.0f} ticks/s",
+        f"{TICKS / ours * TICK:,.0f} times real time",
+        "",
+    )
+    table.add_row(
+        "loop with the log, against json and mcap row by row",
+        f"{TICKS / logged:,.0f} ticks/s",
+        f"{TICKS / by_rows:,.0f} ticks/s",
+        f"{log_ratio:.1f}",
+    )
     native, python, ekf_ratio = ekf_against_filterpy()
     table.add_row(
         "four-state EKF in C, against filterpy",

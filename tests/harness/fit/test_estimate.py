@@ -34,7 +34,8 @@ from harness.fit.tracks import (
     slope,
     stretches,
 )
-from harness.log.log import Channel, LogError, LogWriter
+from harness.log.log import Channel, LogError
+from harness.log.writer import LogWriter
 from harness.trial import trial
 from harness.trial.plan import interfaces_of_system, plan
 from harness.trial.prepare import prepared
@@ -541,8 +542,10 @@ def write(path: Path, columns: dict[str, np.ndarray], step: float = TICK, seed: 
     ]
     metadata = {"parameters": {"plant.seed": seed}}
     with LogWriter(path, channels, origin=(0, 0), metadata=metadata, attachments={}) as log:
-        for k in range(len(next(iter(columns.values())))):
-            log.write(k * step, {c: [columns[f"{c}.{n}"][k] for n in names[c]] for c in components})
+        times = np.arange(len(next(iter(columns.values())))) * step
+        log.write_rows(
+            times, {c: np.column_stack([columns[f"{c}.{n}"] for n in names[c]]) for c in components}
+        )
     return path
 
 

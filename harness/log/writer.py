@@ -1,0 +1,181 @@
+"""Writing the log of a run: batches of rows to chunks of an MCAP file.
+
+A chunk is flushed after the first tick, then with the last tick of every second of trial time (the last of a
+batch as the loop hands them over): whatever ends the process, all but the last second is on disk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from mcap.well_known import MessageEncoding, SchemaEncoding
+
+from harness.log.container import Container, Times
+from harness.log.log import (
+    END_RECORD,
+    FORMAT,
+    OWN_RECORD,
+    PROFILE,
+    SECOND,
+    Array,
+    Channel,
+    LogError,
+)
+from harness.log.route import Route
+from harness.log.rows import Rows
+
+MEDIA_TYPE = "application/octet-stream"
+
+
+class LogWriter:
+    """Writes a run, some ticks at a time; as a context manager, an exception ends the log with its text.
+
+    Args:
+        path: the file, replaced if it is there.
+        channels: the components, in the order they are to be listed.
+        origin: latitude and longitude of north = east = 0, in degrees.
+        metadata: records by name (`scenario`, `parameters`, `roles`, `versions`): text to text. The waypoints
+            that are drawn come from `parameters`: `controller.waypoint_north[1]` and so on, in SI units.
+        attachments: files by name, the .ssp.
+
+    Raises:
+        LogError: the file cannot be written.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        channels: Sequence[Channel],
+        *,
+        origin: tuple[float, float],
+        metadata: Mapping[str, Mapping[str, str]],
+        attachments: Mapping[str, bytes],
+    ) -> None:
+        self.path = path
+        try:
+            self._file = path.open("wb")
+        except OSError as error:
+            raise self._failure(error) from error
+        try:
+            self._begin(channels, origin, metadata, attachments)
+        except OSError as error:
+            with suppress(OSError):
+                self._file.close()
+            with suppress(OSError):
+                if self.path.is_file():  # no device; and nothing of the run is in it yet
+                    self.path.unlink()
+            raise self._failure(error) from error
+        self._last = np.array([0])  # tick, ns
+        self._second = np.array([-1])  # the last one that had a tick
+        self._open = True
+
+    def _begin(
+        self,
+        channels: Sequence[Channel],
+        origin: tuple[float, float],
+        metadata: Mapping[str, Mapping[str, str]],
+        attachments: Mapping[str, bytes],
+    ) -> None:
+        """Write what comes before the first tick, through to the file."""
+        from harness.log.foxglove import Views  # noqa: PLC0415 (protobuf: readers do without)
+
+        self._container = Container(self._file, PROFILE)
+        own = {"format": FORMAT, "latitude": repr(origin[0]), "longitude": repr(origin[1])}
+        for name, values in {OWN_RECORD: own, **metadata}.items():
+            self._container.add_metadata(name, values)
+        for name, data in attachments.items():
+            self._container.add_attachment(name, MEDIA_TYPE, data)
+        self._channels = np.array([self._add(channel) for channel in channels])
+        self._rows = Rows(channels)
+        signals = {channel.component: channel.names for channel in channels}
+        self._views = Views(self._container, signals, origin, Route.of(metadata.get("parameters", {})))
+        self._file.flush()
+
+    def _add(self, channel: Channel) -> int:
+        schema = self._container.add_schema(channel.block, SchemaEncoding.JSONSchema, channel.schema())
+        stated = {"component": channel.component, "block": channel.block}
+        return self._container.add_channel(f"/{channel.component}", MessageEncoding.JSON, schema, stated)
+
+    def write_rows(self, times: Array, values: Mapping[str, Array]) -> None:
+        """Write a batch of ticks.
+
+        Args:
+            times: (n,) in s, 0 or more, growing from batch to batch too.
+            values: by component (n, signals), in the order of its channel.
+
+        Raises:
+            LogError: the file cannot be written.
+        """
+        if not len(times):
+            return
+        moments = np.rint(times * SECOND).astype(np.int64)
+        before = np.concatenate([self._last, moments])
+        following = 2 * moments - before[:-1]  # when the tick after each will be
+        seconds = np.concatenate([self._second, following // SECOND])
+        ends = np.flatnonzero(seconds[1:] > seconds[:-1]) + 1  # after the last tick of a second
+        self._last, self._second = before[-1:], seconds[-1:]
+        try:
+            start = 0
+            for end in ends.tolist():
+                self._add_rows(moments, values, start, end)
+                self._container.flush()
+                start = end
+            self._add_rows(moments, values, start, len(moments))
+        except OSError as error:
+            raise self._failure(error) from error
+
+    def _add_rows(self, times: Times, values: Mapping[str, Array], start: int, end: int) -> None:
+        """Add the ticks from `start` up to `end` to the chunk."""
+        if start == end:
+            return
+        if end - start < len(times):
+            times, values = times[start:end], {name: rows[start:end] for name, rows in values.items()}
+        messages = self._rows.encode(values)
+        channels, moments = np.tile(self._channels, len(times)), np.repeat(times, len(self._channels))
+        if views := self._views.encode(times, values):
+            of_views, at, data = zip(*views, strict=True)
+            channels, moments = np.concatenate([channels, of_views]), np.concatenate([moments, at])
+            messages += data
+        self._container.add_messages(channels, moments, messages)
+
+    def close(self) -> None:
+        """Write the last chunk and the index. Closing twice does no harm."""
+        if not self._open:
+            return
+        self._open = False
+        try:
+            with self._file:
+                self._container.finish()
+        except OSError as error:
+            raise self._failure(error) from error
+
+    def abort(self, reason: str) -> None:
+        """Close a log whose run a fault has ended; `reason` is what a reader is told (`Log.broken`)."""
+        if self._open:
+            with suppress(OSError):  # a full disk must not hide the fault that ended the run
+                self._container.flush()
+                self._container.add_metadata(END_RECORD, {"reason": reason})
+        with suppress(LogError):
+            self.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is None or isinstance(error, LogError):
+            self.close()
+        else:
+            self.abort(str(error) or type(error).__name__)
+
+    def _failure(self, error: OSError) -> LogError:
+        return LogError(
+            f"log {self.path}: cannot be written ({error.strerror}); "
+            "make room, or choose another folder with --out"
+        )
