@@ -216,7 +216,7 @@ class Cmec(Block):
         {m: m if m is Mode.STOP_AT_WAYPOINT else Mode.STOP_TO_TURN for m in BEFORE_RECALL - {Mode.IDLE}},
     )
     def interrupt(m) -> None:
-        """What the animal does meanwhile is not ours: afterwards begin again from a stop."""
+        """Others lead the animal, or nobody does: afterwards the controller begins again from a stop."""
         m.now = where(m.now == Mode.STOP_AT_WAYPOINT, m.now, Mode.STOP_TO_TURN)
         m.ticks = 0
 
@@ -337,10 +337,11 @@ class Cmec(Block):
         m.directional_commands = m.issued
 
     def _begun(m) -> SX:
-        """A trial is on, or over."""
+        """Is a trial on, or over?"""
         return none_of(m.now, {Mode.IDLE})
 
     def _blocked(m) -> SX:
+        """Does a lost link, an operator, bad input or an invalid estimate keep the table from deciding?"""
         return any_of(m.overruled > Anomaly.NONE, m.override > Command.NONE)
 
     def _lasted(m, time: SX, ticks_ago: int = 0) -> SX:
@@ -348,11 +349,11 @@ class Cmec(Block):
         return lasted(m.ticks - ticks_ago, time, m.sample_time)
 
     def _at_rest(m) -> SX:
-        """The stop command has been on long enough, and the animal has stopped."""
+        """Has the stop command been on long enough, and has the animal stopped?"""
         return all_of(m._lasted(m.stop_hold), m.speed < m.stopped_speed)
 
     def _stuck(m) -> SX:
-        """The animal was told to go, and has not moved far enough when its time is up."""
+        """Has the animal moved too little since FORWARD was issued, on the tick on which its time is up?"""
         moved = (m.north - m.issue_north) ** 2 + (m.east - m.issue_east) ** 2
         due = all_of(m._lasted(m.forward_timeout), ca.logic_not(m._lasted(m.forward_timeout, ticks_ago=1)))
         return all_of(due, moved < m.forward_distance**2)

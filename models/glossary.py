@@ -102,7 +102,7 @@ TERMS: dict[str, tuple[Term, ...]] = {
         Term("status", "how the trial stands; some end it", (("Status", "models/commands.py"),)),
         Term(
             "anomaly",
-            "an animal that does not do as told, or a reason why the controller does not lead",
+            "a way in which the animal disobeys, or a reason why the controller does not lead",
             (("Anomaly", "models/cmec.py"),),
         ),
     ),
@@ -137,7 +137,9 @@ def page() -> str:
             lines.append(f"| **{term.word}** | {term.meaning} | {places} |")
         lines.append("")
     for title, steps in TRAILS.items():
-        lines.append(f"{title}: " + "; ".join(f"{_place(n, path)} {does}" for n, path, does in steps) + ".")
+        lines.append(
+            f"**{title}**: " + "; ".join(f"{_place(n, path)} {does}" for n, path, does in steps) + "."
+        )
         lines.append("")
     return "\n".join(lines)
 

@@ -1,1 +1,1 @@
-"""What every block is declared with."""
+"""The kit: declaring blocks, tracing them, and the mathematics that they share."""

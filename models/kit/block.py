@@ -161,7 +161,7 @@ class Block:
 
     @classmethod
     def summary(cls) -> str:
-        """What the block is: the first line of its docstring, "" without one."""
+        """The first line of the block's docstring, "" without one."""
         return first_line(cls)
 
     @classmethod

@@ -28,7 +28,7 @@ class Type(enum.Enum):
 
 
 class Traced(Protocol):
-    """What holds the variables' values while equations are traced: an instance of a block."""
+    """An instance of a block: it holds the values of the variables while equations are traced."""
 
     def read(self, variable: Variable) -> SX: ...
     def write(self, variable: Variable, value: SX | float) -> None: ...
@@ -131,7 +131,7 @@ class Variable:
             raise ParameterError(f"{what} is {value:g}; expected {self.expected()}")
 
     def expected(self) -> str:
-        """What a value must be, in words: type, named values, range, unit."""
+        """The values that are accepted, in words: type, named values, range, unit."""
         if self.choices:
             return "one of " + ", ".join(f"{int(c)} ({c.name})" for c in self.choices)
         if self.type is Type.BOOLEAN:

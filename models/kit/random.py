@@ -72,7 +72,7 @@ def start_state(seed: int, substream: int) -> tuple[int, ...]:
 
 
 def jumps(bits: int, digits: int) -> tuple[tuple[Matrix, ...], tuple[Matrix, ...]]:
-    """What C jumps ahead with: of both recurrences, the matrices for 2^bits, 2^(bits+1), ... draws."""
+    """The matrices by which C jumps ahead, of both recurrences: for 2^bits, 2^(bits+1), ... draws."""
     first, second = (
         tuple(_power(a, 1 << (bits + k), m) for k in range(digits)) for a, m in ((A1, M1), (A2, M2))
     )

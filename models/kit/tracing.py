@@ -173,7 +173,7 @@ class _Tracer:
         return ca.Function(f"{self.block.title()}_{name}", arguments, [result], list(GROUPS), ["result"])
 
     def writes(self, assigned: Mapping[str, SX]) -> tuple[tuple[str, ...], list[SX]]:
-        """What was assigned, as flat names and scalars."""
+        """The assignments, as flat names and scalars."""
         declared = self.block.variables()
         flat = [
             (n, value[i]) for name, value in assigned.items() for i, n in enumerate(declared[name].flat_names)

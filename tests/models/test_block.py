@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from models.errors import DeclarationError
-from models.kit.block import Block, Row, table, triggered
+from models.kit.block import Block, Row, moves, table, triggered
 from models.kit.declaration import Boolean, Input, Integer, Output, Parameter, State, Stream
-from models.kit.tracing import Table, Update
+from models.kit.tracing import Condition, Table, Update
 
 traced: list[str] = []
 
@@ -73,6 +73,33 @@ def test_title_groups_and_order() -> None:
         (1, 0, ("mode",)),
     ]
     assert len(list(program.functions)) == 1 + 1 + 2 + 4 + 1
+
+
+def test_guards_keep_their_words_and_updates_their_transitions() -> None:
+    class Lamp(Block):
+        """Goes on and off."""
+
+        key = Input(Boolean, "key")
+        power = Input("1", "power")
+        mode = State(Integer, "mode")
+
+        @triggered("key")
+        @moves({1: 0, 0: 1})
+        def switch(m) -> None:
+            m.mode = 1 - m.mode
+
+        @triggered(lambda m: m.power < 1, "too little power")
+        @table("mode")
+        def fail(m) -> list[Row]:
+            on, off = Condition(m.key, "key on"), Condition(m.power <= 0, "no power")
+            return [Row(1, on & off, 0), Row(1, m.power < 0, 0)]
+
+    switch, fail = Lamp.program().tick
+    assert isinstance(switch, Update)
+    assert isinstance(fail, Table)
+    assert (switch.when, switch.edges) == ("`key`", ((0, 1), (1, 0)))
+    assert (fail.when, [row.when for row in fail.rows]) == ("too little power", ["key on, no power", ""])
+    assert [float(fail.rows[0].guard([1], u, [], [])) for u in ([1, 0], [0, 0], [1, 1])] == [1, 0, 0]
 
 
 def test_a_summary_is_the_first_line_of_the_docstring() -> None:

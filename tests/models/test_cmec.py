@@ -315,7 +315,7 @@ def test_turn_failure_after_3_s_then_a_dead_second_then_again() -> None:
 
 @pytest.mark.parametrize("side", [1, -1])
 def test_direction_switch_when_it_has_turned_too_far(side: int) -> None:
-    # given an animal told to turn, which passes the target and comes to 20 deg on the other side
+    # given an animal that turns on command, passes the target and comes to 20 deg on the other side
     trial = turning(side * 60)
     trial.tick(5, h=side * 10)
     trial.tick(h=-side * 19.999)
@@ -337,7 +337,7 @@ def test_direction_switch_when_it_turns_the_wrong_way_round() -> None:
 
 
 def test_forward_failure_when_it_has_not_moved_a_metre_in_3_s() -> None:
-    # given an animal that has moved 0.99 m since it was told to go
+    # given an animal that has moved 0.99 m since FORWARD was issued
     trial = Trial()
     trial.tick()
     trial.until(Command.NONE, north=0.7, east=0.7, heading=0.0)
@@ -358,7 +358,7 @@ def test_no_forward_failure_when_it_has_moved_a_metre() -> None:
 
 
 def test_progress_is_judged_once_when_forward_has_lasted_its_time() -> None:
-    # given an animal that has moved 1 m at 3 s, when it is back after that, then it is no failure
+    # given an animal that has moved 1 m within 3 s, when it comes back later, then nothing is reported
     trial = Trial()
     trial.tick()
     trial.tick(75, north=1.1)
@@ -380,7 +380,7 @@ def test_no_command_when_the_opposite_turn_is_needed_after_the_dead_second() -> 
     trial.tick(80)
     trial.until(Command.LEFT, h=-60)
     assert trial.anomalies[-1][1] == Anomaly.NO_COMMAND
-    # a command other than the one planned is no re-issue: it counts
+    # a command that was not planned counts: it is not issued again
     assert trial.model["turns"] == 2
 
 
@@ -400,7 +400,7 @@ def test_no_command_when_forward_is_planned_and_the_animal_has_turned_away() -> 
 
 
 def test_trial_failure_when_a_third_directional_command_is_due() -> None:
-    # given an animal that has been told to turn twice
+    # given an animal that has been commanded to turn twice
     trial = Trial()
     for turn in range(2):
         trial.until(Command.STOP, h=60, speed=0)
@@ -559,7 +559,7 @@ def test_safety_2_bad_input_never_reaches_a_command(name: str, value: float, mod
         trial.tick({"STOP_AT_WAYPOINT": 1, "RECALL": 40}[mode], north=1000, speed=0)
     assert trial.mode == Mode[mode]
     reported = len(trial.anomalies)
-    # when an input is no number or out of its range, then the command is STOP, and it is reported once
+    # when an input is NaN, infinite or out of its range, then the command is STOP, with one report
     trial.tick(4, **{name: value})
     assert trial.commands[-4:] == [Command.STOP] * 4
     assert [a for _, a in trial.anomalies[reported:]] == [Anomaly.BAD_INPUT]

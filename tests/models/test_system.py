@@ -29,7 +29,7 @@ MISSION = {
 
 
 class Colour(IntEnum):
-    """Named values that are no commands."""
+    """Named values other than the commands."""
 
     RED = 0
 
@@ -107,11 +107,11 @@ def wire(*links: Link, **components: type[Block]) -> System:
             'test: source.length -> sink.lenght: "sink" has no input "lenght"; did you mean "length"?',
         ),
         (
-            Link("source", "seconds", "sink", "length"),  # an input is no source
+            Link("source", "seconds", "sink", "length"),  # an input cannot be a source
             'test: source.seconds -> sink.length: "source" has no output "seconds"',
         ),
         (
-            Link("source", "length", "sink", "gain"),  # a parameter is no target
+            Link("source", "length", "sink", "gain"),  # a parameter cannot be a target
             'test: source.length -> sink.gain: "sink" has no input "gain"',
         ),
     ],
