@@ -2,9 +2,11 @@
 
 import doctest
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,6 +36,17 @@ def test_the_example_of_a_function_prints_what_it_says(
     failures: list[str] = []
     doctest.DocTestRunner().run(EXAMPLES[name], out=failures.append)
     assert not failures, "".join(failures)
+
+
+def test_the_example_of_the_page_runs_as_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    page = (Path(front_door.__file__).parent / "README.md").read_text()
+    (example,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    names: dict[str, Any] = {}
+    exec(example, names)
+    assert names["speed"].max() > 1
+    assert 0 <= names["failures"] <= 5
+    assert 30 <= names["best"] <= 50
 
 
 def test_every_function_has_an_example() -> None:
