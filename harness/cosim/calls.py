@@ -1,0 +1,113 @@
+"""A tick as a list of C calls whose arguments are made once."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol, Self
+
+from harness.cosim.fmu import Call, FmuDescription, Quantity
+from harness.cosim.layout import Layout
+from harness.cosim.stepping import Order
+from harness.cosim.wiring import Wiring
+
+
+class Instance(Protocol):
+    """What the loop asks of a component: an instance of an FMU, or what stands in for one."""
+
+    label: str
+    description: FmuDescription
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def initialize(self, values: Mapping[str, float]) -> None: ...
+
+    def setting(self, quantities: Sequence[Quantity], address: int) -> Call: ...
+
+    def getting(self, quantities: Sequence[Quantity], address: int) -> Call: ...
+
+    def stepping(self, time: ctypes.c_double, step: float, ended: int) -> Call: ...
+
+    def check(self, status: int, what: str, time: float) -> None: ...
+
+
+class Calls:
+    """The calls of a system's components.
+
+    Attributes:
+        first: get all outputs, before the first tick.
+        answer: everything up to the row of a tick: all components but the plants.
+        advance: what follows the row: the plants step to the next tick.
+        free: by component, set the inputs that no link feeds.
+        ended: (components + 1) bytes; one becomes 1 when its component asks to end the simulation.
+        time: s, of the tick; read by every step.
+    """
+
+    def __init__(
+        self, components: Mapping[str, Instance], layout: Layout, wiring: Wiring, order: Order
+    ) -> None:
+        self._components = components
+        self._whose: dict[int, tuple[str, str]] = {}
+        self.time = ctypes.c_double(0.0)
+        self.ended = (ctypes.c_char * (len(components) + 1))()
+        gathers: dict[str, list[Call]] = {name: [] for name in components}
+        sets: dict[str, list[Call]] = {name: [] for name in components}
+        for transfer in layout.transfers:
+            if gather := layout.gather(transfer):
+                gathers[transfer.target].append(gather)
+            slot, places = transfer.place
+            call = components[transfer.target].setting(transfer.quantities, layout.address(slot, places[0]))
+            sets[transfer.target].append(self._named(call, transfer.target, "Set", transfer.quantities))
+        gets: dict[str, list[Call]] = {name: [] for name in components}
+        for slot in layout.outputs:
+            call = components[slot.component].getting(slot.quantities, layout.address(slot))
+            gets[slot.component].append(self._named(call, slot.component, "Get", slot.quantities))
+        self.free: dict[str, list[Call]] = {name: [] for name in components}
+        for slot in layout.inputs:
+            call = components[slot.component].setting(slot.quantities, layout.address(slot))
+            self.free[slot.component].append(self._named(call, slot.component, "Set", slot.quantities))
+        steps = {}
+        for index, (name, component) in enumerate(components.items()):
+            steps[name] = component.stepping(self.time, wiring.step, ctypes.addressof(self.ended) + index)
+            self._whose[id(steps[name][1])] = (name, f"fmi{component.description.version}DoStep")
+        answering = [name for name in wiring.order if name not in wiring.plants]
+        plants = [name for name in wiring.order if name in wiring.plants]
+        self.answer: list[Call] = []
+        if order == "jacobi":
+            self.answer += [call for name in wiring.order for call in gathers.pop(name)]
+        for name in answering:
+            self.answer += [*gathers.pop(name, ()), *sets[name], steps[name], *gets[name]]
+        self.answer += [call for name in plants for call in gathers.pop(name, ())]
+        # plants take each other's outputs at t_k: all are given their inputs before any of them is stepped
+        self.advance = [call for name in plants for call in sets[name]]
+        self.advance += [call for name in plants for call in (steps[name], *gets[name])]
+        self.first = [call for name in wiring.order for call in gets[name]]
+
+    def _named(self, call: Call, name: str, verb: str, quantities: Sequence[Quantity]) -> Call:
+        """Keep what errors call it."""
+        version = self._components[name].description.version
+        names = ", ".join(q.name for q in quantities[:3]) + (", ..." if len(quantities) > 3 else "")
+        what = f"fmi{version}{verb}{quantities[0].access.fmi} of {names}"
+        self._whose[id(call[1])] = (name, what)
+        return call
+
+    def carry_out(self, calls: Sequence[Call]) -> None:
+        """Make calls, one after the other.
+
+        Raises:
+            FmuError: a status that is no success.
+        """
+        for function, arguments in calls:
+            if status := function(*arguments):
+                self.fail(status, arguments)
+
+    def fail(self, status: int, arguments: tuple[Any, ...]) -> None:
+        """Accept a warning; for any other status raise an error that names the call with these arguments.
+
+        Raises:
+            FmuError: naming component, function, status and time.
+        """
+        name, what = self._whose[id(arguments)]
+        self._components[name].check(status, what, self.time.value)
