@@ -9,14 +9,14 @@ from harness.drawing import png_of
 from harness.files import write_whole
 from harness.sweep.table import wilson
 from harness.verification.pictures import (
-    story_figure,
+    example_figure,
     three_field_figure,
     three_figure,
     two_field_figure,
     two_figure,
 )
 from harness.verification.published import FIELD
-from harness.verification.runs import SAME_TURNS, Size, Story, simulate, story
+from harness.verification.runs import SAME_TURNS, Example, Size, find_example, simulate
 from harness.verification.tables import (
     cause_table,
     distance_table,
@@ -45,20 +45,20 @@ def write(folder: Path = RESULTS, size: Size = FULL) -> None:
         FileError: they cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    told = story(size.seeds)
+    example = find_example(size.seeds)
     pictures = {
         "verification_two.png": two_figure(size),
         "verification_three.png": three_figure(size),
         "verification_two_field.png": two_field_figure(size),
         "verification_three_field.png": three_field_figure(size),
-        "verification_trial.png": story_figure(told),
+        "verification_trial.png": example_figure(example),
     }
     for name, figure in pictures.items():
         write_whole(folder / name, png_of(figure, SCREEN_DPI))
-    write_whole(folder / PAGE, page(size, told).encode())
+    write_whole(folder / PAGE, page(size, example).encode())
 
 
-def page(size: Size, told: Story) -> str:
+def page(size: Size, example: Example) -> str:
     """The page's text."""
     dogs = (simulate("two", "49:49", size.rate, settings=settings).at(49) for settings in ((), SAME_TURNS))
     failures = [point.trials - point.successes for point in dogs]
@@ -68,7 +68,7 @@ def page(size: Size, told: Story) -> str:
         size=size,
         failures=failures[0],
         same_turns=failures[1],
-        story=told,
+        example=example,
         statements=statements(size),
         field=field_table(size),
         times=time_table(size),

@@ -1,4 +1,4 @@
-"""The page's pictures, as the dissertation's Figures 5.1 to 5.8."""
+"""The page's pictures, like the dissertation's Figures 5.1 to 5.8."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from harness.verification.published import (
     TREND_AT_23,
     Field,
 )
-from harness.verification.runs import ALL_CAUSES, CAUSES, Size, Story, mean_time_error, simulate
+from harness.verification.runs import ALL_CAUSES, CAUSES, Example, Size, mean_time_error, simulate
 from harness.verification.tables import TYPES, percent
 
 COLOURS = {"calibrated": "#0072B2", "literal": "#D55E00"}
@@ -65,12 +65,12 @@ def _curves(target: str, thresholds: str, trials: int) -> tuple[Figure, Axes, Ax
     figure = new_figure(12, 7.5)
     success, time = figure.subplots(2, 1, sharex=True, height_ratios=(1.4, 1))
     for reading, colour in COLOURS.items():
-        found = simulate(target, thresholds, trials, reading)
-        x, table = found.thresholds, found.table
+        simulated = simulate(target, thresholds, trials, reading)
+        x, table = simulated.thresholds, simulated.table
         low, high = np.array([point.interval for point in table]).T
         success.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0)
-        success.plot(x, found.rates, "o", color=colour, markersize=3.5, label=f"ours, {reading}")
-        line, r_squared = found.trend
+        success.plot(x, simulated.rates, "o", color=colour, markersize=3.5, label=f"ours, {reading}")
+        line, r_squared = simulated.trend
         fine = np.linspace(x[0], x[-1], 400)
         label = f"trend, $R^2$ = {percent(r_squared)}"
         success.plot(fine, line(fine), color=colour, linewidth=1.2, linestyle=(0, (5, 2)), label=label)
@@ -96,7 +96,7 @@ def _percents(axes: Axes) -> None:
 
 
 def _draw_field(axes: Axes, x: float, field: Field) -> None:
-    """A field rate with its interval."""
+    """Draw a field rate with its interval."""
     rate, (low, high) = field.successes / field.trials, field.interval
     axes.errorbar(
         x, rate, [[rate - low], [high - rate]], color=FIELD_COLOUR, marker="s", markersize=6, capsize=4,
@@ -122,8 +122,8 @@ def two_field_figure(size: Size) -> Figure:
                 thresholds, means + low, means + high, color=FIELD_COLOUR, alpha=0.2, label=label
             )
     for cause, marker in (("search for the bumper, 1 to 5 s", "v"), (ALL_CAUSES, "^")):
-        found = simulate("two", "23:37:7", size.rate, settings=CAUSES[cause])
-        means = np.array([point.mean_time for point in found.table], dtype=float)
+        table = simulate("two", "23:37:7", size.rate, settings=CAUSES[cause]).table
+        means = np.array([point.mean_time for point in table], dtype=float)
         label = "calibrated, all causes" if cause == ALL_CAUSES else "calibrated, search for the bumper"
         time.plot(thresholds, means, marker, color="#009E73", markersize=8, label=label)
     for field in FIELD[:3]:
@@ -145,16 +145,16 @@ def two_field_figure(size: Size) -> Figure:
 
 
 def three_field_figure(size: Size) -> Figure:
-    """Figure 5.8, and what it does not show: the types."""
+    """Figure 5.8, and beside it each type of trial, which the figure does not show."""
     figure = new_figure(12, 5)
     whole, types = figure.subplots(1, 2, sharey=True, width_ratios=(1, 1.6))
     names = list(TRIAL_TYPES["three"])
     for shift, (reading, colour) in zip((-0.2, 0.2), COLOURS.items(), strict=True):
-        found = simulate("three", "37:49:12", size.rate, reading)
+        simulated = simulate("three", "37:49:12", size.rate, reading)
         whole.plot(
-            np.arange(2) + shift, found.rates, "o", color=colour, markersize=8, label=f"ours, {reading}"
+            np.arange(2) + shift, simulated.rates, "o", color=colour, markersize=8, label=f"ours, {reading}"
         )
-        point = found.at(49)
+        point = simulated.at(49)
         rates = [point.rate_of(name) or 0.0 for name in names]
         hatch = "" if reading == "calibrated" else "//"
         types.bar(np.arange(4) + shift, rates, 0.36, color=TYPE_COLOURS, alpha=0.85 if not hatch else 0.4,
@@ -177,10 +177,12 @@ def three_field_figure(size: Size) -> Figure:
     return figure
 
 
-def story_figure(told: Story) -> Figure:
+def example_figure(example: Example) -> Figure:
     """Figures 5.1 and 5.2."""
-    figure = trial_figure(told.log)
+    figure = trial_figure(example.log)
     for axes in figure.axes[1:]:
-        axes.axvspan(told.given, told.silenced, color=THEIRS, alpha=0.15, linewidth=0, zorder=0)
-    figure.suptitle(f"right_90, seed {told.seed}, as Figures 5.1 and 5.2; pink: the right command is ignored")
+        axes.axvspan(example.commanded, example.silenced, color=THEIRS, alpha=0.15, linewidth=0, zorder=0)
+    figure.suptitle(
+        f"right_90, seed {example.seed}, as Figures 5.1 and 5.2; pink: the right command is ignored"
+    )
     return figure

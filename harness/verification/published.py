@@ -1,4 +1,4 @@
-"""What the dissertation says of its trials, in the field and simulated."""
+"""The dissertation's numbers on its trials, in the field and simulated."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from scipy.stats import binomtest
 
 @dataclass(frozen=True)
 class Field:
-    """Field trials (Table 4.4) with so many waypoints at a threshold h' [deg]."""
+    """The field trials (Table 4.4) with a number of waypoints at a threshold h' [deg]."""
 
     waypoints: str
     threshold: int
@@ -20,15 +20,15 @@ class Field:
     @property
     def interval(self) -> tuple[float, float]:
         """95 % confidence interval of the success rate (Clopper and Pearson 1934)."""
-        found = binomtest(self.successes, self.trials).proportion_ci(method="exact")
-        return float(found.low), float(found.high)
+        interval = binomtest(self.successes, self.trials).proportion_ci(method="exact")
+        return float(interval.low), float(interval.high)
 
     def p_value(self, rate: float) -> float:
-        """How likely a count at least as unlikely as this one is if `rate` is true (exact, two-sided)."""
+        """The probability of a count at most as likely as this one if `rate` is true (exact, two-sided)."""
         return float(binomtest(self.successes, self.trials, rate).pvalue)
 
 
-FIELD = (  # Table 4.4; 35 trials at each of 23, 30 and 37 deg by 5.3.7.1, the other numbers by Table 4.4's n
+FIELD = (  # Table 4.4; 35 trials at each of 23, 30 and 37 deg by 5.3.7.1, the others by Table 4.4's n
     Field("two", 23, 33, 35, "non-structured"),
     Field("two", 30, 34, 35, "non-structured"),
     Field("two", 37, 35, 35, "non-structured"),

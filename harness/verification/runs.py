@@ -1,4 +1,4 @@
-"""What is run: the trials of `canine sweep`, and one as Figure 5.2 tells it."""
+"""The trials that are run: those of `canine sweep`, and one like the example of Figure 5.2."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from models.commands import Command, Status
 
 @dataclass(frozen=True)
 class Size:
-    """How many trials are run.
+    """Numbers of trials.
 
     Attributes:
         curve: at each threshold of the curves; 1000 in 5.3.5 and 5.3.6.
         rate: for each rate that is compared with the field's.
-        ranked: at each of the thresholds of which the best are sought.
+        ranked: at each threshold of the recommendations.
         long: over each distance.
-        seeds: among which Figure 5.2's trial is sought.
+        seeds: among which the trial of Figure 5.2 is sought.
     """
 
     curve: int = 1000
@@ -76,14 +76,19 @@ DOGS = {
 DISTANCES = (25, 50, 100, 200, 500)  # m
 NO_LIMIT = ("cmec.max_turns=1000",)
 ROUTES = {3: "right_90", 4: "four_waypoint", 5: "five_waypoint"}
-STORY = (Command.RIGHT, Command.NONE, Command.RIGHT, Command.FORWARD)  # Figure 5.2: ignored, silence, obeyed
+EXAMPLE = (
+    Command.RIGHT,
+    Command.NONE,
+    Command.RIGHT,
+    Command.FORWARD,
+)  # 5.2: ignored, silence, obeyed
 
 
 @dataclass(frozen=True, eq=False)
 class Simulated:
-    """What the trials at some thresholds came to; ticks (thresholds, trials) as in `chunks.Outcomes`."""
+    """The results of a sweep over thresholds; ticks (thresholds, trials) as in `chunks.Outcomes`."""
 
-    asked: Sweep
+    sweep: Sweep
     table: list[Point]
     ticks: Ticks
 
@@ -98,7 +103,7 @@ class Simulated:
         return np.array([point.success_rate for point in self.table])
 
     def at(self, threshold: float) -> Point:
-        """The point of this h' [deg]."""
+        """The point at this h' [deg]."""
         return self.table[int(np.flatnonzero(self.thresholds == threshold)[0])]
 
     @property
@@ -106,7 +111,7 @@ class Simulated:
         """The trend line through the success rates and its R2, as `canine sweep` draws it.
 
         Raises:
-            ValueError: all rates are equal, or there are too few points.
+            ValueError: all rates are equal, or there are too few.
         """
         fitted = trend(self.thresholds, self.rates)
         if fitted is None:
@@ -119,23 +124,23 @@ def simulate(
     target: str, thresholds: str, trials: int, reading: str = "calibrated", settings: tuple[str, ...] = ()
 ) -> Simulated:
     """The trials of `canine sweep TARGET --thresholds ... --reading ... --set ...`."""
-    asked = plan_sweep(target, thresholds=thresholds, trials=trials, reading=reading, settings=settings)
-    outcomes = Outcomes(asked.job)
-    with pool_at(None, asked.job) as pool:
-        a_core = -(-asked.job.total // pool.width)  # nobody waits for a part, and larger chunks run faster
-        run_all(outcomes, pool, keep=lambda chunk: None, size=a_core)
-    return Simulated(asked, table_of(asked.points, outcomes), outcomes.ticks)
+    sweep = plan_sweep(target, thresholds=thresholds, trials=trials, reading=reading, settings=settings)
+    outcomes = Outcomes(sweep.job)
+    with pool_at(None, sweep.job) as pool:
+        share = -(-sweep.job.total // pool.width)  # one chunk for each core: large chunks run faster
+        run_all(outcomes, pool, keep=lambda chunk: None, size=share)
+    return Simulated(sweep, table_of(sweep.points, outcomes), outcomes.ticks)
 
 
 def mean_time_error(point: Point) -> float:
-    """Half the 95 % interval of a mean time, s."""
+    """Half the width of a mean time's 95 % interval, s."""
     return Z_95 * (point.sd_time or 0.0) / math.sqrt(max(point.successes, 1))
 
 
 def time_difference(ticks: Ticks, other: Ticks) -> tuple[float, float]:
-    """How much longer [s] a row's successful trials last on average than another's, and its standard error.
+    """How much longer [s] one row's successful trials take on average than another's, and its standard error.
 
-    The rows are of the same seeds, so what both share drops out.
+    The rows are of the same seeds, so their common variation drops out.
     """
     means = [float(row[row > 0].mean()) for row in (ticks, other)]
     shares = error_shares(ticks, means[0]) - error_shares(other, means[1])
@@ -143,26 +148,32 @@ def time_difference(ticks: Ticks, other: Ticks) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class Story:
-    """A trial as Figure 5.2 tells it: when the turn was given, was silenced, given again, and obeyed [s]."""
+class Example:
+    """A trial like that of Figure 5.2; times in s.
+
+    Attributes:
+        commanded, silenced, repeated: when RIGHT began, ended, and began again.
+        obeyed: when FORWARD followed.
+        end: of the trial.
+    """
 
     seed: int
-    given: float
+    commanded: float
     silenced: float
-    again: float
+    repeated: float
     obeyed: float
     end: float
     log: Log
 
 
-def story(seeds: int) -> Story:
-    """The first trial of right_90, of the seeds from 1 on, that goes as Figure 5.2's: a success with one TURN
-    FAILURE and no other anomaly, whose RIGHT is obeyed when it is given again.
+def find_example(seeds: int) -> Example:
+    """The first trial of right_90, among the seeds from 1 on, that goes as in Figure 5.2.
 
-    Seeds are searched by the batch runner; the trial is run through the FMUs, as `canine run` does.
+    It is a success with one TURN FAILURE and no other anomaly, and its RIGHT is obeyed when it is repeated.
+    The batch runner searches the seeds; then the trial runs through the FMUs, as with `canine run`.
 
     Raises:
-        LookupError: there is none.
+        LookupError: no seed gives such a trial.
     """
     job = plan_sweep("right_90").job
     (trial_type,) = job.trial_types
@@ -178,9 +189,11 @@ def story(seeds: int) -> Story:
         log = _run_trial("right_90", int(seed))
         held = equal_stretches(log["controller.command"])
         for k in range(len(held) - 3):
-            if tuple(value for _, _, value in held[k : k + 4]) == STORY:
-                given, silenced, again, obeyed = (float(log.time[first]) for first, _, _ in held[k : k + 4])
-                return Story(int(seed), given, silenced, again, obeyed, float(log.time[-1]), log)
+            if tuple(value for _, _, value in held[k : k + 4]) == EXAMPLE:
+                begins = (float(log.time[first]) for first, _, _ in held[k : k + 4])
+                commanded, silenced, repeated, obeyed = begins
+                end = float(log.time[-1])
+                return Example(int(seed), commanded, silenced, repeated, obeyed, end, log)
     raise LookupError(f"right_90: none of the seeds 1 to {seeds} gives the trial of Figure 5.2")
 
 

@@ -38,13 +38,13 @@ TYPES = [name.replace("_", " ") for name in TRIAL_TYPES["three"]]
 
 
 def markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table of the page; every column but the first is set to the right."""
+    """A table of the page; all columns except the first are aligned right."""
     lines = [header, ["---", *["---:"] * (len(header) - 1)], *rows]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
 
 
 def percent(rate: float) -> str:
-    """With one digit after the point; what is not all or nothing does not look like it."""
+    """With one digit after the point; never rounds to 0 or 100 % unless exact."""
     text = f"{100 * rate:.1f}"
     if 0 < rate < 1 and text in ("0.0", "100.0"):
         return "< 0.1 %" if rate < 0.5 else "> 99.9 %"
@@ -62,7 +62,7 @@ def _p(value: float) -> str:
 
 
 def statements(size: Size) -> str:
-    """What 5.3.5 to 5.3.7.1 say of the simulation, and what ours says."""
+    """The statements of 5.3.5 to 5.3.7.1 on the simulation beside our numbers."""
     two = {reading: simulate("two", "15:90", size.curve, reading) for reading in READINGS}
     three = {reading: simulate("three", "15:65", size.curve, reading) for reading in READINGS}
 
@@ -109,37 +109,37 @@ def statements(size: Size) -> str:
     )
 
 
-def _whole_from(found: Simulated) -> str:
-    """The first threshold at which the trend is cut at 100 %."""
-    at = found.thresholds[found.trend[0](found.thresholds) >= 1.0]
-    return f"{at[0]:.0f} deg" if at.size else "none"
+def _whole_from(simulated: Simulated) -> str:
+    """The first threshold at which the trend reaches 100 %."""
+    whole = simulated.thresholds[simulated.trend[0](simulated.thresholds) >= 1.0]
+    return f"{whole[0]:.0f} deg" if whole.size else "none"
 
 
-def straight_line(found: Simulated) -> float:
+def straight_line(simulated: Simulated) -> float:
     """R2 of a straight line through the success rates."""
-    return float(np.corrcoef(found.thresholds, found.rates)[0, 1] ** 2)
+    return float(np.corrcoef(simulated.thresholds, simulated.rates)[0, 1] ** 2)
 
 
 def our_rate(field: Field, reading: str, size: Size) -> float:
-    """Success rate of our trials as those in the field."""
+    """The success rate of our trials under the conditions of field trials."""
     thresholds = "37:49:12" if field.waypoints == "three" else "49:49" if field.threshold == 49 else "23:37:7"
     return simulate(field.waypoints, thresholds, size.rate, reading).at(field.threshold).success_rate
 
 
 def field_table(size: Size) -> str:
-    """Field success rates with their intervals, ours, and how likely the field's counts are under ours."""
+    """Success rates in the field with their intervals, our rates, and the field's p-values under ours."""
     rows = []
     for waypoints in ("two", "three"):
-        mine = [field for field in FIELD if field.waypoints == waypoints]
-        trials = sum(field.trials for field in mine)
-        for field in mine:
+        fields = [field for field in FIELD if field.waypoints == waypoints]
+        trials = sum(field.trials for field in fields)
+        for field in fields:
             what = f"{waypoints}, {field.threshold} deg, {field.environment}"
             rows += [
                 [what, *_compared(field, reading, our_rate(field, reading, size))] for reading in READINGS
             ]
-        whole = Field(waypoints, 0, sum(field.successes for field in mine), trials, "")
+        whole = Field(waypoints, 0, sum(field.successes for field in fields), trials, "")
         for reading in READINGS:
-            rate = sum(field.trials * our_rate(field, reading, size) for field in mine) / trials
+            rate = sum(field.trials * our_rate(field, reading, size) for field in fields) / trials
             rows.append([f"{waypoints}, all {trials}", *_compared(whole, reading, rate)])
     return markdown(
         ["waypoints, h', environment", "field", "95 % interval", "reading", "ours", "inside?", "p", ""], rows
@@ -173,13 +173,13 @@ def time_table(size: Size) -> str:
 
 
 def cause_table(size: Size) -> str:
-    """What each cause adds to the time, and what success is with it."""
+    """The time that each cause adds, and the success rate with it."""
     plain = simulate("two", "23:37:7", size.rate)
     rows = [["none", *(f"{seconds(p)}, {percent(p.success_rate)}" for p in plain.table)]]
     for cause, settings in CAUSES.items():
-        found = simulate("two", "23:37:7", size.rate, settings=settings)
+        caused = simulate("two", "23:37:7", size.rate, settings=settings)
         cells = [cause]
-        for ticks, other, point in zip(found.ticks, plain.ticks, found.table, strict=True):
+        for ticks, other, point in zip(caused.ticks, plain.ticks, caused.table, strict=True):
             later, error = time_difference(ticks, other)
             cells.append(f"{later:+.2f} ± {error:.2f} s, {percent(point.success_rate)}")
         rows.append(cells)
@@ -187,7 +187,7 @@ def cause_table(size: Size) -> str:
 
 
 def late_table(size: Size) -> str:
-    """Three waypoints at 49 deg when the dog responds late."""
+    """Three waypoints at 49 deg with a dog that responds late."""
     rows = []
     for delay in (0.0, 0.1, 0.2, 0.3):
         point = simulate("three", "49:49", size.rate, settings=(f"canine.response_delay={delay}",)).at(49)
@@ -200,7 +200,7 @@ def _by_type(point: Point) -> list[str]:
 
 
 def dog_table(size: Size, reading: str) -> str:
-    """What of the dog makes trials fail: three waypoints at 49 deg."""
+    """Dogs of several kinds, which show why trials fail: three waypoints at 49 deg."""
     rows = []
     for dog, settings in DOGS.items():
         point = simulate("three", "49:49", size.rate, reading, settings).at(49)
@@ -212,9 +212,9 @@ def distance_table(size: Size) -> str:
     """Two waypoints farther and farther apart."""
     rows = []
     for distance in DISTANCES:
-        there = (f"controller.waypoint_north[1]={distance}",)
-        points = [simulate("distance_100", "49:49", size.long, r, there).at(49) for r in READINGS]
-        free = simulate("distance_100", "29:89:20", size.long, settings=(*there, *NO_LIMIT))
+        waypoint = (f"controller.waypoint_north[1]={distance}",)
+        points = [simulate("distance_100", "49:49", size.long, r, waypoint).at(49) for r in READINGS]
+        free = simulate("distance_100", "29:89:20", size.long, settings=(*waypoint, *NO_LIMIT))
         rows.append(
             [f"{distance} m"]
             + [f"{percent(p.success_rate)}, {seconds(p)}" for p in points]
@@ -225,7 +225,7 @@ def distance_table(size: Size) -> str:
 
 
 def route_table(size: Size) -> str:
-    """Three, four and five waypoints round 122 m, by what MAXTURN counts."""
+    """Three, four and five waypoints around 122 m, by what MAXTURN counts."""
     budgets: dict[str, tuple[str, tuple[str, ...]]] = {
         "calibrated: 2 a trial": ("calibrated", ("cmec.reset_turns=false",)),
         "2 a waypoint": ("calibrated", ("cmec.reset_turns=true",)),
@@ -240,24 +240,25 @@ def route_table(size: Size) -> str:
 
 
 def recommendation_table(size: Size) -> str:
-    """What `canine sweep` recommends."""
+    """The recommendations of `canine sweep`."""
     rows = []
     for target, thresholds in (("two", "15:90"), ("three", "15:65")):
         for reading in READINGS:
-            found = simulate(target, thresholds, size.ranked, reading)
-            axes = [(axis.column, axis.unit, axis.written) for axis in found.asked.axes]
-            said = recommend(axes, found.table, found.ticks)
-            rows.append([f"{target}, {reading}", *(_said(said[key]) for key in ("success", "time", "both"))])
+            ranked = simulate(target, thresholds, size.ranked, reading)
+            axes = [(axis.column, axis.unit, axis.written) for axis in ranked.sweep.axes]
+            advice = recommend(axes, ranked.table, ranked.ticks)
+            cells = (_recommended(advice[criterion]) for criterion in ("success", "time", "both"))
+            rows.append([f"{target}, {reading}", *cells])
     return markdown(["waypoints, reading", "best success", "shortest time", "fastest of the best"], rows)
 
 
-def _said(found: Mapping[str, Any]) -> str:
-    """The range, the best point, and whether the range ends where the sweep does."""
-    if "range" not in found:
-        return str(found["text"])
-    ((low, high),) = found["range"].values()
-    best = found["best"]
-    (end,) = found["range_ends"].values()
+def _recommended(advice: Mapping[str, Any]) -> str:
+    """The range, the best point, and whether the range reaches the ends of the sweep."""
+    if "range" not in advice:
+        return str(advice["text"])
+    ((low, high),) = advice["range"].values()
+    best = advice["best"]
+    (end,) = advice["range_ends"].values()
     beyond = {"start": ", to the sweep's start", "end": ", to the sweep's end", "both": ", everywhere"}
     span = f"{low} to {high}" if low != high else f"{low}"
     return (

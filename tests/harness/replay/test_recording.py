@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from pyubx2 import GET, UBXMessage
 
-from harness.replay.attitude import CUTOFF_HZ, align_heading, anti_alias, euler_angles
 from harness.replay.recording import (
     GPS_EPOCH_S,
     WEEK_S,
@@ -173,49 +172,6 @@ def test_walk_signals_are_causal(walk: Recording) -> None:
 def test_walk_refuses_an_outage_that_hides_the_origin(walk: Recording) -> None:
     with pytest.raises(RecordingError, match=r"outage from 0\.0 to 10\.0 s: expected 0 < start <= end"):
         sensor_signals(walk, [(0.0, 10.0)])
-
-
-# --- filter and attitude ---
-
-
-def test_anti_alias_passes_motion_late_by_its_delay_and_stops_what_would_alias() -> None:
-    t = np.arange(0, 20, 0.0065)
-    tick = np.arange(500) * TICK_S
-    hold = 0.0065 / 2  # the mean age of a held sample
-    delay = 2.613 / (2 * np.pi * CUTOFF_HZ)  # 2.613 s at 1 rad/s: a fourth-order Butterworth filter's, slow
-
-    slow = anti_alias(t, np.sin(2 * np.pi * 1.0 * t)[:, None], 500)[:, 0]
-    aliasing = anti_alias(t, np.sin(2 * np.pi * 24.0 * t)[:, None], 500)[:, 0]
-    level = anti_alias(t, np.full((len(t), 1), 9.8), 500)[:, 0]
-
-    late = np.sin(2 * np.pi * 1.0 * (tick - delay - hold))
-    np.testing.assert_allclose(slow[50:], late[50:], atol=0.02)
-    assert np.abs(aliasing[50:]).max() < 0.02
-    np.testing.assert_allclose(level, 9.8, rtol=1e-12)  # starts settled
-    assert delay == pytest.approx(0.052, abs=0.0005)  # s, as the README states
-
-
-def test_angles_are_nose_up_right_wing_down_and_clockwise() -> None:
-    t = np.arange(0, 5, 0.01)
-    ones = np.ones_like(t)
-    pitch, roll, g = np.radians(10), np.radians(5), 9.81
-    up = [np.sin(pitch), -np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch)]
-    still = np.outer(ones, up) * g
-    level, right_turn = np.outer(ones, [0, 0, -g]), np.outer(ones, [0, 0, 0.2])
-
-    tilted = euler_angles(t, still, np.full((len(t), 3), 1e-12))
-    turned = euler_angles(t, level, right_turn)
-
-    np.testing.assert_allclose(tilted[-1, :2], [roll, pitch], atol=1e-3)
-    assert turned[-1, 2] - turned[0, 2] == pytest.approx(0.2 * t[-1], abs=1e-3)
-
-
-def test_heading_takes_the_offset_of_its_fixes_and_wraps() -> None:
-    heading = np.linspace(0, 3, 301)
-    ticks = np.arange(50, 301, 25)
-    aligned = align_heading(heading, ticks, heading[ticks] + 2.0, time_constant_s=10)
-    np.testing.assert_allclose(aligned[:50], heading[:50], atol=1e-12)
-    np.testing.assert_allclose(aligned[50:], np.angle(np.exp(1j * (heading[50:] + 2.0))), atol=1e-9)
 
 
 # --- made-up folders ---

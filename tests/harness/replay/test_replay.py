@@ -1,4 +1,4 @@
-"""A recording through the estimator FMU, with simulated outages."""
+"""Replays of a recording through the estimator's FMU, with simulated outages."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json
 import os
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from harness.replay.recording import RecordingError, SensorSignals
 from harness.replay.replay import (
     HELD,
     Outage,
+    ReplaySource,
     hold_speed,
     open_source,
     replay,
@@ -38,7 +40,7 @@ walk_is_there = pytest.mark.skipif(not WALK.is_dir(), reason=f"no recording in {
 
 
 @pytest.fixture(scope="module")
-def walk():
+def walk() -> ReplaySource:
     return open_source(WALK)
 
 
@@ -47,7 +49,7 @@ def outage(errors: dict[str, tuple[float, float]], start: float = 0.0) -> Outage
 
 
 @walk_is_there
-def test_outages_fit_between_settling_and_the_last_fix(walk):
+def test_outages_fit_between_settling_and_the_last_fix(walk: ReplaySource) -> None:
     windows = walk.windows(10, 5)
     assert windows[0] == (22.0, 32.0)  # the walk begins at 11.5 s
     assert windows[-1] == (122.0, 132.0)  # the last fix is at 132.5 s
@@ -55,19 +57,19 @@ def test_outages_fit_between_settling_and_the_last_fix(walk):
 
 
 @walk_is_there
-def test_the_fmu_answers_the_walk_as_the_python_model_does(walk):
+def test_the_fmu_answers_the_walk_as_the_python_model_does(walk: ReplaySource) -> None:
     # given the first 20 s of the walk with an outage in them
-    given = walk.signals([(12.0, 15.0)])
+    signals = walk.signals([(12.0, 15.0)])
     ticks = 500
     # when both run over them
-    fmu = run_fmu(build_fmu(FourState, build_folder() / "fmi2", 2), given, ticks, {"fuzzy": 0})
+    fmu = run_fmu(build_fmu(FourState, build_folder() / "fmi2", 2), signals, ticks, {"fuzzy": 0})
     model = Model(FourState, {"fuzzy": 0})
     model.initialize()
     names = FourState.flat_names("input")
     expected = []
     for tick in range(ticks):
         for name in names:
-            model[name] = float(getattr(given, name)[tick])
+            model[name] = float(getattr(signals, name)[tick])
         model.step()
         expected.append(model.output.copy())
     # then they agree to the bit
@@ -76,26 +78,26 @@ def test_the_fmu_answers_the_walk_as_the_python_model_does(walk):
 
 
 @walk_is_there
-def test_a_fix_inside_an_outage_reaches_nobody(walk):
-    # given an outage, and the same with the fixes inside it moved away
+def test_a_fix_inside_an_outage_does_not_reach_the_estimator(walk: ReplaySource) -> None:
+    # given an outage
     window = (40.0, 50.0)
     ticks = int(window[1] / 0.04) + 1
     path = build_fmu(FourState, build_folder() / "fmi2", 2)
     plain = walk.signals([window])
     assert not plain.gps_fix[(plain.t >= window[0]) & (plain.t <= window[1])].any()
-    # then what the estimator is given holds still, and the estimate runs on dead reckoning
+    # then the estimator's position input stands still, and the estimate runs on dead reckoning
     inside = (plain.t > window[0]) & (plain.t <= window[1])
     assert np.ptp(plain.gps_north[inside]) == 0.0
     estimate = run_fmu(path, plain, ticks, {})
-    age_grows = estimate["north_sd"][inside[:ticks]]
-    assert age_grows[-1] > 10 * age_grows[0]
+    deviation = estimate["north_sd"][inside[:ticks]]
+    assert deviation[-1] > 10 * deviation[0]
 
 
 @walk_is_there
-def test_every_configuration_is_judged_at_the_same_fix(walk, tmp_path):
-    found = replay(walk, "four_state", walk.windows(10, 40))
-    assert len(found) == 3
-    result = report(walk, "four_state", found, tmp_path)
+def test_every_configuration_is_compared_with_the_same_fix(walk: ReplaySource, tmp_path: Path) -> None:
+    outages = replay(walk, "four_state", walk.windows(10, 40))
+    assert len(outages) == 3
+    result = report(walk, "four_state", outages, tmp_path)
     assert list(result["configurations"]) == [HELD, "no pitch", "pitch", "fuzzy"]
     written = json.loads((tmp_path / "outages.json").read_text())
     assert written == result
@@ -104,31 +106,24 @@ def test_every_configuration_is_judged_at_the_same_fix(walk, tmp_path):
     assert result["configurations"][HELD]["position_error_m"]["median"] < 5.0
 
 
-def test_held_speed_goes_on_along_the_heading(walk_like):
+def test_held_speed_goes_on_along_the_heading() -> None:
     # given 2 m/s to the east from the last fix at tick 25, at (3, 4)
-    given = walk_like
+    ticks = 51
+    values: dict[str, Any] = {name: np.zeros(ticks) for name in SensorSignals.__dataclass_fields__}
+    values["heading_meas"] = np.full(ticks, np.pi / 2)
+    values["gps_fix"] = np.arange(ticks) == 25
+    values["gps_north"], values["gps_east"] = np.full(ticks, 3.0), np.full(ticks, 4.0)
+    values["gps_speed"] = np.full(ticks, 2.0)
+    values["origin_latitude"] = values["origin_longitude"] = 0.0
     # when the speed is held for a second
-    held = hold_speed(given, 51)
+    held = hold_speed(SensorSignals(**values), ticks)
     # then 25 ticks of 0.08 m follow, all east
     assert held["north"][50] == pytest.approx(3.0, abs=1e-12)
     assert held["east"][50] == pytest.approx(4.0 + 2.0, abs=1e-12)
     assert held["speed"][50] == 2.0
 
 
-@pytest.fixture
-def walk_like():
-    ticks = 51
-    values = {name: np.zeros(ticks) for name in SensorSignals.__dataclass_fields__}
-    values["heading_meas"] = np.full(ticks, np.pi / 2)
-    values["gps_fix"] = np.zeros(ticks, dtype=bool)
-    values["gps_fix"][25] = True
-    values["gps_north"], values["gps_east"] = np.full(ticks, 3.0), np.full(ticks, 4.0)
-    values["gps_speed"] = np.full(ticks, 2.0)
-    values["origin_latitude"] = values["origin_longitude"] = 0.0
-    return SensorSignals(**values)
-
-
-def test_the_log_of_a_trial_replays_as_the_trial_went(tmp_path):
+def test_the_log_of_a_trial_replays_as_the_trial_went(tmp_path: Path) -> None:
     # given the log of a trial through sensors and estimator
     request = Request(replace(load("three_waypoint"), duration=20.0))
     build_missing(request)
@@ -138,7 +133,7 @@ def test_the_log_of_a_trial_replays_as_the_trial_went(tmp_path):
     # when the estimator runs over it again without an outage
     source = open_source(tmp_path / "trial.mcap")
     again = run_fmu(build_fmu(FourState, build_folder() / "fmi2", 2), source.signals([]), len(log.time), {})
-    # then it says what it said, to the bit, and with an outage it does not
+    # then it gives the trial's estimate to the bit, and another one with an outage
     for name in ("north", "east", "speed", "accel_bias"):
         np.testing.assert_array_equal(again[name], log[f"estimator.{name}"], err_msg=name)
     (window,) = source.windows(5, 20)
@@ -146,16 +141,16 @@ def test_the_log_of_a_trial_replays_as_the_trial_went(tmp_path):
         build_fmu(FourState, build_folder() / "fmi2", 2), source.signals([window]), len(log.time), {}
     )
     assert not np.array_equal(without["north"], again["north"])
-    # and the baseline, which holds the speed of the last fix, is off where the dog's speed has changed
-    (judged,) = replay(source, "four_state", [(10.0, 14.0)])
-    given = source.signals([(10.0, 14.0)])
-    last = given.gps_speed[np.flatnonzero(given.gps_fix & (given.t < 10.0))[-1]]
-    then = given.reference_speed[np.flatnonzero(given.reference_fix & (given.t <= 14.0))[-1]]
-    assert judged.errors[HELD][1] == pytest.approx(abs(last - then)) != 0.0
-    assert judged.errors["pitch"][1] != 0.0
+    # and the baseline, which holds the speed of the last fix, errs by the change of the dog's speed
+    (replayed,) = replay(source, "four_state", [(10.0, 14.0)])
+    signals = source.signals([(10.0, 14.0)])
+    before = signals.gps_speed[np.flatnonzero(signals.gps_fix & (signals.t < 10.0))[-1]]
+    at_end = signals.reference_speed[np.flatnonzero(signals.reference_fix & (signals.t <= 14.0))[-1]]
+    assert replayed.errors[HELD][1] == pytest.approx(abs(before - at_end)) != 0.0
+    assert replayed.errors["pitch"][1] != 0.0
 
 
-def test_a_log_without_fixes_has_no_outages(tmp_path):
+def test_a_log_without_fixes_has_no_outages(tmp_path: Path) -> None:
     parameters = {"sensors.outage_end": [1000.0]}
     request = Request(replace(load("three_waypoint"), duration=3.0, parameters=parameters))
     build_missing(request)
@@ -167,7 +162,7 @@ def test_a_log_without_fixes_has_no_outages(tmp_path):
         replay(source, "four_state", [])
 
 
-def test_the_log_of_a_trial_without_sensors_is_refused(tmp_path):
+def test_the_log_of_a_trial_without_sensors_is_refused(tmp_path: Path) -> None:
     request = Request(replace(load("two_waypoint"), system="cts", duration=1.0))
     build_missing(request)
     with prepared(request) as ready:
@@ -176,13 +171,13 @@ def test_the_log_of_a_trial_without_sensors_is_refused(tmp_path):
         open_source(tmp_path / "trial.mcap")
 
 
-def test_statistics_by_hand():
+def test_statistics_by_hand() -> None:
     # given two outages with errors of 1 and 3 m against 2 and 6 m
-    found = [
+    outages = [
         outage({"a": (1.0, 0.0), "b": (2.0, 0.0)}),
         outage({"a": (3.0, 0.0), "b": (6.0, 0.0)}, start=10.0),
     ]
-    result = statistics(found)
+    result = statistics(outages)
     # then mean 2, sd sqrt(2), median 2, p90 = 1 + 0.9 * 2
     a = result["configurations"]["a"]["position_error_m"]
     assert a == pytest.approx({"mean": 2.0, "sd": 2**0.5, "median": 2.0, "p90": 2.8})
@@ -194,23 +189,23 @@ def test_statistics_by_hand():
     assert pair["velocity_error_m_s"] == {"t": None, "p": None}
 
 
-def test_overlapping_outages_are_tested_once():
+def test_overlapping_outages_are_tested_once() -> None:
     # given three outages of which the second shares half of the first
     errors = [{"a": (e, 0.0), "b": (2 * e, 0.0)} for e in (1.0, 50.0, 3.0)]
-    found = [outage(e, start) for e, start in zip(errors, (0.0, 5.0, 10.0), strict=True)]
+    outages = [outage(e, start) for e, start in zip(errors, (0.0, 5.0, 10.0), strict=True)]
     # then the test is of the first and the third, as by hand above, and the mean of all
-    result = statistics(found)
+    result = statistics(outages)
     assert result["paired_t_tests"][0]["position_error_m"]["t"] == pytest.approx(-2.0)
     assert result["configurations"]["a"]["position_error_m"]["mean"] == pytest.approx(18.0)
 
 
-def test_a_single_outage_has_no_spread_and_no_test(capsys):
+def test_a_single_outage_has_no_spread_and_no_test(capsys: pytest.CaptureFixture[str]) -> None:
     result = statistics([outage({"a": (1.0, 0.5), "b": (2.0, 0.5)})])
     assert result["configurations"]["a"]["position_error_m"]["sd"] is None
     show(result, Console())
     assert "-" in capsys.readouterr().out
 
 
-def test_a_folder_without_a_recording_is_refused(tmp_path):
+def test_a_folder_without_a_recording_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"expected one file"):
         open_source(tmp_path)

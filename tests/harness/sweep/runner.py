@@ -1,4 +1,4 @@
-"""Batch runners that simulate nothing: what trials come to is known beforehand."""
+"""Batch runners that simulate nothing: the result of each trial is known beforehand."""
 
 from __future__ import annotations
 
@@ -48,13 +48,13 @@ class Runner:
 
 
 def install(patch: pytest.MonkeyPatch, runner: Runner) -> Runner:
-    """Let sweeps in this process run with it."""
+    """Make sweeps in this process use this runner."""
     patch.setattr(chunks, "batch_of", lambda job: SimpleNamespace(run=partial(runner.run, job.by_type)))
     return runner
 
 
 def dog(threshold: int, seed: int, own: object) -> Trial:
-    """Something that depends on everything: success, time, commands, anomalies, now and then a timeout."""
+    """Results that depend on threshold and seed: success, time, commands, anomalies, a few timeouts."""
     mixed = seed * 2654435761 % 997
     if mixed % 50 == 0:
         return Status.RUNNING, 10**6, 1, {1: 2}

@@ -1,4 +1,4 @@
-"""Trials in chunks: the same counts however they are cut, and in whatever order and threads they are run."""
+"""Trials in chunks: neither the cuts, nor the order, nor the threads change the counts."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ from hypothesis import strategies as st
 
 from harness.sweep import chunks, sweep
 from harness.sweep.chunks import Chunk, ClusterError, Job, Outcomes, Pool, TrialType, cut, run_all, run_chunk
-from harness.sweep.journal import open_journal
 from harness.sweep.sweep import plan_sweep
 from models.commands import Status
 from tests.harness.sweep.runner import Runner, dog, install
@@ -41,8 +40,8 @@ def counted(job: Job, size: int, threads: int) -> Outcomes:
     return outcomes
 
 
-def test_counts_do_not_depend_on_chunks_and_threads(runner: Runner):
-    # given what each trial comes to, one by one
+def test_counts_do_not_depend_on_chunks_and_threads(runner: Runner) -> None:
+    # given the result of each trial, one by one
     ticks, sums = np.zeros((4, 50), int), np.zeros((4, len(chunks.SUMS)), int)
     for p, threshold in enumerate((20, 25, 30, 35)):
         for i in range(50):
@@ -54,7 +53,7 @@ def test_counts_do_not_depend_on_chunks_and_threads(runner: Runner):
             for anomaly, count in anomalies.items():
                 sums[p, 1 + anomaly] += count
     assert sums[:, 1].sum() > 0  # there are timeouts
-    # then they are so in any chunks
+    # then any chunks give the same counts
     for size, threads in ((1, 1), (3, 4), (7, 2), (50, 1), (64, 3), (1000, 2)):
         outcomes = counted(JOB, size, threads)
         assert outcomes.done == 200
@@ -62,12 +61,12 @@ def test_counts_do_not_depend_on_chunks_and_threads(runner: Runner):
         assert (outcomes.sums == sums).all()
 
 
-def test_every_trial_runs_once_with_its_own_seed(runner: Runner):
+def test_every_trial_runs_once_with_its_own_seed(runner: Runner) -> None:
     counted(JOB, 13, 2)
     assert Counter(runner.seeds) == dict.fromkeys(range(7, 57), 4)
 
 
-def test_a_tick_beyond_16_bits_is_kept(monkeypatch: pytest.MonkeyPatch):
+def test_a_tick_beyond_16_bits_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     # given a trial of a day, which is 2,160,000 ticks
     install(monkeypatch, Runner(lambda threshold, seed, _: (Status.SUCCESS, 2_000_000 + seed, 0, {})))
     day = replace(JOB, trial_types=(TrialType("day", {}, (), 2_160_000),))
@@ -76,7 +75,7 @@ def test_a_tick_beyond_16_bits_is_kept(monkeypatch: pytest.MonkeyPatch):
 
 @given(st.sets(st.integers(0, 99), max_size=10).map(sorted), st.integers(1, 40))
 @settings(max_examples=100, deadline=None)
-def test_what_is_missing_is_covered_once(marks: list[int], size: int):
+def test_missing_trials_are_cut_into_pieces_that_cover_each_once(marks: list[int], size: int) -> None:
     # given a job of 100 trials of which every other stretch between the marks is done
     outcomes = Outcomes(replace(JOB, points=JOB.points[:2]))
     for start, stop in list(pairwise(marks))[::2]:
@@ -90,13 +89,13 @@ def test_what_is_missing_is_covered_once(marks: list[int], size: int):
     assert sorted(covered) == list(range(100))
 
 
-def test_only_the_points_that_a_chunk_needs_travel_with_it():
+def test_only_the_points_that_a_chunk_needs_travel_with_it() -> None:
     part = JOB.part(49, 101)
     assert (part.points, part.first) == (JOB.points[0:3], 0)
     assert (JOB.part(100, 150).points, JOB.part(100, 150).first) == (JOB.points[2:3], 2)
 
 
-def test_a_bounded_number_of_chunks_is_under_way(runner: Runner):
+def test_at_most_two_chunks_for_each_core_are_under_way(runner: Runner) -> None:
     most = under_way = 0
 
     class Counting(ThreadPoolExecutor):
@@ -128,19 +127,19 @@ def test_a_bounded_number_of_chunks_is_under_way(runner: Runner):
         ("full", 10**9, 10**7, 1),
     ],
 )
-def test_chunks_of_longer_trials_have_fewer(system: str, ticks: int, left: int, expected: int):
+def test_chunks_of_longer_trials_hold_fewer_trials(system: str, ticks: int, left: int, expected: int) -> None:
     job = replace(JOB, system=system, trial_types=(TrialType("a", {}, (), ticks),))
     assert chunks.chunk_size(job, left, 2) == expected
 
 
-def test_a_chunk_whose_workers_die_is_handed_in_again_but_not_for_ever(runner: Runner):
+def test_a_chunk_whose_workers_die_is_submitted_again_three_times(runner: Runner) -> None:
     class KilledWorker(Exception):  # noqa: N818 - as distributed calls it
         pass
 
     class Dying(ThreadPoolExecutor):
         deaths = 0
 
-        def submit(self, function, *arguments, **options):  # type: ignore[no-untyped-def]
+        def submit(self, function, /, *arguments, **options):  # type: ignore[no-untyped-def]
             if self.deaths:
                 self.deaths -= 1
                 return super().submit(self.die)
@@ -159,33 +158,9 @@ def test_a_chunk_whose_workers_die_is_handed_in_again_but_not_for_ever(runner: R
             run_all(Outcomes(JOB), Pool(executor, 1), lambda chunk: None, size=100)
 
 
-def test_another_program_does_not_run_chunks(runner: Runner):
+def test_a_worker_with_another_program_does_not_run_chunks(runner: Runner) -> None:
     with pytest.raises(ClusterError, match="a worker runs another version of this program"):
         run_chunk(JOB, 0, 10, "another")
-
-
-def test_the_journal_gives_back_what_it_was_given(runner: Runner, tmp_path: Path):
-    given_chunks = [run_chunk(JOB, start, start + 30, chunks.program()) for start in (0, 30, 100)]
-    with open_journal(tmp_path, JOB, "fingerprint", "about") as journal:
-        for chunk in given_chunks:
-            journal.append(chunk)
-    with open_journal(tmp_path, JOB, "fingerprint", "about") as journal:
-        for kept, chunk in zip(journal.chunks, given_chunks, strict=True):
-            assert (kept.start, kept.stop) == (chunk.start, chunk.stop)
-            assert kept.ticks.dtype == chunk.ticks.dtype
-            assert (kept.ticks == chunk.ticks).all()
-            assert (kept.sums == chunk.sums).all()
-
-
-def test_the_journal_does_not_count_a_trial_twice(runner: Runner, tmp_path: Path):
-    # given chunks that overlap, of other sizes
-    with open_journal(tmp_path, JOB, "fingerprint", "about") as journal:
-        for start, stop in ((60, 90), (0, 30), (80, 110), (29, 40), (110, 120)):
-            journal.append(run_chunk(JOB, start, stop, chunks.program()))
-    # then no trial is taken from two of them
-    with open_journal(tmp_path, JOB, "fingerprint", "about") as journal:
-        assert [(c.start, c.stop) for c in journal.chunks] == [(0, 30), (60, 90), (110, 120)]
-        assert journal.dropped == 2
 
 
 KILLED = """
@@ -202,7 +177,7 @@ sweep.run(sweep.plan_sweep("two", thresholds="20:29", trials=100), Path(sys.argv
 """
 
 
-def test_a_killed_sweep_keeps_its_chunks(runner: Runner, tmp_path: Path):
+def test_a_killed_sweep_keeps_its_chunks(runner: Runner, tmp_path: Path) -> None:
     # given a process that is killed when some chunks are done
     script = KILLED.format(here=str(Path(__file__).parents[3]))
     process = subprocess.Popen([sys.executable, "-c", script, str(tmp_path / "s")])

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from decimal import Decimal
 from itertools import product
 
 import numpy as np
 import pytest
+from matplotlib.collections import LineCollection
 
 from harness.sweep.plots import sweep_figure, trend
 from harness.sweep.recommend import recommend
@@ -15,7 +17,7 @@ from harness.sweep.table import Point
 X = np.arange(15.0, 91.0)
 
 
-def test_the_trend_is_the_polynomial_of_degree_4_within_100_percent():
+def test_the_trend_is_a_polynomial_of_degree_4_cut_at_100_percent() -> None:
     # given rates on such a polynomial
     on_it = 0.5 + 1e-7 * (X - 20) * (X - 40) * (X - 60) * (X - 80)
     fitted = trend(X, on_it)
@@ -32,7 +34,7 @@ def test_the_trend_is_the_polynomial_of_degree_4_within_100_percent():
     assert r_squared == pytest.approx(1 - np.sum((rate - other) ** 2) / np.sum((rate - rate.mean()) ** 2))
 
 
-def test_there_is_no_trend_of_equal_rates_or_of_few():
+def test_equal_rates_and_few_rates_have_no_trend() -> None:
     assert trend(X, np.ones(76)) is None
     equal = np.full(76, 0.997)
     assert equal.mean() != 0.997  # in floating point
@@ -40,18 +42,18 @@ def test_there_is_no_trend_of_equal_rates_or_of_few():
     assert trend(X[:5], X[:5] / 100) is None
 
 
-def points(written: list[tuple[int, ...]], types: bool) -> list[Point]:
+def points(written: Sequence[tuple[int, ...]], *, types: bool) -> list[Point]:
     """Points whose success rate rises from 40 % on; those of the first value never succeed."""
     table = []
     for place in written:
         n = 0 if place[0] == 0 else 40 + place[0]
-        types = {"left_90": (n // 4, 50), "right_90": (n - n // 4, 50)} if types else {}
+        by_type = {"left_90": (n // 4, 50), "right_90": (n - n // 4, 50)} if types else {}
         values = tuple(Decimal(v) for v in place)
-        table.append(Point(values, 100, n, 500 * n, 500 * 500 * n + n, n, 0, {}, types))
+        table.append(Point(values, 100, n, 500 * n, 500 * 500 * n + n, n, 0, {}, by_type))
     return table
 
 
-def test_the_curves_show_rate_trend_types_time_and_ranges():
+def test_the_curves_show_rate_trend_types_time_and_ranges() -> None:
     # given a sweep whose first point has no time
     table = points([(k,) for k in range(30)], types=True)
     ticks = np.array([[500] * p.successes + [0] * (100 - p.successes) for p in table], dtype=np.uint16)
@@ -79,7 +81,7 @@ def test_the_curves_show_rate_trend_types_time_and_ranges():
         assert "Pareto front" in axes.get_legend_handles_labels()[1]
 
 
-def test_the_maps_have_the_first_parameter_to_the_right():
+def test_the_maps_have_the_first_parameter_to_the_right() -> None:
     # given three values of one parameter, two of another
     places = list(product(range(3), range(2)))
     table = points(places, types=False)
@@ -92,7 +94,9 @@ def test_the_maps_have_the_first_parameter_to_the_right():
     field = np.asarray(success.collections[0].get_array())
     assert field == pytest.approx(np.array([[0, 41, 42], [0, 41, 42]]))
     assert (success.get_xlabel(), success.get_ylabel()) == ("a", "b [m]")
-    time = np.ma.filled(figure.axes[1].collections[0].get_array(), np.nan)
+    masked = figure.axes[1].collections[0].get_array()
+    assert isinstance(masked, np.ma.MaskedArray)
+    time = masked.filled(np.nan)
     assert np.isnan(time[:, 0]).all()
     # and each value of so few has its tick
     assert [text.get_text() for text in success.get_xticklabels()] == ["0", "1", "2"]
@@ -105,6 +109,7 @@ def test_the_maps_have_the_first_parameter_to_the_right():
     ]
     # the borders of the 2 x 2 cells from 0.5 to 2.5 and from -0.5 to 1.5, in 8 pieces of length 1
     for outline in success.collections[1:3]:
+        assert isinstance(outline, LineCollection)
         pieces = np.array(outline.get_segments())
         assert len(pieces) == 8
         assert np.hypot(*(pieces[:, 1] - pieces[:, 0]).T) == pytest.approx(np.ones(8))
@@ -116,7 +121,7 @@ def test_the_maps_have_the_first_parameter_to_the_right():
         assert rings.get_xydata() == pytest.approx(np.array([[2.0, 0.0], [2.0, 1.0]]))
 
 
-def test_a_map_of_what_is_flat_promises_no_outline():
+def test_a_map_of_flat_results_has_no_outline() -> None:
     places = list(product(range(1, 4), range(2)))
     table = points(places, types=False)
     ticks = np.array([[500] * p.successes + [0] * (100 - p.successes) for p in table], dtype=np.uint16)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from decimal import Decimal
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -19,17 +20,18 @@ Numbers = np.ndarray[Any, Any]
 
 
 def outcomes(ticks: Numbers) -> Outcomes:
-    """Points of one parameter, whose trials succeeded on these ticks (0: not)."""
+    """Points of one parameter, whose trials succeeded on these ticks (0: failed)."""
     points, trials = ticks.shape
     trial_type = TrialType("straight", {}, (), 7500)
-    found = Outcomes(Job("cts", ("x",), tuple((float(p),) for p in range(points)), (trial_type,), trials, 1))
-    found.ticks[:] = ticks
-    return found
+    job = Job("cts", ("x",), tuple((float(p),) for p in range(points)), (trial_type,), trials, 1)
+    done = Outcomes(job)
+    done.ticks[:] = ticks
+    return done
 
 
 def recommended(ticks: Numbers, *values: list[int]) -> dict[str, Any]:
     grids = [[Decimal(v) for v in part] for part in values] or [[Decimal(p) for p in range(len(ticks))]]
-    written = [tuple(p) for p in np.array(np.meshgrid(*grids, indexing="ij")).reshape(len(grids), -1).T]
+    written = list(product(*grids))
     axes = [(name, "deg", grid) for name, grid in zip("xy", grids, strict=False)]
     return recommend(axes, table_of(written, outcomes(ticks)), ticks)
 
@@ -50,42 +52,42 @@ X = np.arange(21.0)
 LEVEL = np.full(21, 500.0)
 
 
-def test_a_rate_that_rises_to_the_end_has_no_optimum_inside():
-    found = recommended(simulated(0.3 + 0.025 * X, LEVEL))["success"]
-    assert found["best"]["x"] == 20
-    assert found["range"]["x"][1] == 20
-    assert found["range"]["x"][0] >= 18  # 5 % less would show
-    assert (found["interior_optimum"], found["flat"], found["range_ends"]) == (False, False, {"x": "end"})
-    assert "ends: no optimum inside is shown, larger values may do better" in found["text"]
+def test_a_rate_that_rises_to_the_end_has_no_optimum_inside() -> None:
+    advice = recommended(simulated(0.3 + 0.025 * X, LEVEL))["success"]
+    assert advice["best"]["x"] == 20
+    assert advice["range"]["x"][1] == 20
+    assert advice["range"]["x"][0] >= 18  # 5 % less would show
+    assert (advice["interior_optimum"], advice["flat"], advice["range_ends"]) == (False, False, {"x": "end"})
+    assert "ends: no optimum inside is shown, larger values may do better" in advice["text"]
 
 
-def test_a_rate_that_falls_from_the_start_has_none_either():
-    found = recommended(simulated(0.8 - 0.025 * X, LEVEL))["success"]
-    assert found["range"]["x"][0] == found["best"]["x"] == 0
-    assert (found["interior_optimum"], found["range_ends"]) == (False, {"x": "start"})
-    assert "begins: no optimum inside is shown, smaller values may do better" in found["text"]
+def test_a_rate_that_falls_from_the_start_has_no_optimum_inside() -> None:
+    advice = recommended(simulated(0.8 - 0.025 * X, LEVEL))["success"]
+    assert advice["range"]["x"][0] == advice["best"]["x"] == 0
+    assert (advice["interior_optimum"], advice["range_ends"]) == (False, {"x": "start"})
+    assert "begins: no optimum inside is shown, smaller values may do better" in advice["text"]
 
 
-def test_a_hill_has_its_optimum_inside():
-    found = recommended(simulated(0.9 - 0.004 * (X - 8) ** 2, LEVEL))["success"]
-    first, last = found["range"]["x"]
+def test_a_hill_has_its_optimum_inside() -> None:
+    advice = recommended(simulated(0.9 - 0.004 * (X - 8) ** 2, LEVEL))["success"]
+    first, last = advice["range"]["x"]
     assert first <= 8 <= last
     assert (first, last) == pytest.approx((8, 8), abs=3)
-    assert (found["interior_optimum"], found["range_ends"]) == (True, {"x": "inside"})
-    assert "no optimum" not in found["text"]
+    assert (advice["interior_optimum"], advice["range_ends"]) == (True, {"x": "inside"})
+    assert "no optimum" not in advice["text"]
 
 
-def test_a_flat_curve_is_called_flat_however_noisy():
+def test_a_flat_curve_is_called_flat_however_noisy_it_is() -> None:
     for seed in range(5):
-        found = recommended(simulated(np.full(21, 0.6), LEVEL, trials=300, seed=seed))
+        advice = recommended(simulated(np.full(21, 0.6), LEVEL, trials=300, seed=seed))
         for key in ("success", "time"):
-            assert found[key]["flat"]
-            assert not found[key]["interior_optimum"]
-            assert "flat, no optimum" in found[key]["text"]
-            assert len(found[key]["points"]) == 21
+            assert advice[key]["flat"]
+            assert not advice[key]["interior_optimum"]
+            assert "flat, no optimum" in advice[key]["text"]
+            assert len(advice[key]["points"]) == 21
 
 
-def test_19_of_20_flat_sweeps_and_more_are_called_flat():
+def test_19_of_20_flat_sweeps_and_more_are_called_flat() -> None:
     called = np.zeros(2)
     for seed in range(100):
         ticks = simulated(np.full(12, 0.6), np.full(12, 500.0), trials=400, seed=seed)
@@ -95,25 +97,25 @@ def test_19_of_20_flat_sweeps_and_more_are_called_flat():
     assert (called >= 95).all()
 
 
-def test_a_plateau_is_named_to_its_end():
+def test_a_plateau_is_named_to_its_end() -> None:
     rates = np.minimum(0.99, 0.5 + 0.07 * X)  # from 7 on it is 0.99
-    found = recommended(simulated(rates, LEVEL))["success"]
-    assert found["range"]["x"] == [7, 20]
-    assert found["range_ends"] == {"x": "end"}
+    advice = recommended(simulated(rates, LEVEL))["success"]
+    assert advice["range"]["x"] == [7, 20]
+    assert advice["range_ends"] == {"x": "end"}
 
 
-def test_time_has_its_own_optimum_and_both_is_the_fastest_of_the_most_successful():
+def test_time_has_its_own_optimum_and_both_is_the_fastest_of_the_most_successful() -> None:
     # given success from 8 on, and time shortest at 5
     rates = np.where(X < 8, 0.5, 0.9)
-    found = recommended(simulated(rates, 400 + 4 * (X - 5) ** 2))
-    assert found["success"]["range"]["x"] == [8, 20]
-    assert found["time"]["range"]["x"] == pytest.approx([5, 5], abs=1)
-    assert found["time"]["interior_optimum"]
-    assert found["both"]["best"]["x"] == 8
-    assert found["both"]["range"]["x"][1] <= 9
+    advice = recommended(simulated(rates, 400 + 4 * (X - 5) ** 2))
+    assert advice["success"]["range"]["x"] == [8, 20]
+    assert advice["time"]["range"]["x"] == pytest.approx([5, 5], abs=1)
+    assert advice["time"]["interior_optimum"]
+    assert advice["both"]["best"]["x"] == 8
+    assert advice["both"]["range"]["x"][1] <= 9
 
 
-def test_the_point_that_is_truly_best_is_named_in_95_percent_of_sweeps_and_more():
+def test_the_point_that_is_truly_best_is_named_in_95_percent_of_sweeps_and_more() -> None:
     rates = 0.7 - 0.001 * (np.arange(9) - 4.0) ** 2
     times = 500 + 0.5 * (np.arange(9) - 4.0) ** 2
     named = np.zeros(2)
@@ -125,7 +127,7 @@ def test_the_point_that_is_truly_best_is_named_in_95_percent_of_sweeps_and_more(
     assert (named >= 95).all()
 
 
-def test_success_is_judged_by_mcnemars_exact_test():
+def test_success_is_judged_by_mcnemars_exact_test() -> None:
     # given 9 trials that only the first point wins, 1 that only the second wins: p = 11 / 1024
     ticks = np.zeros((2, 20), dtype=np.uint16)
     ticks[:, 10:] = 100
@@ -138,95 +140,96 @@ def test_success_is_judged_by_mcnemars_exact_test():
         assert best_for_success(more).named[1] == expected
 
 
-def test_two_trials_prove_nothing():
+def test_two_trials_prove_nothing() -> None:
     ticks = np.array([[100, 100], [0, 0]], dtype=np.uint16)
     assert best_for_success(ticks).named.all()
     assert best_for_time(ticks) is None
 
 
-def test_time_is_judged_by_the_paired_t_test_where_all_succeed():
+def test_time_is_judged_by_the_paired_t_test_where_all_succeed() -> None:
     rng = np.random.default_rng(5)
     common = 500 + 100 * rng.standard_normal(60)
     for shift in (0.0, 1.0, 2.0, 4.0, 8.0):
         ticks = np.array([common, common + shift + 8 * rng.standard_normal(60)]).astype(np.uint16)
         slower, faster = sorted(ticks.astype(float), key=np.mean, reverse=True)
-        found = best_for_time(ticks)
-        assert found is not None
+        finding = best_for_time(ticks)
+        assert finding is not None
         p = ttest_rel(slower, faster, alternative="greater").pvalue
-        assert found.named.all() == (p >= 0.025)  # either might have been the slower one
+        assert finding.named.all() == (p >= 0.025)  # either might have been the slower one
 
 
-def test_trials_that_fail_at_one_of_two_points_do_not_blur_the_times_of_the_others():
+def test_trials_that_fail_at_one_of_two_points_do_not_blur_the_times_of_the_others() -> None:
     # given half of the trials failing at either point, others at each; means 20 apart, deviation 20
     rng = np.random.default_rng(1)
     ticks = np.rint(np.array([[500], [520]]) + 20 * rng.standard_normal((2, 1000))).astype(np.uint16)
     ticks[rng.random((2, 1000)) < 0.5] = 0
     # then the difference is 16 times its error, 20 sqrt(2 / 500)
-    found = best_for_time(ticks)
-    assert found is not None
-    assert found.named.tolist() == [True, False]
+    finding = best_for_time(ticks)
+    assert finding is not None
+    assert finding.named.tolist() == [True, False]
 
 
-def test_a_few_lucky_trials_are_not_the_fastest():
+def test_a_few_lucky_trials_are_not_the_fastest() -> None:
     # given a point where 29 of 1000 succeed, in no time, and two others
     ticks = np.full((3, 1000), 500, dtype=np.uint16)
     ticks[0] = 0
     ticks[0, : LEAST - 1] = 10
     ticks[1] = 400
-    found = recommended(ticks)["time"]
-    assert found["best"]["x"] == 1
-    assert found["points"] == [1]
+    advice = recommended(ticks)["time"]
+    assert advice["best"]["x"] == 1
+    assert advice["points"] == [1]
     # then what lies beyond the best is not known: no optimum inside
-    assert found["range_ends"] == {"x": "start"}
-    assert "too few successes to judge 0" in found["text"]
+    assert advice["range_ends"] == {"x": "start"}
+    assert "too few successes to judge 0" in advice["text"]
     assert (
-        "x 1 deg (best at 1: 16.00 s); below the stretch nothing could be judged: no optimum" in found["text"]
+        "x 1 deg (best at 1: 16.00 s); below the stretch nothing could be judged: no optimum"
+        in advice["text"]
     )
-    assert "begins" not in found["text"]
+    assert "begins" not in advice["text"]
 
 
-def test_a_stretch_between_points_that_cannot_be_judged_does_not_span_the_range():
+def test_a_stretch_between_points_that_cannot_be_judged_does_not_span_the_range() -> None:
     # given ten points of which 4 and 5 alone have successes enough, and are alike
     ticks = np.zeros((10, 1000), dtype=np.uint16)
     ticks[:, : LEAST - 1] = 10
     ticks[4:6] = 500 + np.arange(1000) % 7
-    found = recommended(ticks)["time"]
-    assert (found["points"], found["range_ends"]) == ([4, 5], {"x": "both"})
-    assert "; below and above the stretch nothing could be judged: no optimum inside" in found["text"]
-    assert "spans" not in found["text"]
+    advice = recommended(ticks)["time"]
+    assert (advice["points"], advice["range_ends"]) == ([4, 5], {"x": "both"})
+    assert "; below and above the stretch nothing could be judged: no optimum inside" in advice["text"]
+    assert "spans" not in advice["text"]
     # when nothing below is judged, and it goes on to the end
     ticks[4:] = ticks[4]
-    found = recommended(ticks)["time"]
-    assert "; it goes on to where the range ends: no optimum inside is shown, larger" in found["text"]
-    assert "; below the stretch nothing could be judged: no optimum" in found["text"]
+    advice = recommended(ticks)["time"]
+    assert "; it goes on to where the range ends: no optimum inside is shown, larger" in advice["text"]
+    assert "; below the stretch nothing could be judged: no optimum" in advice["text"]
 
 
-def test_what_nobody_masters_is_said():
-    found = recommended(np.zeros((3, 50), dtype=np.uint16))
-    assert found["success"]["text"] == "best success rate: no trial succeeded at any point"
-    assert "too few successes" in found["time"]["text"]
-    assert found["pareto"] == {
+def test_a_sweep_without_a_success_says_so() -> None:
+    advice = recommended(np.zeros((3, 50), dtype=np.uint16))
+    assert advice["success"]["text"] == "best success rate: no trial succeeded at any point"
+    assert "too few successes" in advice["time"]["text"]
+    assert advice["pareto"] == {
         "text": "Pareto front of success rate and time: empty, no trial succeeded",
         "points": [],
     }
 
 
-def test_one_point_alone_cannot_be_compared():
-    found = recommended(np.full((1, 50), 300, dtype=np.uint16))["success"]
-    assert found["text"] == "best success rate: one point, nothing to compare (x 0 deg: 100.0 %)"
+def test_one_point_alone_cannot_be_compared() -> None:
+    advice = recommended(np.full((1, 50), 300, dtype=np.uint16))["success"]
+    assert advice["text"] == "best success rate: one point, nothing to compare (x 0 deg: 100.0 %)"
 
 
-def test_two_parameters_have_a_region_around_the_best():
+def test_two_parameters_have_a_region_around_the_best() -> None:
     # given a hill at (3, 2) of a 7 x 5 grid, and as good a place apart from it at (0, 0)
     i, j = np.meshgrid(np.arange(7.0), np.arange(5.0), indexing="ij")
     rates = 0.9 - 0.1 * np.hypot(i - 3, j - 2)
     rates[0, 0] = 0.9
-    found = recommended(
+    advice = recommended(
         simulated(rates.ravel(), np.full(35, 500.0), seed=3), list(range(10, 80, 10)), list(range(5))
     )["success"]
-    assert sorted(found["points"]) == [[10, 0], [40, 2]]
-    assert found["range"] in ({"x": [40, 40], "y": [2, 2]}, {"x": [10, 10], "y": [0, 0]})
-    assert "; besides (" in found["text"]
+    assert sorted(advice["points"]) == [[10, 0], [40, 2]]
+    assert advice["range"] in ({"x": [40, 40], "y": [2, 2]}, {"x": [10, 10], "y": [0, 0]})
+    assert "; besides (" in advice["text"]
 
 
 def points_of(pairs: list[tuple[int, int]]) -> list[Point]:
@@ -236,7 +239,7 @@ def points_of(pairs: list[tuple[int, int]]) -> list[Point]:
 
 @settings(max_examples=200, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 10), st.integers(1, 5)), min_size=1, max_size=12))
-def test_the_pareto_front_is_what_nothing_beats(pairs: list[tuple[int, int]]):
+def test_no_point_beats_one_of_the_pareto_front(pairs: list[tuple[int, int]]) -> None:
     def beats(a: tuple[int, int], b: tuple[int, int]) -> bool:
         return a[0] >= b[0] and a[1] <= b[1] and a != b
 

@@ -5,8 +5,11 @@ from __future__ import annotations
 import csv
 import json
 import math
+import os
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 from unittest.mock import Mock
 
 import pytest
@@ -20,7 +23,7 @@ from models.commands import Status
 from models.errors import UsageError
 from models.kit.units import DEG
 from tests.harness import command
-from tests.harness.sweep.runner import Runner, dog, install
+from tests.harness.sweep.runner import Runner, Trial, dog, install
 
 HEADER = (
     "trials,successes,success_rate,ci_low,ci_high,mean_time_s,sd_time_s,mean_commands,timeouts,"
@@ -31,7 +34,7 @@ HEADER = (
 
 @pytest.fixture
 def runner(monkeypatch: pytest.MonkeyPatch) -> Runner:
-    """Trials of which everything is known, without compiling."""
+    """Trials with known results, without compiling."""
     return install(monkeypatch, Runner(dog))
 
 
@@ -43,7 +46,7 @@ def canine(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int,
 # what is planned for
 
 
-def test_two_is_the_texts_two_waypoint_sweep():
+def test_sweep_two_runs_the_texts_two_waypoint_trials() -> None:
     planned = plan_sweep("two")
     assert planned.job.trials == 1000
     assert [math.degrees(p[0]) for p in planned.job.points] == pytest.approx(range(15, 91))
@@ -56,7 +59,7 @@ def test_two_is_the_texts_two_waypoint_sweep():
     assert (planned.job.system, planned.job.seed) == ("cts", 1)
 
 
-def test_three_is_four_types_of_trials_in_turns():
+def test_sweep_three_runs_four_types_of_trials_in_turns() -> None:
     planned = plan_sweep("three", reading="literal")
     assert [trial_type.name for trial_type in planned.job.trial_types] == [
         "right_90",
@@ -70,7 +73,7 @@ def test_three_is_four_types_of_trials_in_turns():
     assert {c.values["controller"]["turn_end_deviation"] for c in planned.job.trial_types} == {20 * DEG}
 
 
-def test_a_scenario_is_swept_with_all_that_it_says(tmp_path: Path):
+def test_a_scenario_is_swept_with_all_its_settings(tmp_path: Path) -> None:
     # given
     file = tmp_path / "meadow.toml"
     file.write_text(
@@ -103,12 +106,12 @@ def test_a_scenario_is_swept_with_all_that_it_says(tmp_path: Path):
     assert len(planned.job.points) == 51
 
 
-def test_any_parameter_can_be_varied_in_the_units_in_which_it_is_written():
+def test_any_parameter_can_be_varied_in_the_units_in_which_it_is_written() -> None:
     planned = plan_sweep("two", vary=["canine.drift=-0.2:0.2:0.1", "cmec.max_turns=1:3:1"])
     assert planned.job.varied == ("plant.drift", "controller.max_turns")
     assert planned.points[0] == planned.points[0]
     assert [[float(v) for v in p] for p in planned.points[:4]] == [[-0.2, 1], [-0.2, 2], [-0.2, 3], [-0.1, 1]]
-    assert planned.job.points[0] == (pytest.approx(-0.2 * DEG), 1.0)
+    assert planned.job.points[0] == pytest.approx((-0.2 * DEG, 1.0))
     assert len(planned.job.points) == 15
     # a switch is varied from 0 to 1, an element of a vector by its name
     assert plan_sweep("two", vary=["cmec.reset_turns=0:1:1"]).job.points == ((0.0,), (1.0,))
@@ -119,7 +122,7 @@ def test_any_parameter_can_be_varied_in_the_units_in_which_it_is_written():
     )
 
 
-def test_thresholds_go_with_another_parameter_and_in_other_steps():
+def test_thresholds_are_varied_beside_another_parameter_in_any_steps() -> None:
     planned = plan_sweep("two", thresholds="20:21:0.25", vary=["cmec.capture_radius=5:7:1"])
     assert [axis.column for axis in planned.axes] == ["threshold_deg", "cmec.capture_radius"]
     assert [len(axis.values) for axis in planned.axes] == [5, 3]
@@ -163,18 +166,18 @@ def test_thresholds_go_with_another_parameter_and_in_other_steps():
         ({"settings": ["sensors.gps_sigma=1"]}, 'the system "cts" has no sensors; sweep with --system full'),
     ],
 )  # fmt: skip
-def test_what_makes_no_sense_is_refused(arguments: dict, message: str):
+def test_invalid_options_are_refused(arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(UsageError) as caught:
         plan_sweep("two", **arguments)
     assert message in str(caught.value)
 
 
-def test_a_sweep_of_too_many_points_in_two_dimensions_is_refused():
+def test_a_sweep_of_too_many_points_in_two_dimensions_is_refused() -> None:
     with pytest.raises(SweepError, match="15100 points; expected at most 10000: take larger steps"):
         plan_sweep("two", thresholds="0:75:0.5", vary=["cmec.capture_radius=1:10.9:0.1"])
 
 
-def test_a_scenario_on_a_foreign_package_is_refused(tmp_path: Path):
+def test_a_scenario_on_a_foreign_package_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "theirs.toml"
     file.write_text('system = "theirs.ssp"\nwaypoints = [[25, 0]]')
     with pytest.raises(SweepError, match=r"runs the package theirs.ssp; a sweep compiles our own systems"):
@@ -183,7 +186,7 @@ def test_a_scenario_on_a_foreign_package_is_refused(tmp_path: Path):
         plan_sweep("tow")
 
 
-def test_only_free_inputs_can_be_set(tmp_path: Path):
+def test_only_free_inputs_can_be_set(tmp_path: Path) -> None:
     file = tmp_path / "push.toml"
     file.write_text('waypoints = [[25, 0]]\n[[set]]\nat = 1\n"controller.speed" = 2')
     with pytest.raises(UsageError, match=r"controller.speed is connected; only free inputs can be set"):
@@ -193,9 +196,9 @@ def test_only_free_inputs_can_be_set(tmp_path: Path):
 # the table
 
 
-def test_the_table_by_hand(
+def test_the_table_has_the_numbers_found_by_hand(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+) -> None:
     # given four trials at 20 and 21 deg
     known = {
         (20, 1): (Status.SUCCESS, 100, 1, {1: 2}),
@@ -225,16 +228,16 @@ def test_the_table_by_hand(
 @pytest.mark.parametrize(
     ("successes", "trials"), [(0, 1), (1, 1), (2, 4), (951, 1000), (1000, 1000), (0, 50)]
 )
-def test_wilsons_interval_is_scipys(successes: int, trials: int):
+def test_wilsons_interval_is_scipys(successes: int, trials: int) -> None:
     other = binomtest(successes, trials).proportion_ci(method="wilson")
     assert wilson(successes, trials) == pytest.approx((other.low, other.high), abs=1e-12)
 
 
 def test_types_take_turns_and_have_their_rates(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+) -> None:
     # given dogs that never master left 90, and right 45 with even seeds div 4 only
-    def outcome(threshold: int, seed: int, own: dict) -> tuple:
+    def outcome(threshold: int, seed: int, own: dict[str, float]) -> Trial:
         east = own["controller.waypoint_east[2]"]
         good = {35.73: True, -35.73: False, 22.4224: (seed // 4) % 2 == 0, -22.4224: True}[east]
         return (Status.SUCCESS if good else Status.FAILED), 500, 0, {}
@@ -251,12 +254,12 @@ def test_types_take_turns_and_have_their_rates(
     assert Counter(runner.seeds) == Counter(range(100, 140))
 
 
-def test_every_point_meets_the_same_dogs(runner: Runner, tmp_path: Path):
+def test_every_point_meets_the_same_dogs(runner: Runner, tmp_path: Path) -> None:
     sweep.run(plan_sweep("two", thresholds="20:29", trials=30, seed=5), tmp_path)
     assert Counter(runner.seeds) == dict.fromkeys(range(5, 35), 10)
 
 
-def test_a_row_is_the_same_whatever_else_is_varied(runner: Runner, tmp_path: Path):
+def test_a_row_is_the_same_whatever_else_is_varied(runner: Runner, tmp_path: Path) -> None:
     for name, thresholds in (("a", "20:20"), ("b", "15:40:5")):
         sweep.run(plan_sweep("two", thresholds=thresholds, trials=50), tmp_path / name)
     alone, among = ((tmp_path / name / "sweep.csv").read_text().splitlines() for name in "ab")
@@ -268,7 +271,7 @@ def test_a_row_is_the_same_whatever_else_is_varied(runner: Runner, tmp_path: Pat
 
 def test_the_command_leaves_table_picture_and_recommendation(
     runner: Runner, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+) -> None:
     # when
     status, text, _ = canine(capsys, "two", "--thresholds", "15:60", "--trials", 400, "--out", tmp_path / "s")
     # then the success rate rises by 1 % a degree
@@ -291,7 +294,7 @@ def test_the_command_leaves_table_picture_and_recommendation(
     assert json.loads(text) == result
 
 
-def test_two_parameters_give_maps(runner: Runner, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_two_parameters_give_maps(runner: Runner, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     options = ("--thresholds", "20:40:10", "--vary", "cmec.capture_radius=5:6:0.5", "--trials", 20)
     status, _, _ = canine(capsys, "two", *options, "--out", tmp_path)
     assert status == 0
@@ -303,7 +306,7 @@ def test_two_parameters_give_maps(runner: Runner, tmp_path: Path, capsys: pytest
     assert (width, height) == (2100, 930)
 
 
-def test_errors_are_one_line_and_status_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_errors_are_one_line_and_status_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for arguments in (
         ("two", "--thresholds", "9:3"),
         ("nothing",),
@@ -320,10 +323,10 @@ def test_errors_are_one_line_and_status_2(tmp_path: Path, capsys: pytest.Capture
         assert not (tmp_path / "s").exists()
 
 
-# what is on the disk
+# files
 
 
-def interrupt_after(trials: int):
+def interrupt_after(trials: int) -> Callable[[int], None]:
     """A progress bar that gets Ctrl-C."""
 
     def progress(done: int) -> None:
@@ -341,12 +344,12 @@ def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(chunks.LARGEST, "cts", 10)
 
 
-ASKED = {"thresholds": "20:29", "trials": 33}
+ASKED: dict[str, Any] = {"thresholds": "20:29", "trials": 33}
 
 
-def test_an_interrupted_sweep_goes_on_where_it_was(
+def test_an_interrupted_sweep_goes_on_from_its_journal(
     runner: Runner, small_chunks: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+) -> None:
     # given a sweep that was never interrupted, and one that was twice
     planned = plan_sweep("two", **ASKED)
     sweep.run(planned, tmp_path / "whole")
@@ -375,10 +378,10 @@ def test_an_interrupted_sweep_goes_on_where_it_was(
     assert not path.exists()
 
 
-def test_ctrl_c_says_how_to_go_on(
+def test_a_sweep_ended_by_ctrl_c_says_how_to_go_on(
     runner: Runner, small_chunks: None, tmp_path: Path, capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
-):  # fmt: skip
+) -> None:  # fmt: skip
     append = journal.Journal.append
 
     def interrupted(self: journal.Journal, chunk: chunks.Chunk) -> None:
@@ -397,7 +400,9 @@ def test_ctrl_c_says_how_to_go_on(
     assert (status, error) == (0, "note: 10 of 80 trials are there from before; going on\n")
 
 
-def test_the_journal_of_another_sweep_is_left_alone(runner: Runner, small_chunks: None, tmp_path: Path):
+def test_a_folder_with_another_sweeps_journal_is_refused(
+    runner: Runner, small_chunks: None, tmp_path: Path
+) -> None:
     with pytest.raises(KeyboardInterrupt):
         sweep.run(plan_sweep("two", **ASKED), tmp_path, progress=interrupt_after(50))
     content = (tmp_path / "sweep.journal").read_bytes()
@@ -416,9 +421,9 @@ def test_the_journal_of_another_sweep_is_left_alone(runner: Runner, small_chunks
         assert (tmp_path / "sweep.journal").read_bytes() == content
 
 
-def test_another_version_of_the_models_does_not_go_on(
+def test_a_sweep_does_not_go_on_with_another_version_of_the_models(
     runner: Runner, small_chunks: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+) -> None:
     with pytest.raises(KeyboardInterrupt):
         sweep.run(plan_sweep("two", **ASKED), tmp_path, progress=interrupt_after(50))
     monkeypatch.setattr(sweep, "program", lambda: "another")
@@ -426,39 +431,14 @@ def test_another_version_of_the_models_does_not_go_on(
         sweep.run(plan_sweep("two", **ASKED), tmp_path)
 
 
-def test_a_damaged_journal_is_used_but_for_the_damage(runner: Runner, small_chunks: None, tmp_path: Path):
-    planned = plan_sweep("two", **ASKED)
-    sweep.run(planned, tmp_path / "whole")
-    path = tmp_path / "s" / "sweep.journal"
-    for damage, dropped, lost in (
-        (lambda line: b"", 0, 1),
-        (lambda line: b"{}\n", 1, 1),
-        (lambda line: b"\0" * 5000, 1, 2),  # the next line is no line then
-        (lambda line: line[:-1] + b"\xff\n", 1, 1),
-        (lambda line: line.replace(b'"sums": [[', b'"sums": [[1'), 1, 1),  # JSON, and a count, but another
-        (lambda line: line + line, 1, 0),
-    ):
-        path.unlink(missing_ok=True)
-        with pytest.raises(KeyboardInterrupt):
-            sweep.run(planned, tmp_path / "s", progress=interrupt_after(50))
-        lines = path.read_bytes().splitlines(keepends=True)
-        path.write_bytes(b"".join([*lines[:3], damage(lines[3]), *lines[4:]]))
-        notes: list[str] = []
-        sweep.run(planned, tmp_path / "s", note=notes.append)
-        words = f"{path}: {dropped} damaged line left out; those trials run again"
-        assert notes[:-1] == [words] * dropped
-        assert int(notes[-1].split()[0]) == 10 * (len(lines) - 1 - lost)
-        assert (tmp_path / "s" / "sweep.csv").read_bytes() == (tmp_path / "whole" / "sweep.csv").read_bytes()
-
-
-def test_a_full_disk_is_said_and_nothing_is_lost(
+def test_a_full_disk_is_named_and_no_chunk_is_lost(
     runner: Runner, small_chunks: None, tmp_path: Path, capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
-):  # fmt: skip
+) -> None:  # fmt: skip
     command = ("two", "--thresholds", "20:29", "--trials", 33, "--out")
     canine(capsys, *command, tmp_path / "whole")
     # given a disk on which 2000 bytes fit
-    room, write = 2000, journal.os.write
+    room, write = 2000, os.write
 
     def little(handle: int, data: memoryview) -> int:
         nonlocal room
@@ -469,7 +449,7 @@ def test_a_full_disk_is_said_and_nothing_is_lost(
         return written
 
     with monkeypatch.context() as patch:
-        patch.setattr(journal.os, "write", little)
+        patch.setattr(os, "write", little)
         status, _, error = canine(capsys, *command, tmp_path / "s")
     # then
     assert status == 1
@@ -483,23 +463,10 @@ def test_a_full_disk_is_said_and_nothing_is_lost(
     assert (tmp_path / "s" / "sweep.csv").read_bytes() == (tmp_path / "whole" / "sweep.csv").read_bytes()
 
 
-def test_what_is_no_journal_is_left_alone(runner: Runner, tmp_path: Path):
-    path = tmp_path / "sweep.journal"
-    for content in (b"my notes of the cruise\n", b'{"sweep": "of an older version"}\n', b"\0" * 100):
-        path.write_bytes(content)
-        with pytest.raises(UsageError) as caught:
-            sweep.run(plan_sweep("two", **ASKED), tmp_path)
-        assert str(caught.value) == (
-            f"{path}: its first line is damaged, or it is not a sweep's journal; remove it, or "
-            "choose another folder with --out"
-        )
-        assert path.read_bytes() == content
-
-
 def test_a_disk_without_any_room_leaves_nothing_behind(
     runner: Runner, small_chunks: None, tmp_path: Path, capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
-):  # fmt: skip
+) -> None:  # fmt: skip
     # given a disk on which nothing fits, and one on which the first line alone does
     def full(handle: int, data: memoryview) -> int:
         raise OSError(28, "No space left on device")
@@ -507,13 +474,13 @@ def test_a_disk_without_any_room_leaves_nothing_behind(
     def one_line(handle: int, data: memoryview) -> int:
         return write(handle, data) if b'"about"' in bytes(data) else full(handle, data)
 
-    write = journal.os.write
+    write = os.write
     for little, then in (
         (full, "make room, or choose another folder with --out"),
         (one_line, "make room, and give the command again"),
     ):
         with monkeypatch.context() as patch:
-            patch.setattr(journal.os, "write", little)
+            patch.setattr(os, "write", little)
             status, _, error = canine(capsys, "two", "--thresholds", "20:29", "--out", tmp_path)
         assert status == 1
         assert error == (
@@ -524,7 +491,7 @@ def test_a_disk_without_any_room_leaves_nothing_behind(
 
 def test_a_folder_that_cannot_take_the_results_is_refused_at_once(
     runner: Runner, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+) -> None:
     (tmp_path / "a" / "sweep.csv").mkdir(parents=True)
     (tmp_path / "file").touch()
     for folder, status, message in (
@@ -539,7 +506,7 @@ def test_a_folder_that_cannot_take_the_results_is_refused_at_once(
 
 def test_results_that_cannot_be_written_wait_in_the_journal(
     runner: Runner, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
+) -> None:
     def full(path: Path, content: bytes) -> None:
         raise OSError(28, "No space left on device")
 
@@ -555,9 +522,9 @@ def test_results_that_cannot_be_written_wait_in_the_journal(
     assert error == "note: 8 of 8 trials are there from before; going on\n"
 
 
-def test_earlier_results_stay_until_there_are_new_ones(
+def test_earlier_results_stay_until_new_ones_are_complete(
     runner: Runner, small_chunks: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+) -> None:
     def results() -> dict[str, bytes]:
         return {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.name != "sweep.journal"}
 
@@ -576,35 +543,3 @@ def test_earlier_results_stay_until_there_are_new_ones(
     assert results() == earlier
     sweep.run(plan_sweep("two", **ASKED), tmp_path)
     assert results()["sweep.csv"].count(b"\n") == 11
-
-
-def test_a_journal_that_was_removed_before_it_was_locked_is_made_anew(
-    runner: Runner, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    # given another process that is done, and removes its journal, between our opening and locking it
-    planned, lock = plan_sweep("two", **ASKED), journal.fcntl.flock
-
-    def late(handle: int, how: int) -> None:
-        if late.first:
-            late.first = False
-            (tmp_path / "sweep.journal").unlink()
-        lock(handle, how)
-
-    for late.first in (False, True):
-        with monkeypatch.context() as patch:
-            patch.setattr(journal.fcntl, "flock", late)
-            # then the lock is on the file that is there
-            with (
-                journal.open_journal(tmp_path, planned.job, planned.fingerprint, planned.about),
-                pytest.raises(UsageError, match="another sweep is being written there"),
-            ):
-                sweep.run(planned, tmp_path)
-
-
-def test_two_sweeps_do_not_write_into_one_folder(runner: Runner, tmp_path: Path):
-    planned = plan_sweep("two", **ASKED)
-    with (
-        journal.open_journal(tmp_path, planned.job, planned.fingerprint, planned.about),
-        pytest.raises(UsageError, match="another sweep is being written there"),
-    ):
-        sweep.run(planned, tmp_path)

@@ -12,15 +12,17 @@ import pytest
 from matplotlib.image import imread
 from scipy.stats import beta, binom
 
+from harness.log.log import Array
 from harness.sweep import sweep
 from harness.sweep.chunks import Outcomes, pool_at, run_all
+from harness.sweep.recommend import Ticks
 from harness.sweep.table import table_of
 from harness.trial.plots import equal_stretches
 from harness.trial.scenario import load
 from harness.verification.page import PAGE, RESULTS, write
 from harness.verification.page import page as page_of
 from harness.verification.published import FIELD, Field
-from harness.verification.runs import Size, Story, simulate, story, time_difference
+from harness.verification.runs import Example, Size, find_example, simulate, time_difference
 from harness.verification.tables import time_table
 from models.commands import Command
 
@@ -28,20 +30,20 @@ SMALL = Size(curve=40, rate=400, ranked=100, long=40, seeds=60)
 
 
 @pytest.fixture(scope="module")
-def told() -> Story:
-    return story(SMALL.seeds)
+def example() -> Example:
+    return find_example(SMALL.seeds)
 
 
 @pytest.fixture(scope="module")
-def page(told: Story) -> str:
-    return page_of(SMALL, told)
+def page(example: Example) -> str:
+    return page_of(SMALL, example)
 
 
 def row(page: str, *first: str) -> list[str]:
     """The cells of the only line whose first cells are these."""
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in page.splitlines() if line[:1] == "|"]
-    (found,) = [cells for cells in rows if tuple(cells[: len(first)]) == first]
-    return found
+    (match,) = [cells for cells in rows if tuple(cells[: len(first)]) == first]
+    return match
 
 
 # what the dissertation says
@@ -69,8 +71,8 @@ def test_field_counts_are_those_of_table_4_4() -> None:
     for (waypoints, environment), n in numbers.items():
         mine = [f for f in FIELD if (f.waypoints, f.environment) == (waypoints, environment)]
         assert sum(f.trials for f in mine) == n
-    for waypoints, composite in ((("two",), 97.7), (("three",), 70.1), (("two", "three"), 86.6)):
-        mine = [f for f in FIELD if f.waypoints in waypoints]
+    for together, composite in ((("two",), 97.7), (("three",), 70.1), (("two", "three"), 86.6)):
+        mine = [f for f in FIELD if f.waypoints in together]
         assert round(100 * sum(f.successes for f in mine) / sum(f.trials for f in mine), 1) == composite
 
 
@@ -104,16 +106,17 @@ def test_trials_are_those_of_canine_sweep() -> None:
     planned = sweep.plan_sweep("three", thresholds="37:49:12", trials=202, reading="literal")
     outcomes = swept(planned)
     # then they end on the same ticks, and count the same
-    found = simulate("three", "37:49:12", 202, "literal")
-    assert found.ticks.tolist() == outcomes.ticks.tolist()
-    assert found.table == table_of(planned.points, outcomes)
-    assert 0 < found.at(49).successes < 202
+    simulated = simulate("three", "37:49:12", 202, "literal")
+    assert simulated.ticks.tolist() == outcomes.ticks.tolist()
+    assert simulated.table == table_of(planned.points, outcomes)
+    assert 0 < simulated.at(49).successes < 202
 
 
 def test_time_difference_of_a_delay_that_is_the_same_for_all_has_no_error() -> None:
     ticks = np.array([100, 0, 140, 180], dtype=np.uint16)
     later, error = time_difference(np.where(ticks > 0, ticks + 25, 0).astype(np.uint16), ticks)
-    assert (later, error) == (pytest.approx(1.0), pytest.approx(0.0))
+    assert later == pytest.approx(1.0)
+    assert error == pytest.approx(0.0)
 
 
 def test_time_difference_has_the_error_that_the_jackknife_finds() -> None:
@@ -124,9 +127,10 @@ def test_time_difference_has_the_error_that_the_jackknife_finds() -> None:
     # when one trial after the other is left out
     later, error = time_difference(late, ticks)
 
-    def means_without(row: np.ndarray) -> np.ndarray:
-        seconds = 0.04 * row.astype(float)
-        return (seconds.sum() - seconds) / (np.count_nonzero(row) - (row > 0))
+    def means_without(row: Ticks) -> Array:
+        seconds = 0.04 * row.astype(np.float64)
+        means: Array = (seconds.sum() - seconds) / (np.count_nonzero(row) - (row > 0))
+        return means
 
     without = means_without(late) - means_without(ticks)
     n = len(without)
@@ -138,23 +142,23 @@ def test_time_difference_has_the_error_that_the_jackknife_finds() -> None:
 # the trial of Figure 5.2
 
 
-def test_a_right_command_is_ignored_for_3_s_and_obeyed_after_1_s_of_silence(told: Story) -> None:
-    log = told.log
+def test_a_right_command_is_ignored_for_3_s_and_obeyed_after_1_s_of_silence(example: Example) -> None:
+    log = example.log
     # when the dog is told to turn right, for DELTHRESH2 and after HEADCOUNTTHRESH again
-    assert told.silenced - told.given == pytest.approx(3.0)
-    assert told.again - told.silenced == pytest.approx(1.0)
-    assert 0 < told.obeyed - told.again < 3.0
+    assert example.silenced - example.commanded == pytest.approx(3.0)
+    assert example.repeated - example.silenced == pytest.approx(1.0)
+    assert 0 < example.obeyed - example.repeated < 3.0
     # then it stands still at first, and then turns to within 5 deg, and arrives
-    during = (log.time > told.given + 0.2) & (log.time <= told.again)
+    during = (log.time > example.commanded + 0.2) & (log.time <= example.repeated)
     assert np.ptp(log["plant.heading"][during]) < 1e-9
-    assert np.degrees(abs(log["controller.deviation"][log.time == told.obeyed][0])) < 5
-    assert np.degrees(abs(log["controller.deviation"][log.time == told.again][0])) > 20
+    assert np.degrees(abs(log["controller.deviation"][log.time == example.obeyed][0])) < 5
+    assert np.degrees(abs(log["controller.deviation"][log.time == example.repeated][0])) > 20
     assert log["controller.anomaly"][log["controller.anomaly"] > 0].tolist() == [2]  # TURN FAILURE
     assert log["controller.status"][-1] == 2  # SUCCESS
     rights = [
         first for first, _, value in equal_stretches(log["controller.command"]) if value == Command.RIGHT
     ]
-    assert log.time[rights].tolist() == [told.given, told.again]
+    assert log.time[rights].tolist() == [example.commanded, example.repeated]
 
 
 # the page
@@ -220,10 +224,10 @@ def test_the_same_inputs_give_the_same_page_with_all_that_it_shows(page: str, tm
         assert imread(tmp_path / name).std() > 0.05
 
 
-def test_the_committed_page_is_what_a_run_gives(told: Story) -> None:
+def test_the_committed_page_is_what_a_run_gives(example: Example) -> None:
     committed = (RESULTS / PAGE).read_text()
     assert time_table(Size()) in committed
-    assert f"success is seed {told.seed};" in committed
+    assert f"has seed {example.seed};" in committed
     assert "python -m harness.verification\n" in committed
     # with its pictures beside it
     shown = re.findall(r"!\[.+\]\((.+)\)", committed)
