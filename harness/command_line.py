@@ -7,7 +7,7 @@ import math
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
 
@@ -54,8 +54,8 @@ Constants = Annotated[
 ]
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(asked: bool) -> None:
+    if asked:
         from importlib.metadata import version
 
         typer.echo(f"canine {version('guided-canine')}")
@@ -197,9 +197,12 @@ def _run_seeds(request: Request, seeds: str, folder: Path | None, as_json: bool)
     chosen = parse_seeds(seeds)
     place = folder or default_folder(request)
     summaries = []
-    with _bar("trials", len(chosen), quiet=as_json) as progress:
+    with (
+        _bar("trials", len(chosen), quiet=as_json) as progress,
+        closing(run_seeds(request, chosen, place, _note)) as trials,
+    ):
         try:
-            for summary in run_seeds(request, chosen, place, _note):
+            for summary in trials:
                 summaries.append(summary)
                 if progress:
                     progress(len(summaries))

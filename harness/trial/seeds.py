@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -49,13 +49,13 @@ def run_seeds(
     seeds: Sequence[int],
     out: Path,
     note: Callable[[str], None] = lambda text: None,
-) -> Iterator[dict[str, Any]]:
+) -> Generator[dict[str, Any]]:
     """Run a trial with each seed into out/<seed>; yields the summaries.
 
     However it ends, seeds.csv has the trials that are done. A trial that the user ends leaves no files.
 
     Args:
-        note: is told what the user should know, once.
+        note: called with what the user should know, once.
 
     Raises:
         UsageError: a folder cannot be made.
