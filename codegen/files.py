@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import secrets
+import os
 from pathlib import Path
 
 
@@ -12,7 +12,7 @@ def write_whole(path: Path, content: bytes) -> Path:
     Raises:
         OSError: it cannot be written; what was there before still is.
     """
-    part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
+    part = path.with_name(f".{path.name}.{os.urandom(4).hex()}.part")
     try:
         part.write_bytes(content)
         return part.replace(path)

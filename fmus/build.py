@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import tempfile
 import uuid
@@ -19,22 +18,19 @@ from codegen.toolchains.compiler import (
     PLATFORMS,
     Platform,
     build_library,
-    cache_folder,
     compiler_version,
     find_platform,
     this_platform,
 )
 from fmus.archive import pack, stamp_of
-from fmus.description import FmiVersion, block_header, build_description, documentation, model_description
+from fmus.description import block_header, build_description, documentation, model_description
+from fmus.folder import STAMP, VERSIONS, FmiVersion, build_folder, digest, origin
 from fmus.ssp import write_ssp
 from models.errors import CanineError
 from models.kit.block import Block
 from models.kit.elementary import Precision
 from models.system import BLOCKS, SYSTEMS
 
-FLOORS = Path(__file__).parents[1]
-STAMP = "built-from"  # in a build folder: the hash of what it was built from
-VERSIONS: tuple[FmiVersion, ...] = (2, 3)
 SHIM = Path(__file__).parent / "shim"
 HEADERS: dict[FmiVersion, tuple[str, ...]] = {
     2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
@@ -48,19 +44,6 @@ _generate: Generate = cache(generate)  # type: ignore[assignment]
 
 class BuildError(CanineError):
     """An FMU cannot be made here."""
-
-
-@cache
-def build_folder() -> Path:
-    """Where our own FMUs and packages are built, and found again.
-
-    A checkout that can be written keeps them in fmus/build. An installed package keeps them in the
-    user's cache, in a folder for each state of the sources.
-    """
-    here = Path(__file__).parent
-    if (FLOORS / "pyproject.toml").is_file() and os.access(here, os.W_OK):
-        return here / "build"
-    return cache_folder() / "fmus" / _origin()[:16]
 
 
 def build_fmu(
@@ -106,7 +89,7 @@ def build_all(
         BuildError: two platforms, neither this machine's, would lie in the same folder.
     """
     folder = folder or build_folder()
-    origin = _origin()  # before anything is traced: an edit meanwhile makes the folder out of date
+    built_from = origin()  # before anything is traced: an edit meanwhile makes the folder out of date
     built: dict[tuple[type[Block], FmiVersion], Future[Path]] = {}
     paths = []
     with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -123,23 +106,8 @@ def build_all(
             fmus = {role: built[block, version].result() for role, block in system.components.items()}
             paths.append(write_ssp(system, fmus, folder / f"{system.name}.fmi{version}.ssp"))
             done(paths[-1])
-    write_whole(folder / STAMP, origin.encode())
+    write_whole(folder / STAMP, built_from.encode())
     return paths
-
-
-def is_current(folder: Path | None = None) -> bool:
-    """Was all in the folder built from models, generator and shim as they are now, and for this machine?
-
-    Raises:
-        CompileError: this machine is none of `codegen.toolchains.compiler.PLATFORMS`.
-    """
-    folder = folder or build_folder()
-    stamp = folder / STAMP
-    if not stamp.is_file() or stamp.read_text() != _origin():
-        return False
-    here = PLATFORMS[this_platform()].fmi3
-    fmus = (folder / f"fmi{version}" / f"{block.title()}.fmu" for block in BLOCKS for version in VERSIONS)
-    return all(here in stamp_of(fmu).split()[1:] for fmu in fmus)
 
 
 def contents(block: type[Block], version: FmiVersion, precision: Precision = "double") -> dict[str, bytes]:
@@ -161,7 +129,7 @@ def contents(block: type[Block], version: FmiVersion, precision: Precision = "do
         files["sources/buildDescription.xml"] = build_description(block, sources)
     files["modelDescription.xml"] = model_description(block, version, TOKEN, sources)
     files["documentation/index.html"] = documentation(block, version).encode()
-    token = f"{{{uuid.UUID(hex=_digest(files)[:32])}}}"
+    token = f"{{{uuid.UUID(hex=digest(files)[:32])}}}"
     return {name: content.replace(TOKEN.encode(), token.encode()) for name, content in files.items()}
 
 
@@ -190,17 +158,17 @@ def _prepare(
             "build one of each name"
         )
     files = contents(block, version, precision)
-    origin = _digest(files, [compiler_version(), *FLAGS, *sorted(p.target for p in PLATFORMS.values())])
+    built_from = digest(files, [compiler_version(), *FLAGS, *sorted(p.target for p in PLATFORMS.values())])
     held = {p.fmi3 for p in chosen}  # as FMI 3.0 names them: FMI 2.0's folders do not tell ARM
 
     def build() -> Path:
         lying = stamp_of(path).split()
-        if lying[:1] == [origin] and held <= set(lying[1:]):
+        if lying[:1] == [built_from] and held <= set(lying[1:]):
             return path
         binaries: dict[str, bytes] = {}
         for platform in chosen:
             binaries |= _binary(block, version, platform, files)
-        return pack(path, files | binaries, " ".join([origin, *sorted(held)]))
+        return pack(path, files | binaries, " ".join([built_from, *sorted(held)]))
 
     return build
 
@@ -233,20 +201,3 @@ def _headers() -> Path:
         if (Path(folder) / "c-code" / "fmi3Functions.h").exists():
             return Path(folder) / "c-code"
     raise BuildError("the installed fmpy has no c-code/fmi3Functions.h; install the version of the lock file")
-
-
-def _origin() -> str:
-    """A hash of what builds depend on: the files of three floors, and the compiler's version."""
-    files = {
-        str(path.relative_to(FLOORS)): path.read_bytes()
-        for floor in ("models", "codegen", "fmus")
-        for path in (FLOORS / floor).rglob("*")
-        if path.suffix in (".py", ".c", ".h", ".jinja")
-    }
-    return _digest(files, [compiler_version()])
-
-
-def _digest(files: Mapping[str, bytes], more: Iterable[str] = ()) -> str:
-    parts = [part for name in sorted(files) for part in (name.encode(), files[name])]
-    parts += [text.encode() for text in more]
-    return hashlib.sha256(b"".join(len(part).to_bytes(8, "big") + part for part in parts)).hexdigest()

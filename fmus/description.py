@@ -6,20 +6,19 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 from codegen.blocks.block_c import VERSION
 from codegen.blocks.expressions import MEMBERS, c_name
 from codegen.templating import environment
 from codegen.toolchains.compiler import NUMERICS
 from fmus.dependencies import Known, initial_dependencies, tick_dependencies
+from fmus.folder import FmiVersion
 from models.errors import DeclarationError
 from models.kit.block import Block
 from models.kit.declaration import LARGEST, Parameter, Type, Variable
 from models.kit.elementary import Precision
 from models.kit.units import UNITS
 
-FmiVersion = Literal[2, 3]
 CAUSALITY = {"input": "input", "output": "output", "parameter": "parameter", "state": "local"}  # by reference
 FMI3_TYPES = {Type.REAL: "Float64", Type.INTEGER: "Int32", Type.BOOLEAN: "Boolean"}
 STOP_TIME = 300.0  # s, at which a trial is cut

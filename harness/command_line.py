@@ -8,28 +8,29 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
 
 import typer
-from rich.console import Console
-from rich.markup import escape
 
 from codegen.firmware.targets import SIMULATED, TARGETS, find_target
 from codegen.toolchains.compiler import PLATFORMS
 from harness.cosim.stepping import DURATION, Order
 from harness.pil import SCENARIO
-from harness.trial.scenario import DEFAULT, MAX_SEED
+from harness.trial import DEFAULT
 from models.errors import CanineError, UsageError
+from models.kit.random import MAX_SEED
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from harness.cosim.fmu import FmuDescription
     from harness.trial.request import Request
 
 LONG_S = 60.0  # s of trial time, from which on a run shows its progress
 TRY_OUT_S = 1.0  # s for which an FMU that is checked is run alone
 
-out, err = Console(), Console(stderr=True)
 app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
@@ -108,7 +109,8 @@ def build(
     canine build
     canine build --platform win64
     """
-    from fmus.build import build_all, build_folder
+    from fmus.build import build_all
+    from fmus.folder import build_folder
 
     with _telling("building") as done:
         paths = build_all(platforms=[*(platform or []), *(more or [])], done=done)
@@ -186,7 +188,7 @@ def run(
     if as_json:
         typer.echo(json.dumps(summary, indent=2))
     else:
-        show(summary, out)
+        show(summary, out())
         _say_where(place)
 
 
@@ -212,7 +214,7 @@ def _run_seeds(request: Request, seeds: str, folder: Path | None, as_json: bool)
     if as_json:
         typer.echo(json.dumps(summaries, indent=2))
     else:
-        show(summaries, out)
+        show(summaries, out())
         typer.echo(f"{_short(place)}/: {SEEDS}, and a folder for each seed")
 
 
@@ -281,7 +283,7 @@ def processor_in_the_loop(
     if as_json:
         typer.echo(json.dumps(result, indent=2))
     else:
-        compare.show(result, out)
+        compare.show(result, out())
         _say_where(folder or compare.default_folder(target))
 
 
@@ -302,8 +304,6 @@ def wiring(
     canine wiring
     canine wiring my.ssp --order jacobi
     """
-    from rich.table import Table
-
     from harness.cosim.wiring import wire
     from harness.trial.prepare import prepared
     from harness.trial.request import Changes, build_missing, requested
@@ -318,12 +318,14 @@ def wiring(
         links = [{"link": str(link), "ticks": ticks} for link, ticks in found.delays]
         typer.echo(json.dumps({"order": found.order, "step_s": found.step, "links": links}, indent=2))
         return
-    table = Table("link", "delay", box=None, padding=(0, 2, 0, 0), header_style="bold")
+    rows = [("link", "delay")]
     for link, ticks in found.delays:
         conversion = f"  * {link.factor:g} + {link.offset:g}" if link.converts else ""
-        table.add_row(escape(f"{link}{conversion}"), "none" if ticks == 0 else f"{ticks} tick")
-    out.print(f"{request.order}, every {found.step:g} s: {', then '.join(found.order)}", soft_wrap=True)
-    out.print(table)
+        rows.append((f"{link}{conversion}", "none" if ticks == 0 else f"{ticks} tick"))
+    width = max(len(link) for link, _ in rows) + 2
+    typer.echo(f"{request.order}, every {found.step:g} s: {', then '.join(found.order)}")
+    for row, (what, delay) in enumerate(rows):  # importing rich's tables takes longer
+        typer.secho(f"{what:{width}}{delay}", bold=row == 0 or None)
 
 
 @app.command()
@@ -337,18 +339,20 @@ def check(
     canine check dog.fmu --role plant             (dog.toml beside it may map names and units)
     """
     from harness.cosim.fmu import describe
-    from harness.cosim.roles import find_role, fit, read_adapter
 
-    wanted = None if role is None else find_role(role)
+    if role is not None:
+        from harness.cosim.roles import find_role, fit, read_adapter
+
+        place = find_role(role)
     description = describe(fmu)
     for warning in description.warnings:
-        err.print(f"note: {escape(f'{fmu.name}: {warning}')}", style="dim", soft_wrap=True)
-    if wanted is not None:
-        found = fit(description, wanted, read_adapter(fmu, wanted))
-        for note in found.notes:
-            err.print(f"note: {escape(note)}", style="dim", soft_wrap=True)
-        if found.problems:
-            raise CanineError("\n".join(found.problems))
+        _note(f"{fmu.name}: {warning}")
+    if role is not None:
+        result = fit(description, place, read_adapter(fmu, place))
+        for note in result.notes:
+            _note(note)
+        if result.problems:
+            raise CanineError("\n".join(result.problems))
     _try_out(description, role or "fmu")
     typer.echo(
         f"{fmu.name}: FMI {description.version} co-simulation, {len(description.inputs)} inputs, "
@@ -382,7 +386,7 @@ def replay_recording(
     replay.find_estimator(estimator)
     source = replay.open_source(recording)
     if source.broken:
-        err.print(f"note: {recording}: the log is not whole, {escape(source.broken)}", soft_wrap=True)
+        _note(f"{recording}: the log is not whole, {source.broken}")
     chosen = source.windows(outage, every)
     with _bar("outages", len(chosen), quiet=as_json) as progress:
         found = replay.replay(source, estimator, chosen, progress)
@@ -391,7 +395,7 @@ def replay_recording(
     if as_json:
         typer.echo(json.dumps(result, indent=2))
     else:
-        replay.show(result, out)
+        replay.show(result, out())
         _say_where(place)
 
 
@@ -458,12 +462,8 @@ def sweep_parameters(
     if as_json:
         typer.echo(json.dumps(result, indent=2))
     else:
-        sweep.show(planned, table, result, out)
+        sweep.show(planned, table, result, out())
         _say_where(place)
-
-
-def _note(text: str) -> None:
-    err.print(f"note: {escape(text)}", style="dim", soft_wrap=True)
 
 
 @app.command("fit")
@@ -499,7 +499,7 @@ def fit_animal(
     if as_json:
         typer.echo(json.dumps(result, indent=2))
     else:
-        report.show(result, out)
+        report.show(result, out())
         _say_where(place)
 
 
@@ -541,6 +541,7 @@ def list_scenarios(
     as_json: Annotated[bool, typer.Option("--json", help="print them as JSON")] = False,
 ) -> None:
     """List the scenarios that come with the project; each runs by its name."""
+    from rich.markup import escape
     from rich.table import Table
 
     from harness.trial.scenario import about, load, shipped
@@ -559,7 +560,7 @@ def list_scenarios(
         table.add_column(heading, justify="right" if "waypoints" in heading else "left")
     for name, scenario in scenarios.items():
         table.add_row(name, str(len(scenario.waypoints)), scenario.system, escape(about(name)))
-    out.print(table)
+    out().print(table)
 
 
 @app.command("parameters")
@@ -580,7 +581,7 @@ def list_parameters(
     if as_json:
         typer.echo(json.dumps(parameters.as_json(rows), indent=2))
     else:
-        parameters.show(rows, out)
+        parameters.show(rows, out())
 
 
 @app.command("c")
@@ -614,6 +615,27 @@ def c_of_block(
         typer.echo(_short(path))
 
 
+@cache
+def out() -> Console:
+    """Standard output, with tables and colours on a terminal."""
+    from rich.console import Console
+
+    return Console()
+
+
+@cache
+def err() -> Console:
+    """Standard error, for notes and progress."""
+    from rich.console import Console
+
+    return Console(stderr=True)
+
+
+def _note(text: str) -> None:
+    """Print what a user should know, as it is: nothing in it is markup."""
+    err().print(f"note: {text}", style="dim", soft_wrap=True, markup=False)
+
+
 def _try_out(description: FmuDescription, name: str) -> None:
     """Step it alone for a while, inputs at their start values."""
     from harness.cosim.loop import Simulation
@@ -626,7 +648,7 @@ def _try_out(description: FmuDescription, name: str) -> None:
 
 def _ended(what: str) -> NoReturn:
     """Say what is left of a command that the user ended, and leave."""
-    err.print(f"canine: ended by Ctrl-C; {escape(what)}", soft_wrap=True)
+    err().print(f"canine: ended by Ctrl-C; {what}", soft_wrap=True, markup=False)
     sys.exit(128 + signal.SIGINT)
 
 
@@ -642,21 +664,24 @@ def _short(path: Path) -> str:
 @contextmanager
 def _telling(what: str) -> Iterator[Callable[[Path], None]]:
     """Say on a terminal which file is ready; the compiler takes some seconds for each."""
-    with err.status(f"{what}...") as status:
+    if not sys.stderr.isatty():
+        yield lambda path: None
+        return
+    with err().status(f"{what}...") as status:
         yield lambda path: status.update(f"{what}... {path.parent.name}/{path.name}")
 
 
 @contextmanager
 def _bar(what: str, total: float, quiet: bool) -> Iterator[Callable[[float], None] | None]:
     """A progress bar, on a terminal."""
-    if quiet or not err.is_terminal:
+    if quiet or not sys.stderr.isatty():
         yield None
         return
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     with Progress(
         TextColumn(what), BarColumn(), TextColumn("{task.completed:.0f} of {task.total:.0f}"),
-        TimeElapsedColumn(), console=err, transient=True,
+        TimeElapsedColumn(), console=err(), transient=True,
     ) as bar:  # fmt: skip
         task = bar.add_task(what, total=total)
         yield lambda done: bar.update(task, completed=done)

@@ -15,10 +15,10 @@ from typing import Any, Literal
 
 from harness.cosim.stepping import Order
 from harness.log.log import Log, read_log
-from harness.trial import trial
+from harness.trial import DEFAULT, trial
 from harness.trial.prepare import prepared
 from harness.trial.request import Changes, build_missing, requested
-from harness.trial.scenario import DEFAULT, Scenario, Setting, Written, load, shipped, toml_of
+from harness.trial.scenario import Scenario, Setting, Written, load, shipped, toml_of
 
 __all__ = [
     "Log",

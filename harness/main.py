@@ -5,6 +5,7 @@ Only `signal` and `os` are imported before Ctrl-C is in hand.
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -95,6 +96,7 @@ def run(arguments: Sequence[str]) -> int:
 def main() -> None:
     """The console script: exits with the command's status."""
     ctrl_c = CtrlC()
+    gc.set_threshold(100_000, 20, 100)  # looking for garbage costs a tenth of the imports
     try:
         status = run(sys.argv[1:])
         ctrl_c.ignore()

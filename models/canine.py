@@ -9,7 +9,7 @@ from models.kit import casadi as ca
 from models.kit.block import Block, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State, Stream
 from models.kit.geometry import all_of, any_of, clip, where, wrap
-from models.kit.random import normal, normals, uniform
+from models.kit.random import MAX_SEED, normal, normals, uniform
 from models.kit.timing import ticks_until
 from models.kit.units import DEG
 
@@ -91,7 +91,7 @@ class Canine(Plant):
 
     source = "Miller 2010, 5.2-5.3, Table 5.1, eq. 5.1-5.5, B.5, D.9-D.11; motion: B.4, D.5; delays: 5.3.7.1"
 
-    seed = Parameter(Integer, "trial number: selects the random streams", start=1, min=0, max=2147483647)
+    seed = Parameter(Integer, "trial number: selects the random streams", start=1, min=0, max=MAX_SEED)
     start_heading_deviation = Parameter(
         "rad", "standard deviation of the heading at the start", start=0, min=0
     )

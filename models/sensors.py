@@ -7,7 +7,7 @@ from models.kit import casadi as ca
 from models.kit.block import Block, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State, Stream
 from models.kit.geometry import COUNT_MAX, all_of, any_of, clip, counted, where, wrap
-from models.kit.random import normals
+from models.kit.random import MAX_SEED, normals
 from models.kit.timing import TICK, lasted
 from models.kit.units import DEG
 
@@ -48,7 +48,7 @@ class Sensors(Block):
     gps_h_acc = Output("m", "the receiver's estimate of its horizontal accuracy")
     gps_s_acc = Output("m/s", "the receiver's estimate of its speed accuracy")
 
-    seed = Parameter(Integer, "trial number: selects the random streams", start=1, min=0, max=2147483647)
+    seed = Parameter(Integer, "trial number: selects the random streams", start=1, min=0, max=MAX_SEED)
     noisy = Parameter(Boolean, "noise, biases and saturation; off: the sensors return the truth", start=1)
     gps_period = Parameter("s", "time between fixes (4 Hz)", start=0.25, min=TICK, max=1e3)
     # ours: D.12's white 0.1 m is the motion simulator's; a receiver that states 3.5 m (B.11) wanders

@@ -16,7 +16,10 @@ MAX_BYTES = 512 * 2**20  # unpacked; our largest package is 2 MiB, an FMU with a
 MAX_MEMBERS = 10_000
 
 
-_DAMAGE = (zipfile.BadZipFile, zlib.error, lzma.LZMAError)
+# what zipfile raises for a damaged archive
+UNREADABLE = (
+    zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, NotImplementedError, RuntimeError, ValueError,
+)  # fmt: skip
 
 
 class ArchiveError(CanineError):
@@ -38,8 +41,26 @@ def unpack(path: Path, folder: Path) -> None:
             _check(path, archive)
             for member in archive.infolist():
                 _extract(path, archive, member, folder)
-    except (*_DAMAGE, EOFError, NotImplementedError, RuntimeError, ValueError) as reason:
-        raise ArchiveError(f"{path}: not a readable ZIP archive ({reason}); export it again") from None
+    except UNREADABLE as reason:
+        raise _unreadable(path, reason) from None
+
+
+def read_member(path: Path, name: str) -> bytes | None:
+    """One file of a ZIP archive, None if it has none of that name.
+
+    Raises:
+        ArchiveError: as `unpack` does.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            _check(path, archive)
+            return archive.read(name) if name in archive.namelist() else None
+    except UNREADABLE as reason:
+        raise _unreadable(path, reason) from None
+
+
+def _unreadable(path: Path, reason: Exception) -> ArchiveError:
+    return ArchiveError(f"{path}: not a readable ZIP archive ({reason}); export it again")
 
 
 def _extract(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo, folder: Path) -> None:
@@ -72,8 +93,8 @@ def _check(path: Path, archive: zipfile.ZipFile) -> None:
             raise ArchiveError(f'{path}: member "{name}" is a symbolic link; pack the file itself')
 
 
-def parse_xml(path: Path, what: str) -> ElementTree.Element:
-    """The root element of an XML file; `what` names it in errors.
+def parse_xml(data: bytes, what: str) -> ElementTree.Element:
+    """The root element of an XML file's content; `what` names it in errors.
 
     Raises:
         XmlError: malformed, or holds a document type definition (which could define entities).
@@ -82,7 +103,6 @@ def parse_xml(path: Path, what: str) -> ElementTree.Element:
     def refuse(*_: object) -> None:
         raise XmlError(f"{what}: holds a document type definition (DTD), which is not accepted; remove it")
 
-    data = path.read_bytes()
     parser = expat.ParserCreate()
     parser.StartDoctypeDeclHandler = refuse
     try:

@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 from fmpy.model_description import ValidationError
 
-from harness.cosim.archive import parse_xml, unpack
+from harness.cosim.archive import parse_xml, read_member, unpack
 from models.errors import CanineError, nearest
 from models.kit.declaration import Type
 
@@ -179,15 +179,8 @@ def describe(path: Path) -> FmuDescription:
     Raises:
         FmuError, ArchiveError, XmlError: naming the file and what is wrong.
     """
-    with tempfile.TemporaryDirectory(prefix="canine-") as folder:
-        unpack(path, Path(folder))
-        return _describe(path, Path(folder))
-
-
-def _describe(path: Path, folder: Path) -> FmuDescription:
-    """Read the description of an FMU that is unpacked in `folder`."""
-    xml = folder / "modelDescription.xml"
-    if not xml.is_file():
+    xml = read_member(path, "modelDescription.xml")
+    if xml is None:
         raise FmuError(f"{path}: has no modelDescription.xml; is it an FMU?")
     root = parse_xml(xml, f"{path}: modelDescription.xml")
     version = root.get("fmiVersion", "unknown")
@@ -199,10 +192,10 @@ def _describe(path: Path, folder: Path) -> FmuDescription:
     warnings: list[str] = []
     try:
         try:
-            read = fmpy.read_model_description(folder, validate_model_structure=True)
+            read = fmpy.read_model_description(path, validate_model_structure=True)
         except ValidationError as problems:
             warnings = [" ".join(str(problem).split()) for problem in problems.problems]
-            read = fmpy.read_model_description(folder, validate=False)
+            read = fmpy.read_model_description(path, validate=False)
     except Exception as reason:  # fmpy raises plain Exception, and what lxml and its own slips raise
         raise FmuError(f"{path}: modelDescription.xml cannot be read: {_one_line(reason)}") from None
     quantities, refused = {}, {}
@@ -364,7 +357,7 @@ class FmuInstance:
         self._functions: dict[str, Callable[..., int]] = {}
         try:
             unpack(path, self._folder)
-            self.description = _describe(path, self._folder)
+            self.description = describe(path)
             self._instantiate()
         except BaseException:
             self.close()

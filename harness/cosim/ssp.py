@@ -145,7 +145,7 @@ class _Reader:
 
     def read(self, structure: Path) -> FmuSystem:
         self.files["SystemStructure.ssd"] = structure
-        root = parse_xml(structure, f"{self.path}: {structure.name}")
+        root = parse_xml(structure.read_bytes(), f"{self.path}: {structure.name}")
         if root.tag != f"{SSD}SystemStructureDescription":
             raise self.fail(f"the root is {root.tag}; expected an SSP 1.0 SystemStructureDescription")
         if root.get("version") != "1.0":
@@ -241,7 +241,7 @@ class _Reader:
                 if binding.get("sourceBase", "SSD") != "SSD":
                     raise self.fail(f'{what}: parameter binding with sourceBase "component" is not supported')
                 path = self.file(binding.attrib["source"], what)
-                sets = [parse_xml(path, f"{self.path}: {path.name}")]
+                sets = [parse_xml(path.read_bytes(), f"{self.path}: {path.name}")]
             else:
                 sets = list(parts.get("ParameterValues", ()))
             for parameter_set in sets:

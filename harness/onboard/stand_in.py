@@ -20,6 +20,7 @@ from codegen.firmware.telemetry import FIELDS, POSITION_UNIT, Telemetry
 from harness.cosim.fmu import Call, FmuDescription, Quantity
 from harness.log.geodesy import TangentPlane
 from harness.log.log import Channel
+from harness.onboard import ROLES
 from harness.onboard.instruments import InertialUnit, Receiver
 from harness.onboard.memory import Memory
 from harness.onboard.operator import Operator
@@ -31,7 +32,6 @@ from models.commands import Command
 from models.kit.link import Values
 
 Live = list[tuple[list[str], npt.NDArray[Any]]]  # names, and values that change under them
-ROLES = ("estimator", "controller", "command_module")  # the components whose place it takes
 
 
 class Onboard:

@@ -19,7 +19,8 @@ from rich.console import Console
 from rich.table import Table
 from scipy import stats
 
-from fmus.build import build_fmu, build_folder
+from fmus.build import build_fmu
+from fmus.folder import build_folder
 from harness.cosim.fmu import FmuError, FmuInstance
 from harness.files import make_folder, write_whole
 from harness.log.log import read_log

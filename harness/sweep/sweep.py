@@ -29,9 +29,10 @@ from harness.sweep.plots import sweep_png
 from harness.sweep.recommend import number, recommend
 from harness.sweep.table import TICK_S, Point, csv_of, plain, table_of
 from harness.trial.plan import Interface, interfaces_of_system, is_angular, plan, si_value
-from harness.trial.scenario import MAX_SEED, Scenario, ScenarioError, load
+from harness.trial.scenario import Scenario, ScenarioError, load
 from models.errors import UsageError, nearest
 from models.kit.declaration import Type, Variable
+from models.kit.random import MAX_SEED
 from models.system import SYSTEMS
 
 TRIAL_TYPES = {"two": ("two_waypoint",), "three": ("right_90", "left_90", "right_45", "left_45")}

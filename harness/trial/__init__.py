@@ -6,3 +6,5 @@ On the way, one file each: `scenario` as written, `request` what is asked for, `
 `prepare` the open package with its swaps and plan, `trial` the run, `contents` what goes into its log.
 From the log alone: `summary` and `plots`. `firmware` picks the parameters that the firmware takes.
 """
+
+DEFAULT = "three_waypoint"  # the scenario that is run unless another is named

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from codegen.firmware.bundle import BLOCKS, settable
-from harness.onboard.stand_in import ROLES
+from harness.onboard import ROLES
 from harness.onboard.tones import commands
 from harness.trial.plan import Interface, interfaces_of_system, plan
 from harness.trial.scenario import Scenario, load

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from harness.cosim.fmu import FmuDescription, describe
 from harness.cosim.roles import Fit, Rename, find_role, misfits, read_adapter, replace_component, roles
 from harness.cosim.ssp import FmuSystem, open_ssp
-from harness.trial.firmware import interfaces_on_board
 from harness.trial.plan import Interface, Plan, interface_of_fmu, interfaces_of_system, plan
 from harness.trial.request import Request
 from harness.trial.scenario import ScenarioError
@@ -72,6 +71,8 @@ def prepared(request: Request) -> Iterator[Prepared]:
         }
         interfaces = _interfaces(scenario.system, fmus, fits)
         if request.onboard:
+            from harness.trial.firmware import interfaces_on_board  # noqa: PLC0415 - the firmware's C
+
             interfaces |= interfaces_on_board()
         connected = {
             name: {link.target_variable for link in system.links if link.target == name} for name in fmus

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from codegen.firmware.targets import TARGETS
-from fmus.build import build_all, build_folder, is_current
+from fmus.folder import build_folder, is_current
 from harness.cosim.stepping import Order
-from harness.log.log import read_log
-from harness.onboard.stand_in import ROLES
-from harness.trial.scenario import DEFAULT, Scenario, ScenarioError, checked, load, parse
+from harness.onboard import ROLES
+from harness.trial import DEFAULT
+from harness.trial.scenario import Scenario, ScenarioError, checked, load, parse
 from models.errors import UsageError
 from models.system import SYSTEMS
 
@@ -130,6 +130,8 @@ def _of_log(path: Path, folder: Path) -> Request:
     """The trial of a log with its order, FMI version, package and swapped FMUs, unpacked into a folder."""
     if not path.is_file():
         raise UsageError(f'there is no log "{path}"; expected the path of a trial.mcap')
+    from harness.log.log import read_log  # noqa: PLC0415 - MCAP and protobuf
+
     log = read_log(path)
     records, run = log.metadata.get("scenario", {}), log.metadata.get("run", {})
     if "toml" not in records or PACKAGE not in log.attachments:
@@ -186,4 +188,6 @@ def _checked(request: Request) -> Request:
 def build_missing(request: Request, done: Callable[[Path], None] = lambda path: None) -> None:
     """Build our FMUs and packages if the requested package is missing, or older than the models."""
     if request.ssp.parent == build_folder() and not (request.ssp.exists() and is_current()):
+        from fmus.build import build_all  # noqa: PLC0415 - CasADi and templates
+
         build_all(done=done)

@@ -36,16 +36,15 @@ from harness.cosim.stepping import DURATION
 from models.canine import Canine
 from models.cmec import MAX_WAYPOINTS
 from models.errors import UsageError, nearest
+from models.kit.random import MAX_SEED
 from models.readings import READINGS
 from models.system import SYSTEMS
 
 Written = bool | int | float | str | list[Any]
 SHIPPED = Path(__file__).parents[1] / "scenarios"
-MAX_SEED = int(Canine.seed.max or 0)
 MAX_DURATION = 86_400.0  # s: a day
 MAX_COORDINATE = Canine.start_north.max or 0.0  # m
 ORIGIN = (32.6062, -85.4877)  # deg: Auburn, Alabama, where the trials were
-DEFAULT = "three_waypoint"
 
 
 class ScenarioError(UsageError):

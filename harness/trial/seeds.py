@@ -17,8 +17,8 @@ from harness.files import make_folder, write_whole
 from harness.trial import trial
 from harness.trial.prepare import prepared
 from harness.trial.request import Request
-from harness.trial.scenario import MAX_SEED
 from models.errors import UsageError
+from models.kit.random import MAX_SEED
 
 SEEDS = "seeds.csv"
 COLUMNS = ("seed", "outcome", "time_s", "waypoints_reached", "directional_commands")

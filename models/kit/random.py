@@ -19,6 +19,7 @@ M1, M2 = 4294967087, 4294944443
 A1 = ((0, 1, 0), (0, 0, 1), (-810728, 1403580, 0))
 A2 = ((0, 1, 0), (0, 0, 1), (-1370589, 0, 527612))
 BASE = 12345  # every component of stream 0's first state
+MAX_SEED = 2**31 - 1
 STREAM_BITS, SUBSTREAM_BITS = 127, 76
 STREAM_DIGITS, SUBSTREAM_DIGITS = (
     31,

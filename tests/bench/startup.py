@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from fmus.build import build_folder
+from fmus.folder import build_folder
 
 ROUNDS = 9
 CANINE = str(Path(sys.executable).with_name("canine"))

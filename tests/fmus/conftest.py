@@ -9,7 +9,7 @@ import fmpy
 import pytest
 
 from fmus.build import build_fmu
-from fmus.description import FmiVersion
+from fmus.folder import FmiVersion
 from models.kit.block import Block
 from models.system import BLOCKS
 from tests.fmus.pulse import Pulse, Slide

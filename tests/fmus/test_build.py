@@ -19,9 +19,9 @@ from fmpy.validation import validate_fmu
 
 from codegen.blocks.block_c import generate
 from codegen.toolchains.compiler import FLAGS, PLATFORMS, CompileError, this_platform
-from fmus.build import FLOORS, STAMP, BuildError, build_all, build_fmu, build_folder, is_current
+from fmus.build import BuildError, build_all, build_fmu
 from fmus.dependencies import initial_dependencies, tick_dependencies
-from fmus.description import FmiVersion
+from fmus.folder import FLOORS, STAMP, FmiVersion, build_folder, is_current
 from models.canine import Canine
 from models.errors import DeclarationError
 from models.kit.block import Block
@@ -107,7 +107,7 @@ def test_a_checkout_keeps_its_fmus_and_an_installed_package_the_users_cache(tmp_
     # given the packages as they are installed: without the files of a checkout
     for floor in ("models", "codegen", "fmus"):
         shutil.copytree(FLOORS / floor, tmp_path / "site" / floor, ignore=shutil.ignore_patterns("build"))
-    script = "from fmus.build import build_folder; print(build_folder())"
+    script = "from fmus.folder import build_folder; print(build_folder())"
     environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path / "cache")}
     environment.pop("ZIG_GLOBAL_CACHE_DIR", None)
 
@@ -214,6 +214,7 @@ def only_slide(monkeypatch: pytest.MonkeyPatch) -> None:
     """One small block instead of all."""
     components: dict[str, type[Block]] = {"plant": Slide}
     monkeypatch.setattr("fmus.build.BLOCKS", (Slide,))
+    monkeypatch.setattr("fmus.folder.BLOCKS", (Slide,))
     monkeypatch.setattr("fmus.build.SYSTEMS", {"one": System("one", components, ())})
 
 
@@ -255,8 +256,8 @@ def test_an_edit_during_the_build_leaves_the_folder_out_of_date(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # given models that change while they are built
-    monkeypatch.setattr("fmus.build._origin", lambda: "before")
-    build_all(tmp_path, done=lambda path: monkeypatch.setattr("fmus.build._origin", lambda: "after"))
+    monkeypatch.setattr("fmus.build.origin", lambda: "before")
+    build_all(tmp_path, done=lambda path: monkeypatch.setattr("fmus.build.origin", lambda: "after"))
     # then what was built is of the models as they were
     assert not is_current(tmp_path)
 

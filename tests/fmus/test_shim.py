@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from fmus.build import build_fmu
-from fmus.description import FmiVersion
+from fmus.folder import FmiVersion
 from models.kit.block import Block
 from models.kit.declaration import Parameter
 from models.kit.model import Model

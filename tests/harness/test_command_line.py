@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from codegen.blocks.block_c import generate
-from fmus.build import build_folder
+from fmus.folder import build_folder
 from harness.log.log import read_log
 from harness.trial.scenario import load, shipped
 from models.cmec import Cmec

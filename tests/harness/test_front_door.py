@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import harness
-from fmus.build import build_folder
+from fmus.folder import build_folder
 from harness import front_door
 from harness.log.log import read_log
 from harness.trial.scenario import ScenarioError

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from fmus.build import build_folder
+from fmus.folder import build_folder
 from harness.log.log import read_log
 from harness.trial import trial
 from harness.trial.contents import LogRows

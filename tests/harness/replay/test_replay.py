@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from fmus.build import build_fmu, build_folder
+from fmus.build import build_fmu
+from fmus.folder import build_folder
 from harness.log.log import read_log
 from harness.replay.recording import RecordingError, SensorSignals
 from harness.replay.replay import (

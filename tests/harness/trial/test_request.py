@@ -3,10 +3,12 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from fmus.build import build_folder
-from harness.log.log import Channel, LogWriter, read_log
+from fmus.folder import build_folder
+from harness.log.log import Channel, read_log
+from harness.log.writer import LogWriter
 from harness.trial import request as request_module
 from harness.trial import trial
 from harness.trial.prepare import prepared
@@ -88,7 +90,7 @@ def test_a_log_without_a_scenario_is_refused(tmp_path: Path) -> None:
     channel = Channel("plant", "toy", ("north",), ("m",), ("Real",), ("",))
     path = tmp_path / "toy.mcap"
     with LogWriter(path, [channel], origin=(0, 0), metadata={}, attachments={}) as log:
-        log.write(0.0, {"plant": [1.0]})
+        log.write_rows(np.zeros(1), {"plant": np.ones((1, 1))})
     # when, then
     with (
         pytest.raises(ScenarioError, match=f"{path}: has neither scenario nor package"),
@@ -139,7 +141,7 @@ def test_our_package_is_built_if_it_is_missing_or_older_than_the_models(
     built: list[object] = []
     monkeypatch.setattr(request_module, "build_folder", lambda: tmp_path)
     monkeypatch.setattr(request_module, "is_current", lambda: current)
-    monkeypatch.setattr(request_module, "build_all", lambda **how: built.append(how))
+    monkeypatch.setattr("fmus.build.build_all", lambda **how: built.append(how))
     if exists:
         (tmp_path / "full.fmi2.ssp").write_bytes(b"")
     # when
@@ -149,6 +151,6 @@ def test_our_package_is_built_if_it_is_missing_or_older_than_the_models(
 
 
 def test_a_package_made_elsewhere_is_never_built(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(request_module, "build_all", lambda done: pytest.fail("it was built"))
+    monkeypatch.setattr("fmus.build.build_all", lambda done: pytest.fail("it was built"))
     build_missing(Request(Scenario("toy", system="toy.ssp", folder=tmp_path)))
     build_missing(Request(load("two_waypoint"), package=tmp_path / "system.ssp"))
