@@ -1,8 +1,8 @@
 """The firmware bundle: the onboard program's sources for a microprocessor, from the models and the drivers.
 
-The blocks come from their declarations, in float32; drivers, main loop and arithmetic are written by hand, in
-`onboard/`. What is made here is what depends on both: parameters, the record of the processor in the
-loop, Makefile and README.
+The blocks come from their declarations, in float32. Drivers, main loop and arithmetic are written by hand, in
+`onboard/`. Made here is what depends on both: parameters, telemetry, the record of the processor in the loop,
+Makefile and README.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import json
 from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from codegen.blocks.block_c import comment, generate, start_literal, write_files
 from codegen.firmware.record import Entry, drivers, is_mission, of_block
@@ -32,7 +33,9 @@ from models.watchdog import Watchdog
 SOURCES = Path(__file__).parent / "onboard"
 TEMPLATES = environment(Path(__file__).parent / "templates")
 SUMS = "SHA256SUMS"  # of a bundle's files, as `sha256sum -c` reads it
-COSTS = SOURCES / "costs.json"  # measured by the processor in the loop, by target
+COSTS = SOURCES / "costs.json"  # by target, measured by the processor in the loop
+# numbers that the program shares with the models
+SHARED: dict[str, Any] = {"tick_ms": round(1000 * Block.sample_time), "max_waypoints": MAX_WAYPOINTS}
 # the members of `onboard` in onboard.h that are blocks
 BLOCKS: dict[str, type[Block]] = {
     "local_plane": LocalPlane,
@@ -44,28 +47,21 @@ BLOCKS: dict[str, type[Block]] = {
 
 
 def settable(block: type[Block]) -> dict[str, Variable]:
-    """A block's parameters that the firmware has: not the mission, which comes by radio."""
+    """A block's parameters that the firmware has: all but the mission, which comes by radio."""
     return {v.name: v for v in block.group("parameter") if not is_mission(v) and not v.size}
 
 
 def program() -> dict[str, str]:
-    """The sources beside the blocks and their parameters, file name to text: by hand, and what they share."""
+    """The sources beside the blocks and parameters, file name to text: by hand, telemetry, models.h."""
     files = {path.name: path.read_text() for path in sorted(SOURCES.glob("*.[ch]"))}
-    context = {
-        "fields": FIELDS,
-        "offsets": OFFSETS,
-        "flags": list(Flag),
-        "size": PAYLOAD.size,
-        "tick_ms": round(1000 * Block.sample_time),
-        "max_waypoints": MAX_WAYPOINTS,
-    }
+    context = SHARED | {"fields": FIELDS, "offsets": OFFSETS, "flags": list(Flag), "size": PAYLOAD.size}
     for name in ("models.h", "telemetry.h", "telemetry.c"):
         files[name] = TEMPLATES.get_template(f"{name}.jinja").render(context)
     return {name: text for name, text in files.items() if not name.startswith("pil")}
 
 
 def headers() -> Headers:
-    """The structs of the program beside the blocks."""
+    """The structs and enumerations of `program`."""
     return read_headers({name: text for name, text in program().items() if name.endswith(".h")})
 
 
@@ -77,7 +73,7 @@ def _record() -> dict[str, list[Entry]]:
 
 @cache
 def recorded() -> Mapping[str, Type]:
-    """The words of the record: a name for each, `controller.output.distance` say, and what it is."""
+    """The words of the record by name, such as `controller.output.distance`, with their types."""
     return {word: e.type for entries in _record().values() for e in entries for word in e.words}
 
 
@@ -86,7 +82,7 @@ def library(values: Values | None = None, *, constants: bool = False) -> dict[st
 
     Args:
         values: of parameters (SI), over their start values.
-        constants: parameters are macros of the blocks' headers instead of fields that can be set.
+        constants: parameters are macros of the blocks' headers instead of fields.
     """
     files: dict[str, str] = {}
     chosen = {
@@ -112,12 +108,12 @@ def _assignments(chosen: Values) -> Iterator[dict[str, str]]:
 
 
 def bundle(target: Target, values: Values | None = None, *, constants: bool = False) -> dict[str, str]:
-    """All that a project for a processor needs but its board, file name to text (see `library`)."""
+    """A processor's project except its board, file name to text (see `library`)."""
     files = library(values, constants=constants)
     for source in sorted((SOURCES / target.folder).iterdir()):
         if not source.name.startswith("pil"):
             files[source.name] = source.read_text()
-    context = {
+    context = SHARED | {
         "target": target,
         "constants": constants,
         "sources": sorted(name for name in files if name.endswith(".c")),
@@ -133,20 +129,20 @@ def bundle(target: Target, values: Values | None = None, *, constants: bool = Fa
 def write(
     target: Target, folder: Path, values: Values | None = None, *, constants: bool = False
 ) -> list[Path]:
-    """Write the bundle into a folder, which is made if need be; the files, each whole or not at all.
+    """Write the bundle into a folder, which is made if need be; the files written, each whole or not at all.
 
-    What was changed after it was made, or was never made here, is not overwritten: SUMS tells.
+    A file that was changed since it was made, or that was not made here, is not overwritten: SUMS tells.
 
     Raises:
-        UsageError: it cannot be written there, or would overwrite such a file; then nothing is written.
+        UsageError: the folder cannot be written, or has such a file; then nothing is written.
     """
     files = bundle(target, values, constants=constants)
     files[SUMS] = "".join(f"{_digest(text.encode())}  {name}\n" for name, text in sorted(files.items()))
     try:
-        strange = _not_made_here(folder, files)
-        if strange:
+        foreign = _not_made_here(folder, files)
+        if foreign:
             raise UsageError(
-                f"--out {folder}: changed after being made, or not made here: {', '.join(strange)}; "
+                f"--out {folder}: changed after being made, or not made here: {', '.join(foreign)}; "
                 "nothing is written. Move them away, or choose another folder"
             )
         return write_files(files, folder)
@@ -155,7 +151,7 @@ def write(
 
 
 def _not_made_here(folder: Path, files: Mapping[str, str]) -> list[str]:
-    """Files of these names whose content is neither the new one nor that of an earlier bundle."""
+    """Files of these names whose content is neither the new nor an earlier bundle's."""
     made: dict[str, str] = {}
     if (folder / SUMS).is_file():
         lines = (line.split("  ", 1) for line in (folder / SUMS).read_text(errors="replace").splitlines())
@@ -175,7 +171,7 @@ def _digest(content: bytes) -> str:
 
 
 def processor_in_the_loop() -> dict[str, str]:
-    """The sources that stand in for a board when the program is compared between processors."""
+    """The sources in the board's place when the program is compared between processors."""
     files = {source.name: source.read_text() for source in sorted(SOURCES.glob("pil*.c"))}
     context = {"groups": _record(), "words": len(recorded())}
     files["pil.h"] = TEMPLATES.get_template("pil.h.jinja").render(context)

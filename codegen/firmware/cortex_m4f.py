@@ -1,7 +1,7 @@
 """The onboard program compiled for the ARM Cortex-M4F, as it lies in a board's memory: the firmware's image.
 
-Compiled without a C library: `onboard/cortex_m4f` has what the program needs of one, the start-up and
-the linker script. The compiler is pip's; arm-none-eabi-gcc takes the same sources and flags.
+Compiled without a C library: `onboard/cortex_m4f` has the few functions that the program needs, the start-up
+and the linker script. The compiler is pip's; arm-none-eabi-gcc takes the same sources and flags.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ FLAGS = (
     *TRIPLE, *PORTABLE, *WARNINGS, "-mllvm", "-inline-threshold=450",
     "-fno-sanitize=all", "-g", "-I.", *LINKING,
 )  # fmt: skip
-STATE = "pil_vest"  # what the program remembers, though the processor in the loop names it
+STATE = "pil_vest"  # the program's memory, which counts although pil.c declares it
 
 
 def cortex_m4f_image(target: Target, files: Mapping[str, str]) -> Image:
     """An ELF file of the program and its start-up, from address 0 on; symbols without the bit for Thumb.
 
     Args:
-        files: of the program and the processor in the loop; they go before the target's own of the same name.
+        files: of the program and the processor in the loop; they replace the target's own of the same name.
 
     Raises:
         CompileError: with the compiler's own words.
@@ -68,9 +68,9 @@ def _thumb(symbol: Any) -> int:
 
 
 def _footprint(elf: Any, entries: set[str]) -> Footprint:
-    """Sections less the symbols that the entries' compilation units define.
+    """Sections without the symbols that the entries' compilation units define.
 
-    What aligns symbols counts for the program; vectors are constants.
+    Padding between symbols counts for the program; vectors count as constants.
     """
     own = _defined(elf, entries) - {STATE}
     sizes = {section.name: section["sh_size"] for section in elf.iter_sections()}

@@ -20,17 +20,17 @@ from codegen.toolchains.compiler import (
     this_platform,
 )
 
-BOARD = ("main.c", "port.c")  # for which the processor in the loop has its own
+BOARD = ("main.c", "port.c")  # the processor in the loop has its own
 
 
 @dataclass(frozen=True)
 class Footprint:
-    """Bytes that the onboard program takes: without mailbox, record and board.
+    """Bytes of the onboard program, without mailbox, record and board.
 
     Attributes:
-        code: instructions, with the arithmetic and start-up that they need.
-        constants: tables and literals that are not in the instructions.
-        ram: what it remembers, static data of its arithmetic included; without the stack.
+        code: instructions, with arithmetic and start-up.
+        constants: tables and literals outside the instructions.
+        ram: the program's memory, static data of its arithmetic included; without the stack.
     """
 
     code: int
@@ -40,12 +40,12 @@ class Footprint:
 
 @dataclass(frozen=True)
 class Image:
-    """What a simulated processor runs.
+    """A program that a processor runs.
 
     Attributes:
-        path: the file that it loads.
+        path: the file to load.
         symbols: addresses by C name.
-        footprint: None on the host, where it tells nothing.
+        footprint: None on the host, where it means little.
     """
 
     path: Path
@@ -54,13 +54,13 @@ class Image:
 
 
 def own_files(target: Target) -> dict[str, str]:
-    """A target's own sources, headers and scripts but its board's; those named pil* are not for one."""
+    """A target's own sources, headers and scripts, without its board's; pil* are for the mailbox."""
     folder = SOURCES / target.folder
     return {path.name: path.read_text() for path in sorted(folder.iterdir()) if path.name not in BOARD}
 
 
 def image_folder(target: Target, files: Mapping[str, str], toolchain: str) -> Path:
-    """Where the image of these sources is kept: the same sources and toolchain, the same folder."""
+    """The folder in the cache for the image of these sources by this toolchain."""
     digest = hashlib.sha256("\0".join([toolchain, *(f"{n}\0{t}" for n, t in sorted(files.items()))]).encode())
     return cache_folder() / "firmware" / target.name / digest.hexdigest()[:24]
 

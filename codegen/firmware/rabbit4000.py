@@ -1,6 +1,6 @@
 """The onboard program compiled for the Rabbit 4000 by SDCC, with the processor in the loop.
 
-Objects are kept: SDCC takes half a minute for all of them, and other parameters change one file alone.
+Objects are kept: SDCC takes half a minute for all of them, and other parameters change only one file.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from codegen.toolchains.sdcc import LANGUAGE, VERSION, assemble, home, sdcc
 FLAGS = ("--opt-code-size", "--max-allocs-per-node", "1000", "--constseg", "CONST")
 ASSEMBLER = "-plosgff"
 LENGTHENED = ("\tjr\t", "\tjp\t")
-TOOLS = (VERSION, ASSEMBLER, *LANGUAGE, *FLAGS, *LENGTHENED)  # what decides an object beside its sources
+TOOLS = (VERSION, ASSEMBLER, *LANGUAGE, *FLAGS, *LENGTHENED)  # an object depends on these and its sources
 CODE_AT = 0x0080  # behind crt0, which begins at 0
 DATA_AT = 0xE000  # of the image with mailbox and record, 8 kB with the stack; a board's begin at 0xc000
 LINKING = ("--no-std-crt0", "--code-loc", hex(CODE_AT), "--data-loc", hex(DATA_AT))
@@ -40,7 +40,7 @@ def rabbit4000_image(target: Target, files: Mapping[str, str]) -> Image:
     """An Intel hex file of the program with its start-up and arithmetic; symbols without C's underscore.
 
     Args:
-        files: of the program and the processor in the loop; they go before the target's own of the same name.
+        files: of the program and the processor in the loop; they replace the target's own of the same name.
 
     Raises:
         CompileError: with the compiler's own words, or the program does not fit into the memory.
@@ -52,7 +52,7 @@ def rabbit4000_image(target: Target, files: Mapping[str, str]) -> Image:
 
 
 def program_image(target: Target, files: Mapping[str, str]) -> Image:
-    """The same of any program, which has a main of its own.
+    """An image of another program, with a main of its own.
 
     Raises:
         CompileError: as `rabbit4000_image`.
@@ -75,14 +75,14 @@ def _objects(target: Target, files: Mapping[str, str]) -> dict[str, Path]:
     sources = sorted((n for n in files if n.endswith((".c", ".s"))), key=lambda n: (n != "crt0.s", n))
     kept = cache_folder() / "firmware" / target.name / "objects"
     with ThreadPoolExecutor(AT_ONCE) as pool:
-        # the longest first, so that none is left over at the end
+        # the longest first, so that none is left for the end
         ordered = sorted(sources, key=lambda n: -len(files[n]))
         made = dict(zip(ordered, pool.map(lambda n: build_object(n, files, kept), ordered), strict=True))
     return {name: made[name] for name in sources}
 
 
 def build_object(name: str, files: Mapping[str, str], kept: Path) -> Path:
-    """The object of a source, from the folder where they are kept, or made anew into it.
+    """The object of a source, from the folder `kept`, or made anew into it.
 
     Raises:
         CompileError: with the words of compiler or assembler.
@@ -109,7 +109,7 @@ def build_object(name: str, files: Mapping[str, str], kept: Path) -> Path:
 
 
 def lengthen(assembly: str) -> str:
-    """Jumps that reach everywhere: SDCC's optimizer makes some short whose label is a byte too far."""
+    """Long jumps instead of short ones: SDCC's optimizer shortens some whose label is a byte too far."""
     return assembly.replace(*LENGTHENED)
 
 
@@ -117,15 +117,15 @@ def link(objects: Sequence[Path], path: Path) -> None:
     """Objects and SDCC's library to an Intel hex file, with a map beside it.
 
     Raises:
-        CompileError: what is missing, or what does not fit.
+        CompileError: a symbol is missing, or the program does not fit.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=path.parent, prefix=".link-") as scratch:
         folder = Path(scratch)
         library = [f"-L{home() / 'share' / 'sdcc' / 'lib' / 'r3ka'}", "-lr3ka"]
-        said = sdcc([*LINKING, *library, "-o", path.name, *map(str, objects)], path.stem, folder)
-        if said:
-            raise CompileError(f"{path.stem}: SDCC {VERSION} does not link it:\n{said}")
+        messages = sdcc([*LINKING, *library, "-o", path.name, *map(str, objects)], path.stem, folder)
+        if messages:
+            raise CompileError(f"{path.stem}: SDCC {VERSION} does not link it:\n{messages}")
         areas, _ = read_map(folder / f"{path.stem}.map")
         end = CODE_AT + sum(areas.get(area, 0) for area in (*CODE, *CONSTANTS, "_INITIALIZER"))
         if end > DATA_AT:
@@ -138,11 +138,11 @@ def link(objects: Sequence[Path], path: Path) -> None:
 
 
 def read_map(path: Path) -> tuple[Sizes, dict[str, int]]:
-    """Sizes of the areas and addresses of the global symbols, by the linker's map."""
+    """Sizes of the areas and addresses of the global symbols, from the linker's map."""
     text = path.read_text()
     areas = {m[1]: int(m[2], 16) for m in re.finditer(r"^(\w+) +[0-9A-F]{8} +([0-9A-F]{8}) =", text, re.M)}
-    found = re.finditer(r"^ +([0-9A-F]{8})  (\w+)", text, re.M)
-    return areas, {m[2].removeprefix("_"): int(m[1], 16) for m in found}
+    symbols = re.finditer(r"^ +([0-9A-F]{8})  (\w+)", text, re.M)
+    return areas, {m[2].removeprefix("_"): int(m[1], 16) for m in symbols}
 
 
 def area_sizes(path: Path) -> Sizes:
@@ -151,9 +151,9 @@ def area_sizes(path: Path) -> Sizes:
 
 
 def _footprint(linked: Sizes, objects: Mapping[str, Path]) -> Footprint:
-    """The image's areas, with what the processor in the loop adds replaced by a board's main.
+    """The image's areas, with a board's main in the place of the processor in the loop.
 
-    So the routines that come from SDCC's library count, and of the program's memory what main.c reserves.
+    Routines of SDCC's library count, and main.c's struct is the program's memory.
     """
     sizes = {name: area_sizes(path) for name, path in objects.items()}
     pil = [name for name in sizes if name.startswith("pil")]

@@ -2,8 +2,8 @@
 
 The words are derived: those of the drivers from the structs of the headers in `onboard/`, those of the blocks
 from their declarations. A member that is added there is recorded. From the words come the C that writes the
-record, and the names by which it is read. INSTEAD lists what is recorded in another form. Of a block's
-parameters only the mission is recorded, since the others do not change.
+record, and the names by which it is read. INSTEAD lists the members that are recorded in another form. Of a
+block's parameters only the mission is recorded, since the others do not change.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def _nothing(place: Place, headers: Headers) -> Iterator[Entry]:
     return iter(())
 
 
-# what is recorded instead of a member, by its struct and name
+# the words in the place of a member, by its struct and name
 INSTEAD: Mapping[tuple[str, str], Callable[[Place, Headers], Iterator[Entry]]] = {
     ("scanner", "bytes"): _held,
     ("scanner", "frame"): _nothing,

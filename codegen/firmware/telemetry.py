@@ -56,7 +56,7 @@ class Wire:
 
     @property
     def factor(self) -> float:
-        """From what is sent to the value in the log."""
+        """From the number by radio to the value in the log."""
         return UNITS[self.unit][1]
 
     @property

@@ -1,7 +1,7 @@
 """C to machine code with one toolchain everywhere: the Clang of pip's `ziglang`.
 
-No C compiler need be installed, every platform is built on any other, and the same sources give the same
-bytes wherever they are built: the compiler is pinned by the lock file, and no path and no time gets in.
+No C compiler needs to be installed, and every platform is built on any other. The same sources give the same
+bytes wherever they are built: the lock file pins the compiler, and no path and no time enters the binary.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from models.errors import CanineError, UsageError, nearest
 
 
 class CompileError(CanineError):
-    """The compiler refuses the C, or there is no compiler for what was asked."""
+    """The compiler refuses the C, or there is no compiler for this machine."""
 
 
 class PlatformError(CompileError, UsageError):
-    """A platform that binaries are not made for was asked for."""
+    """Binaries are not made for this platform."""
 
 
 @dataclass(frozen=True)
 class Platform:
-    """What a shared library can be built for."""
+    """A platform for shared libraries."""
 
     target: str  # as Zig names it
     fmi2: str  # folder of FMI 2.0 binaries, which has no name of its own for ARM
@@ -53,17 +53,17 @@ TIMEOUT = 1800.0  # s; the first build for Windows compiles its C runtime: minut
 
 
 def compiler_version() -> str:
-    """Which compiler builds: part of what decides whether a binary is up to date."""
+    """The compiler's version: a binary made by another is out of date."""
     from importlib.metadata import version  # noqa: PLC0415 - 30 ms that reading PLATFORMS need not wait for
 
     return f"ziglang {version('ziglang')}"
 
 
 def this_platform() -> str:
-    """The name in PLATFORMS of the machine that this runs on.
+    """The name in PLATFORMS of this machine.
 
     Raises:
-        CompileError: it is none of them.
+        CompileError: PLATFORMS lacks it.
     """
     machine = platform.machine().lower()
     machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine, machine)
@@ -76,13 +76,13 @@ def this_platform() -> str:
 
 @cache
 def processor() -> str:
-    """What tells one processor from another: code built for this very one may not run on others."""
+    """This machine's processor: code built for it may not run on others."""
     try:
-        told = Path("/proc/cpuinfo").read_text()
+        description = Path("/proc/cpuinfo").read_text()
     except OSError:
         return f"{platform.machine()} {platform.processor()}"
     return "\n".join(
-        sorted({x for x in told.splitlines() if x.startswith(("model name", "flags", "Features"))})
+        sorted({x for x in description.splitlines() if x.startswith(("model name", "flags", "Features"))})
     )
 
 
@@ -102,7 +102,7 @@ def zig(arguments: Sequence[str], what: str, folder: Path | None = None) -> str:
     """Run the compiler (`zig cc ...`, `zig ar ...`) in a folder and return what it printed.
 
     Args:
-        what: what is built, for the message if it fails.
+        what: the name of the program or library, for the message if it fails.
 
     Raises:
         CompileError: with the compiler's own words.
@@ -133,12 +133,12 @@ def build_library(
     target: str = "",
     flags: Sequence[str] = FLAGS,
 ) -> Path:
-    """Compile C into a shared library without symbols but those it exports; the same sources, the same bytes.
+    """Compile C into a shared library with only its exported symbols; the same sources, the same bytes.
 
     Args:
         folder: where the sources (named relative to it) and their headers lie.
         output: the library, written whole or not at all.
-        what: what is built, for the message if it fails: the block's name.
+        what: the name of the block, for the message if it fails.
         target: one of PLATFORMS or any target of Zig; this machine's by default.
         flags: of the compiler; `FLAGS` by default.
 
@@ -149,7 +149,7 @@ def build_library(
     target = PLATFORMS[target].target if target in PLATFORMS else target
     folder = folder.resolve()
     output.parent.mkdir(parents=True, exist_ok=True)
-    # a folder of its own, since the linker leaves .pdb and .lib beside what it makes for Windows
+    # a folder of its own, since the linker leaves .pdb and .lib beside a library for Windows
     with tempfile.TemporaryDirectory(dir=output.parent, prefix=".link-") as scratch:
         library = Path(scratch).resolve() / output.name
         arguments = ["cc", "-target", target, "-shared", "-fPIC", *flags, f"-ffile-prefix-map={folder}=."]
@@ -164,7 +164,7 @@ def build_library(
 
 @cache
 def cache_folder() -> Path:
-    """Where the compiler keeps what it has built: the user's cache; a temporary one if that is read-only."""
+    """The folder in the user's cache for builds; a temporary one if that is read-only."""
     if "ZIG_GLOBAL_CACHE_DIR" in os.environ:
         return Path(os.environ["ZIG_GLOBAL_CACHE_DIR"])
     candidates = [Path(tempfile.gettempdir()) / f"guided-canine-{getattr(os, 'getuid', lambda: 'user')()}"]
@@ -175,7 +175,7 @@ def cache_folder() -> Path:
     for candidate in candidates:
         try:
             candidate.mkdir(parents=True, exist_ok=True, mode=0o700)
-            with tempfile.TemporaryFile(dir=candidate):  # as root, access rights alone tell nothing
+            with tempfile.TemporaryFile(dir=candidate):  # root may write regardless of access rights
                 return candidate
         except OSError:
             continue

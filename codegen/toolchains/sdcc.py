@@ -1,6 +1,6 @@
 """C to machine code for the Rabbit 4000: SDCC 4.5 and its simulator, unpacked from Debian 13's packages.
 
-No other release will do: 4.2 (Debian 12) knows no clocks of the Rabbit.
+Only this release counts the Rabbit's clocks; 4.2 (Debian 12) does not.
 
     python -m codegen.toolchains.sdcc                fetches them, once
 """
@@ -32,7 +32,7 @@ def home() -> Path:
     """The folder with bin/sdcc, bin/ucsim_rxk and share/sdcc.
 
     Raises:
-        ToolchainError: it was not fetched yet; the message says how.
+        ToolchainError: it has not been fetched; the message says how.
     """
     folder = folder_of(NAME)
     if not (folder / "bin" / "sdcc").is_file():
@@ -59,7 +59,7 @@ def sdcc(arguments: Sequence[str], what: str, folder: Path) -> str:
     """Run the compiler in a folder and return what it printed.
 
     Raises:
-        CompileError: with the compiler's own words, warnings too: there are to be none.
+        CompileError: with the compiler's own words; warnings are errors too.
     """
     include = home() / "share" / "sdcc" / "include"
     return _run("sdcc", [*LANGUAGE, f"-I{include}", f"-I{include}/rab", *arguments], what, folder)
@@ -71,8 +71,8 @@ def assemble(arguments: Sequence[str], what: str, folder: Path) -> None:
     Raises:
         CompileError: with the assembler's own words, if it has any.
     """
-    if said := _run("sdasrab", arguments, what, folder):
-        raise CompileError(f"{what}: sdasrab of SDCC {VERSION} refuses it:\n{said}")
+    if messages := _run("sdasrab", arguments, what, folder):
+        raise CompileError(f"{what}: sdasrab of SDCC {VERSION} refuses it:\n{messages}")
 
 
 def _run(program: str, arguments: Sequence[str], what: str, folder: Path) -> str:
@@ -87,21 +87,21 @@ def _run(program: str, arguments: Sequence[str], what: str, folder: Path) -> str
         raise CompileError(
             f"{what}: {program} of SDCC {VERSION} had no answer after {COMPILING:g} s"
         ) from None
-    said = (done.stderr + done.stdout).strip()
-    if done.returncode != 0 or "warning" in said.lower():
-        said = said or f"exit status {done.returncode}"
-        raise CompileError(f"{what}: {program} of SDCC {VERSION} refuses it:\n{said}")
-    return said
+    messages = (done.stderr + done.stdout).strip()
+    if done.returncode != 0 or "warning" in messages.lower():
+        messages = messages or f"exit status {done.returncode}"
+        raise CompileError(f"{what}: {program} of SDCC {VERSION} refuses it:\n{messages}")
+    return messages
 
 
 def main() -> int:
-    """Fetch SDCC; 0 if it is there then."""
+    """Fetch SDCC and print its folder; the exit status."""
     try:
-        place = fetch()
+        folder = fetch()
     except CanineError as wrong:
         print(wrong, file=sys.stderr)
         return 1
-    print(place)
+    print(folder)
     return 0
 
 

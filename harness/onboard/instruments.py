@@ -1,4 +1,4 @@
-"""The instruments on the vest as the onboard program hears them: the sensors' signals as the units' bytes."""
+"""The instruments on the vest: the sensors' signals as the bytes that the units send."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ SensorValues = Mapping[str, float]  # the sensors' outputs by name, SI
 WEEK_MS = 604_800_000  # after which the receiver's time of week begins anew
 FIX_3D = 3
 FIX = ("gps_north", "gps_east", "gps_speed", "gps_course", "gps_h_acc", "gps_s_acc")
-GREATEST = 2e6  # m, m/s, rad: beyond it the messages' 32 bits end, and no receiver measures so much
+GREATEST = 2e6  # m, m/s, rad: more does not fit the messages' 32 bits, and no receiver measures it
 FLT_MAX = 3.4028234e38
-SATELLITES = 9  # what the receiver says it uses; nobody reads it
+SATELLITES = 9  # in the messages; the program does not read it
 MT_PREAMBLE, MT_BUS, MT_DATA = 0xFA, 0xFF, 0x32
 MT_VALUES = struct.Struct(">12fH")  # accel, gyro, mag, roll, pitch, yaw; sample counter
-FIELD = 4.9e-5  # T: the field where the unit was calibrated, in units of which it tells the field
+FIELD = 4.9e-5  # T: the field where the unit was calibrated, its unit of magnetic fields
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Receiver:
     pvt: bool = False
 
     def fix(self, time: float, signals: SensorValues) -> bytes:
-        """What the receiver sends of the fix of a tick, nothing if there is none.
+        """The receiver's messages on a tick; none without a fix.
 
         Args:
             time: s, of the tick.
@@ -46,7 +46,7 @@ class Receiver:
         latitude, longitude = self.plane.place(signals["gps_north"], signals["gps_east"])
         if abs(latitude) > 90:
             return b""
-        # whole units, since pyubx2 cuts off the rest
+        # whole units, since pyubx2 truncates
         latitude, longitude = round(latitude * 1e7) / 1e7, round(longitude * 1e7) / 1e7
         when, course = round(time * 1000) % WEEK_MS, math.degrees(signals["gps_course"]) % 360
         speed, s_acc = signals["gps_speed"], signals["gps_s_acc"]
@@ -73,7 +73,7 @@ class Receiver:
 
 
 def _ubx(name: str, time_ms: int, fields: Mapping[str, float]) -> bytes:
-    from pyubx2 import GET, UBXMessage  # noqa: PLC0415 - a tenth of a second, which other commands need not wait
+    from pyubx2 import GET, UBXMessage  # noqa: PLC0415 - 0.1 s that only runs on board need
 
     message: bytes = UBXMessage("NAV", f"NAV-{name}", GET, iTOW=time_ms, **fields).serialize()
     return message
@@ -90,7 +90,7 @@ class InertialUnit:
     z_up: bool = True
 
     def sample(self, tick: int, signals: SensorValues) -> bytes:
-        """What the unit sends of the sample of a tick.
+        """The unit's message with the sample of a tick.
 
         Args:
             signals: `accel_x .. gyro_z mag_x .. mag_z roll_meas pitch_meas heading_meas`.

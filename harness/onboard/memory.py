@@ -1,4 +1,4 @@
-"""What the onboard program remembers after a tick, by the names of its record."""
+"""The onboard program's memory after a tick, by the names of its record."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The operator's laptop: it repeats by radio what the telemetry does not show yet."""
+"""The operator's laptop: it repeats messages until the telemetry shows their effect."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ RESEND = 0.4  # s between the operator's messages; some may get lost before the 
 
 
 class Operator:
-    """The operator's laptop: keeps the vest in the state that is wished, by what the telemetry tells.
+    """Keeps the vest in the state that the operator wishes, by its telemetry.
 
     Args:
-        mission: what the vest is to do.
+        mission: home and waypoints.
     """
 
     def __init__(self, mission: Mission) -> None:
@@ -27,13 +27,13 @@ class Operator:
         self._wish: tuple[bool, Command] | None = None
 
     def send(self, time: float, start: bool, override: Command, link_ok: bool) -> bytes:
-        """What the laptop sends on a tick.
+        """The frames that the laptop sends on a tick.
 
         Args:
             time: s.
             start: the trial is to be on.
             override: the operator's own command.
-            link_ok: off: the radio is out of reach, and nothing passes either way.
+            link_ok: false while the radio is out of reach: then nothing passes either way.
         """
         if not link_ok:
             return b""
@@ -49,7 +49,7 @@ class Operator:
             messages.append(Start(self.mission.id))
         if not start and (begun or wish != self._wish):
             messages.append(Abort())
-        messages.append(Override(override))  # always: what got lost is said again
+        messages.append(Override(override))  # always, since an earlier one may be lost
         self._wish, self._silent_since = wish, time
         return b"".join(self._frame(message) for message in messages)
 
@@ -59,7 +59,7 @@ class Operator:
 
     def receive(self, data: bytes) -> Telemetry | None:
         """The last telemetry in the bytes, if there is any."""
-        found = self.decoder.receive(data)
-        if found:
-            self._telemetry = found[-1]
-        return self._telemetry if found else None
+        telemetry = self.decoder.receive(data)
+        if telemetry:
+            self._telemetry = telemetry[-1]
+        return self._telemetry if telemetry else None

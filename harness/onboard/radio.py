@@ -1,8 +1,8 @@
 """The laptop's side of the radio to the vest: the frames of codegen/firmware/onboard/link.h.
 
 A frame: A5 5A, type, sequence number, length of the payload, payload, CRC-16/CCITT-FALSE of type to payload.
-Big-endian. An XBee in transparent mode carries the bytes without bounds, acknowledgement or checksum, hence
-the frame; what got lost is repeated until the telemetry shows that it arrived.
+Big-endian. An XBee in transparent mode carries bytes without bounds, acknowledgement or checksum, hence the
+frame. A lost message is repeated until the telemetry shows that it arrived.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Position:
         """Two i32.
 
         Raises:
-            RadioError: it is not on earth.
+            RadioError: latitude or longitude is out of range.
         """
         for name, value, limit in (
             ("latitude", self.latitude, MAX_LATITUDE),
@@ -66,7 +66,7 @@ class Mission:
         """Its id, u16; home; the waypoints.
 
         Raises:
-            RadioError: there are not 1 to 16 waypoints, or one is not on earth.
+            RadioError: the number of waypoints is not 1 to MAX_WAYPOINTS, or a position is out of range.
         """
         if not 1 <= len(self.waypoints) <= MAX_WAYPOINTS:
             raise RadioError(f"a mission has 1 to {MAX_WAYPOINTS} waypoints, got {len(self.waypoints)}")
@@ -135,7 +135,7 @@ def encode(message: Message | Telemetry, sequence: int) -> bytes:
 
     Args:
         sequence: number of the message, counted by its sender modulo 256; the laptop begins at 1, since
-            the vest tells 0 while it has taken none.
+            the telemetry says 0 until a message was taken.
 
     Raises:
         RadioError: the vest would refuse it.
@@ -146,12 +146,12 @@ def encode(message: Message | Telemetry, sequence: int) -> bytes:
 
 
 class Decoder:
-    """Finds the telemetry in what the radio brings, however it is cut, damaged or mixed with other bytes.
+    """Finds the telemetry in the radio's bytes, which may be cut, damaged or mixed with others.
 
     Attributes:
-        frames: found.
+        frames: valid ones.
         errors: frames with a wrong CRC.
-        lost: telemetry that the sequence numbers jumped over, as far as they tell (modulo 256).
+        lost: telemetry that the sequence numbers skip (modulo 256).
     """
 
     SIZE = HEADER.size + PAYLOAD.size + CRC.size

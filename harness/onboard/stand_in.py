@@ -1,10 +1,10 @@
 """The onboard computer in the closed loop: a processor in the place of estimator, controller, command module.
 
-The sensors' signals go to it as the bytes of a receiver and an inertial unit, the operator's wishes as radio
-frames. It answers with tones and vibrations, from which the animal's command is read, and with telemetry.
-Everything that it remembers is read from its memory tick by tick: that is what the log shows.
+It gets the sensors' signals as the bytes of a receiver and an inertial unit, and the operator's wishes as
+radio frames. It answers with tones and vibrations, from which the animal's command is read, and with
+telemetry. The log shows the program's memory, read after each tick.
 
-On board, north = east = 0 is the first fix; here both are the scenario's origin again.
+On board, north = east = 0 is the first fix. Outputs are shifted here: zero is the scenario's origin.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ class Onboard:
     """A processor with its instruments and its operator, in the place of the components of `ROLES`.
 
     Args:
-        processor: what runs the onboard program.
+        processor: a processor that runs the onboard program.
         origin: latitude and longitude of north = east = 0 [deg].
         values: the controller's and the command module's parameters (SI) by component, mission included.
         pvt: the receiver is a newer one (see `Receiver`).
 
     Attributes:
-        memory: all that the program remembers after the last tick.
-        command: what the animal was told on it.
+        memory: the program's memory after the last tick.
+        command: the command that was played on it.
     """
 
     def __init__(
@@ -61,13 +61,13 @@ class Onboard:
         self.receiver, self.unit = Receiver(self.plane, pvt), InertialUnit()
         self.operator = Operator(self._mission(values.get("controller", {})))
         self._commands = commands(values.get("command_module", {}))
-        self._told: Telemetry | None = None
-        self._rows: dict[float, Telemetry | None] = {}  # what was told last, by the tick's time
+        self._telemetry: Telemetry | None = None
+        self._rows: dict[float, Telemetry | None] = {}  # the last telemetry by the time of each tick
         self.tick = 0
         self.memory = Memory(processor.start)
         self.command = Command.NONE
         self._shift: tuple[float, float] | None = None
-        self._parts: dict[str, StandIn] = {}
+        self._stand_ins: dict[str, StandIn] = {}
         self._sensors: Live = []
 
     def _mission(self, values: Mapping[str, float]) -> Mission:
@@ -82,7 +82,7 @@ class Onboard:
         """One tick: the sensors' signals and the controller's free inputs in, commands and telemetry out.
 
         Raises:
-            ProcessorError: the program runs away, or plays what is no command.
+            ProcessorError: the program runs away, or plays something that stands for no command.
         """
         link_ok = bool(wishes.get("link_ok", 1.0))
         start, override = bool(wishes.get("start", 0.0)), Command(int(wishes.get("override", 0.0)))
@@ -94,20 +94,21 @@ class Onboard:
         reply = self.processor.tick(received)
         self.tick += 1
         self.memory = Memory(reply.record)
-        told = self.operator.receive(reply.sent) if link_ok else None
-        self._told = told or self._told
-        self._rows[time] = self._told
+        telemetry = self.operator.receive(reply.sent) if link_ok else None
+        self._telemetry = telemetry or self._telemetry
+        self._rows[time] = self._telemetry
         played = (reply.tone_hz, reply.vibrate_left, reply.vibrate_right)
         if played not in self._commands:
             raise ProcessorError(
                 f"{self.processor.image.path.name}: the vest plays {reply.tone_hz} Hz, left "
-                f"{reply.vibrate_left}, right {reply.vibrate_right} at t = {time:.10g} s: that is no command"
+                f"{reply.vibrate_left}, right {reply.vibrate_right} at t = {time:.10g} s, "
+                "expected the sound of a command"
             )
         self.command = self._commands[played]
         return reply
 
     def output(self, component: str, name: str) -> float:
-        """An output of one of the components whose place it takes."""
+        """An output of one of the components of `ROLES`."""
         value = self.memory[f"{component}.output.{name}"]
         if component == "controller" and name == "command":
             return float(self.command)
@@ -131,7 +132,7 @@ class Onboard:
 
     @staticmethod
     def channel() -> Channel:
-        """How the telemetry stands in the log, in SI; a value without a unit is a whole number."""
+        """The telemetry's signals in the log, in SI; those without a unit are whole numbers."""
         fields = FIELDS.values()
         return Channel(
             "telemetry",
@@ -148,17 +149,17 @@ class Onboard:
         return [field.factor * getattr(telemetry, name, 0) for name, field in FIELDS.items()]
 
     def stand_ins(self, fmus: Mapping[str, FmuDescription]) -> dict[str, StandIn]:
-        """What takes the places of the components' FMUs in the loop."""
-        self._parts = {name: StandIn(self, name, fmus[name]) for name in ROLES}
-        return self._parts
+        """The stand-ins for the components' FMUs in the loop."""
+        self._stand_ins = {name: StandIn(self, name, fmus[name]) for name in ROLES}
+        return self._stand_ins
 
     def connect(self, sensors: Live) -> None:
-        """Take the sensors' signals from where the loop puts them."""
+        """Read the sensors' signals from these arrays, which the loop fills."""
         self._sensors = sensors
 
     def make_tick(self, time: float) -> None:
-        """One tick of the loop, with what its other components say now."""
-        self.step(time, _by_name(self._sensors), _by_name(self._parts["controller"].inputs))
+        """One tick of the loop, with the present outputs of its other components."""
+        self.step(time, _by_name(self._sensors), _by_name(self._stand_ins["controller"].inputs))
 
     def close(self) -> None:
         """Stop the processor."""
@@ -166,7 +167,7 @@ class Onboard:
 
 
 class StandIn:
-    """A component of the loop that is a part of the onboard computer: the first of them makes its tick."""
+    """A component of the loop that the onboard computer replaces: the first of them makes its tick."""
 
     def __init__(self, onboard: Onboard, name: str, description: FmuDescription) -> None:
         self.onboard, self.name, self.description = onboard, name, description
@@ -183,29 +184,29 @@ class StandIn:
         """Its parameters are in the firmware."""
 
     def setting(self, quantities: Sequence[Quantity], address: int) -> Call:
-        """As of an FMU: inputs are read from there when the tick is made."""
+        """As an FMU's: the inputs at the address are read when the tick is made."""
         self.inputs.append(([q.name for q in quantities], _values(quantities, address)))
-        return _nothing, (object(),)  # arguments of its own: by them the loop tells calls apart
+        return _nothing, (object(),)  # the loop tells calls apart by their arguments
 
     def getting(self, quantities: Sequence[Quantity], address: int) -> Call:
-        """As of an FMU."""
+        """As an FMU's."""
         return self._answer, ([q.name for q in quantities], _values(quantities, address))
 
     def _answer(self, names: Iterable[str], values: npt.NDArray[Any]) -> None:
         values[:] = [self.onboard.output(self.name, name) for name in names]
 
     def stepping(self, time: Any, step: float, ended: int) -> Call:
-        """As of an FMU; `time` is a ctypes double."""
+        """As an FMU's; `time` is a ctypes double."""
         return (self._tick if self.name == "estimator" else _nothing), (time,)
 
     def _tick(self, time: Any) -> None:
         self.onboard.make_tick(time.value)
 
     def check(self, status: int, what: str, time: float) -> None:
-        """Nothing of it returns a status."""
+        """Its calls return no status."""
 
     def close(self) -> None:
-        """Nothing is its own."""
+        """The onboard computer is closed by its owner."""
 
 
 def _by_name(live: Live) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""What the vest plays for each command: by it the animal's command is read in the loop."""
+"""Tone and vibrators for each command: in the loop the animal's command is read from them."""
 
 from __future__ import annotations
 
@@ -12,21 +12,25 @@ TONES = {"forward_tone": Command.FORWARD, "stop_tone": Command.STOP, "recall_ton
 
 
 def commands(values: Mapping[str, float]) -> dict[tuple[int, bool, bool], Command]:
-    """What the vest plays for each command.
+    """The command by tone [Hz], left and right vibrator.
 
     Raises:
-        UsageError: two commands sound alike, or one is no whole number of Hz.
+        UsageError: two commands sound alike, or a tone is not a whole number of Hz.
     """
-    found = {(0, False, False): Command.NONE, (0, True, False): Command.LEFT, (0, False, True): Command.RIGHT}
+    by_sound = {
+        (0, False, False): Command.NONE,
+        (0, True, False): Command.LEFT,
+        (0, False, True): Command.RIGHT,
+    }
     declared = settable(BLOCKS["command_module"])
     for name, command in TONES.items():
         tone = values.get(name, declared[name].start[0])
         played = (int(tone), False, False)
-        if played in found or tone != played[0]:
-            wrong = f"as for {found[played].name}" if played in found else "no whole number"
+        if played in by_sound or tone != played[0]:
+            wrong = f"as for {by_sound[played].name}" if played in by_sound else "not a whole number"
             raise UsageError(
                 f"command_module.{name} is {tone:g} Hz, {wrong}; "
-                "expected a tone of its own, since the animal hears nothing else"
+                "expected a tone of its own, by which the animal tells commands apart"
             )
-        found[played] = command
-    return found
+        by_sound[played] = command
+    return by_sound

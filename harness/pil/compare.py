@@ -45,7 +45,7 @@ class Compared:
     """A processor, watched: this machine's makes the same ticks, and each is compared.
 
     Attributes:
-        costs: of every tick, and whether a fix came on it.
+        costs: of each tick, and whether it had a fix.
         most_stack: bytes, once it is closed.
     """
 
@@ -90,11 +90,11 @@ class Compared:
         raise DifferenceError(f"{self.target}: {name} is {there} {when}, on the host {here}")
 
     def stack(self) -> int | None:
-        """Of the simulated one."""
+        """Most bytes of stack on the simulated processor."""
         return self.processor.stack()
 
     def close(self) -> None:
-        """Both; what was measured is kept."""
+        """Close both; the measurements stay."""
         try:
             self.most_stack = self.stack()
         finally:
@@ -118,21 +118,21 @@ def run(
     built: Callable[[Path], None] = lambda path: None,
     progress: Callable[[float], None] | None = None,
 ) -> dict[str, Any]:
-    """Run a trial on a simulated processor and on this one; what it cost.
+    """Run a trial on a simulated processor and on this one; its cost.
 
     Args:
         scenario: as for `canine run`.
         constants: the firmware's parameters are constants.
-        built, progress: are told of FMUs that are built, and of the trial's time.
+        built, progress: called with each FMU that is built, and with the trial's time.
 
     Raises:
-        UsageError: the target is none that is simulated, or the scenario does not fit it.
+        UsageError: the target is not simulated, or the scenario does not fit it.
         DifferenceError: the processors differ.
-        CanineError: whatever else ends a trial.
+        CanineError: the trial fails for another reason.
     """
     find_target(target)
     if target not in SIMULATED:
-        raise UsageError(f'--target "{target}": expected one that is simulated: {", ".join(SIMULATED)}')
+        raise UsageError(f'--target "{target}": expected a simulated one: {", ".join(SIMULATED)}')
     watched: list[Compared] = []
 
     def start(name: str, values: Values) -> Processor:
@@ -160,14 +160,14 @@ def run(
 
 
 def default_folder(target: str) -> Path:
-    """Where the files go if nobody says."""
+    """The folder for the files without --out."""
     return Path("out") / f"pil-{target}"
 
 
 def report(target: str, watched: Compared) -> dict[str, Any]:
-    """What the ticks cost, and what the program takes, as JSON."""
+    """The costs of the ticks and the bytes of the program, as JSON."""
     footprint = watched.image.footprint
-    found: dict[str, Any] = {
+    figures: dict[str, Any] = {
         "target": target,
         "receiver": "NAV-PVT" if find_target(target).pvt else "NAV-POSLLH, NAV-SOL, NAV-VELNED",
         "ticks": len(watched.costs),
@@ -177,25 +177,25 @@ def report(target: str, watched: Compared) -> dict[str, Any]:
         "stack_bytes": watched.most_stack,
     }
     if footprint is not None:
-        found |= {f"{name}_bytes": getattr(footprint, name) for name in ("code", "constants", "ram")}
-    return found
+        figures |= {f"{name}_bytes": getattr(footprint, name) for name in ("code", "constants", "ram")}
+    return figures
 
 
 def _costs(target: str, costs: Iterable[Cost]) -> dict[str, Any]:
-    """Worst and mean of ticks; the worst in ms by wait states where clocks are known."""
+    """Worst and mean over the ticks; where clocks are known, also the worst in ms by wait states."""
     costs = list(costs)
     if not costs:
         return {"ticks": 0}
     kinds = ("instructions", "clocks", "accesses") if costs[0].clocks else ("instructions",)
-    found: dict[str, Any] = {"ticks": len(costs)}
+    figures: dict[str, Any] = {"ticks": len(costs)}
     for kind in kinds:
         values = [getattr(cost, kind) for cost in costs]
-        found[kind] = {"worst": max(values), "mean": round(float(np.mean(values)))}
+        figures[kind] = {"worst": max(values), "mean": round(float(np.mean(values)))}
     if costs[0].clocks:
-        found["worst_ms_by_wait_states"] = [
+        figures["worst_ms_by_wait_states"] = [
             _ms(target, max(c.clocks + w * c.accesses for c in costs)) for w in WAIT_STATES
         ]
-    return found
+    return figures
 
 
 def _ms(target: str, clocks: int) -> float:
@@ -230,7 +230,7 @@ def show(result: Mapping[str, Any], console: Console) -> None:
 
 
 def costs(target: str, out: Path) -> dict[str, Any]:
-    """What the bundle's README states: the figures of the standard trial."""
+    """The figures in the bundle's README: those of the standard trial."""
     result = run(target, SCENARIO, Changes(), out)
     summary = result.pop("trial")
     return result | {"scenario": summary["scenario"], "seed": summary["seed"]}

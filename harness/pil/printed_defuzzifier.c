@@ -1,4 +1,4 @@
-/* printed_defuzzifier: eq. 3.19 to 3.21 as they are printed, summed over the 1501 points, for its time alone
+/* printed_defuzzifier: eq. 3.19 to 3.21 as printed, summed over the 1501 points, to measure its time
  * Source: Miller 2010, 3.3.5.2. The onboard program has the same sum in closed form. */
 
 float printed_speed; /* m/s, 0 or more: set at pil_wait */

@@ -1,4 +1,4 @@
-"""What the printed defuzzifier, the sum of eq. 3.21 over 1501 points, would take on the Rabbit 4000."""
+"""The cost of the printed defuzzifier, the sum of eq. 3.21 over 1501 points, on the Rabbit 4000."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def printed_defuzzifier(speeds: tuple[float, ...] = SPEEDS) -> list[tuple[float,
     """Speed [m/s], clocks and process noise [m/s2] of each.
 
     Raises:
-        CompileError: SDCC refuses it, or is not here.
+        CompileError: SDCC refuses it, or is missing.
         ProcessorError: the simulator cannot be started, or the program does not come back.
     """
     machine = Machine(program_image(find_target("rabbit4000"), {SOURCE.name: SOURCE.read_text()}))

@@ -47,7 +47,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     link_init(&m);
     while (at < size) {
         const size_t n = (block < (size - at)) ? block : (size - at);
-        uint8_t *const copy = malloc(n); /* of its very size: reading beyond is seen */
+        uint8_t *const copy = malloc(n); /* of exactly its size, so that reading beyond it is found */
         scanner_input input = {copy, (uint16_t)n};
         link_message message;
 

@@ -1,6 +1,6 @@
 /* Arbitrary bytes in arbitrary blocks through the inertial unit's parser, in z-up and z-down axes.
- * Every byte is in a frame, skipped or held; the axes differ by signs alone, but for what is no finite number
- * and becomes the greatest one. */
+ * Every byte is in a frame, skipped or held; the axes differ only by signs, and NaN and infinity become the
+ * greatest float. */
 #include "mt.h"
 
 #include <assert.h>
@@ -44,7 +44,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     mt_init(&down, false);
     while (at < size) {
         const size_t n = (block < (size - at)) ? block : (size - at);
-        uint8_t *const copy = malloc(n); /* of its very size: reading beyond is seen */
+        uint8_t *const copy = malloc(n); /* of exactly its size, so that reading beyond it is found */
         scanner_input to_up = {copy, (uint16_t)n};
         scanner_input to_down = to_up;
 

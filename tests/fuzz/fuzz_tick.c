@@ -1,7 +1,8 @@
 /* The whole onboard program, tick by tick, with bytes that the input chooses, from all three sources.
- * The input is a list of orders: raw bytes, values that are wrapped into right frames here, damage to bytes not
- * yet read, and ticks. An animal that walks (obeying, if so ordered) gives fixes and samples in the background,
- * so that few bytes lead far into a mission. What must hold is checked after every tick by means of its own. */
+ * The input is a list of orders: raw bytes, values wrapped into valid frames here, damage to bytes not read
+ * yet, and ticks. In the background a walking animal, which can be ordered to obey, gives fixes and samples,
+ * so that few bytes lead far into a mission. After every tick the results are checked against values
+ * computed anew. */
 #include "onboard.h"
 #include "port.h"
 
@@ -13,10 +14,10 @@
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
-/* The modes that the controller has been in, a bit for each, so that it is seen how far inputs lead. */
+/* The modes that the controller has been in, a bit for each: they show how far an input leads. */
 uint32_t fuzz_modes(void);
 
-/* Made from the declarations: every value is finite and within the range that is declared for it. */
+/* Generated from the declarations: every value is finite and within its declared range. */
 void check_declared(const onboard *m);
 
 #define MOST_TICKS 6000U
@@ -65,10 +66,10 @@ static struct {
     bool left;
     bool right;
     uint32_t ticks;
-    uint32_t silence;     /* ticks without a message that is right */
+    uint32_t silence;     /* ticks without a valid message */
     uint32_t imu_silence; /* ticks without a sample */
     uint32_t reports;     /* frames sent in this tick */
-    bool due;             /* telemetry is */
+    bool due;             /* telemetry is due */
     uint8_t telemetry[LINK_TELEMETRY_SIZE];
 } world;
 
@@ -77,7 +78,8 @@ static uint32_t modes;
 
 /* --- the board --- */
 
-/* A block of its very size, freed when its place is the board's again: what is read beyond or later is seen. */
+/* A block of exactly its size, freed when its place is the board's again: reading beyond it or later is
+ * found. */
 uint16_t port_receive(port_source source, const uint8_t **bytes)
 {
     static uint8_t *blocks[PORT_SOURCES];
@@ -160,7 +162,7 @@ static int16_t next_i16(void)
     return (int16_t)(uint16_t)(low | ((unsigned)next_u8() << 8));
 }
 
-/* --- frames, written anew here --- */
+/* --- frames, written without the program's code --- */
 
 static void little(uint8_t *bytes, uint32_t value)
 {
@@ -454,8 +456,8 @@ static int32_t commanded(int32_t mode)
     }
 }
 
-/* The order of precedence, from what the program was given: a lost link, the operator's override, bad input, an
- * invalid estimate, the table. */
+/* The order of precedence, from what the program was given: a lost link, the operator's override, bad input,
+ * an invalid estimate, the table. */
 static void check_command(void)
 {
     const bool good = within(vest.estimator.out.north, 1.0e5F) && within(vest.estimator.out.east, 1.0e5F) &&
@@ -496,7 +498,7 @@ static void check_vest(void)
     assert(world.right == (command == CMEC_COMMAND_RIGHT));
 }
 
-/* A u16 is a value's nearest, or its greatest. */
+/* A u16 is the nearest to a value, or its own greatest. */
 static void check_sent(const uint8_t *bytes, double value)
 {
     const double sent = (double)(((unsigned)bytes[0] << 8) | bytes[1]);
@@ -510,7 +512,7 @@ static void check_telemetry(void)
 
     assert(world.reports <= 1U);
     world.due = world.due || ((world.ticks % REPORT_TICKS) == 0U);
-    assert((world.reports == 1U) == (world.due && !vest.busy)); /* a fix is work enough, but for one tick */
+    assert((world.reports == 1U) == (world.due && !vest.busy)); /* a fix delays it by one tick */
     if (world.reports == 1U) {
         world.due = false;
         assert((t[0] == 0xA5U) && (t[1] == 0x5AU) && (t[2] == 16U) && (t[4] == 45U));
@@ -543,7 +545,7 @@ static void tick(void)
     onboard_tick(&vest);
     world.silence = (messages() != heard) ? 0U : (world.silence + 1U);
     world.imu_silence = vest.watchdog.in.sampled ? 0U : (world.imu_silence + 1U);
-    assert(!vest.watchdog.in.sampled || /* what counts as a sample has come, and the estimator took it */
+    assert(!vest.watchdog.in.sampled || /* a sample has come, and the estimator took it */
            ((vest.imu.scanner.frames != sampled) && (vest.estimator.state.bad_samples == bad_samples)));
     for (unsigned i = 0U; i < (unsigned)PORT_SOURCES; i++) {
         assert(world.taken[i] <= (ONBOARD_BLOCKS * PORT_MOST));

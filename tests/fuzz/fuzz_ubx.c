@@ -1,5 +1,5 @@
 /* Arbitrary bytes in arbitrary blocks through the receiver's parser.
- * Every byte is in a frame, skipped or held; a fix is within its ranges; no two in a row have one time. */
+ * Every byte is in a frame, skipped or held; a fix is within its ranges; no two in a row have the same time. */
 #include "ubx.h"
 
 #include <assert.h>
@@ -28,17 +28,17 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     ubx_init(&m);
     while (at < size) {
         const size_t n = (block < (size - at)) ? block : (size - at);
-        uint8_t *const copy = malloc(n); /* of its very size: reading beyond is seen */
+        uint8_t *const copy = malloc(n); /* of exactly its size, so that reading beyond it is found */
         scanner_input input = {copy, (uint16_t)n};
         ubx_fix last = m.fix;
         bool fixed = m.fixed;
-        ubx_found found;
+        ubx_event event;
 
         memcpy(copy, &data[at], n);
-        for (found = ubx_receive(&m, &input); found != UBX_NOTHING; found = ubx_receive(&m, &input)) {
+        for (event = ubx_receive(&m, &input); event != UBX_NOTHING; event = ubx_receive(&m, &input)) {
             assert(((uint16_t)m.scanner.start + m.scanner.count) <= SCANNER_SIZE);
             framed += m.scanner.length;
-            if (found == UBX_FIX) {
+            if (event == UBX_FIX) {
                 check_fix(&m.fix);
                 assert(!fixed || (last.time_ms != m.fix.time_ms));
                 last = m.fix;

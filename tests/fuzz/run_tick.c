@@ -1,4 +1,5 @@
-/* The inputs of fuzz_tick.c in files, one after the other, for compilers without libFuzzer; prints of each the
+/* The inputs of fuzz_tick.c in files, one after the other, for compilers without libFuzzer; prints for each
+ * the
  * modes that the controller has been in. */
 #include <stddef.h>
 #include <stdint.h>

@@ -1,4 +1,4 @@
-/* proof: values about which nothing is known */
+/* proof: arbitrary values */
 #ifndef PROOF_H
 #define PROOF_H
 

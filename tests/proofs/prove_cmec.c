@@ -1,4 +1,4 @@
-/* The controller from any state: inputs of any bits at all, NaN and infinity among them. */
+/* The controller from any state: inputs of any bits, NaN and infinity included. */
 #include "cmec.c"
 
 #include "proof.h"
@@ -14,7 +14,7 @@ float sqrtf(float x)
 
 static cmec any_cmec(void)
 {
-    cmec m; /* anything at all */
+    cmec m; /* any state */
 
     m.state.now = int_in(CMEC_MODE_IDLE, CMEC_MODE_STOPPED);
     m.state.ticks = int_in(0, 2000000000);

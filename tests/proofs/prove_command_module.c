@@ -1,4 +1,4 @@
-/* Every number as a command: one of six things is played. */
+/* Every number as a command: one of six commands is played. */
 #include "command_module.c"
 
 #include "proof.h"

@@ -1,5 +1,6 @@
-/* The estimator's parts, from any state within bounds that trials stay far inside of: nothing becomes NaN or
- * infinite, nothing is divided by zero, and what was positive stays so. */
+/* The estimator's parts, from any state within bounds that are far wider than in trials: no NaN, no
+ * infinity, no
+ * division by zero, and variances stay positive. */
 #include "four_state.c"
 
 #include "proof.h"
@@ -32,7 +33,7 @@ static four_state any_state(void)
     return m;
 }
 
-/* Any bits as sample: what is not good is held back. */
+/* Any bits as sample: a bad one is not taken. */
 void prove_listen(void)
 {
     four_state m = any_state();
@@ -62,7 +63,7 @@ void prove_judge(void)
 {
     four_state m = any_state();
 
-    /* all that onboard.c can give: 1e-7 deg times metres in it; a u32 of mm; ubx.c's range of speeds */
+    /* every value that onboard.c can give: 1e-7 deg times metres in it; a u32 of mm; ubx.c's range of speeds */
     m.in.gps_north = float_in(-2.1e7F, 2.1e7F);
     m.in.gps_east = float_in(-2.1e7F, 2.1e7F);
     m.in.gps_speed = float_in(0.0F, 515.0F);

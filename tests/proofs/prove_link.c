@@ -1,10 +1,10 @@
-/* The radio's frames: nothing is read beyond them or written beyond a mission, which is whole and on earth. */
+/* The radio's frames: no access beyond a frame or a mission; a mission is whole and on earth. */
 #include "link.c"
 #include "telemetry.c"
 
 #include "proof.h"
 
-/* Finds any frame of the length that the protocol tells, or none: proved of it in prove_scanner.c. */
+/* Finds any frame of the protocol's length, or none: prove_scanner.c proves this of the scanner. */
 bool scanner_next(scanner *s, scanner_input *input, const scanner_protocol *protocol)
 {
     static uint8_t frame[SCANNER_SIZE];

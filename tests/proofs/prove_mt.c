@@ -1,11 +1,11 @@
-/* The inertial unit's frames: nothing is read beyond them. */
+/* The inertial unit's frames: no access beyond them. */
 #include "mt.c"
 
 #include "proof.h"
 
 #include <float.h>
 
-/* Finds any frame of the length that the protocol tells, or none: proved of it in prove_scanner.c. Two at most. */
+/* Finds any frame of the protocol's length, or none: prove_scanner.c proves this of the scanner. Two at most. */
 bool scanner_next(scanner *s, scanner_input *input, const scanner_protocol *protocol)
 {
     static uint8_t frame[SCANNER_SIZE];
@@ -51,7 +51,7 @@ void prove_receive(void)
     assert(m.lost >= lost);
 }
 
-/* Whatever bytes came, a value is a number. */
+/* For all bytes a value is a finite number. */
 void prove_value(void)
 {
     mt m;

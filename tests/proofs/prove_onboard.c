@@ -9,7 +9,7 @@ void prove_conversions(void)
     const int32_t number = nondet_i32();
     const uint32_t count = nondet_u32();
 
-    __CPROVER_assume(!__CPROVER_isnanf(value)); /* what is converted is finite: prove_four_state.c, prove_cmec.c */
+    __CPROVER_assume(!__CPROVER_isnanf(value)); /* the values are finite: prove_four_state.c, prove_cmec.c */
     assert((value > -32768.0F) || (to_i16(value) == INT16_MIN));
     assert((value < 32767.0F) || (to_i16(value) == INT16_MAX));
     assert((value > 0.0F) || (to_u16(value) == 0U));

@@ -1,12 +1,13 @@
-/* The scanner never leaves its buffers, from any state that it can be in: its parts with the whole buffer, the
- * search for frames over a few bytes. */
+/* The scanner never leaves its buffers, from any reachable state: its parts with the whole buffer, the
+ * search for
+ * frames over a few bytes. */
 #include "scanner.c"
 
 #include "proof.h"
 
-#define BYTES 8U /* that come at once, where frames are searched */
+#define BYTES 8U /* of a block in which frames are searched */
 
-/* What is copied is not looked at here, but from where to where. */
+/* Only the places of a copy are checked here, not the bytes. */
 void *memcpy(void *to, const void *from, size_t n)
 {
     assert(__CPROVER_r_ok(from, n) && __CPROVER_w_ok(to, n));
@@ -24,7 +25,7 @@ static bool sane(const scanner *s)
     return (s->start <= SCANNER_SIZE) && (s->count <= (SCANNER_SIZE - s->start));
 }
 
-/* More is needed than is held, and there is room for it: so search leaves it. */
+/* As search leaves it: more bytes are needed than are held, and there is room for them. */
 static bool waiting(const scanner *s)
 {
     return (s->needed > s->count) && (s->needed <= SCANNER_SIZE);
@@ -46,7 +47,7 @@ static scanner_input any_input(const uint8_t *bytes, uint16_t size)
     return input;
 }
 
-/* A protocol of which nothing is known but that a checksum reads the frame up to its end. */
+/* Any protocol whose checksum reads the frame up to its end. */
 static uint8_t any_length(const uint8_t *header)
 {
     (void)header[3];

@@ -1,9 +1,9 @@
-/* The receiver's frames: whatever their bytes, nothing is read beyond them, and a fix is within its ranges. */
+/* The receiver's frames, with any bytes: no access beyond them, and a fix is within its ranges. */
 #include "ubx.c"
 
 #include "proof.h"
 
-/* Finds any frame of the length that the protocol tells, or none: proved of it in prove_scanner.c. */
+/* Finds any frame of the protocol's length, or none: prove_scanner.c proves this of the scanner. */
 bool scanner_next(scanner *s, scanner_input *input, const scanner_protocol *protocol)
 {
     static uint8_t frame[SCANNER_SIZE];
@@ -39,7 +39,7 @@ void prove_intact(void)
 
 void prove_receive(void)
 {
-    ubx m; /* anything at all */
+    ubx m; /* any state */
     scanner_input input;
     const bool fixed = m.fixed;
     const uint32_t before = m.fix.time_ms;

@@ -1,4 +1,4 @@
-/* From any state: the ages stop at their greatest value, and silence is found when it is. */
+/* From any state: the ages stop at their greatest value, and silence is found on its tick. */
 #include "watchdog.c"
 
 #include "proof.h"

@@ -1,5 +1,5 @@
 /* link: the radio between the operator's laptop and the vest
- * Source: Miller 2010, 1.3 and 2.4 (what is sent); the frame is described in link.h. */
+ * Source: Miller 2010, 1.3 and 2.4 (messages); the frame is described in link.h. */
 #include "link.h"
 
 #include <string.h>
@@ -25,8 +25,8 @@
 #define MAX_LONGITUDE 1800000000
 #define MAX_COMMAND 5U
 
-/* CRC-16/CCITT-FALSE: polynomial 0x1021, from 0xFFFF. A byte at a time without a table, and in bytes, since
- * shifts of 16 bits are loops on a small processor. */
+/* CRC-16/CCITT-FALSE: polynomial 0x1021, from 0xFFFF. A byte at a time without a table, in two bytes,
+ * since a small processor shifts 16 bits in a loop. */
 static uint16_t crc16(const uint8_t *bytes, uint8_t count)
 {
     uint8_t high = 0xFFU;
@@ -57,9 +57,9 @@ static int32_t big_i32(const uint8_t *bytes)
 
 static uint8_t link_length(const uint8_t *header)
 {
-    const bool wanted = (header[1] == SYNC_2) && (header[LENGTH] <= MAX_PAYLOAD);
+    const bool possible = (header[1] == SYNC_2) && (header[LENGTH] <= MAX_PAYLOAD);
 
-    return wanted ? (uint8_t)(HEADER + header[LENGTH] + CHECKSUM) : 0U;
+    return possible ? (uint8_t)(HEADER + header[LENGTH] + CHECKSUM) : 0U;
 }
 
 static bool link_intact(const uint8_t *frame, uint8_t length)
@@ -84,19 +84,19 @@ static bool on_earth(const link_position *position)
            (position->longitude >= -MAX_LONGITUDE) && (position->longitude <= MAX_LONGITUDE);
 }
 
-/* A mission is taken whole or not at all: everything is looked at before anything is changed. */
+/* A mission is taken whole or not at all: all of it is checked before anything is changed. */
 static bool take_mission(radio_link *m, const uint8_t *payload, uint8_t length)
 {
     const uint8_t *const positions = &payload[ID];
     const uint8_t end = (length >= ID) ? (uint8_t)(length - ID) : 0U;
-    bool right = ((end % POSITION) == 0U) && (end >= (2U * POSITION));
+    bool valid = ((end % POSITION) == 0U) && (end >= (2U * POSITION));
 
-    for (uint8_t i = 0U; right && (i < end); i = (uint8_t)(i + POSITION)) {
+    for (uint8_t i = 0U; valid && (i < end); i = (uint8_t)(i + POSITION)) {
         const link_position position = get_position(&positions[i]);
 
-        right = on_earth(&position);
+        valid = on_earth(&position);
     }
-    if (right) {
+    if (valid) {
         m->mission.id = big_u16(payload);
         m->mission.home = get_position(positions);
         m->mission.count = (uint8_t)((end / POSITION) - 1U);
@@ -104,20 +104,20 @@ static bool take_mission(radio_link *m, const uint8_t *payload, uint8_t length)
             m->mission.waypoints[i] = get_position(&positions[POSITION * (i + 1U)]);
         }
     }
-    return right;
+    return valid;
 }
 
 static bool take_override(radio_link *m, const uint8_t *payload, uint8_t length)
 {
-    const bool right = (length == 1U) && (payload[0] <= MAX_COMMAND);
+    const bool valid = (length == 1U) && (payload[0] <= MAX_COMMAND);
 
-    if (right) {
+    if (valid) {
         m->override = payload[0];
     }
-    return right;
+    return valid;
 }
 
-/* Carry out the message that the scanner holds. Returns its type, or LINK_NOTHING if it is not right. */
+/* Take the message that the scanner holds. Returns its type, or LINK_NOTHING if it is refused. */
 static link_message take_message(radio_link *m)
 {
     const uint8_t *const payload = &m->scanner.frame[HEADER];

@@ -1,15 +1,15 @@
 /* link: the radio between the operator's laptop and the vest
- * Source: Miller 2010, 1.3 and 2.4 (what is sent); the frame is our own, since an XBee in transparent mode
+ * Source: Miller 2010, 1.3 and 2.4 (messages); the frame is our own, since an XBee in transparent mode
  * carries bytes without bounds, acknowledgement or checksum.
  *
  * A frame: A5 5A, type, sequence number, length of the payload, payload, CRC-16/CCITT-FALSE of type to
- * payload. Big-endian. The sender counts its frames in the sequence number; the vest tells the last one it
- * received in its telemetry, so that the laptop repeats what got lost.
+ * payload. Big-endian. The sender counts its frames in the sequence number. The telemetry returns the number
+ * of the last message taken, so that the laptop can repeat a lost one.
  *
  * type              payload
  * 1  MISSION        u16: its id; home, then 1 to 16 waypoints: each latitude, longitude [1e-7 deg] i32
- *                   the id is any number of the laptop's choosing, to tell missions apart
- * 2  START          u16: the id of the MISSION that is meant
+ *                   the laptop chooses the id, by which missions are told apart
+ * 2  START          u16: the id of the MISSION to begin
  * 3  OVERRIDE       u8: the command, 0 releases
  * 4  ABORT          -
  * 5  HEARTBEAT      -
@@ -32,14 +32,14 @@ typedef struct {
 typedef struct {
     link_position home;
     link_position waypoints[LINK_MAX_WAYPOINTS];
-    uint8_t count; /* of waypoints; 0: no mission has come */
+    uint8_t count; /* of waypoints; 0: no mission is held */
     uint16_t id;   /* by which it is started */
 } link_mission;
 
 typedef enum {
     LINK_NOTHING = 0,   /* the input is used up */
     LINK_MISSION = 1,   /* the new one, whole, in `mission` */
-    LINK_START = 2,     /* of the very mission held */
+    LINK_START = 2,     /* of the mission held */
     LINK_OVERRIDE = 3,  /* the command in `override` */
     LINK_ABORT = 4,
     LINK_HEARTBEAT = 5,
@@ -51,19 +51,19 @@ typedef struct {
     link_mission mission;
     uint8_t override; /* command of the operator; 0: none */
     uint8_t sequence; /* of the last message taken */
-    uint32_t refused; /* messages with a wrong length or value, starts of another mission than the one held */
-    uint32_t unknown; /* messages of other types; both stop at their greatest value */
+    uint32_t refused; /* messages with a wrong length or value, a START of a mission that is not held */
+    uint32_t unknown; /* messages of other types; both counters stop at their greatest value */
 } radio_link; /* `link` is a function of POSIX */
 
 void link_init(radio_link *m);
 
-/* Read up to the end of the next message that is right; call until it returns LINK_NOTHING. What is refused
- * changes nothing but the counters. */
+/* Read up to the end of the next valid message; call until it returns LINK_NOTHING. A refused message changes
+ * only the counters. */
 link_message link_receive(radio_link *m, scanner_input *input);
 
-/* Call on every tick while nothing has come for longer than a frame may pause (between two radio packets:
- * 0.2 s), then link_receive: a frame that lost its end would otherwise hold back an ABORT until others have
- * filled it up. */
+/* Abandon a frame that lost its end: until later bytes had filled it up, it would hold back an ABORT. Call on
+ * every tick once the radio has been silent for longer than a frame may pause (between two radio packets:
+ * 0.2 s), and link_receive behind it. */
 void link_idle(radio_link *m);
 
 /* Write a frame of LINK_TELEMETRY_SIZE bytes; returns that size. */

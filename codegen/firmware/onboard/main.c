@@ -1,5 +1,5 @@
 /* main: the onboard program on its board: a tick every 40 ms by the board's clock
- * A tick that comes late is made up for; more than one missed is not. */
+ * One late tick is made up for; further missed ones are left out. */
 #include "onboard.h"
 #include "port.h"
 
@@ -12,7 +12,7 @@ int main(void)
     onboard_init(&vest);
     due = port_clock_ms();
     for (;;) {
-        const uint32_t late = port_clock_ms() - due; /* before it is due: more than 2^31 */
+        const uint32_t late = port_clock_ms() - due; /* wraps before the tick is due */
 
         if (late < 0x80000000U) {
             due += (late < (2U * ONBOARD_TICK_MS)) ? ONBOARD_TICK_MS : (late + ONBOARD_TICK_MS);

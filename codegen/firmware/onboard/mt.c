@@ -12,19 +12,19 @@
 #define HEADER 4U
 #define CHECKSUM 1U
 
-#define SIGN 0x80000000U      /* of an IEEE 754 single */
-#define INFINITE 0xFF000000U  /* a single without its sign, from here on infinity or NaN */
+#define SIGN 0x80000000U      /* of an IEEE 754 float */
+#define INFINITE 0xFF000000U  /* a float shifted past its sign: from here on infinity or NaN */
 #define GREATEST 0x7F7FFFFFU  /* FLT_MAX */
 #define RADIANS 0.0174532925F /* rad/deg */
 
 static uint8_t mt_length(const uint8_t *header)
 {
-    const bool wanted = (header[1] == ADDRESS) && (header[2] == MTDATA) && (header[3] == DATA);
+    const bool expected = (header[1] == ADDRESS) && (header[2] == MTDATA) && (header[3] == DATA);
 
-    return wanted ? (uint8_t)(HEADER + DATA + CHECKSUM) : 0U;
+    return expected ? (uint8_t)(HEADER + DATA + CHECKSUM) : 0U;
 }
 
-/* All bytes behind the preamble, the checksum among them, sum up to 0: 54 of them, taken by sixes. */
+/* The 54 bytes behind the preamble, checksum included, sum up to 0. Six are added at a time. */
 static bool mt_intact(const uint8_t *frame, uint8_t length)
 {
     const uint8_t *byte = &frame[1];
@@ -38,22 +38,22 @@ static bool mt_intact(const uint8_t *frame, uint8_t length)
     return sum == 0U;
 }
 
-/* A single, its sign changed where `flip` is SIGN: bits are turned, not numbers, since every operation on a
- * number takes hundreds of clocks on a processor without floating point. What is no finite number becomes the
- * greatest one, beyond every range: no NaN comes on board. */
+/* A float, its sign changed where `flip` is SIGN. The bit is flipped instead of negating the number, which
+ * takes hundreds of clocks on a processor without floating point. NaN and infinity become the greatest
+ * float, which is out of every range. */
 static float get_float(const uint8_t *bytes, uint32_t flip)
 {
     const uint32_t bits =
         ((uint32_t)bytes[0] << 24) | ((uint32_t)bytes[1] << 16) | ((uint32_t)bytes[2] << 8) | bytes[3];
-    const uint32_t turned = ((bits << 1) >= INFINITE) ? GREATEST : (bits ^ flip);
+    const uint32_t finite = ((bits << 1) >= INFINITE) ? GREATEST : (bits ^ flip);
     float value;
 
     /* cppcheck-suppress misra-c2012-21.15 ; deviation: the bits of a float are meant, not its value */
-    (void)memcpy(&value, &turned, sizeof(value));
+    (void)memcpy(&value, &finite, sizeof(value));
     return value;
 }
 
-/* Count what the counter jumped over. A step back means that the unit has begun anew. */
+/* Count the samples that the counter skipped. A step back means that the unit was restarted. */
 static void count_lost(mt *m, uint16_t counter)
 {
     const uint16_t gap = (uint16_t)((uint16_t)(counter - m->counter) - 1U);
@@ -99,10 +99,10 @@ bool mt_receive(mt *m, scanner_input *input)
 
 float mt_value(const mt *m, mt_quantity quantity)
 {
-    static const bool other[MT_VALUES] = { /* in z-up axes the sign is another one */
+    static const bool opposite[MT_VALUES] = { /* the sign in z-up axes */
         false, true, true, false, true, true, false, true, true, false, true, true
     };
-    const uint32_t flip = (m->z_up && other[quantity]) ? SIGN : 0U;
+    const uint32_t flip = (m->z_up && opposite[quantity]) ? SIGN : 0U;
     const float value = get_float(&m->values[4U * (uint8_t)quantity], flip);
 
     return (quantity >= MT_ROLL) ? (RADIANS * value) : value;

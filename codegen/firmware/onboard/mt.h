@@ -2,8 +2,8 @@
  * Source: Xsens MT low-level communication protocol, message MTData; Miller 2010, 2.3 (MTi-X).
  *
  * The unit is set to output mode 0x0006 (calibrated data and orientation) and settings 0x00000005 (Euler
- * angles and sample counter, single precision). Its values pass as they are, but what is no finite number
- * becomes the greatest one: the estimator, which knows their ranges, refuses it as it does others. */
+ * angles and sample counter, single precision). Values pass unchanged, but NaN and infinity become the
+ * greatest float: the estimator knows the ranges, and refuses it like any other value out of range. */
 #ifndef MT_H
 #define MT_H
 
@@ -11,7 +11,7 @@
 
 #define MT_VALUES 12U
 
-/* What a sample tells, in axes of the body: forward, right, down. */
+/* The values of a sample, in the axes of the body: forward, right, down. */
 typedef enum {
     MT_ACCEL_X, /* m/s2, specific force */
     MT_ACCEL_Y,
@@ -31,9 +31,9 @@ typedef struct {
     scanner scanner;
     bool z_up;                      /* its axes: forward, left, up; yaw counter-clockwise, pitch nose down */
     bool sampled;                   /* there has been a sample */
-    uint8_t values[4U * MT_VALUES]; /* the last one as it came; most of it is read by nobody */
+    uint8_t values[4U * MT_VALUES]; /* the last sample as it came; converted only where read */
     uint16_t counter;               /* of samples, by the unit */
-    uint32_t lost;                  /* samples that the counter jumped over; stops at its greatest value */
+    uint32_t lost;                  /* samples that the counter skipped; stops at its greatest value */
 } mt;
 
 void mt_init(mt *m, bool z_up);

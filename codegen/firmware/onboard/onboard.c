@@ -1,8 +1,8 @@
 /* onboard: the program on the vest: drivers, estimator, controller and command module, 25 times a second
  * Source: Miller 2010, 2.3, 2.4, Chapters 3 and 4.
  *
- * What fails is answered here or behind: a silent receiver makes the estimate grow old and invalid, a silent
- * inertial unit or operator is found by the watchdog; the controller then stops the animal. */
+ * Failures end in a stop: a silent receiver makes the estimate old and invalid, and the watchdog notices a
+ * silent inertial unit or operator. The controller then stops the animal. */
 #include "onboard.h"
 
 #include "port.h"
@@ -10,15 +10,16 @@
 #include <stddef.h>
 #include <string.h>
 
-#define LONGEST_PAUSE 5U     /* ticks that a frame from the radio may pause: two packets */
-#define NO_SAMPLE 1.0e9f     /* beyond the range of every input of the estimator, which then holds */
+#define LONGEST_PAUSE 5U     /* ticks: the longest pause in a frame from the radio, two packets */
+#define NO_SAMPLE 1.0e9f     /* out of range: the estimator then holds speed and heading */
 #define PER_MILLE 0.001f     /* mm to m, mm/s to m/s */
 #define FARTHEST 1.0e5f      /* m: the controller's range of positions */
-#define MAX_SHIFT 100000000  /* 1e-7 deg that an estimate is from the origin, at most, in telemetry */
-#define ORIGIN_H_ACC 100000U /* mm, mm/s: a fix that is to settle the plane is no worse */
+#define MAX_SHIFT 100000000  /* 1e-7 deg: limit of an estimate's distance from the origin in telemetry */
+#define ORIGIN_H_ACC 100000U /* mm, mm/s: accuracy that a fix needs to settle the plane */
 #define ORIGIN_S_ACC 10000U
 
-/* The next bytes of a source, which gives so many more blocks in this tick. Returns false if there are none. */
+/* Get the next bytes of a source; `blocks` counts those that may still be read in this tick. Returns false if
+ * there are none. */
 static bool next_bytes(port_source source, scanner_input *input, uint8_t *blocks)
 {
     input->count = 0U;
@@ -29,9 +30,9 @@ static bool next_bytes(port_source source, scanner_input *input, uint8_t *blocks
     return input->count > 0U;
 }
 
-/* What a message means for the trial. A START is that of the mission held: another mission undoes it. While a
- * trial is on, or has ended and was not aborted, it is not heeded. */
-static void heed(onboard *m, link_message message)
+/* Let a message begin or end the trial. A START is for the mission held, and a new MISSION cancels it. It is
+ * ignored while a trial is under way, or has ended without an ABORT. */
+static void apply(onboard *m, link_message message)
 {
     switch (message) {
     case LINK_MISSION:
@@ -44,7 +45,7 @@ static void heed(onboard *m, link_message message)
         m->start_wanted = false;
         m->controller.in.start = false;
         break;
-    default: /* the driver keeps overrides; the others are but signs of life */
+    default: /* the driver stores an override; the others only show that the operator is there */
         break;
     }
 }
@@ -58,7 +59,7 @@ static bool obey(onboard *m, scanner_input *input)
     do {
         message = link_receive(&m->radio, input);
         heard = heard || (message != LINK_NOTHING);
-        heed(m, message);
+        apply(m, message);
     } while (message != LINK_NOTHING);
     return heard;
 }
@@ -73,14 +74,14 @@ static bool hear_operator(onboard *m)
     if (m->pause < LONGEST_PAUSE) {
         m->pause++;
     } else {
-        link_idle(&m->radio); /* the rest of a frame will not come */
+        link_idle(&m->radio); /* the rest of the frame will not come */
     }
     while (next_bytes(PORT_RADIO, &input, &blocks)) {
         m->pause = 0U;
         heard = obey(m, &input) || heard;
     }
     if (m->pause == LONGEST_PAUSE) {
-        heard = obey(m, &input); /* what stood behind the frame given up */
+        heard = obey(m, &input); /* the messages behind the abandoned frame */
     }
     return heard;
 }
@@ -90,13 +91,13 @@ static bool is_near(float coordinate)
     return (coordinate >= -FARTHEST) && (coordinate <= FARTHEST);
 }
 
-/* The position projected last is within the controller's range. */
+/* Is the position projected last within the controller's range? */
 static bool on_plane(const onboard *m)
 {
     return is_near(m->local_plane.out.north) && is_near(m->local_plane.out.east);
 }
 
-/* A position on the plane: `north` and `east` of local_plane.out. */
+/* Project a position onto the plane: to `north` and `east` of local_plane.out. */
 static void project(onboard *m, int32_t latitude, int32_t longitude, bool settle)
 {
     m->local_plane.in.latitude = latitude;
@@ -105,8 +106,8 @@ static void project(onboard *m, int32_t latitude, int32_t longitude, bool settle
     local_plane_step(&m->local_plane);
 }
 
-/* Bring a fix onto the plane, which touches the earth at the first good one, and anew where the vest has been
- * carried too far away before a trial. Returns whether there is a plane. */
+/* Project a fix onto the plane, which is settled at the first accurate fix. Before a trial it is settled
+ * again at an accurate fix out of range: the vest has been carried away. Returns whether it is settled. */
 static bool project_fix(onboard *m, const ubx_fix *fix)
 {
     const bool accurate = (fix->h_acc <= ORIGIN_H_ACC) && (fix->s_acc <= ORIGIN_S_ACC);
@@ -126,12 +127,12 @@ static bool hear_receiver(onboard *m)
     bool fixed = false;
 
     while (next_bytes(PORT_GPS, &input, &blocks)) {
-        ubx_found found;
+        ubx_event event;
 
         do {
-            found = ubx_receive(&m->gps, &input);
-            fixed = fixed || (found == UBX_FIX);
-        } while (found != UBX_NOTHING);
+            event = ubx_receive(&m->gps, &input);
+            fixed = fixed || (event == UBX_FIX);
+        } while (event != UBX_NOTHING);
     }
     fixed = fixed && project_fix(m, &m->gps.fix);
     if (fixed) {
@@ -168,7 +169,7 @@ static bool hear_imu(onboard *m)
     return sampled;
 }
 
-/* Bring the mission that is held onto the plane. Returns whether all of it is near enough. */
+/* Project the mission onto the plane. Returns whether all of it is within the controller's range. */
 static bool plan(onboard *m)
 {
     bool near;
@@ -187,14 +188,15 @@ static bool plan(onboard *m)
     return near;
 }
 
-/* The trial begins when the operator wants it, the plane is settled and the controller has come to rest. A START
- * that has not begun is forgotten with the link. */
+/* Begin the trial when a START has come, the plane is settled and the controller is idle. A lost link
+ * cancels a START that still waits. */
 static void begin(onboard *m)
 {
     if (!m->watchdog.out.link_ok) {
         m->start_wanted = false;
     }
-    if (m->start_wanted && m->local_plane.state.settled && (m->controller.out.mode == (int32_t)CMEC_MODE_IDLE)) {
+    if (m->start_wanted && m->local_plane.state.settled &&
+        (m->controller.out.mode == (int32_t)CMEC_MODE_IDLE)) {
         m->controller.in.start = plan(m);
         m->start_wanted = false;
         m->mission_id = m->radio.mission.id;
@@ -213,10 +215,11 @@ static void decide(onboard *m)
     cmec_step(&m->controller);
     m->command_module.in.command = m->controller.out.command;
     command_module_step(&m->command_module);
-    port_command_module((uint16_t)m->command_module.out.tone_hz, m->command_module.out.vibrate_left, m->command_module.out.vibrate_right);
+    port_command_module((uint16_t)m->command_module.out.tone_hz, m->command_module.out.vibrate_left,
+                        m->command_module.out.vibrate_right);
 }
 
-/* The nearest whole number of an interval that C's conversions can do. */
+/* The nearest whole number within an interval, so that the conversion is defined. */
 static int32_t whole(float value, int32_t lowest, int32_t highest)
 {
     int32_t result;
@@ -324,7 +327,7 @@ void onboard_init(onboard *m)
 void onboard_tick(onboard *m)
 {
     const bool fixed = hear_receiver(m);
-    const bool busy = fixed && !m->busy; /* a fix is work enough: what can wait does, but for one tick */
+    const bool busy = fixed && !m->busy; /* a fix takes long: radio and telemetry wait for one tick */
     const int32_t bad_samples = m->estimator.state.bad_samples;
     bool sampled;
 
@@ -332,7 +335,7 @@ void onboard_tick(onboard *m)
     m->watchdog.in.heard = !busy && hear_operator(m);
     sampled = hear_imu(m);
     four_state_step(&m->estimator);
-    m->watchdog.in.sampled = sampled && (m->estimator.state.bad_samples == bad_samples); /* it was of use */
+    m->watchdog.in.sampled = sampled && (m->estimator.state.bad_samples == bad_samples); /* taken */
     m->watchdog.in.valid = m->estimator.out.valid;
     watchdog_step(&m->watchdog);
     begin(m);

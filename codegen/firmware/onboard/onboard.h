@@ -13,7 +13,7 @@
 #include "ubx.h"
 #include "watchdog.h"
 
-#define ONBOARD_BLOCKS 2U /* of at most PORT_MOST bytes, read from a source in a tick; the rest waits */
+#define ONBOARD_BLOCKS 2U /* of up to PORT_MOST bytes, read from a source in a tick; the rest waits */
 
 #ifndef ONBOARD_IMU_Z_UP
 #define ONBOARD_IMU_Z_UP true /* axes of the inertial unit: see mt.h */
@@ -25,8 +25,8 @@ typedef struct {
     ubx gps;
     mt imu;
     radio_link radio;
-    bool start_wanted;   /* a START of the operator's has not begun yet */
-    uint16_t mission_id; /* of the mission begun last */
+    bool start_wanted;   /* a START has come whose trial has not begun yet */
+    uint16_t mission_id; /* of the mission that was begun last */
     uint8_t pause;       /* ticks without a byte from the radio */
     bool busy;           /* radio and telemetry waited on the last tick */
     bool reporting;      /* telemetry is due */
@@ -40,7 +40,7 @@ typedef struct {
 
 void onboard_init(onboard *m);
 
-/* One tick: read what has come, estimate, decide, command, report. Call it every ONBOARD_TICK_MS. */
+/* One tick: read the sources, estimate, decide, command, report. Call it every ONBOARD_TICK_MS. */
 void onboard_tick(onboard *m);
 
 /* Set the blocks' parameters (parameters.c). */

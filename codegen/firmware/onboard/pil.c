@@ -1,6 +1,6 @@
 /* pil: the onboard program as processor in the loop: a mailbox takes the place of the board
- * Before a tick the harness writes what has come from each source, and stops at pil_wait; after it, it reads
- * what was sent and played, and the record of everything that the program remembers. */
+ * The harness stops the program at pil_wait and writes the bytes of each source. After the tick it reads the
+ * bytes sent, the tone and vibrators, and the record of everything that the program remembers. */
 #include "onboard.h"
 #include "pil.h"
 #include "port.h"

@@ -1,5 +1,5 @@
-/* port: what the onboard program needs of the board that it runs on; to be written for each board
- * None of these waits. */
+/* port: what the onboard program needs of its board; written anew for each board
+ * None of these functions waits. */
 #ifndef PORT_H
 #define PORT_H
 
@@ -15,14 +15,14 @@ uint32_t port_clock_ms(void);
 
 #define PORT_MOST 512U /* bytes that port_receive gives at once, at most */
 
-/* Bytes that have come from a source: `bytes` is set to where the oldest lies; returns how many can be read
- * from there on. They count as taken; their place is theirs until the next call for the same source. */
+/* Take bytes that have come from a source: `bytes` is set to the oldest; returns how many can be read from
+ * there on. They stay in place until the next call for the same source. */
 uint16_t port_receive(port_source source, const uint8_t **bytes);
 
-/* Send bytes to the operator; they are copied before it returns. */
+/* Send bytes to the operator; they are copied before the function returns. */
 void port_send(const uint8_t *bytes, uint16_t count);
 
-/* What the vest plays: a tone [Hz], 0 for none, and the two vibrators. */
+/* Play a tone [Hz], 0 for none, and set the two vibrators. */
 void port_command_module(uint16_t tone_hz, bool vibrate_left, bool vibrate_right);
 
 #endif

@@ -1,14 +1,14 @@
 /* ring: bytes on their way between an interrupt handler and the program
- * For ports whose serial lines interrupt. One side puts, the other takes, each moves its own index only, and an
- * index is one byte, which every processor reads and writes at once: a handler that puts need not be held off.
- * All zero is empty. */
+ * For ports whose serial lines interrupt. One side puts and the other takes; each moves only its own index.
+ * An index is one byte, which every processor reads and writes in one access: interrupts may stay on. All
+ * zero is empty. */
 #ifndef RING_H
 #define RING_H
 
 #include <stdbool.h>
 #include <stdint.h>
 
-#define RING_SIZE 256U /* bytes, of which one stays free; indices wrap by themselves. A tick at 57600 baud is 230 */
+#define RING_SIZE 256U /* bytes, one of them free; indices wrap by themselves. A tick at 57600 baud is 230 */
 
 typedef struct {
     uint8_t bytes[RING_SIZE];
@@ -25,7 +25,7 @@ static inline uint8_t ring_room(const ring *r)
     return (uint8_t)(taken - r->put - 1U);
 }
 
-/* Put a byte; when there is no room it is lost, and the protocols' checksums tell. */
+/* Put a byte. Without room it is lost, which the protocols' checksums reveal. */
 static inline void ring_put(ring *r, uint8_t byte)
 {
     const uint8_t at = r->put;
@@ -41,16 +41,16 @@ static inline void ring_put(ring *r, uint8_t byte)
 static inline bool ring_take(ring *r, uint8_t *byte)
 {
     const uint8_t at = r->taken;
-    const bool some = at != r->put;
+    const bool taken = at != r->put;
 
-    if (some) {
+    if (taken) {
         *byte = r->bytes[at];
         r->taken = (uint8_t)(at + 1U);
     }
-    return some;
+    return taken;
 }
 
-/* The oldest bytes in their place, up to the end of the ring; returns how many. They stay there until the next
+/* The oldest bytes in place, up to the end of the ring; returns how many. They stay there until the next
  * call, which takes them. */
 static inline uint16_t ring_lend(ring *r, const uint8_t **bytes)
 {

@@ -1,7 +1,7 @@
 /* scanner: finds the frames in a stream of bytes of which some may be lost, changed or foreign
- * Time: a frame that lies whole in a block is summed once where it lies, one in pieces is copied as well. At
- * worst every byte begins what looks like a frame, whose header is read, and every header's length of bytes one
- * that is summed in vain. */
+ * Time: a frame that lies whole in a block is summed once, in place; one in pieces is copied as well. At
+ * worst each byte looks like the first of a frame, whose header is read, and each header's length of bytes
+ * holds a false frame that is summed in vain. */
 #include "scanner.h"
 
 #include <string.h>
@@ -20,7 +20,7 @@ static void advance(scanner_input *input, uint16_t n)
     input->count = (uint16_t)(input->count - n);
 }
 
-/* Move the input on over bytes that are part of no frame. */
+/* Move the input on over bytes outside all frames. */
 static void skip(scanner *s, scanner_input *input, uint16_t n)
 {
     scanner_count(&s->skipped, n);
@@ -41,7 +41,7 @@ static void hunt(scanner *s, scanner_input *input, uint8_t sync)
 }
 
 /* Find a frame that lies whole in the input and move the input on behind it. Returns NULL if there is none:
- * then the input begins with a frame whose rest is missing, or is used up. */
+ * the input then begins with a frame whose rest is missing, or is used up. */
 static const uint8_t *search(scanner *s, scanner_input *input, const scanner_protocol *protocol)
 {
     const uint8_t *frame = NULL;
@@ -72,7 +72,7 @@ static const uint8_t *search(scanner *s, scanner_input *input, const scanner_pro
     return frame;
 }
 
-/* Find a frame in what is held. */
+/* Find a frame in the bytes held. */
 static const uint8_t *search_held(scanner *s, const scanner_protocol *protocol)
 {
     scanner_input held = {&s->bytes[s->start], s->count};
@@ -83,7 +83,7 @@ static const uint8_t *search_held(scanner *s, const scanner_protocol *protocol)
     return frame;
 }
 
-/* Take as much input as what is held needs. Returns whether there was any. */
+/* Take from the input what the bytes held need to go on. Returns whether there was any. */
 static bool top_up(scanner *s, scanner_input *input)
 {
     uint8_t n = (uint8_t)(s->needed - s->count);

@@ -42,8 +42,8 @@ static uint32_t times_10(uint32_t value)
 
 static uint8_t ubx_length(const uint8_t *header)
 {
-    uint8_t payload = 0U; /* its length in the message of this kind */
-    bool wanted;
+    uint8_t payload = 0U; /* its length in a message of this kind; 0: of no interest */
+    bool expected;
 
     if ((header[1] == SYNC_2) && (header[2] == UBX_NAV)) {
         switch (header[3]) {
@@ -59,15 +59,16 @@ static uint8_t ubx_length(const uint8_t *header)
         case UBX_NAV_VELNED:
             payload = 36U;
             break;
-        default: /* not wanted */
+        default:
             break;
         }
     }
-    wanted = (payload != 0U) && (header[4] == payload) && (header[5] == 0U);
-    return wanted ? (uint8_t)(HEADER + payload + CHECKSUM) : 0U;
+    expected = (payload != 0U) && (header[4] == payload) && (header[5] == 0U);
+    return expected ? (uint8_t)(HEADER + payload + CHECKSUM) : 0U;
 }
 
-/* Fletcher's checksum over class to payload, eight bytes at a time: all wanted messages are of such lengths. */
+/* Fletcher's checksum over class to payload, eight bytes at a time: the lengths of all four payloads and the
+ * 4 bytes before them add up to multiples of 8. */
 static bool ubx_intact(const uint8_t *frame, uint8_t length)
 {
     const uint8_t *byte = &frame[2];
@@ -106,28 +107,28 @@ static bool in_range(const ubx_fix *fix)
 }
 
 /* Take a fix that the receiver calls good, if its epoch has had none and its values are in range. */
-static ubx_found take_fix(ubx *m, const ubx_fix *fix)
+static ubx_event take_fix(ubx *m, const ubx_fix *fix)
 {
     const bool known = m->fixed && (m->fix.time_ms == fix->time_ms);
-    ubx_found found = UBX_FRAME;
+    ubx_event event = UBX_FRAME;
 
     if (!known) {
         if (in_range(fix)) {
             m->fix = *fix;
             m->fixed = true;
-            found = UBX_FIX;
+            event = UBX_FIX;
         } else {
             scanner_count(&m->refused, 1U);
         }
     }
-    return found;
+    return event;
 }
 
-/* One of the three messages has come: it begins a new epoch or completes the present one. */
-static ubx_found add_part(ubx *m, uint8_t part, const uint8_t *payload)
+/* One of the three messages has come: it begins a new epoch or adds to the current one. */
+static ubx_event add_part(ubx *m, uint8_t part, const uint8_t *payload)
 {
     const uint32_t time_ms = little_u32(payload);
-    ubx_found found = UBX_FRAME;
+    ubx_event event = UBX_FRAME;
 
     if (time_ms != m->epoch.time_ms) {
         m->parts = 0U;
@@ -148,16 +149,16 @@ static ubx_found add_part(ubx *m, uint8_t part, const uint8_t *payload)
     if (m->parts == WHOLE) {
         m->parts = 0U;
         if (m->good) {
-            found = take_fix(m, &m->epoch);
+            event = take_fix(m, &m->epoch);
         }
     }
-    return found;
+    return event;
 }
 
-static ubx_found read_pvt(ubx *m, const uint8_t *payload)
+static ubx_event read_pvt(ubx *m, const uint8_t *payload)
 {
     const bool three_dimensional = (payload[20] == FIX_3D) || (payload[20] == FIX_COMBINED);
-    ubx_found found = UBX_FRAME;
+    ubx_event event = UBX_FRAME;
 
     if (three_dimensional && ((payload[21] & FIX_OK) != 0U)) {
         ubx_fix fix;
@@ -169,9 +170,9 @@ static ubx_found read_pvt(ubx *m, const uint8_t *payload)
         fix.speed = little_u32(&payload[60]); /* signed in the message: below zero it is beyond MAX_SPEED */
         fix.course = little_i32(&payload[64]);
         fix.s_acc = little_u32(&payload[68]);
-        found = take_fix(m, &fix);
+        event = take_fix(m, &fix);
     }
-    return found;
+    return event;
 }
 
 void ubx_init(ubx *m)
@@ -179,28 +180,28 @@ void ubx_init(ubx *m)
     (void)memset(m, 0, sizeof(*m));
 }
 
-ubx_found ubx_receive(ubx *m, scanner_input *input)
+ubx_event ubx_receive(ubx *m, scanner_input *input)
 {
     static const scanner_protocol protocol = {SYNC_1, HEADER, ubx_length, ubx_intact};
-    ubx_found found = UBX_NOTHING;
+    ubx_event event = UBX_NOTHING;
 
     if (scanner_next(&m->scanner, input, &protocol)) {
         const uint8_t *const payload = &m->scanner.frame[HEADER];
 
         switch (m->scanner.frame[3]) {
         case UBX_NAV_POSLLH:
-            found = add_part(m, POSITION, payload);
+            event = add_part(m, POSITION, payload);
             break;
         case UBX_NAV_VELNED:
-            found = add_part(m, VELOCITY, payload);
+            event = add_part(m, VELOCITY, payload);
             break;
         case UBX_NAV_SOL:
-            found = add_part(m, SOLUTION, payload);
+            event = add_part(m, SOLUTION, payload);
             break;
         default: /* NAV-PVT, the only other one of ubx_length */
-            found = read_pvt(m, payload);
+            event = read_pvt(m, payload);
             break;
         }
     }
-    return found;
+    return event;
 }

@@ -3,7 +3,7 @@
  *
  * A fix is one epoch of the receiver: NAV-POSLLH, NAV-VELNED and NAV-SOL of the same time of week, in any
  * order (receivers such as the RCB-4H), or one NAV-PVT (newer ones). Only a three-dimensional fix that the
- * receiver itself calls good is given out, and none twice when both kinds are sent. */
+ * receiver calls good counts. Each counts once, even when both kinds of messages are sent. */
 #ifndef UBX_H
 #define UBX_H
 
@@ -30,21 +30,21 @@ typedef enum {
     UBX_NOTHING, /* the input is used up */
     UBX_FRAME,   /* a frame, at scanner.frame, that completes no fix */
     UBX_FIX      /* a new fix, in `fix` */
-} ubx_found;
+} ubx_event;
 
 typedef struct {
     scanner scanner;
     bool fixed;       /* there has been a fix */
     ubx_fix fix;      /* the last one */
-    ubx_fix epoch;    /* what has come of the present epoch */
-    uint8_t parts;    /* of the three, which have come */
-    bool good;        /* what NAV-SOL says of it */
-    uint32_t refused; /* fixes called good with a value out of its range; stops at the greatest value */
+    ubx_fix epoch;    /* the current epoch, as far as it has come */
+    uint8_t parts;    /* bits: which of the three messages have come */
+    bool good;        /* NAV-SOL calls it good */
+    uint32_t refused; /* good fixes with a value out of range; stops at its greatest value */
 } ubx;
 
 void ubx_init(ubx *m);
 
 /* Read up to the end of the next frame; call until it returns UBX_NOTHING. */
-ubx_found ubx_receive(ubx *m, scanner_input *input);
+ubx_event ubx_receive(ubx *m, scanner_input *input);
 
 #endif

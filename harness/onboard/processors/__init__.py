@@ -1,4 +1,4 @@
-"""The processors that the onboard program runs on here: this one, and simulated ones."""
+"""The processors that run the onboard program: this machine's, and simulated ones."""
 
 from harness.onboard.processors.processor import (
     Cost,

@@ -1,7 +1,7 @@
-"""An ARM Cortex-M4F, simulated by Unicorn: instruction by instruction, with their exact number.
+"""An ARM Cortex-M4F, simulated by Unicorn, which executes and counts each instruction.
 
-What the processor would answer with a fault is a ProcessorError here: addresses without memory, writes to
-flash, code outside it, undefined instructions, and every handler of startup.c.
+Faults of the processor are ProcessorErrors: addresses without memory, writes to flash, code outside it,
+undefined instructions, and every handler of startup.c.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from harness.onboard.processors.processor import (
 )
 
 FLASH, RAM = 0x00000000, 0x20000000  # where link.ld puts them
-SYSTEM, SYSTEM_SIZE = 0xE000E000, 0x1000  # the system control space, of which there is but CPACR
+SYSTEM, SYSTEM_SIZE = 0xE000E000, 0x1000  # the system control space; only CPACR is simulated
 CPACR = 0xE000ED88 - SYSTEM
 FPU_ACCESS = 0xF << 20
 LIMIT = 2_000_000  # instructions from one stop to the next: all of 40 ms at 50 MHz
@@ -52,7 +52,7 @@ class CortexM4F:
         self._enabled = 0  # CPACR
         self.simulator = _simulator()
         self.simulator.ctl_set_cpu_model(UC_CPU_ARM_CORTEX_M4)
-        # both for good: code that was once translated without a stop would run through it
+        # before any run: code that was translated without the stops would run through them
         self.simulator.ctl_exits_enabled(True)
         self.simulator.ctl_set_exits([image.symbols["pil_wait"], image.symbols["pil_done"]])
         self.simulator.mem_map(FLASH, image.symbols["flash_size"], u.UC_PROT_READ | u.UC_PROT_EXEC)
@@ -91,10 +91,10 @@ class CortexM4F:
                 f"CPACR is {self._enabled:#010x}, expected {FPU_ACCESS:#010x}"
             )
 
-    # --- what happens while it runs ---
+    # --- hooks, called while it runs ---
 
     def _count(self, uc: Any, address: int, size: int, _: object) -> None:
-        """A block, which is entered at its beginning alone and left at its end, begins."""
+        """Count a block of code that begins: it is entered only at its start and left at its end."""
         key = address, size
         try:
             self.instructions += self._lengths[key]
@@ -150,7 +150,7 @@ class CortexM4F:
             raise ProcessorError(f"cortex-m4f: the program {self._fault}, on the way to {end}")
 
     def resume(self, end: str) -> None:
-        """Return from the function that it stopped at, and go on to the other.
+        """Return from the function where it stopped, and run to the other.
 
         Raises:
             ProcessorError: it does not get there.
@@ -161,7 +161,7 @@ class CortexM4F:
         """Fill the mailbox.
 
         Raises:
-            ProcessorError: it has no room for so many bytes.
+            ProcessorError: a source has more bytes than the mailbox takes.
         """
         symbols = self.image.symbols
         left = COUNTS.unpack(self.simulator.mem_read(symbols["pil_counts"], COUNTS.size))
@@ -200,7 +200,7 @@ class CortexM4F:
         return f"{pc:#010x}"
 
     def stack(self) -> int:
-        """Most bytes of stack used so far, those of the processor in the loop included."""
+        """Most bytes of stack used so far, including pil_main.c's."""
         bottom, top = self._stack
         untouched = self.simulator.mem_read(bottom, top - bottom)
         return len(untouched.lstrip(bytes([PAINT])))
@@ -216,9 +216,9 @@ def _simulator() -> Any:
 
 
 def instructions_in(block: bytes) -> int:
-    """How many instructions stand in so many bytes of Thumb code (ARMv7-M manual, A5.1).
+    """The number of instructions in a block of Thumb code (ARMv7-M manual, A5.1).
 
-    Those of an IT block that are passed over are executed as well: as no operation.
+    Skipped instructions of an IT block count too: the processor executes them as no operation.
     """
     count = at = 0
     while at < len(block):

@@ -17,7 +17,7 @@ from harness.onboard.processors.processor import MAX_BYTES, SOURCES, Mailbox, Pr
 
 
 class Host:
-    """The program in this process, in a copy of its own of the library: its state is static."""
+    """The program in this process. Each instance loads a copy of the library, whose state is static."""
 
     def __init__(self, image: Image) -> None:
         self.image, self.mailbox = image, Mailbox()
@@ -57,7 +57,7 @@ class Host:
         )
 
     def stack(self) -> int | None:
-        """Not known."""
+        """Unknown."""
         return None
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""What a processor is to the loop: given the bytes of a tick, it answers with what the vest does."""
+"""The interface of a processor: the bytes of a tick in; tone, vibrators and telemetry out."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from models.kit.link import Values
 
 MAX_BYTES = 512  # from one source in a tick, or sent in one: the mailbox's PIL_SIZE
 SOURCES = ("gps", "imu", "radio")  # in the order of port.h
-COUNTS = struct.Struct(f"<{len(SOURCES)}H")  # how the mailbox holds how many bytes of each wait
+COUNTS = struct.Struct(f"<{len(SOURCES)}H")  # of the mailbox: bytes of each source that wait
 
 
 class ProcessorError(CanineError):
-    """A processor cannot be started, or its program ran away."""
+    """A processor cannot be started, or its program runs away."""
 
 
 @dataclass(frozen=True)
@@ -34,12 +34,12 @@ class Received:
 
 @dataclass(frozen=True)
 class Cost:
-    """What a tick took.
+    """The cost of a tick.
 
     Attributes:
         instructions: executed.
         clocks: of the processor without wait states; 0 where the simulator does not count them.
-        accesses: to the bus, each of which takes a wait state more on slow memory.
+        accesses: to the bus; slow memory adds wait states to each.
     """
 
     instructions: int
@@ -49,10 +49,10 @@ class Cost:
 
 @dataclass(frozen=True)
 class Reply:
-    """What the program did in a tick.
+    """The program's answer to a tick.
 
     Attributes:
-        record: all that it remembers: 32-bit words, little-endian, named by `codegen.firmware.recorded`.
+        record: its memory as 32-bit words, little-endian, named by `codegen.firmware.bundle.recorded`.
         sent: bytes to the operator.
         cost: None on the host.
     """
@@ -69,7 +69,7 @@ class Processor(Protocol):
     """A processor with the onboard program, started. To be closed.
 
     Attributes:
-        image: what it runs.
+        image: of its program.
         start: the record before the first tick.
     """
 
@@ -80,12 +80,12 @@ class Processor(Protocol):
         """One tick of the program.
 
         Raises:
-            ProcessorError: more than MAX_BYTES from a source, or the program does not come back.
+            ProcessorError: a source has more than MAX_BYTES, or the program does not come back.
         """
         ...
 
     def stack(self) -> int | None:
-        """Most bytes of stack used so far; None where that is not known."""
+        """Most bytes of stack used so far; None if unknown."""
         ...
 
     def close(self) -> None:
@@ -97,20 +97,20 @@ def open_processor(target: str, values: Values | None = None, *, constants: bool
     """A processor that runs the onboard program with these parameters (see `bundle.library`).
 
     Raises:
-        UsageError: there is no such target.
-        CompileError: the toolchain refuses the program, or is not here.
+        UsageError: the target is unknown.
+        CompileError: the toolchain refuses the program, or is missing.
         ProcessorError: the simulator cannot be started.
     """
-    found = find_target(target)
+    chosen = find_target(target)
     files = bundle.library(values, constants=constants) | bundle.processor_in_the_loop()
-    # not every user needs every simulator
-    module = import_module(f"harness.onboard.processors.{found.folder}")
+    # imported here: only users of a simulator need it
+    module = import_module(f"harness.onboard.processors.{chosen.folder}")
     start: Callable[[Target, Mapping[str, str]], Processor] = module.start
-    return start(found, files)
+    return start(chosen, files)
 
 
 class Mailbox:
-    """What waits for the program: what it leaves is there in the next tick as well, as in a board's buffers.
+    """The bytes that wait for the program; as in a board's buffers, unread ones wait for the next tick.
 
     Attributes:
         contents: bytes from each source, in the order of port.h.
@@ -120,10 +120,10 @@ class Mailbox:
         self.contents = [b"" for _ in SOURCES]
 
     def put(self, received: Received, left: Sequence[int]) -> list[bytes]:
-        """Put bytes behind those that are left, so many from each source; the contents then.
+        """Keep the last `left` bytes of each source and add those received; the contents then.
 
         Raises:
-            ProcessorError: there is no room, naming the source.
+            ProcessorError: a source has more than MAX_BYTES, naming it.
         """
         for i, source in enumerate(SOURCES):
             waiting = self.contents[i][len(self.contents[i]) - left[i] :]

@@ -46,7 +46,7 @@ POINTER = re.compile(rb"^SP= 0x([0-9a-f]{4})", re.M)
 class Console:
     """A simulator with a program, at its command line.
 
-    Nothing is sent while it runs: any line would stop it.
+    No line may be sent while the program runs, since any line stops it.
     """
 
     def __init__(self, image: Image) -> None:
@@ -54,7 +54,7 @@ class Console:
         try:
             self._process = subprocess.Popen(
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, bufsize=0,
-                start_new_session=True,  # Ctrl-C is the harness's to answer
+                start_new_session=True,  # Ctrl-C is for the harness
                 env=os.environ | {"LD_PRELOAD": str(_wait_library())},
             )  # fmt: skip
         except OSError as reason:
@@ -63,7 +63,7 @@ class Console:
         self._held = b""
 
     def ask(self, line: str, answer: re.Pattern[bytes]) -> re.Match[bytes]:
-        """A command, and what matches of its answer; one at a time: lines that come too early get lost."""
+        """Send a command and wait for the answer. The console loses lines that come too early."""
         assert self._process.stdin is not None
         try:
             self._process.stdin.write(f"{line}\n".encode())
@@ -73,12 +73,12 @@ class Console:
         return self.until(answer)
 
     def until(self, pattern: re.Pattern[bytes]) -> re.Match[bytes]:
-        """What the simulator prints next that matches; what stands before is dropped."""
+        """Wait for a match in the simulator's output, and drop the output up to its end."""
         end = time.monotonic() + PATIENCE
-        while (found := pattern.search(self._held)) is None:
+        while (match := pattern.search(self._held)) is None:
             self._read(end, pattern.pattern.decode())
-        self._held = self._held[found.end() :]
-        return found
+        self._held = self._held[match.end() :]
+        return match
 
     def memory(self, address: int, size: int) -> bytes:
         """Bytes from a logical address on."""
@@ -89,12 +89,12 @@ class Console:
         data, self._held = self._held[:size], self._held[size:]
         return data
 
-    def _read(self, end: float, wanted: str) -> None:
+    def _read(self, end: float, expected: str) -> None:
         assert self._process.stdout is not None
         ready, _, _ = select.select([self._process.stdout], [], [], max(0.0, end - time.monotonic()))
         if not ready:
             raise ProcessorError(
-                f"rabbit4000: the simulator had no answer after {PATIENCE:g} s, expected {wanted!r}"
+                f"rabbit4000: the simulator had no answer after {PATIENCE:g} s, expected {expected!r}"
             )
         data = os.read(self._process.stdout.fileno(), 1 << 16)
         if not data:
@@ -141,17 +141,17 @@ class Machine:
         self._console.ask(f"break {at['main']:#06x}", BREAKPOINT)
         top = int(_group(POINTER.search(self.run_to("main")), 1), 16)
         self._room = at["s__DATA"] + at["l__DATA"] + at["l__INITIALIZED"], top
-        self._console.ask("delete 1", NOTHING)  # a loop that main begins with would come by again
+        self._console.ask("delete 1", NOTHING)  # main may begin with a loop
         for name in ("pil_wait", "pil_done"):
             self._console.ask(f"break {at[name]:#06x}", BREAKPOINT)
         self._console.ask(f"fill rom {self._room[0]:#06x} {top - 1:#06x} {PAINT:#04x}", NOTHING)
         self.run_to("pil_wait")
 
     def run_to(self, name: str, limit: int = LIMIT) -> bytes:
-        """Run until a function is entered where there is a breakpoint; what the simulator then tells.
+        """Run until a function with a breakpoint is entered; the simulator's message.
 
         Raises:
-            ProcessorError: it stops elsewhere, or not within so many bus accesses.
+            ProcessorError: it stops elsewhere, or not within `limit` bus accesses.
         """
         stop = self._console.ask(f"step {limit} vclk", STOPPED)
         pc = int(stop[1], 16)
@@ -163,7 +163,7 @@ class Machine:
         return stop[0]
 
     def place(self, pc: int) -> str:
-        """An address with the last global symbol before it."""
+        """An address, with the last global symbol at or before it."""
         before = [
             (a, n) for n, a in self.image.symbols.items() if a <= pc and not n.startswith(("s__", "l__"))
         ]
@@ -172,8 +172,8 @@ class Machine:
 
     def cost(self) -> Cost:
         """Since the reset."""
-        found = self._console.ask("state", STATE)
-        instructions, *accesses, clocks = (int(n) for n in found.groups())
+        state = self._console.ask("state", STATE)
+        instructions, *accesses, clocks = (int(n) for n in state.groups())
         return Cost(instructions, clocks, sum(accesses))
 
     def write(self, address: int, data: bytes) -> None:
@@ -189,10 +189,10 @@ class Machine:
         return self._console.memory(address, size)
 
     def stack(self) -> int | None:
-        """Most bytes of stack used so far, that of the start-up included.
+        """Most bytes of stack used so far, including the start-up's.
 
         Raises:
-            ProcessorError: all of its room, and perhaps more.
+            ProcessorError: all of its room is used, so perhaps more.
         """
         bottom, top = self._room
         room = self.memory(bottom, top - bottom)

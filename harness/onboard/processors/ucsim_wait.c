@@ -1,5 +1,5 @@
-/* ucsim_wait: preloaded into ucsim, which 2 s after its start begins to sleep 0.1 s before each command; here it
- * wakes when the command comes. */
+/* ucsim_wait: preloaded into ucsim, which sleeps 0.1 s before each command from 2 s after its start on. With
+ * this, it wakes as soon as the command comes. */
 #include <poll.h>
 #include <time.h>
 

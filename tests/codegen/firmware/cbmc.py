@@ -1,6 +1,6 @@
 """The bounded model checker CBMC, unpacked from Debian's packages as SDCC is.
 
-python tests/codegen/cbmc.py          fetches it, once
+python -m tests.codegen.firmware.cbmc          fetches it, once
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ PACKAGES = ("cbmc", "minisat")
 
 
 class CbmcError(CanineError):
-    """CBMC gives no answer, or refuses the C."""
+    """CBMC does not answer in time, or refuses the C."""
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What CBMC says of a program.
+    """CBMC's answer.
 
     Attributes:
-        checks: number of properties that it looked at.
-        failed: those that do not hold: file, line and what.
+        checks: number of properties checked.
+        failed: those that do not hold: line and property.
     """
 
     checks: int
@@ -36,13 +36,13 @@ class Answer:
 
 
 def program() -> Path:
-    """CBMC: the one unpacked before, else fetched.
+    """CBMC's program, fetched if need be.
 
     Raises:
         ToolchainError: it cannot be fetched.
     """
-    found = folder_of(NAME) / "bin" / "cbmc"
-    return found if found.is_file() else unpack(NAME, PACKAGES, ("bin/cbmc",)) / "bin" / "cbmc"
+    path = folder_of(NAME) / "bin" / "cbmc"
+    return path if path.is_file() else unpack(NAME, PACKAGES, ("bin/cbmc",)) / "bin" / "cbmc"
 
 
 def check(
@@ -54,11 +54,11 @@ def check(
     checks: Sequence[str] = (),
     timeout: float = 60.0,
 ) -> Answer:
-    """Check everything that a function reaches, for all values of what it does not set.
+    """Check all code that a function reaches, for all values of variables that it leaves open.
 
     Args:
         sources: C files, relative to the folder.
-        unwind: loops are followed so many times; that they end by then is checked too.
+        unwind: how often loops are followed; that they end by then is checked too.
         checks: beside CBMC's own (bounds, pointers, signed overflow, division by zero, shifts).
 
     Raises:

@@ -72,7 +72,7 @@ def library(folder: Path) -> ctypes.CDLL:
 
 
 class Driver:
-    """One parser; `receive` yields what it finds, its state being as it was found with."""
+    """One parser; `receive` yields its events, each while the state is as it left it."""
 
     def __init__(self, c: ctypes.CDLL, name: str, *arguments: Any):
         self.c, self.name = c, name
@@ -85,20 +85,20 @@ class Driver:
         return int(function(ctypes.byref(self.state), *arguments))
 
     def receive(self, data: bytes, block: int = 65535) -> Iterator[int]:
-        """What is found in data that comes in blocks of so many bytes."""
+        """The events of data that comes in blocks of so many bytes."""
         for start in range(0, len(data), block):
             yield from self.receive_block(data[start : start + block])
 
     def receive_block(self, data: bytes) -> Iterator[int]:
-        """What is found in one block; all of it is read."""
+        """The events of one block; all of it is read."""
         buffer = ctypes.create_string_buffer(data, len(data))
         waiting = STRUCTS["scanner_input"](ctypes.addressof(buffer), len(data))
-        while found := self._call("receive", ctypes.byref(waiting)):
-            yield found
+        while event := self._call("receive", ctypes.byref(waiting)):
+            yield event
         assert waiting.count == 0
 
     def idle(self) -> Iterator[int]:
-        """What is found when nothing has come for long, as often as it takes to give everything up."""
+        """The events after a long silence, until all bytes held are given up."""
         while self.state.scanner.count > 0:
             self.c.scanner_abandon(ctypes.byref(self.state.scanner))
             yield from self.receive_block(b"")

@@ -177,7 +177,7 @@ def as_orders(received: Iterable[Received]) -> bytes:
     )
 
 
-# --- what is hard on the program ---
+# --- hard inputs ---
 
 NAN, INF = math.nan, math.inf
 EXTREMES: Mapping[str, bytes] = {

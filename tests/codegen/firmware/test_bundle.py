@@ -40,7 +40,7 @@ from harness.onboard.instruments import InertialUnit, Receiver
 from harness.onboard.processors import Received, open_processor
 from harness.onboard.radio import Decoder, Mission, Position, Start, encode
 from models.errors import UsageError
-from tests.codegen.firmware.vest import LATITUDE, LONGITUDE, lead, still
+from tests.codegen.firmware.vest import LATITUDE, LONGITUDE, Send, lead, still
 
 PROJECT = Path(codegen.__file__).resolve().parents[1]
 PROGRAM = {"host": "onboard", "cortex-m4f": "onboard.elf", "rabbit4000": "onboard.ihx"}
@@ -76,7 +76,7 @@ def rabbit_tools() -> list[str]:
 
 
 def variables(target: str) -> list[str]:
-    """What its Makefile must be told on this machine."""
+    """The arguments of make for a target on this machine."""
     if target == "rabbit4000":
         return rabbit_tools()
     if target == "host":
@@ -148,8 +148,8 @@ def elf_sizes(path: Path) -> tuple[int, int, int]:
 
 
 def map_areas(folder: Path) -> dict[str, int]:
-    found = re.finditer(r"^(_\w+) +[0-9A-F]+ +([0-9A-F]+) =", (folder / "onboard.map").read_text(), re.M)
-    return {m[1]: int(m[2], 16) for m in found}
+    rows = re.finditer(r"^(_\w+) +[0-9A-F]+ +([0-9A-F]+) =", (folder / "onboard.map").read_text(), re.M)
+    return {m[1]: int(m[2], 16) for m in rows}
 
 
 def test_the_cortex_bundle_builds_with_zig_too(tmp_path: Path) -> None:
@@ -181,7 +181,7 @@ def test_an_image_for_the_rabbit_that_reaches_into_the_ram_is_refused(tmp_path: 
     assert not (tmp_path / "onboard.ihx").exists()
 
 
-# --- what it calls ---
+# --- calls ---
 
 
 def symbols(path: Path, *options: str) -> set[str]:
@@ -192,29 +192,29 @@ def symbols(path: Path, *options: str) -> set[str]:
 
 
 def test_the_program_on_the_host_needs_nothing_but_copies_and_square_roots(made: Make) -> None:
-    # given the objects but the port's, which calls POSIX
+    # given all objects except the port's, which calls POSIX
     objects = [path for path in made("host").glob("*.o") if path.stem != "port"]
 
     # when their undefined symbols are taken together
-    wanted = set.union(*(symbols(path, "-u") for path in objects))
+    undefined = set.union(*(symbols(path, "-u") for path in objects))
     defined = set.union(*(symbols(path, "--defined-only") for path in made("host").glob("*.o")))
 
-    # then the rest is this, whatever of it the compiler does not write out
-    assert wanted - defined <= {"memcpy", "memmove", "memset", "sqrtf", "floorf", "_GLOBAL_OFFSET_TABLE_"}
+    # then these remain at most, as the compiler inlines some
+    assert undefined - defined <= {"memcpy", "memmove", "memset", "sqrtf", "floorf", "_GLOBAL_OFFSET_TABLE_"}
 
 
 def test_no_image_holds_a_heap_a_sine_or_a_double(made: Make) -> None:
     # given all symbols of the images
     rabbit = set(re.findall(r"^ +[0-9A-F]{8} +(\w+)", (made("rabbit4000") / "onboard.map").read_text(), re.M))
-    found = symbols(made("host") / "onboard") | symbols(made("cortex-m4f") / "onboard.elf") | rabbit
+    names = symbols(made("host") / "onboard") | symbols(made("cortex-m4f") / "onboard.elf") | rabbit
 
     # then these are among them, so that the list is one
-    assert {"onboard_tick", "_onboard_tick", "___fsadd", "Reset_Handler"} <= found
+    assert {"onboard_tick", "_onboard_tick", "___fsadd", "Reset_Handler"} <= names
     # and those are not
-    assert sorted(n for n in found if FORBIDDEN.match(n.split("@")[0]) or DOUBLE.match(n)) == []
+    assert sorted(n for n in names if FORBIDDEN.match(n.split("@")[0]) or DOUBLE.match(n)) == []
 
 
-def test_the_rabbits_arithmetic_is_its_own_and_not_sdccs(made: Make) -> None:
+def test_the_rabbit_image_has_the_arithmetic_of_float_s_and_none_of_sdccs(made: Make) -> None:
     # given the map, which names the module of each symbol
     text = (made("rabbit4000") / "onboard.map").read_text()
     modules = dict(re.findall(r"^ +[0-9A-F]{8} +(\w+) +(\w+)", text, re.M))
@@ -268,7 +268,7 @@ class Calls:
 
 
 @pytest.mark.parametrize("compiler", ["gcc", "arm-none-eabi-gcc"])
-def test_no_function_calls_itself_and_the_stack_has_a_bound(
+def test_no_function_of_an_image_calls_itself_and_the_stack_has_a_bound(
     compiler: str, tmp_path: Path, record_property: Callable[[str, object], None]
 ) -> None:
     # given a bundle whose compiler writes down who calls whom
@@ -294,15 +294,15 @@ def test_no_function_calls_itself_and_the_stack_has_a_bound(
         assert worst <= 1024  # stack_size of link.ld
 
 
-def test_a_function_that_calls_itself_would_be_found(tmp_path: Path) -> None:
+def test_a_planted_recursion_is_found_in_the_call_graph(tmp_path: Path) -> None:
     # given a program with a function that calls back to the one that calls it, through a driver's table
     tool("gcc", "gcc")
     bundle.write(TARGETS["host"], tmp_path)
     path = tmp_path / "mt.c"
-    found = "static bool mt_intact(const uint8_t *frame, uint8_t length)\n{\n"
-    assert found in path.read_text()
+    head = "static bool mt_intact(const uint8_t *frame, uint8_t length)\n{\n"
+    assert head in path.read_text()
     again = "    static mt other;\n    scanner_input none = {frame, length};\n\n"
-    path.write_text(path.read_text().replace(found, f"{found}{again}    (void)mt_receive(&other, &none);\n"))
+    path.write_text(path.read_text().replace(head, f"{head}{again}    (void)mt_receive(&other, &none);\n"))
     run_make(tmp_path, "CC=gcc", "CFLAGS=-fcallgraph-info=su")
 
     # when the graph is put in order, then that is an error
@@ -313,7 +313,7 @@ def test_a_function_that_calls_itself_would_be_found(tmp_path: Path) -> None:
 # --- it computes the same ---
 
 
-def test_parameters_as_constants_give_the_same_bits() -> None:
+def test_firmware_with_parameters_as_constants_gives_the_same_bits() -> None:
     # given the program with fields and with macros, values of their own, and a mission that is started
     values = {"controller": {"moving_deviation": math.radians(37)}, "estimator": {"sigma_floor": 0.02}}
     plane = TangentPlane(math.radians(LATITUDE), math.radians(LONGITUDE))
@@ -372,10 +372,10 @@ def test_parameters_of_a_scenario_arrive_in_radians(tmp_path: Path, capsys: Any)
     assert "moving_deviation" not in (tmp_path / "--constants" / "parameters.c").read_text()
 
 
-# --- what is written ---
+# --- files ---
 
 
-def test_the_same_inputs_give_the_same_bytes(tmp_path: Path) -> None:
+def test_bundles_of_the_same_inputs_have_the_same_bytes(tmp_path: Path) -> None:
     # given a bundle, when it is written again, by a process that hashes otherwise
     bundle.write(TARGETS["rabbit4000"], tmp_path / "one")
     script = "import sys; from pathlib import Path; from codegen.firmware.bundle import *; "
@@ -390,7 +390,7 @@ def test_the_same_inputs_give_the_same_bytes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("target", TARGETS)
-def test_no_file_names_this_machine_or_a_date(target: str) -> None:
+def test_no_file_of_a_bundle_names_this_machine_or_a_date(target: str) -> None:
     # given a bundle, when its texts are searched
     home, user = os.path.expanduser("~"), os.environ.get("USER", "")
     places = [str(PROJECT), sys.prefix, tempfile.gettempdir(), home, socket.gethostname()]
@@ -404,7 +404,7 @@ def test_no_file_names_this_machine_or_a_date(target: str) -> None:
 
 @pytest.mark.parametrize("constants", [False, True], ids=["fields", "constants"])
 @pytest.mark.parametrize("target", TARGETS)
-def test_the_readme_names_every_file_and_every_function_of_the_port_and_no_other(
+def test_the_readme_of_a_bundle_names_exactly_its_files_and_the_functions_of_the_port(
     target: str, constants: bool
 ) -> None:
     # given a bundle
@@ -416,7 +416,7 @@ def test_the_readme_names_every_file_and_every_function_of_the_port_and_no_other
     tables = "\n".join(line.split("|")[1] for line in readme.splitlines() if line.startswith("| "))
     listed = re.findall(r"(?<![\w.])(\w+\.(?:c|h|s|ld|md)|Makefile)(?![\w.])", tables)
 
-    # then every file is listed once, every function is there, and neither is one that is not
+    # then every file is listed once, every function is there, and no others
     assert sorted(listed) == sorted(files)
     assert len(functions) == 5
     assert set(re.findall(r"\b(port_[a-z_]+)\b", readme)) == functions
@@ -430,7 +430,7 @@ def test_the_readme_names_every_file_and_every_function_of_the_port_and_no_other
         assert name in c, name
 
 
-def test_the_readme_tells_what_a_tick_costs_once_it_is_measured(
+def test_the_readme_of_a_bundle_states_the_measured_cost_of_a_tick(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # given costs of one target, as `canine pil` leaves them, and none of the others
@@ -460,7 +460,7 @@ def test_the_readme_tells_what_a_tick_costs_once_it_is_measured(
     assert "pil --target host" not in host
 
 
-def test_all_ports_say_that_they_are_and_none_is_missing() -> None:
+def test_each_target_has_a_port_with_every_function_of_the_interface() -> None:
     # given each target's folder, then it has a port, and every function of port.h is in it
     functions = re.findall(r"^\w[\w ]* (port_\w+)\(", (SOURCES / "port.h").read_text(), re.M)
     for target in TARGETS.values():
@@ -478,36 +478,36 @@ def test_all_ports_say_that_they_are_and_none_is_missing() -> None:
     ],
     ids=["target", "parameter", "mission", "scenario"],
 )
-def test_wrong_usage_is_told_and_writes_nothing(
+def test_wrong_usage_of_canine_firmware_is_an_error_and_writes_nothing(
     arguments: list[str], message: str, tmp_path: Path, capsys: Any
 ) -> None:
     # given a wish that cannot be met, when it is asked for
-    status, said = canine(capsys, "firmware", *arguments, "--out", tmp_path / "out")
+    status, output = canine(capsys, "firmware", *arguments, "--out", tmp_path / "out")
 
     # then the answer names it, with the status of wrong usage, and there is no folder
     assert status == 2
-    assert message in " ".join(said.split())
+    assert message in " ".join(output.split())
     assert not (tmp_path / "out").exists()
 
 
-def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path, capsys: Any) -> None:
+def test_a_folder_that_cannot_be_written_is_named_in_the_error(tmp_path: Path, capsys: Any) -> None:
     # given a file where a folder would have to be
     (tmp_path / "file").write_text("")
 
     # when the bundle is to go under it
-    status, said = canine(capsys, "firmware", "--target", "host", "--out", tmp_path / "file" / "out")
+    status, output = canine(capsys, "firmware", "--target", "host", "--out", tmp_path / "file" / "out")
 
     # then that is wrong usage
     assert status == 2
-    assert "cannot be written" in " ".join(said.split())
+    assert "cannot be written" in " ".join(output.split())
 
 
 # --- it runs ---
 
 
-def check_what_it_told(told: list[Telemetry]) -> None:
+def check_telemetry(reports: list[Telemetry]) -> None:
     """Of an animal that stands still at home and looks to the waypoint 50 m to the east."""
-    last = told[-1]
+    last = reports[-1]
     assert (
         Flag(last.flags) == Flag.VALID | Flag.IMU_OK | Flag.LINK_OK | Flag.FIXED | Flag.LOADED | Flag.STARTED
     )
@@ -518,7 +518,7 @@ def check_what_it_told(told: list[Telemetry]) -> None:
     assert last.command == 1  # FORWARD
     assert last.gps_frames >= 9  # three a fix
     assert last.imu_frames >= 25
-    assert all(b.time_ms - a.time_ms in (160, 200, 240) for a, b in itertools.pairwise(told))
+    assert all(b.time_ms - a.time_ms in (160, 200, 240) for a, b in itertools.pairwise(reports))
 
 
 def test_the_host_program_leads_over_pseudo_terminals(made: Make, tmp_path: Path) -> None:
@@ -541,23 +541,23 @@ def test_the_host_program_leads_over_pseudo_terminals(made: Make, tmp_path: Path
     with subprocess.Popen([made("host") / "onboard"], env=environment) as program:
         try:
             lines = [(lambda data, file=ours[n]: os.write(file, data)) for n in ("GPS", "IMU", "RADIO")]
-            told = lead_until_forward(lines, heard)
+            reports = lead_until_forward(*lines, heard=heard)
         finally:
             program.terminate()
 
     # then it answers, and plays FORWARD: 1500 Hz (Table 4.1), neither vibrator
-    check_what_it_told(told)
+    check_telemetry(reports)
     assert re.fullmatch(r"\d+ 1500 0 0", (tmp_path / "plays").read_text().splitlines()[-1])
 
 
-def lead_until_forward(lines: list[Any], heard: Callable[[], bytes]) -> list[Telemetry]:
+def lead_until_forward(gps: Send, imu: Send, radio: Send, *, heard: Callable[[], bytes]) -> list[Telemetry]:
     """What the vest tells until it has been leading for a second; the animal would be late after three."""
-    told: list[Telemetry] = []
-    for telemetry in lead(*lines, heard, seconds=30.0):
-        told.append(telemetry)
-        if len(told) >= 5 and telemetry.command == 1 and telemetry.imu_frames >= 25:
-            return told
-    raise AssertionError(f"the animal is not led; the last of {len(told)}: {told[-1:]}")
+    reports: list[Telemetry] = []
+    for telemetry in lead(gps, imu, radio, heard, seconds=30.0):
+        reports.append(telemetry)
+        if len(reports) >= 5 and telemetry.command == 1 and telemetry.imu_frames >= 25:
+            return reports
+    raise AssertionError(f"the animal is not led; the last of {len(reports)}: {reports[-1:]}")
 
 
 @pytest.mark.parametrize(
@@ -617,10 +617,10 @@ def connect(path: Path) -> socket.socket:
 def register(monitor: socket.socket, address: int) -> int:
     """What stands in a register of the board."""
     monitor.sendall(f"xp /1wx {address:#x}\n".encode())
-    said = b""
-    while not (found := re.search(rb"%016x: 0x([0-9a-f]+)" % address, said)):
-        said += monitor.recv(4096)
-    return int(found[1], 16)
+    output = b""
+    while not (match := re.search(rb"%016x: 0x([0-9a-f]+)" % address, output)):
+        output += monitor.recv(4096)
+    return int(match[1], 16)
 
 
 @pytest.mark.parametrize("constants", [False, True], ids=["fields", "constants"])
@@ -639,12 +639,12 @@ def test_the_cortex_program_leads_on_a_simulated_board(constants: bool, made: Ma
                 return b""
 
         # when instruments and operator talk to it
-        told = lead_until_forward([lines[n].sendall for n in ("gps", "imu", "radio")], heard)
+        reports = lead_until_forward(*(lines[n].sendall for n in ("gps", "imu", "radio")), heard=heard)
         tone = [register(lines["monitor"], at) for at in (0x40000000, 0x40000008)]
         lamps = register(lines["monitor"], 0x40028000)
 
     # then it answers by its UART; timer 0 runs at twice 1500 Hz (25 MHz / 3000 - 1 = 8332); no lamp is on
-    check_what_it_told(told)
+    check_telemetry(reports)
     assert tone == [9, 8332]
     assert lamps == 0
 
@@ -652,18 +652,26 @@ def test_the_cortex_program_leads_on_a_simulated_board(constants: bool, made: Ma
 class SimulatedRabbit:
     """The Rabbit's bundle on ucsim, stopped where main asks for the time.
 
-    The simulator has no peripherals: what is written to an I/O register stays there, what is read comes (its
-    fault) from the same address of the program's memory, where the tests put it.
+    The simulator has no peripherals: a value written to an I/O register stays there, and a read comes (a
+    fault of the simulator) from the same address of the program's memory, where the tests put it.
     """
 
     def __init__(self, folder: Path) -> None:
         text = (folder / "onboard.map").read_text()
         self.at = {n: int(a, 16) for a, n in re.findall(r"^ +([0-9A-F]{8}) +_(\w+)", text, re.M)}
-        command = [sdcc.home() / "bin" / "ucsim_rxk", "-q", "-P", "-b", "-t", "R4K", folder / "onboard.ihx"]
+        command: list[str | Path] = [
+            sdcc.home() / "bin" / "ucsim_rxk",
+            "-q",
+            "-P",
+            "-b",
+            "-t",
+            "R4K",
+            folder / "onboard.ihx",
+        ]
         self.simulator = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, bufsize=0
         )
-        self.said = b""
+        self.output = b""
         for name in ("port_clock_ms", "onboard_tick"):
             self.ask(f"break {self.at[name]:#06x}", rb"Breakpoint \d+ at .*\n")
 
@@ -672,12 +680,12 @@ class SimulatedRabbit:
         assert self.simulator.stdin
         assert self.simulator.stdout
         self.simulator.stdin.write(f"{command}\n".encode())
-        while not (found := re.search(answer, self.said, re.DOTALL)):
+        while not (match := re.search(answer, self.output, re.DOTALL)):
             part = os.read(self.simulator.stdout.fileno(), 65536)
             assert part, f"{command}: the simulator has ended"
-            self.said += part
-        self.said = self.said[found.end() :]
-        return found
+            self.output += part
+        self.output = self.output[match.end() :]
+        return match
 
     def run(self) -> int:
         """Until the next stop; where that is."""
@@ -756,12 +764,13 @@ def test_the_rabbits_port_moves_bytes_both_ways_with_its_registers_as_memory(
     for _ in range(51):
         rabbit.interrupt(0xC0E0)
         sent.append(rabbit.read(scdr))
-    (told,) = Decoder().receive(bytes(sent))
+    (report,) = Decoder().receive(bytes(sent))
     assert (
-        Flag(told.flags) == Flag.VALID | Flag.IMU_OK | Flag.LINK_OK | Flag.FIXED | Flag.LOADED | Flag.STARTED
+        Flag(report.flags)
+        == Flag.VALID | Flag.IMU_OK | Flag.LINK_OK | Flag.FIXED | Flag.LOADED | Flag.STARTED
     )
-    assert (told.gps_frames, told.imu_frames, told.received, told.command) == (3, 1, 2, 1)
-    assert abs(told.heading - 15_708) <= 1
+    assert (report.gps_frames, report.imu_frames, report.received, report.command) == (3, 1, 2, 1)
+    assert abs(report.heading - 15_708) <= 1
     # and the watchdog was hit
     assert rabbit.read(0x08) == 0x5A
 
@@ -809,13 +818,13 @@ def test_a_ring_gives_back_in_order_what_was_put_and_drops_what_has_no_room(tmp_
 
         # then the first 255 are there, in order, those up to the end of the ring first
         assert ring.room() == 0
-        found: list[int] = []
+        taken: list[int] = []
         for count in (255,) if turn == 0 else (turn, 255 - turn):
             assert ring.lend(lent) == count
-            # and what is lent keeps its place: only what was lent before has become free
-            assert ring.room() == len(found)
-            found += lent[:count]
-        assert found == [(i + turn) % 256 for i in range(255)]
+            # and the bytes lent keep their place: only those lent before are free again
+            assert ring.room() == len(taken)
+            taken += lent[:count]
+        assert taken == [(i + turn) % 256 for i in range(255)]
         # and nothing is left
         assert ring.lend(lent) == 0
         assert ring.room() == 255
@@ -837,7 +846,7 @@ def test_every_block_of_the_program_is_in_every_bundle() -> None:
 # --- what an engineer has written is kept ---
 
 
-def test_a_bundle_is_made_anew_over_itself_but_not_over_what_was_changed(tmp_path: Path) -> None:
+def test_a_bundle_replaces_an_earlier_one_but_no_file_that_was_changed(tmp_path: Path) -> None:
     # given a bundle, made once more with other parameters
     bundle.write(TARGETS["host"], tmp_path)
     bundle.write(TARGETS["host"], tmp_path, {"controller": {"moving_deviation": 0.5}})
@@ -853,7 +862,7 @@ def test_a_bundle_is_made_anew_over_itself_but_not_over_what_was_changed(tmp_pat
     assert "moving_deviation = 0.5f;" in (tmp_path / "parameters.c").read_text()
 
 
-def test_a_file_of_somebody_else_is_not_overwritten(tmp_path: Path) -> None:
+def test_a_bundle_overwrites_no_file_that_was_not_made_here(tmp_path: Path) -> None:
     (tmp_path / "main.c").write_text("int main(void) { return 0; }\n")
     with pytest.raises(UsageError, match=r"main\.c"):
         bundle.write(TARGETS["cortex-m4f"], tmp_path)
@@ -861,19 +870,19 @@ def test_a_file_of_somebody_else_is_not_overwritten(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("setting", "told"),
+    ("setting", "message"),
     [
         ("command_module.stop_tone=0", "is 0 Hz, as for NONE"),
         ("command_module.stop_tone=1500", "is 1500 Hz, as for FORWARD"),
-        ("command_module.stop_tone=3500.5", "is 3500.5 Hz, no whole number"),
+        ("command_module.stop_tone=3500.5", "is 3500.5 Hz, not a whole number"),
         ("canine.drift=3", "--set canine.drift: not in the firmware"),
         ("cmec.waypoint_count=3", "waypoints and home come by radio"),
     ],
 )
-def test_a_vest_that_could_not_be_understood_is_refused(
-    setting: str, told: str, capsys: Any, tmp_path: Path
+def test_a_vest_with_ambiguous_or_fractional_tones_is_refused(
+    setting: str, message: str, capsys: Any, tmp_path: Path
 ) -> None:
     status, error = canine(capsys, "firmware", "--target", "host", "--out", tmp_path / "fw", "--set", setting)
     assert status == 2
-    assert told in error.replace("\n", " ")
+    assert message in error.replace("\n", " ")
     assert not (tmp_path / "fw").exists()

@@ -60,12 +60,12 @@ def run(command: list[str | Path], folder: Path, timeout: float = 120.0) -> str:
 
 def cppcheck(folder: Path, files: list[str]) -> set[tuple[str, str]]:
     """(file, finding) of all C together, as one program."""
-    said = run(
+    output = run(
         ["cppcheck", "--addon=misra", "--enable=all", "--inline-suppr", "--std=c99", "--quiet", "-I.",
          "--suppress=missingIncludeSystem", "--template={file}\t{id}", "--template-location=", *files],
         folder,
     )  # fmt: skip
-    rows = [line.split("\t") for line in said.splitlines() if "\t" in line]
+    rows = [line.split("\t") for line in output.splitlines() if "\t" in line]
     return {(file, finding.removeprefix("misra-c2012-")) for file, finding in rows}
 
 
@@ -83,47 +83,49 @@ def test_cppcheck_finds_a_planted_violation_and_a_planted_fault(tmp_path: Path) 
     (tmp_path / "planted.c").write_text(
         "int f(int i);\nint f(int i) { int a[3] = {0}; if (i) { a[0] = 1; } return a[3]; }\n"
     )
-    found = {finding for _, finding in cppcheck(tmp_path, ["planted.c"])}
-    assert {"14.4", "arrayIndexOutOfBounds"} <= found
+    findings = {finding for _, finding in cppcheck(tmp_path, ["planted.c"])}
+    assert {"14.4", "arrayIndexOutOfBounds"} <= findings
 
 
-def test_c_deviates_from_misra_as_is_told_and_not_otherwise(tmp_path: Path) -> None:
+def test_the_programs_c_deviates_from_misra_exactly_as_quality_md_lists(tmp_path: Path) -> None:
     need("cppcheck", "cppcheck")
     # given the program as it is shipped, with parameters and with constants, and with the mailbox
-    found = set()
+    findings = set()
     for constants in (False, True):
         folder, files = tmp_path / str(constants), library(constants=constants)
         write_files(files, folder)
-        found |= cppcheck(folder, sorted(n for n in files if n.endswith(".c")))
+        findings |= cppcheck(folder, sorted(n for n in files if n.endswith(".c")))
     mailbox = processor_in_the_loop()
     write_files(mailbox, folder)
-    found |= {
+    findings |= {
         (file, finding)
         for file, finding in cppcheck(folder, sorted(n for n in mailbox if n.endswith(".c")))
         if file in mailbox
     }
     # then each finding stands in QUALITY.md with its reason, and nothing else does
-    compare(found, {(file, finding) for file, finding in deviations() if "/" not in file})
+    compare(findings, {(file, finding) for file, finding in deviations() if "/" not in file})
 
 
 @pytest.mark.parametrize("target", sorted(path.name for path in SOURCES.iterdir() if path.is_dir()))
-def test_c_of_a_target_deviates_from_misra_as_is_told_and_not_otherwise(target: str, tmp_path: Path) -> None:
+def test_the_c_of_a_target_deviates_from_misra_exactly_as_quality_md_lists(
+    target: str, tmp_path: Path
+) -> None:
     need("cppcheck", "cppcheck")
     # given what the target adds, beside the program
     added = {
         path.name: path.read_text() for path in (SOURCES / target).iterdir() if path.suffix in (".c", ".h")
     }
     write_files(library() | processor_in_the_loop() | added, tmp_path)
-    # then it is as told
-    found = cppcheck(tmp_path, sorted(name for name in added if name.endswith(".c")))
-    told = {(file, finding) for file, finding in deviations() if file.startswith(f"{target}/")}
-    compare({(f"{target}/{file}", finding) for file, finding in found if file in added}, told)
+    # then the findings are those listed
+    findings = cppcheck(tmp_path, sorted(name for name in added if name.endswith(".c")))
+    listed = {(file, finding) for file, finding in deviations() if file.startswith(f"{target}/")}
+    compare({(f"{target}/{file}", finding) for file, finding in findings if file in added}, listed)
 
 
-def compare(found: set[tuple[str, str]], told: set[tuple[str, str]]) -> None:
+def compare(findings: set[tuple[str, str]], listed: set[tuple[str, str]]) -> None:
     """Findings and table agree."""
-    assert sorted(found - told) == [], "new: mend the code, or give the reason in codegen/QUALITY.md"
-    assert sorted(told - found) == [], "no longer so: take it out of codegen/QUALITY.md"
+    assert sorted(findings - listed) == [], "new: mend the code, or give the reason in codegen/QUALITY.md"
+    assert sorted(listed - findings) == [], "no longer so: take it out of codegen/QUALITY.md"
 
 
 # --- warnings ---
@@ -137,7 +139,7 @@ def test_whole_library_compiles_without_a_warning(compiler: str, constants: bool
     files = library(constants=constants)
     write_files(files, tmp_path)
     sources = [name for name in files if name.endswith(".c")]
-    for source in sources:  # one by one: zig compiles but the first of several
+    for source in sources:  # one by one: zig compiles only the first of several
         assert run([*COMPILERS[compiler], *WARNINGS, "-I.", "-c", source], tmp_path) == ""
     assert len(list(tmp_path.glob("*.o"))) == len(sources) == 13
 
@@ -164,9 +166,9 @@ def sanitized(compiler: str, folder: Path, *, constants: bool = False) -> Path:
     return folder / "run"
 
 
-def modes(said: str) -> set[int]:
+def modes(line: str) -> set[int]:
     """The controller's modes of a line that run_tick prints."""
-    bits = int(said.rsplit(maxsplit=1)[-1])
+    bits = int(line.rsplit(maxsplit=1)[-1])
     return {mode for mode in range(32) if bits >> mode & 1}
 
 
@@ -210,11 +212,11 @@ def test_fuzzer_finds_no_broken_invariant_in_the_whole_tick(trial: bytes, tmp_pa
         inputs.append(orders.BEGUN + orders.raw("gps", capture.read_bytes()[:2000]) + orders.ticks(50))
     for i, data in enumerate(inputs):
         (corpus / str(i)).write_bytes(data)
-    said = run(
+    output = run(
         [tmp_path / "fuzz", f"-max_total_time={FUZZING}", "-seed=1", "-max_len=2048", "-timeout=20", corpus],
         tmp_path,
     )
-    done = re.search(r"Done (\d+) runs", said)
+    done = re.search(r"Done (\d+) runs", output)
     assert done is not None
     assert int(done[1]) > len(inputs)
 
@@ -284,7 +286,7 @@ def proofs(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], cbmc.Ans
 
 
 @pytest.mark.parametrize("name", PROVED)
-def test_cbmc_proves(name: str, proofs: Callable[[str], cbmc.Answer]) -> None:
+def test_cbmc_proves_the_function_for_all_its_inputs(name: str, proofs: Callable[[str], cbmc.Answer]) -> None:
     answer = proofs(name)
     assert answer.failed == ()
     assert answer.checks > 0

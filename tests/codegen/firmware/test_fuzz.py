@@ -20,7 +20,11 @@ def fuzzer(name: str, folder: Path) -> Path:
     program = folder / f"fuzz_{name}"
     write_drivers(folder)
     drivers = ["scanner.c", f"{name}.c", *(["telemetry.c"] if name == "link" else [])]
-    sources = [FUZZ / f"fuzz_{name}.c", *(folder / driver for driver in drivers), f"-I{folder}"]
+    sources: list[str | Path] = [
+        FUZZ / f"fuzz_{name}.c",
+        *(folder / driver for driver in drivers),
+        f"-I{folder}",
+    ]
     sanitizers = "-fsanitize=fuzzer,address,undefined"
     probe = folder / "probe.c"
     probe.write_text("int LLVMFuzzerTestOneInput(const char *data, unsigned long size) { return 0; }\n")
@@ -50,7 +54,7 @@ def corpus(name: str, folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("name", ["ubx", "mt", "link"])
-def test_fuzzer_finds_no_broken_invariant(name: str, tmp_path: Path) -> None:
+def test_fuzzer_finds_no_broken_invariant_in_a_parser(name: str, tmp_path: Path) -> None:
     program = fuzzer(name, tmp_path)
     done = subprocess.run(
         [program, f"-runs={RUNS}", "-seed=1", "-max_len=256", "-use_value_profile=1",

@@ -99,10 +99,10 @@ def frames_of_pyubx2(data: bytes) -> list[bytes]:
 
 def fixes(c: ctypes.CDLL, *frames: bytes) -> list[dict[str, Any]]:
     ubx = driver(c, "ubx")
-    return [as_dict(ubx.state.fix) for found in ubx.receive(b"".join(frames)) if found == FIX]
+    return [as_dict(ubx.state.fix) for event in ubx.receive(b"".join(frames)) if event == FIX]
 
 
-def test_structs_are_laid_out_as_the_compiler_does(c: ctypes.CDLL) -> None:
+def test_structs_of_the_drivers_have_the_compilers_sizes(c: ctypes.CDLL) -> None:
     sizes = (ctypes.c_size_t * len(STRUCTS)).in_dll(c, "SIZES")
     assert dict(zip(STRUCTS, sizes, strict=True)) == {n: ctypes.sizeof(s) for n, s in STRUCTS.items()}
 
@@ -129,7 +129,7 @@ def test_sample_of_velned_is_read(c: ctypes.CDLL) -> None:
     assert (peer.gSpeed, peer.sAcc, round(peer.heading * 1e5)) == (112, 20, 33_343_495)
 
 
-def test_sample_of_mt_is_read_in_z_down_axes_as_it_is(c: ctypes.CDLL) -> None:
+def test_sample_of_mt_in_z_down_axes_is_read_unchanged(c: ctypes.CDLL) -> None:
     mt = Driver(c, "mt", False)
     assert list(mt.receive(MT_SAMPLE)) == [True]
     values = struct.unpack(">12fH", MT_SAMPLE[4:-1])
@@ -155,7 +155,7 @@ def test_sample_of_mt_is_turned_from_z_up_axes(c: ctypes.CDLL) -> None:
     assert math.degrees(sample["heading"]) == pytest.approx(-45.0)
 
 
-def test_mt_makes_what_is_no_finite_number_the_greatest(c: ctypes.CDLL) -> None:
+def test_mt_turns_nan_and_infinity_into_the_greatest_float(c: ctypes.CDLL) -> None:
     for z_up in (False, True):
         mt = Driver(c, "mt", z_up)
         list(
@@ -230,7 +230,7 @@ def test_capture_gives_the_same_fix_by_three_messages_as_by_one(c: ctypes.CDLL) 
 
 
 def counted(driver: Driver) -> tuple[int, int, int, bytes]:
-    """What a driver has found, but for where its scanner keeps it."""
+    """The state of a driver, without the place of the bytes in its scanner."""
     s = driver.state.scanner
     return s.frames, s.errors, s.skipped, bytes(driver.state)[ctypes.sizeof(s) :]
 
@@ -238,7 +238,9 @@ def counted(driver: Driver) -> tuple[int, int, int, bytes]:
 @each_driver
 @settings(max_examples=100, deadline=None)
 @given(data=st.data())
-def test_stream_gives_the_same_however_it_is_cut(c: ctypes.CDLL, name: str, data: st.DataObject) -> None:
+def test_a_stream_cut_into_any_blocks_gives_the_same_frames(
+    c: ctypes.CDLL, name: str, data: st.DataObject
+) -> None:
     # given good, damaged and foreign bytes
     pieces = st.one_of(
         st.sampled_from(GOOD[name]),
@@ -248,12 +250,12 @@ def test_stream_gives_the_same_however_it_is_cut(c: ctypes.CDLL, name: str, data
     stream = b"".join(data.draw(st.lists(pieces, max_size=12)))
     whole, cut = driver(c, name), driver(c, name)
     # when they come at once and in blocks
-    at_once = [(found, counted(whole)) for found in whole.receive(stream)]
+    at_once = [(event, counted(whole)) for event in whole.receive(stream)]
     in_blocks = []
     start = 0
     while start < len(stream):
         size = data.draw(st.integers(1, 40))
-        in_blocks += [(found, counted(cut)) for found in cut.receive_block(stream[start : start + size])]
+        in_blocks += [(event, counted(cut)) for event in cut.receive_block(stream[start : start + size])]
         start += size
     # then they give the same frames, values and counts
     assert at_once == in_blocks
@@ -273,19 +275,19 @@ def test_no_frame_with_one_bit_changed_is_taken_and_the_next_is_found(
 
 
 @pytest.mark.parametrize(("name", "frame"), FRAMES)
-def test_a_frame_cut_off_takes_none_along(c: ctypes.CDLL, name: str, frame: bytes) -> None:
+def test_a_frame_cut_off_swallows_no_frame_behind_it(c: ctypes.CDLL, name: str, frame: bytes) -> None:
     for good in GOOD[name]:
         for length in range(len(frame)):
             # however the stream goes on
             assert driver(c, name).frames(frame[:length] + good + bytes(SIZE)) == [good]
             # and when it does not, once it is given up
             silent = driver(c, name)
-            found = silent.frames(frame[:length] + good) + [silent.frame for _ in silent.idle()]
-            assert found == [good]
+            frames = silent.frames(frame[:length] + good) + [silent.frame for _ in silent.idle()]
+            assert frames == [good]
 
 
 @each_driver
-def test_repeated_beginnings_of_frames_hide_none(c: ctypes.CDLL, name: str) -> None:
+def test_repeated_beginnings_of_frames_hide_no_frame(c: ctypes.CDLL, name: str) -> None:
     for frame in GOOD[name]:
         for length in range(1, 7):
             parser = driver(c, name)
@@ -383,7 +385,9 @@ def test_pvt_is_a_fix(c: ctypes.CDLL) -> None:
         pytest.param([pvt(0, flags=0xFE)], id="pvt not called good"),
     ],
 )
-def test_what_is_not_whole_or_not_called_good_is_no_fix(c: ctypes.CDLL, frames: list[bytes]) -> None:
+def test_an_epoch_that_is_incomplete_or_not_called_good_gives_no_fix(
+    c: ctypes.CDLL, frames: list[bytes]
+) -> None:
     ubx = driver(c, "ubx")
     assert set(ubx.receive(b"".join(frames))) == {FRAME}
     assert ubx.state.refused == 0
@@ -435,18 +439,18 @@ def test_a_fix_with_a_value_out_of_range_is_refused_and_counted(c: ctypes.CDLL, 
     assert ubx.state.refused == U32
 
 
-def test_the_edges_of_the_ranges_are_fixes(c: ctypes.CDLL) -> None:
-    found = fixes(
+def test_fixes_at_the_edges_of_the_ranges_are_taken(c: ctypes.CDLL) -> None:
+    taken = fixes(
         c,
         pvt(1, lat=900_000_000, lon=1_800_000_000, hAcc=1, sAcc=1, gSpeed=515_000, headMot=36_000_000),
         pvt(2, lat=-900_000_000, lon=-1_800_000_000, hAcc=U32, sAcc=U32, gSpeed=0, headMot=-36_000_000),
         posllh(3), velned(3, speed=51_500, s_acc=U32), sol(3),
     )  # fmt: skip
-    assert [fix["time_ms"] for fix in found] == [1, 2, 3]
-    assert (found[2]["speed"], found[2]["s_acc"]) == (515_000, U32)
+    assert [fix["time_ms"] for fix in taken] == [1, 2, 3]
+    assert (taken[2]["speed"], taken[2]["s_acc"]) == (515_000, U32)
 
 
-def test_messages_of_another_length_or_class_are_passed_over(c: ctypes.CDLL) -> None:
+def test_ubx_messages_of_another_length_or_class_are_skipped(c: ctypes.CDLL) -> None:
     ubx = driver(c, "ubx")
     other = posllh(0)[:2] + b"\x02" + posllh(0)[3:]
     assert (
@@ -470,14 +474,16 @@ def test_messages_of_another_length_or_class_are_passed_over(c: ctypes.CDLL) -> 
         ([500, 0, 1], 0),  # begun anew
     ],
 )
-def test_samples_that_the_counter_jumps_over_are_lost(c: ctypes.CDLL, counters: list[int], lost: int) -> None:
+def test_samples_that_the_counter_skips_are_counted_as_lost(
+    c: ctypes.CDLL, counters: list[int], lost: int
+) -> None:
     mt = Driver(c, "mt", False)
     frames = b"".join(mt_frame([0.0] * 12, counter) for counter in counters)
     assert list(mt.receive(frames)) == [True] * len(counters)
     assert mt.state.lost == lost
 
 
-def test_a_sample_whose_counter_stands_still_is_the_old_one(c: ctypes.CDLL) -> None:
+def test_a_sample_whose_counter_stands_still_is_not_taken_again(c: ctypes.CDLL) -> None:
     mt = Driver(c, "mt", False)
     frames = mt_frame([1.0] * 12, 7) + mt_frame([2.0] * 12, 7) + mt_frame([3.0] * 12, 8)
     assert [mt.sample["accel"][0] for _ in mt.receive(frames)] == [1.0, 3.0]
@@ -510,7 +516,7 @@ def test_mission_arrives_whole_and_starts(c: ctypes.CDLL, mission: radio.Mission
     assert list(link.receive(radio.encode(radio.Start(mission.id), 9))) == [START]
 
 
-def test_the_other_messages_arrive(c: ctypes.CDLL) -> None:
+def test_override_abort_and_heartbeat_arrive(c: ctypes.CDLL) -> None:
     link = driver(c, "link")
     for command in Command:
         assert list(link.receive(radio.encode(radio.Override(command), 3))) == [OVERRIDE]
@@ -551,7 +557,7 @@ HERE = struct.pack(">ii", 326_000_000, -854_900_000)
         pytest.param(raw_message(HEARTBEAT, b"\0"), id="heartbeat too long"),
     ],
 )
-def test_a_message_with_a_wrong_value_changes_nothing_and_is_counted(c: ctypes.CDLL, message: bytes) -> None:
+def test_a_radio_message_with_a_wrong_value_is_only_counted(c: ctypes.CDLL, message: bytes) -> None:
     # given a mission held
     link = driver(c, "link")
     list(link.receive(radio.encode(MISSION_16, 1)))
@@ -571,7 +577,7 @@ def test_a_start_without_a_mission_is_refused(c: ctypes.CDLL) -> None:
     assert link.state.refused == 1
 
 
-def test_a_mission_too_long_is_no_frame(c: ctypes.CDLL) -> None:
+def test_a_mission_that_is_too_long_is_not_taken_for_a_frame(c: ctypes.CDLL) -> None:
     link = Driver(c, "link")
     assert list(link.receive(raw_message(MISSION, HERE * 18) + raw_message(ABORT, b""))) == [ABORT]
     assert link.state.mission.count == 0

@@ -193,15 +193,15 @@ class Rabbit:
                 "run 0",
                 f'dump /b rom {start:#x} {END - 1:#x} >"{i}.bin"',
             ]
-        said = simulate(self.folder, [*commands, "state"])
-        stops = re.findall(r"^SP= 0x(\w+)", said, re.MULTILINE)
+        output = simulate(self.folder, [*commands, "state"])
+        stops = re.findall(r"^SP= 0x(\w+)", output, re.MULTILINE)
         assert [int(sp, 16) for sp in stops] == [STACK] * len(blocks), "the stack is not as before the calls"
         results = [
             np.frombuffer((self.folder / f"{i}.bin").read_bytes(), "<u4").reshape(block.shape)[:, 0]
             for i, block in enumerate(blocks)
         ]
-        clocks = re.search(r"\((\d+) clks\)", said)
-        assert clocks is not None, said
+        clocks = re.search(r"\((\d+) clks\)", output)
+        assert clocks is not None, output
         assert len(operands) == routine.operands
         return np.concatenate(results), int(clocks[1])
 
@@ -417,7 +417,7 @@ def test_given_a_nan_operand_when_computed_then_the_result_is_the_quiet_nan_of_t
     assert [int(r[0]) for r in results] == [0x7FC00000] * 9
 
 
-# clocks of a call over everyday operands, at most: about a tenth above what was measured
+# most clocks of a call over everyday operands: about a tenth above the measurement
 BUDGET = {
     "add": 370,
     "subtract": 390,
@@ -490,7 +490,7 @@ def test_given_c_by_sdcc_when_linked_then_it_calls_these_routines_and_gets_the_h
     module = dict(re.findall(r"^\s+\w{8}\s+(\w+)\s+(\w+)\s*$", map_text, re.MULTILINE))
     address = {n: int(a, 16) for a, n in re.findall(r"^\s+(\w{8})\s+(\w+)", map_text, re.MULTILINE)}
     results, whole = address["_results"], address["_whole"]
-    said = simulate(
+    output = simulate(
         tmp_path,
         [
             f"break {address['_finished']:#x}",
@@ -503,7 +503,7 @@ def test_given_c_by_sdcc_when_linked_then_it_calls_these_routines_and_gets_the_h
     dot = a * b + b * a - b / a
     expected = [a + b, a - b, a * b, a / b, np.sqrt(b), -3.0, 2.5, 200 - 10 - 70000, dot, 1 + 4 + 32 + 128]
     assert {module[r.symbol] for r in ROUTINES.values() if r.symbol in module} == {"float"}, module
-    assert (tmp_path / "f.bin").read_bytes() == np.array(expected, dtype="<f4").tobytes(), said
+    assert (tmp_path / "f.bin").read_bytes() == np.array(expected, dtype="<f4").tobytes(), output
     assert np.frombuffer((tmp_path / "i.bin").read_bytes(), "<i4").tolist() == [
         -2, -250, 750, -25, 75, 3_000_000_000 - 2**32, 0, 1,
     ]  # fmt: skip

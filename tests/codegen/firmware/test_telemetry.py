@@ -1,4 +1,4 @@
-"""The table of the telemetry, and what is made of it: the struct, its bytes, the signals of the log."""
+"""The table of the telemetry, and its products: the struct, its bytes, the signals of the log."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_payload_is_45_bytes_as_the_header_states() -> None:
     assert "#define TELEMETRY_SIZE 45U" in program()["telemetry.h"]
 
 
-def test_payload_is_read_back() -> None:
+def test_payload_of_telemetry_is_read_back() -> None:
     telemetry = Telemetry(*range(len(FIELDS)))
     assert Telemetry.from_payload(telemetry.payload()) == telemetry
 
@@ -44,7 +44,7 @@ def test_flags_are_the_bits_of_one_byte_each_once() -> None:
     ("unit", "value"),
     [("ms", 0.001), ("1e-7 deg", 1.7453292519943295e-09), ("cm/s", 0.01), ("dm", 0.1), ("1e-4 rad", 1e-4)],
 )
-def test_one_of_a_unit_by_radio_is_so_much_in_si(unit: str, value: float) -> None:
+def test_a_unit_by_radio_has_its_factor_to_si(unit: str, value: float) -> None:
     assert UNITS[unit][1] == pytest.approx(value, rel=1e-15)
 
 
@@ -59,7 +59,7 @@ def test_log_has_each_field_in_si_and_counts_as_whole_numbers() -> None:
     assert kinds["command"] == kinds["gps_frames"] == ("", "Integer")
 
 
-def test_comment_in_c_tells_the_unit_by_radio() -> None:
+def test_comment_of_a_telemetry_field_in_c_states_the_unit_by_radio() -> None:
     assert Wire("int16_t", "cm/s", "ground speed").comment == "cm/s: ground speed"
     assert Wire("uint8_t", "", "what the animal is told").comment == "what the animal is told"
     assert math.isclose(UNITS["1e-7 deg"][1] * 1e7, math.radians(1))

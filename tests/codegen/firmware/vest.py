@@ -47,6 +47,6 @@ def lead(
         imu(unit.sample(tick, signals))
         radio(operator.send(tick * TICK, True, Command.NONE, True))
         time.sleep(max(0.0, began + (tick + 1) * TICK - time.monotonic()))
-        told = operator.receive(heard())
-        if told is not None:
-            yield told
+        telemetry = operator.receive(heard())
+        if telemetry is not None:
+            yield telemetry

@@ -43,7 +43,7 @@ def fresh_cache() -> Iterator[None]:
     compiler.cache_folder.cache_clear()
 
 
-def test_a_library_exports_what_is_visible_and_nothing_else(sources: Path, tmp_path: Path) -> None:
+def test_a_library_exports_only_its_visible_symbols(sources: Path, tmp_path: Path) -> None:
     suffix = PLATFORMS[this_platform()].suffix
     path = build_library(sources, ["answer.c"], tmp_path / f"answer{suffix}", what="answer")
     loaded = ctypes.CDLL(str(path))
@@ -53,7 +53,7 @@ def test_a_library_exports_what_is_visible_and_nothing_else(sources: Path, tmp_p
     assert sorted(p.name for p in tmp_path.iterdir()) == [path.name, "sources"]
 
 
-def test_the_same_sources_give_the_same_bytes_wherever_they_lie(sources: Path, tmp_path: Path) -> None:
+def test_the_same_sources_in_other_folders_give_the_same_library(sources: Path, tmp_path: Path) -> None:
     elsewhere = tmp_path / "a" / "longer" / "path"
     elsewhere.mkdir(parents=True)
     (elsewhere / "answer.c").write_text(SOURCE)
@@ -78,7 +78,7 @@ def test_the_same_sources_give_the_same_bytes_wherever_they_lie(sources: Path, t
         ("double f(float x);\ndouble f(float x) { return x * 2.0; }\n", "increases floating-point precision"),
     ],
 )
-def test_what_does_not_compile_is_reported_in_the_compilers_words(
+def test_c_that_does_not_compile_is_reported_in_the_compilers_words(
     text: str, words: str, sources: Path, tmp_path: Path
 ) -> None:
     (sources / "answer.c").write_text(text)
@@ -91,7 +91,7 @@ def test_what_does_not_compile_is_reported_in_the_compilers_words(
     assert not output.exists()
 
 
-def test_products_and_sums_are_rounded_one_by_one(sources: Path, tmp_path: Path) -> None:
+def test_compiled_products_and_sums_are_rounded_one_by_one(sources: Path, tmp_path: Path) -> None:
     # given a processor with fused multiply-add
     (sources / "answer.c").write_text("double f(double a, double b, double c) { return a * b + c; }\n")
     assembly = tmp_path / "answer.s"
@@ -112,7 +112,7 @@ def test_platforms_are_known_by_all_their_names() -> None:
 
 
 @pytest.mark.usefixtures("fresh_cache")
-def test_a_read_only_home_does_not_matter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_read_only_home_gives_a_temporary_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # given a home in which nothing can be made (a file stands where the folder would)
     (tmp_path / ".cache").write_text("")
     monkeypatch.delenv("ZIG_GLOBAL_CACHE_DIR", raising=False)

@@ -39,7 +39,7 @@ BLOCKS_IN_C = [f"{block.title()}_" for block in BLOCKS.values()]
 HOME = (326_000_000, -854_900_000)  # 1e-7 deg
 SPECIAL = (math.nan, math.inf, -math.inf, -0.0, 1e-41, 3.4e38, 1e9)
 
-# --- what comes in: a walk north at 1 m/s, with all that goes wrong on wires and in the air ---
+# --- traffic: a walk north at 1 m/s, with the errors of wires and radio ---
 
 
 def ubx(message: int, payload: bytes) -> bytes:
@@ -85,7 +85,7 @@ def clean(ticks: int) -> list[Received]:
 
 
 MISSION = radio.Mission(radio.Position(32.6, -85.49), (radio.Position(32.6002, -85.4899),) * 3)
-MESSAGES = {
+MESSAGES: dict[int, radio.Message] = {
     20: MISSION, 25: radio.Start(0xBAD), 30: radio.Start(MISSION.id), 100: radio.Override(Command.LEFT),
     110: radio.Override(Command.NONE), 190: radio.Abort(), 200: radio.Start(MISSION.id),
 }  # fmt: skip
@@ -164,7 +164,7 @@ def ticks_of_host() -> list[tuple[Reply, list[bytes]]]:
 # --- the same bits ---
 
 
-def test_stream_puts_the_program_through_its_paces() -> None:
+def test_the_test_traffic_reaches_all_parts_of_the_program() -> None:
     # given the stream, when it has run
     replies = replies_of_host()
     seen = [words(reply.record) for reply in replies]
@@ -178,7 +178,7 @@ def test_stream_puts_the_program_through_its_paces() -> None:
     assert min(last[f"{d}.{n}"] for d in ("gps", "imu", "radio") for n in ("frames", "errors")) > 0
 
 
-def test_every_tick_leaves_the_bits_of_the_host(cortex: CortexM4F) -> None:
+def test_every_tick_on_the_cortex_leaves_the_bits_of_the_host(cortex: CortexM4F) -> None:
     # given the same program on this machine
     reference = host.start(find_target("host"), sources())
     assert cortex.start == reference.start
@@ -191,7 +191,7 @@ def test_every_tick_leaves_the_bits_of_the_host(cortex: CortexM4F) -> None:
         assert replace(ours, cost=None) == theirs, f"tick {k}"
 
 
-def test_parameters_as_constants_change_no_bit() -> None:
+def test_parameters_as_constants_change_no_bit_on_the_cortex() -> None:
     processor = open_processor("cortex-m4f", constants=True)
     assert [replace(processor.tick(r), cost=None) for r in stream()[:60]] == list(replies_of_host()[:60])
     processor.close()
@@ -211,19 +211,19 @@ def test_same_bytes_take_the_same_instructions(cortex: CortexM4F) -> None:
     again.close()
 
 
-def test_instructions_are_those_that_are_counted_one_by_one(cortex: CortexM4F) -> None:
+def test_instructions_counted_by_block_are_those_counted_one_by_one(cortex: CortexM4F) -> None:
     # given a processor that tells every instruction but those that an IT block passes over
-    told: Counter[int] = Counter()
+    executed: Counter[int] = Counter()
     slow = cortex_m4f.start(TARGET, sources())
-    slow.simulator.hook_add(UC_HOOK_CODE, lambda _uc, address, *_: told.update([address]))
+    slow.simulator.hook_add(UC_HOOK_CODE, lambda _uc, address, *_: executed.update([address]))
     slow.simulator.ctl_flush_tb()  # what the start-up has run already was translated without the hook
     passed_over = 0
     for received in stream()[:40]:
         # when it runs a tick
-        told.clear()
+        executed.clear()
         slow.write(received)
         slow.resume("pil_done")
-        seen, inside = dict(told), set()
+        seen, inside = dict(executed), set()
         slow.resume("pil_wait")
         # then each IT stands for all instructions of its block, and every other for itself
         count = 0
@@ -319,7 +319,7 @@ def test_tick_takes_at_most_3000_instructions_with_a_fix(cortex: CortexM4F) -> N
     assert max(costs) <= 3_000
 
 
-def test_footprint_is_that_of_the_program_alone() -> None:
+def test_footprint_leaves_out_mailbox_and_record() -> None:
     # given a mailbox twice as large and a record that does more
     files = sources()
     files["pil.h"] = files["pil.h"].replace("PIL_SIZE PORT_MOST", "PIL_SIZE 1024U")
@@ -339,19 +339,19 @@ def test_footprint_is_that_of_the_program_alone() -> None:
     assert larger.ram - before.footprint.ram == 32
 
 
-def test_there_is_no_double_no_libm_and_no_heap(cortex: CortexM4F) -> None:
+def test_the_cortex_image_has_no_double_no_libm_and_no_heap(cortex: CortexM4F) -> None:
     # given the symbols of the image
     with cortex.image.path.open("rb") as file:
         table = ELFFile(file).get_section_by_name(".symtab")
         assert table is not None
-        found = {s.name: s["st_shndx"] for s in table.iter_symbols() if s.name}  # type: ignore[attr-defined]
+        names = {s.name: s["st_shndx"] for s in table.iter_symbols() if s.name}  # type: ignore[attr-defined]
     # then nothing is left undefined, and what the compiler and the drivers call of a library are copies alone
-    assert "SHN_UNDEF" not in found.values()
-    assert {n for n in found if n.startswith("__")} <= {
+    assert "SHN_UNDEF" not in names.values()
+    assert {n for n in names if n.startswith("__")} <= {
         f"__aeabi_mem{n}{w}" for n in ("cpy", "move", "set", "clr") for w in ("", 4, 8)
     }
     assert not {"sin", "cos", "sinf", "cosf", "atan2f", "sqrt", "sqrtf", "floor", "malloc", "free"} & set(
-        found
+        names
     )
 
 
@@ -372,11 +372,11 @@ static void put(uint32_t *word, float value)
 }
 void pil_record(const onboard *m, uint32_t *words)
 {
-    const uint8_t *const given = pil_received[PORT_RADIO];
+    const uint8_t *const input = pil_received[PORT_RADIO];
     (void)m;
     for (uint32_t i = 0U; i < 16U; i++) {
-        const float x = number(&given[8U * i]);
-        const float y = number(&given[(8U * i) + 4U]);
+        const float x = number(&input[8U * i]);
+        const float y = number(&input[(8U * i) + 4U]);
         put(&words[7U * i], sqrtf(x));
         put(&words[(7U * i) + 1U], floorf(x));
         put(&words[(7U * i) + 2U], fabsf(x));
@@ -389,20 +389,19 @@ void pil_record(const onboard *m, uint32_t *words)
 """
 
 
-def test_arithmetic_is_that_of_ieee_754() -> None:
+def test_arithmetic_on_the_cortex_is_that_of_ieee_754() -> None:
     # given numbers of all kinds: whole and halves about every power of two, subnormal, random bits
     dice = random.Random(754)
     edges = [s * (2.0**e + d) for s in (1, -1) for e in range(-3, 26) for d in (-1, -0.5, 0, 0.5, 1)]
     edges += [2.0**23 - 0.5, 2.0**31, -(2.0**31), 2.0**32, 1e-45, 2**-126, 2**-127, *SPECIAL]
     bits = [struct.unpack("<f", dice.randbytes(4))[0] for _ in range(16 * 60 - len(edges))]
     x = np.array(edges + bits, dtype=np.float32)
-    y = x.copy()
-    dice.shuffle(y)
+    y = np.array(dice.sample(list(x), len(x)), dtype=np.float32)
     processor = cortex_m4f.start(TARGET, sources() | {"pil_record.c": PROBE})
-    given = np.column_stack([x, y]).astype("<f4")
+    operands = np.column_stack([x, y]).astype("<f4")
     # when the processor does them
     records = [
-        processor.tick(Received(radio=given[k : k + 16].tobytes())).record for k in range(0, len(x), 16)
+        processor.tick(Received(radio=operands[k : k + 16].tobytes())).record for k in range(0, len(x), 16)
     ]
     processor.close()
     ours = np.concatenate([np.frombuffer(r, "<f4")[: 7 * 16].reshape(16, 7) for r in records])
@@ -419,17 +418,17 @@ MOVES = """#include "pil.h"
 static uint8_t area[128];
 void pil_record(const onboard *m, uint32_t *words)
 {
-    const uint8_t *const given = pil_received[PORT_RADIO];
+    const uint8_t *const input = pil_received[PORT_RADIO];
     (void)m;
     for (uint32_t i = 0U; i < sizeof(area); i++) {
         area[i] = (uint8_t)(i + 1U);
     }
-    if (given[0] == 0U) {
-        (void)memmove(&area[given[1]], &area[given[2]], given[3]);
-    } else if (given[0] == 1U) {
-        (void)memset(&area[given[1]], given[2], given[3]);
+    if (input[0] == 0U) {
+        (void)memmove(&area[input[1]], &area[input[2]], input[3]);
+    } else if (input[0] == 1U) {
+        (void)memset(&area[input[1]], input[2], input[3]);
     } else {
-        (void)memcpy(&area[given[1]], &area[given[2]], given[3]);
+        (void)memcpy(&area[input[1]], &area[input[2]], input[3]);
     }
     for (uint32_t i = 0U; i < (sizeof(area) / 4U); i++) {
         (void)memcpy(&words[i], &area[4U * i], sizeof(words[i]));
@@ -438,7 +437,7 @@ void pil_record(const onboard *m, uint32_t *words)
 """
 
 
-def test_bytes_are_moved_and_filled_wherever_they_lie() -> None:
+def test_memcpy_memmove_and_memset_work_at_any_alignment() -> None:
     processor = cortex_m4f.start(TARGET, sources() | {"pil_record.c": MOVES})
     dice = random.Random(4)
     cases = [(0, a, b, n) for a in range(6) for b in range(6) for n in (0, 1, 3, 4, 5, 9)]  # they overlap
@@ -495,18 +494,20 @@ def faulty() -> dict[str, str]:
 
 
 @pytest.mark.parametrize("number", range(1, len(FAULTS) + 1), ids=list(FAULTS))
-def test_what_would_be_a_fault_is_named_with_its_place(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fault_of_the_processor_is_named_with_its_place(
+    number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     # given a program that may run for 20,000 instructions, and works
     processor = cortex_m4f.start(TARGET, faulty())
     monkeypatch.setattr(cortex_m4f, "LIMIT", 20_000)
     processor.tick(Received(radio=b"\0"))
-    # when it does what it must not, then the error tells what and where
+    # when it does something forbidden, then the error names it and the place
     with pytest.raises(ProcessorError, match=list(FAULTS.values())[number - 1]):
         processor.tick(Received(radio=bytes([number])))
     processor.close()
 
 
-def test_main_that_returns_ends_in_the_handler() -> None:
+def test_a_main_that_returns_ends_in_the_hard_fault_handler() -> None:
     main = """void pil_wait(void);
     void pil_done(void);
     int main(void);
@@ -526,13 +527,13 @@ def test_main_that_returns_ends_in_the_handler() -> None:
         cortex_m4f.start(TARGET, sources() | {"pil_main.c": main})
 
 
-def test_start_up_must_turn_the_fpu_on() -> None:
+def test_a_start_up_that_leaves_the_fpu_off_is_refused() -> None:
     startup = own_files(TARGET)["startup.c"].replace("CPACR |= FPU_ACCESS;", "CPACR |= 0U;")
     with pytest.raises(ProcessorError, match=r"FPU off.*CPACR is 0x00000000, expected 0x00f00000"):
         cortex_m4f.start(TARGET, sources() | {"startup.c": startup})
 
 
-def test_variables_begin_with_their_values() -> None:
+def test_variables_have_their_start_values_after_the_start_up() -> None:
     # given a variable in .data and one in .bss
     probe = """#include "pil.h"
     static uint32_t first = 0xC0FFEEU;
@@ -554,12 +555,12 @@ def test_variables_begin_with_their_values() -> None:
     processor.close()
 
 
-def test_too_many_bytes_are_refused(cortex: CortexM4F) -> None:
+def test_more_bytes_than_the_cortexs_mailbox_holds_are_refused(cortex: CortexM4F) -> None:
     with pytest.raises(ProcessorError, match="imu: 513 bytes wait, expected at most 512"):
         cortex.tick(Received(imu=bytes(513)))
 
 
-def test_compiler_is_quoted() -> None:
+def test_c_refused_for_the_cortex_is_reported_in_the_compilers_words() -> None:
     with pytest.raises(CompileError, match=r"onboard for the Cortex-M4F: .* refuses it:(.|\n)*no_such"):
         cortex_m4f_image(TARGET, sources() | {"more.c": "no_such();"})
 
@@ -592,7 +593,9 @@ def compile_with_zig(units: list[str], folder: Path) -> None:
 
 @second_opinion
 @pytest.mark.parametrize("compile", [compile_with_gcc, compile_with_zig])
-def test_qemu_has_the_same_bits(compile: Callable[[list[str], Path], None], tmp_path: Path) -> None:
+def test_the_program_on_qemu_has_the_same_bits(
+    compile: Callable[[list[str], Path], None], tmp_path: Path
+) -> None:
     # given the same sources with a main that reads and writes files
     files = own_files(TARGET) | sources()
     for name in ("pil_main.c", "pil_stops.c", "main.c"):
@@ -633,7 +636,7 @@ ENDING = """for (int32_t tick = 0; tick < 8; tick++) {
 
 
 @second_opinion
-def test_qemu_executes_as_many_instructions(tmp_path: Path) -> None:
+def test_qemu_executes_as_many_instructions_as_unicorn(tmp_path: Path) -> None:
     # given an image with a mailbox that is always full of the same, and an end after 8 ticks
     received = Received(epoch(40), clean(1)[0].imu)
     data = (received.gps, received.imu, received.radio)

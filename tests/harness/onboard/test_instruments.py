@@ -49,12 +49,12 @@ samples = st.fixed_dictionaries(
 
 def read(data: bytes) -> dict[str, Any]:
     """The messages by name, checksums tested; nothing between them is left over."""
-    found, length = {}, 0
+    messages, length = {}, 0
     for raw, parsed in UBXReader(BytesIO(data), quitonerror=ERR_RAISE):
-        found[parsed.identity] = parsed
+        messages[parsed.identity] = parsed
         length += len(raw)
     assert length == len(data)
-    return found
+    return messages
 
 
 def degrees_apart(a: float, b: float) -> float:
@@ -64,14 +64,14 @@ def degrees_apart(a: float, b: float) -> float:
 @given(signals, st.booleans())
 def test_fix_reads_back_within_a_unit(values: dict[str, float], pvt: bool) -> None:
     # when
-    found = read(Receiver(ORIGIN, pvt).fix(61.24, values))
+    messages = read(Receiver(ORIGIN, pvt).fix(61.24, values))
     # then, within 1e-7 deg, 1 mm, 1e-5 deg; the speed in mm/s, or in cm/s in the three messages
     names = {"NAV-PVT"} if pvt else {"NAV-POSLLH", "NAV-SOL", "NAV-VELNED"}
-    assert found.keys() == names
-    assert {m.iTOW for m in found.values()} == {61_240}
-    place = found["NAV-PVT" if pvt else "NAV-POSLLH"]
-    motion = found["NAV-PVT" if pvt else "NAV-VELNED"]
-    state = found["NAV-PVT" if pvt else "NAV-SOL"]
+    assert messages.keys() == names
+    assert {m.iTOW for m in messages.values()} == {61_240}
+    place = messages["NAV-PVT" if pvt else "NAV-POSLLH"]
+    motion = messages["NAV-PVT" if pvt else "NAV-VELNED"]
+    state = messages["NAV-PVT" if pvt else "NAV-SOL"]
     latitude, longitude = ORIGIN.from_plane(values["gps_north"], values["gps_east"])
     assert place.lat == pytest.approx(math.degrees(latitude), abs=1.01e-7)
     assert place.lon == pytest.approx(math.degrees(longitude), abs=1.01e-7)
@@ -94,26 +94,26 @@ def test_a_damaged_byte_is_found_by_the_checksum(pvt: bool) -> None:
 
 
 @pytest.mark.parametrize("pvt", [False, True])
-def test_no_fix_is_no_bytes(pvt: bool) -> None:
+def test_the_receiver_sends_nothing_without_a_fix(pvt: bool) -> None:
     assert Receiver(ORIGIN, pvt).fix(1.0, FIX | {"gps_fix": 0.0}) == b""
 
 
-def test_time_of_week_begins_anew() -> None:
+def test_the_receivers_time_of_week_begins_anew_after_a_week() -> None:
     # a week has 604 800 s
     times = [read(Receiver(ORIGIN).fix(t, FIX))["NAV-SOL"].iTOW for t in (604_799.96, 604_800.0, 604_800.25)]
     assert times == [604_799_960, 0, 250]
 
 
 @pytest.mark.parametrize("longitude", [179.9999, -179.9999, 180.0, -180.0, 539.9999])
-def test_longitudes_cross_the_date_line(longitude: float) -> None:
+def test_fixes_beyond_the_date_line_have_longitudes_within_180_deg(longitude: float) -> None:
     # given an origin at it, on the equator, where 20 m are 1.797e-4 deg
     receiver = Receiver(TangentPlane(0.0, math.radians(longitude)))
     for east in (20.0, -20.0):
         # when
-        found = read(receiver.fix(0.0, FIX | {"gps_north": 0.0, "gps_east": east}))["NAV-POSLLH"].lon
+        east_of = read(receiver.fix(0.0, FIX | {"gps_north": 0.0, "gps_east": east}))["NAV-POSLLH"].lon
         # then
-        assert -180 <= found <= 180
-        assert degrees_apart(found, longitude + math.copysign(1.79663e-4, east)) < 2e-7
+        assert -180 <= east_of <= 180
+        assert degrees_apart(east_of, longitude + math.copysign(1.79663e-4, east)) < 2e-7
 
 
 @given(samples, st.integers(0, 200_000), st.booleans())
@@ -125,7 +125,7 @@ def test_sample_reads_back_as_single_precision(values: dict[str, float], tick: i
     assert sum(data[1:]) % 256 == 0
     # and the payload: z up means forward, left, up, so that what belongs to y and z changes its sign; so do
     # pitch (nose down positive about left) and heading (counter-clockwise)
-    *told, counter = struct.unpack(">12fH", data[4:-1])
+    *numbers, counter = struct.unpack(">12fH", data[4:-1])
     side = -1 if z_up else 1
     mag = 4.9e-5  # T, of the unit's field
     expected = [
@@ -134,7 +134,7 @@ def test_sample_reads_back_as_single_precision(values: dict[str, float], tick: i
         math.degrees(values["roll_meas"]), side * math.degrees(values["pitch_meas"]),
         side * math.degrees(values["heading_meas"]),
     ]  # fmt: skip
-    assert told == pytest.approx(expected, rel=6e-8, abs=1e-38)  # 2^-24
+    assert numbers == pytest.approx(expected, rel=6e-8, abs=1e-38)  # 2^-24
     assert counter == tick % 65536
 
 
@@ -182,7 +182,7 @@ def test_program_on_board_reads_the_sample(processor: Processor) -> None:
     assert memory["imu.errors"] == memory["imu.skipped"] == 0
 
 
-def test_the_other_axes_come_mirrored_on_board(processor: Processor) -> None:
+def test_a_z_down_unit_read_as_z_up_comes_mirrored_on_board(processor: Processor) -> None:
     # given a unit with its axes forward, right, down, which the program is not made for
     memory = Memory(processor.tick(Received(imu=InertialUnit(z_up=False).sample(0, SAMPLE))).record)
     # then: what makes the axes a setting and not a matter of taste
@@ -213,13 +213,13 @@ def test_fixes_of_a_walk_across_the_date_line_stay_on_the_plane(processor: Proce
         {"gps_h_acc": 1e300},
     ],
 )
-def test_what_no_receiver_can_say_is_no_fix(beyond: dict[str, float], pvt: bool) -> None:
+def test_a_position_that_the_messages_cannot_hold_gives_no_fix(beyond: dict[str, float], pvt: bool) -> None:
     # a plant made elsewhere may do so; the loop ends the trial of one that is not finite, and goes on else
     assert Receiver(ORIGIN, pvt).fix(0.0, FIX | beyond) == b""
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, 1e300, -1e300])
-def test_what_no_single_holds_comes_as_beyond_every_range(processor: Processor, value: float) -> None:
+def test_a_value_beyond_float32_arrives_out_of_every_range(processor: Processor, value: float) -> None:
     # when
     data = InertialUnit().sample(0, SAMPLE | {"accel_x": value})
     memory = Memory(processor.tick(Received(imu=data)).record)

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from codegen.firmware.telemetry import Flag
+from codegen.firmware.telemetry import FIELDS, Flag, Telemetry
 from harness.log.geodesy import TangentPlane
 from harness.onboard.instruments import InertialUnit, Receiver
 from harness.onboard.memory import Memory
@@ -31,16 +31,19 @@ HOME = place(0, 0)
 A, B = Mission(HOME, (place(50, 0),)), Mission(HOME, (place(0, 50),))
 
 
+NO_TELEMETRY = Telemetry(*[0] * len(FIELDS))
+
+
 class Vest:
-    """The program on this machine, at rest at home: ticks with or without a fix, and what it then knows."""
+    """The program on this machine, at rest at home: ticks with or without a fix, and the memory after it."""
 
     def __init__(self) -> None:
         self.processor, self.numbers, self.decoder = open_processor("host"), count(1), Decoder()
         self.k = 0
-        self.told: Any = None
+        self.telemetry = NO_TELEMETRY
 
     def tick(self, *messages: Any, fix: bool | None = None, **sensed: float) -> Memory:
-        """One tick: messages in one piece; a fix on each sixth tick unless told otherwise."""
+        """One tick: messages in one piece; a fix on each sixth tick unless `fix` says so."""
         signals = {f"{n}_{a}": 0.0 for n in ("accel", "gyro", "mag") for a in "xyz"}
         signals |= {
             "roll_meas": 0.0,
@@ -60,14 +63,14 @@ class Vest:
             )
         )
         self.k += 1
-        for told in self.decoder.receive(reply.sent):
-            self.told = told
+        for telemetry in self.decoder.receive(reply.sent):
+            self.telemetry = telemetry
         return Memory(reply.record)
 
     def ticks(self, number: int, *messages: Any, **sensed: float) -> Memory:
-        """So many, with signs of life (or these messages) on every fifth."""
+        """So many ticks, with heartbeats (or these messages) on every fifth."""
         for i in range(number):
-            memory = self.tick(*(messages or (Heartbeat(),)) if i % 5 == 0 else (), **sensed)
+            memory = self.tick(*(messages or (Heartbeat(),)) if i % 5 == 0 else (), fix=None, **sensed)
         return memory
 
 
@@ -95,26 +98,26 @@ def test_abort_and_another_start_in_one_piece_end_the_one_and_begin_the_other(ve
     # then the first one is stopped, the telemetry says that the other waits, and it begins after the stop
     assert memory["controller.output.mode"] == Mode.STOPPED
     vest.ticks(10)
-    assert Flag.WAITING in Flag(vest.told.flags)
-    assert Flag.STARTED not in Flag(vest.told.flags)
+    assert Flag.WAITING in Flag(vest.telemetry.flags)
+    assert Flag.STARTED not in Flag(vest.telemetry.flags)
     memory = vest.ticks(60)
     assert memory["controller.output.mode"] in RUNNING
     assert target(memory) == (0, 50)
-    assert vest.told.mission_id == B.id
+    assert vest.telemetry.mission_id == B.id
 
 
 def test_a_mission_that_comes_while_another_is_under_way_changes_nothing(vest: Vest) -> None:
     vest.ticks(10)
     vest.tick(A, Start(A.id))
     memory = vest.ticks(20, B, Start(B.id))
-    # it is held, but neither led to nor told as if it were
+    # it is held, but the trial and the telemetry stay with the first
     assert target(memory) == (50, 0)
-    assert vest.told.mission_id == A.id
-    assert Flag.STARTED in Flag(vest.told.flags)
-    assert Flag.WAITING not in Flag(vest.told.flags)
+    assert vest.telemetry.mission_id == A.id
+    assert Flag.STARTED in Flag(vest.telemetry.flags)
+    assert Flag.WAITING not in Flag(vest.telemetry.flags)
 
 
-def test_a_start_that_waits_is_undone_by_another_mission(vest: Vest) -> None:
+def test_a_start_that_waits_is_cancelled_by_another_mission(vest: Vest) -> None:
     # given a start before the first fix
     for _ in range(5):
         vest.tick(A, Start(A.id), fix=False)
@@ -128,7 +131,7 @@ def test_a_start_that_waits_is_undone_by_another_mission(vest: Vest) -> None:
     assert target(vest.ticks(5)) == (0, 50)
 
 
-def test_a_start_that_waits_is_forgotten_with_the_link(vest: Vest) -> None:
+def test_a_start_that_waits_is_cancelled_by_a_lost_link(vest: Vest) -> None:
     vest.tick(A, Start(A.id), fix=False)
     for _ in range(60):  # 2.4 s
         vest.tick(fix=False)
@@ -149,7 +152,9 @@ def test_a_start_soon_after_an_abort_begins_when_the_stop_has_been_held(vest: Ve
 
 
 @pytest.mark.parametrize("sensed", [{"accel_x": math.nan}, {"heading_meas": math.inf}, {"accel_x": 1e4}])
-def test_samples_that_are_of_no_use_are_a_silent_unit(vest: Vest, sensed: dict[str, float]) -> None:
+def test_an_inertial_unit_whose_samples_are_out_of_range_counts_as_silent(
+    vest: Vest, sensed: dict[str, float]
+) -> None:
     vest.ticks(10)
     vest.tick(A, Start(A.id))
     assert vest.ticks(10)["watchdog.output.imu_ok"] == 1
@@ -160,7 +165,7 @@ def test_samples_that_are_of_no_use_are_a_silent_unit(vest: Vest, sensed: dict[s
     assert memory["controller.output.command"] == Command.STOP
 
 
-def test_a_unit_that_repeats_itself_is_a_silent_one(vest: Vest) -> None:
+def test_an_inertial_unit_that_repeats_itself_counts_as_silent(vest: Vest) -> None:
     vest.ticks(10)
     for _ in range(6):
         vest.k -= 1  # so the sample has the number of the one before
@@ -179,7 +184,7 @@ def test_a_bad_first_fix_does_not_settle_the_plane(vest: Vest) -> None:
     assert abs(memory["estimator.output.north"]) < 1
 
 
-def test_a_vest_that_was_carried_far_away_settles_anew_before_a_trial(vest: Vest) -> None:
+def test_a_vest_carried_far_away_settles_the_plane_again_before_a_trial(vest: Vest) -> None:
     assert vest.ticks(12)["estimator.output.valid"] == 1
     far = vest.ticks(60, gps_north=150_000.0)
     assert far["estimator.output.valid"] == 1

@@ -10,7 +10,8 @@ import pytest
 from codegen.firmware.bundle import library, processor_in_the_loop, recorded
 from codegen.firmware.rabbit4000 import rabbit4000_image
 from codegen.firmware.targets import TARGETS
-from codegen.toolchains.sdcc import ToolchainError, home
+from codegen.toolchains.debian import ToolchainError
+from codegen.toolchains.sdcc import home
 from harness.onboard.processors import Processor, ProcessorError, Received, Reply, open_processor
 from harness.onboard.processors.rabbit4000 import Rabbit4000
 from harness.pil.printed_defuzzifier import printed_defuzzifier
@@ -46,7 +47,7 @@ def differences(got: bytes, expected: bytes) -> list[str]:
     ]
 
 
-def told(reply: Reply) -> tuple[bytes, int, bool, bool]:
+def answer(reply: Reply) -> tuple[bytes, int, bool, bool]:
     return reply.sent, reply.tone_hz, reply.vibrate_left, reply.vibrate_right
 
 
@@ -57,7 +58,7 @@ def test_160_ticks_of_good_bad_and_no_bytes_give_the_bits_of_this_machine(rabbit
     for k, received in enumerate(traffic(160)):
         got, expected = rabbit.tick(received), host.tick(received)
         assert differences(got.record, expected.record) == [], f"tick {k}"
-        assert told(got) == told(expected), f"tick {k}"
+        assert answer(got) == answer(expected), f"tick {k}"
         tones.add(got.tone_hz)
         telemetry += len(got.sent) > 0
     host.close()
@@ -65,7 +66,7 @@ def test_160_ticks_of_good_bad_and_no_bytes_give_the_bits_of_this_machine(rabbit
     assert telemetry == 32  # 5 a second
 
 
-def test_the_same_bytes_take_the_same_clocks_on_two_that_run_at_once(rabbit: Processor) -> None:
+def test_the_same_bytes_take_the_same_clocks_on_two_rabbits_at_once(rabbit: Processor) -> None:
     with_fix, another = traffic(7), open_processor("rabbit4000")
     costs = [(rabbit.tick(r).cost, another.tick(r).cost) for r in with_fix]
     another.close()
@@ -73,7 +74,7 @@ def test_the_same_bytes_take_the_same_clocks_on_two_that_run_at_once(rabbit: Pro
     assert all(a is not None and a.clocks > a.accesses > a.instructions > 10_000 for a, _ in costs)
 
 
-def test_program_stays_within_memory_and_tick(rabbit: Processor) -> None:
+def test_the_program_on_the_rabbit_stays_within_memory_and_tick(rabbit: Processor) -> None:
     footprint = rabbit.image.footprint
     assert footprint is not None
     assert 20_000 < footprint.code + footprint.constants <= TARGET.code
@@ -109,7 +110,7 @@ def test_more_bytes_than_the_mailbox_holds_are_refused(rabbit: Processor) -> Non
         rabbit.tick(Received(imu=bytes(513)))
 
 
-def test_a_simulator_that_dies_is_an_error_and_no_zombie(rabbit: Processor) -> None:
+def test_a_simulator_that_dies_is_an_error_and_leaves_no_process(rabbit: Processor) -> None:
     assert isinstance(rabbit, Rabbit4000)
     process = rabbit._console._process
     process.kill()
@@ -119,7 +120,7 @@ def test_a_simulator_that_dies_is_an_error_and_no_zombie(rabbit: Processor) -> N
     assert process.poll() == -9
 
 
-def test_printed_defuzzifier_takes_longer_than_a_tick_and_means_the_same() -> None:
+def test_printed_defuzzifier_takes_longer_than_a_tick_and_gives_the_same_noise() -> None:
     # values of the sum: errata.md, note 6, to the round-off of 1501 additions in float32
     rows = printed_defuzzifier((0.25, 1.0, 3.5, 5.0))
     assert [sigma for *_, sigma in rows] == pytest.approx([1.133, 1.0667, 150.47, 151.70], rel=1e-3)

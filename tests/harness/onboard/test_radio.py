@@ -1,4 +1,4 @@
-"""The laptop's side of the radio: frames by hand, what it refuses to send, telemetry out of a damaged stream.
+"""The laptop's side of the radio: frames by hand, messages that it refuses, telemetry from a damaged stream.
 
 Vest and laptop read what the other sends: tests/codegen/firmware/test_onboard_drivers.py.
 """
@@ -42,7 +42,7 @@ telemetries = st.builds(
 )
 
 
-def test_crc_is_that_of_the_catalogue() -> None:
+def test_crc16_of_the_check_string_is_the_catalogues() -> None:
     # CRC-16/CCITT-FALSE (also IBM-3740) of "123456789" is 0x29B1
     assert crc16(b"123456789") == 0x29B1
 
@@ -59,7 +59,7 @@ def test_crc_is_that_of_the_catalogue() -> None:
         (Mission(HOME, (Position(0, 1e-7),)), "01 07 12 9183 136e5d80 cd0b42e0 00000000 00000001"),
     ],
 )
-def test_frame_is_that_of_the_layout(message: Heartbeat, body: str) -> None:
+def test_a_message_becomes_the_frame_of_the_layout(message: Heartbeat, body: str) -> None:
     frame = encode(message, 7)
     assert frame[:2] == b"\xa5\x5a"
     assert frame[2:-2] == bytes.fromhex(body)
@@ -86,21 +86,21 @@ def test_greatest_mission_is_145_bytes_and_its_id_tells_it_from_others() -> None
 
 
 @pytest.mark.parametrize("count", [0, 17])
-def test_a_mission_of_no_or_too_many_waypoints_is_not_sent(count: int) -> None:
+def test_a_mission_without_or_with_too_many_waypoints_is_not_sent(count: int) -> None:
     with pytest.raises(RadioError, match=f"1 to 16 waypoints, got {count}"):
         encode(Mission(HOME, (HOME,) * count), 0)
 
 
 @pytest.mark.parametrize(
-    ("position", "told"),
+    ("position", "message"),
     [
         (Position(90.1, 0), "latitude is 90.1, expected -90 to 90 deg"),
         (Position(0, -180.1), "longitude is -180.1, expected -180 to 180 deg"),
         (Position(math.nan, 0), "latitude is nan"),
     ],
 )
-def test_a_position_not_on_earth_is_not_sent(position: Position, told: str) -> None:
-    with pytest.raises(RadioError, match=told):
+def test_a_position_out_of_range_is_not_sent(position: Position, message: str) -> None:
+    with pytest.raises(RadioError, match=message):
         encode(Mission(HOME, (position,)), 0)
 
 
@@ -112,10 +112,10 @@ def test_telemetry_is_found_among_other_bytes_in_any_blocks(
     stream = b"".join(p if isinstance(p, bytes) else encode(p, 0) for p in pieces) + bytes(Decoder.SIZE)
     decoder = Decoder()
     # when it comes in blocks
-    found = [t for i in range(0, len(stream), block) for t in decoder.receive(stream[i : i + block])]
+    decoded = [t for i in range(0, len(stream), block) for t in decoder.receive(stream[i : i + block])]
     # then it is all there in order
-    assert found == [p for p in pieces if isinstance(p, Telemetry)]
-    assert decoder.frames == len(found)
+    assert decoded == [p for p in pieces if isinstance(p, Telemetry)]
+    assert decoder.frames == len(decoded)
 
 
 def test_no_telemetry_with_one_bit_changed_is_taken_and_the_next_is_found() -> None:
@@ -126,23 +126,23 @@ def test_no_telemetry_with_one_bit_changed_is_taken_and_the_next_is_found() -> N
         assert Decoder().receive(bytes(damaged) + good) == [TOLD]
 
 
-def test_telemetry_cut_off_takes_none_along() -> None:
+def test_telemetry_cut_off_swallows_none_behind_it() -> None:
     good = encode(TOLD, 1)
     for length in range(len(good)):
         decoder = Decoder()
         assert decoder.receive(good[:length] + good + bytes(Decoder.SIZE)) == [TOLD]
-        # 5 bytes tell that a frame has begun: whatever fills it up, its CRC is wrong
+        # 5 bytes show that a frame has begun; the bytes that fill it up make its CRC wrong
         assert decoder.errors == (length >= 5)
 
 
-def test_sequence_numbers_tell_what_was_lost() -> None:
+def test_telemetry_that_the_sequence_numbers_skip_is_counted_as_lost() -> None:
     decoder = Decoder()
     for sequence in (254, 255, 0, 3):
         decoder.receive(encode(TOLD, sequence))
     assert (decoder.frames, decoder.lost) == (4, 2)
 
 
-def test_other_messages_are_no_telemetry() -> None:
+def test_the_decoder_skips_frames_of_other_types() -> None:
     decoder = Decoder()
     assert decoder.receive(encode(Start(1), 0) + encode(Heartbeat(), 1) + encode(TOLD, 2)) == [TOLD]
     assert decoder.errors == 0

@@ -48,13 +48,13 @@ START = {"start": 1.0}
 def types(sent: bytes) -> list[Any]:
     """The messages of which the bytes are whole frames, by their classes."""
     known = {m.type: m for m in (radio.Mission, radio.Start, radio.Override, radio.Abort, radio.Heartbeat)}
-    found = []
+    messages = []
     while sent:
         _, kind, _, length = sent[:2], sent[2], sent[3], sent[4]
         assert radio.crc16(sent[2 : length + 7]) == 0
-        found.append(known[kind])
+        messages.append(known[kind])
         sent = sent[length + 7 :]
-    return found
+    return messages
 
 
 def overrides(sent: bytes) -> list[int]:
@@ -62,12 +62,12 @@ def overrides(sent: bytes) -> list[int]:
     return [sent[i + 5] for i in range(len(sent) - 5) if sent[i : i + 3] == b"\xa5\x5a\x03"]
 
 
-def told(**fields: Any) -> bytes:
+def telemetry_frame(**fields: Any) -> bytes:
     """Telemetry as a frame, all zeros but these."""
     return encode(Telemetry(**(dict.fromkeys(FIELDS, 0) | fields)), 0)
 
 
-def test_mission_and_start_are_sent_again_until_the_telemetry_tells_them() -> None:
+def test_mission_and_start_are_sent_again_until_the_telemetry_shows_them() -> None:
     operator = Operator(MISSION)
     # given a wish: all of it goes out at once
     assert types(operator.send(0.0, True, Command.NONE, True))[:2] == [radio.Mission, radio.Start]
@@ -77,22 +77,22 @@ def test_mission_and_start_are_sent_again_until_the_telemetry_tells_them() -> No
         assert operator.send(tick * TICK, True, Command.NONE, True) == b""
     assert types(operator.send(10 * TICK, True, Command.NONE, True))[:2] == [radio.Mission, radio.Start]
     # when the telemetry tells another mission, then both again
-    operator.receive(told(mission_id=MISSION.id ^ 1, flags=Flag.LOADED))
+    operator.receive(telemetry_frame(mission_id=MISSION.id ^ 1, flags=Flag.LOADED))
     assert types(operator.send(0.8, True, Command.NONE, True))[:2] == [radio.Mission, radio.Start]
     # when it tells the mission, then START alone
-    operator.receive(told(mission_id=MISSION.id, flags=Flag.LOADED))
+    operator.receive(telemetry_frame(mission_id=MISSION.id, flags=Flag.LOADED))
     assert types(operator.send(1.2, True, Command.NONE, True))[0] is radio.Start
-    # when it tells that it is under way, then neither: but the vest still hears something
-    operator.receive(told(mission_id=MISSION.id, flags=Flag.LOADED | Flag.STARTED))
+    # when it says that the trial is under way, then neither; the vest still gets a message
+    operator.receive(telemetry_frame(mission_id=MISSION.id, flags=Flag.LOADED | Flag.STARTED))
     sent = types(operator.send(1.6, True, Command.NONE, True))
     assert sent
     assert not {radio.Mission, radio.Start, radio.Abort} & set(sent)
     # when the vest has begun anew (its battery), then all again
-    operator.receive(told())
+    operator.receive(telemetry_frame())
     assert types(operator.send(2.0, True, Command.NONE, True))[:2] == [radio.Mission, radio.Start]
 
 
-def test_messages_are_counted_from_1() -> None:
+def test_the_laptops_messages_are_numbered_from_1() -> None:
     operator = Operator(MISSION)
     sent = operator.send(0.0, True, Command.NONE, True)
     numbers = []
@@ -102,10 +102,10 @@ def test_messages_are_counted_from_1() -> None:
     assert numbers == list(range(1, len(numbers) + 1))
 
 
-def test_abort_is_sent_at_once_and_again_until_the_telemetry_tells() -> None:
+def test_abort_is_sent_at_once_and_again_until_the_telemetry_shows_it() -> None:
     # given a mission under way
     operator = Operator(MISSION)
-    operator.receive(told(mission_id=MISSION.id, flags=Flag.STARTED))
+    operator.receive(telemetry_frame(mission_id=MISSION.id, flags=Flag.STARTED))
     operator.send(0.0, True, Command.NONE, True)
     # when the wish changes a tick later
     assert radio.Abort in types(operator.send(TICK, False, Command.NONE, True))
@@ -113,14 +113,14 @@ def test_abort_is_sent_at_once_and_again_until_the_telemetry_tells() -> None:
     assert operator.send(2 * TICK, False, Command.NONE, True) == b""
     assert radio.Abort in types(operator.send(TICK + RESEND, False, Command.NONE, True))
     # and no more once the vest tells that it has stopped
-    operator.receive(told(mission_id=MISSION.id))
+    operator.receive(telemetry_frame(mission_id=MISSION.id))
     assert radio.Abort not in types(operator.send(TICK + 2 * RESEND, False, Command.NONE, True))
 
 
 def test_override_is_sent_at_once_and_its_release_is_repeated_as_well() -> None:
     # given a mission under way
     operator = Operator(MISSION)
-    operator.receive(told(mission_id=MISSION.id, flags=Flag.STARTED))
+    operator.receive(telemetry_frame(mission_id=MISSION.id, flags=Flag.STARTED))
     operator.send(0.0, True, Command.NONE, True)
     # when the operator's command comes, and goes
     sent = [
@@ -131,10 +131,10 @@ def test_override_is_sent_at_once_and_its_release_is_repeated_as_well() -> None:
     assert by_tick == {1: [2], 11: [2], 21: [2], 25: [0], 35: [0], 45: [0]}
 
 
-def test_nothing_passes_without_a_link_and_the_wish_is_told_when_it_is_back() -> None:
+def test_nothing_is_sent_without_a_link_and_the_wish_is_sent_when_it_is_back() -> None:
     # given a mission under way
     operator = Operator(MISSION)
-    operator.receive(told(mission_id=MISSION.id, flags=Flag.STARTED))
+    operator.receive(telemetry_frame(mission_id=MISSION.id, flags=Flag.STARTED))
     operator.send(0.0, True, Command.NONE, True)
     # when the link is lost and the operator wants it to end
     assert [operator.send(k * TICK, False, Command.RECALL, False) for k in range(1, 100)] == [b""] * 99
@@ -144,9 +144,9 @@ def test_nothing_passes_without_a_link_and_the_wish_is_told_when_it_is_back() ->
     assert overrides(sent) == [Command.RECALL]
 
 
-def test_laptop_knows_what_it_was_told_last_in_pieces_too() -> None:
+def test_laptop_keeps_the_last_telemetry_even_when_it_comes_in_pieces() -> None:
     operator = Operator(MISSION)
-    frames = told(time_ms=40) + told(time_ms=80)
+    frames = telemetry_frame(time_ms=40) + telemetry_frame(time_ms=80)
     assert operator.receive(frames[:10]) is None
     last = operator.receive(frames[10:])
     assert last is not None
@@ -188,12 +188,12 @@ class Walk:
     ) -> None:
         self.wires = Silent(open_processor("host", firmware))
         self.onboard = Onboard(self.wires, origin, values)
-        self.decoder, self.told = Decoder(), list[Telemetry]()
+        self.decoder, self.telemetry = Decoder(), list[Telemetry]()
 
     def __call__(self, wishes: Mapping[str, float] = START, signals: Mapping[str, float] = STILL) -> Memory:
         tick = self.onboard.tick
         reply = self.onboard.step(tick * TICK, {**signals, "gps_fix": tick % 7 == 0}, wishes)
-        self.told += self.decoder.receive(reply.sent)
+        self.telemetry += self.decoder.receive(reply.sent)
         return self.onboard.memory
 
     def until(self, mode: Mode, wishes: Mapping[str, float] = START, most: int = 100) -> int:
@@ -204,12 +204,12 @@ class Walk:
         raise AssertionError(f"{mode.name} was not reached in {most} ticks")
 
     def commands(self, ticks: int, wishes: Mapping[str, float] = START) -> list[Command]:
-        """What the animal is told on so many ticks."""
-        found = []
+        """The commands of so many ticks."""
+        commands = []
         for _ in range(ticks):
             self(wishes)
-            found.append(self.onboard.command)
-        return found
+            commands.append(self.onboard.command)
+        return commands
 
 
 @pytest.fixture
@@ -260,7 +260,7 @@ def test_lost_link_stops_the_animal_2_s_after_the_last_message(walk: Callable[..
     assert vest.until(Mode.FORWARD) >= 1.5 / TICK
 
 
-def test_no_message_of_the_operator_is_enough_to_stop(walk: Callable[..., Walk]) -> None:
+def test_an_operator_who_never_sends_stops_the_animal(walk: Callable[..., Walk]) -> None:
     # given an animal that goes, and a link that the laptop takes for good: the vest's receiver is deaf
     vest = walk()
     vest.until(Mode.FORWARD)
@@ -269,7 +269,7 @@ def test_no_message_of_the_operator_is_enough_to_stop(walk: Callable[..., Walk])
     # then
     assert vest.commands(60).index(Command.STOP) == 50
     # and the telemetry says so
-    assert not vest.told[-1].flags & Flag.LINK_OK
+    assert not vest.telemetry[-1].flags & Flag.LINK_OK
 
 
 def test_link_timeout_is_a_parameter_of_the_firmware(walk: Callable[..., Walk]) -> None:
@@ -290,7 +290,7 @@ def test_silent_inertial_unit_stops_the_animal_after_a_fifth_of_a_second(walk: C
     assert commands.index(Command.STOP) == 5
     assert set(commands[5:]) == {Command.STOP}
     assert vest.onboard.memory["controller.state.overruled"] == Anomaly.INVALID_ESTIMATE
-    assert not vest.told[-1].flags & Flag.IMU_OK
+    assert not vest.telemetry[-1].flags & Flag.IMU_OK
     # and the estimator skipped what did not come
     assert vest.onboard.memory["estimator.state.bad_samples"] == 20
     # when samples come again, then it goes on after the stop
@@ -312,7 +312,7 @@ def test_silent_receiver_stops_the_animal_when_the_last_fix_is_too_old(walk: Cal
     overruled = [m["controller.state.overruled"] for m in memories]
     assert overruled.index(Anomaly.INVALID_ESTIMATE) == 75
     assert vest.onboard.command is Command.STOP
-    assert not vest.told[-1].flags & Flag.VALID
+    assert not vest.telemetry[-1].flags & Flag.VALID
     # when a fix comes again, then it is trusted at once
     vest.wires.cut = set()
     for _ in range(8):
@@ -329,7 +329,7 @@ def test_receiver_is_trusted_for_15_s_by_default(walk: Callable[..., Walk]) -> N
     assert valid == [True] * 375 + [False] * 5
 
 
-def test_nothing_starts_before_the_first_fix(walk: Callable[..., Walk]) -> None:
+def test_no_trial_starts_before_the_first_fix(walk: Callable[..., Walk]) -> None:
     # given a receiver that is silent
     vest = walk()
     vest.wires.cut = {"gps"}
@@ -342,7 +342,7 @@ def test_nothing_starts_before_the_first_fix(walk: Callable[..., Walk]) -> None:
         1,
         0,
     )
-    assert vest.told[-1].flags & (Flag.LOADED | Flag.FIXED | Flag.STARTED) == Flag.LOADED
+    assert vest.telemetry[-1].flags & (Flag.LOADED | Flag.FIXED | Flag.STARTED) == Flag.LOADED
     # when a fix comes, then it begins
     vest.wires.cut = set()
     assert vest.until(Mode.FORWARD, most=10)
@@ -356,8 +356,8 @@ def test_a_mission_too_far_away_is_not_started(walk: Callable[..., Walk], far: f
     vest.commands(30)
     # then it is started or refused as a whole, and the operator is told
     assert (vest.onboard.memory["controller.output.mode"] != Mode.IDLE) == begins
-    assert bool(vest.told[-1].flags & Flag.STARTED) == begins
-    assert vest.told[-1].flags & Flag.LOADED
+    assert bool(vest.telemetry[-1].flags & Flag.STARTED) == begins
+    assert vest.telemetry[-1].flags & Flag.LOADED
 
 
 def test_start_of_another_mission_is_refused(walk: Callable[..., Walk]) -> None:
@@ -378,7 +378,7 @@ def test_start_of_another_mission_is_refused(walk: Callable[..., Walk]) -> None:
     assert (memory["start_wanted"], memory["controller.output.mode"]) == (0, Mode.IDLE)
 
 
-def test_after_an_abort_it_stops_and_can_be_started_again(walk: Callable[..., Walk]) -> None:
+def test_an_aborted_trial_stops_the_animal_and_can_be_started_again(walk: Callable[..., Walk]) -> None:
     # given an animal that goes
     vest = walk()
     vest.until(Mode.FORWARD)
@@ -388,7 +388,7 @@ def test_after_an_abort_it_stops_and_can_be_started_again(walk: Callable[..., Wa
     # and the stop is held 1.5 s (Table 4.2)
     held = vest.until(Mode.IDLE, {})
     assert held == pytest.approx(1.5 / TICK, abs=1)
-    assert not vest.told[-1].flags & Flag.STARTED
+    assert not vest.telemetry[-1].flags & Flag.STARTED
     # when started again, then it goes
     assert vest.until(Mode.FORWARD) <= 2
 
@@ -399,9 +399,9 @@ def test_override_beats_the_controller_and_is_released(walk: Callable[..., Walk]
     vest.until(Mode.FORWARD)
     # when
     for command in (Command.RECALL, Command.LEFT, Command.RIGHT, Command.STOP):
-        told_ = vest.commands(3, START | {"override": float(command)})
+        commands = vest.commands(3, START | {"override": float(command)})
         # then within two ticks
-        assert told_[-1] is command
+        assert commands[-1] is command
     # when released, then the stop is the controller's own, before it goes on
     vest.commands(2)
     assert vest.onboard.memory["radio.override"] == Command.NONE
@@ -447,7 +447,7 @@ def test_vest_works_far_from_home_and_across_the_date_line(
     assert vest.onboard.output("estimator", "east") == pytest.approx(-12.0, abs=0.025)
     plane = TangentPlane(*map(math.radians, origin))
     latitude, longitude = (math.degrees(x) for x in plane.from_plane(3.0, -12.0))
-    last = vest.told[-1]
+    last = vest.telemetry[-1]
     assert last.latitude / 1e7 == pytest.approx(latitude, abs=2e-7)
     unit = 1e-7 / math.cos(math.radians(origin[0]))  # a cm of east in deg
     assert abs((last.longitude / 1e7 - longitude + 180) % 360 - 180) <= 2 * unit
@@ -455,8 +455,8 @@ def test_vest_works_far_from_home_and_across_the_date_line(
     assert last.distance == pytest.approx(10 * math.hypot(27, 52), abs=1)
 
 
-def test_a_sound_that_is_no_command_ends_the_trial() -> None:
-    # given a vest that plays what nobody has taught the animal
+def test_a_sound_without_a_command_ends_the_trial() -> None:
+    # given a vest that plays a sound without a meaning
     reply = Reply(open_processor("host").start, b"", 440, False, False)
     image = SimpleNamespace(path=Path("vest.elf"))
     processor: Any = SimpleNamespace(image=image, start=reply.record, tick=lambda received: reply)
@@ -469,7 +469,7 @@ def test_a_sound_that_is_no_command_ends_the_trial() -> None:
 
 
 @pytest.mark.parametrize(
-    ("tones", "told_"),
+    ("tones", "message"),
     [
         ({"stop_tone": 1500.0}, "command_module.stop_tone is 1500 Hz, as for FORWARD"),
         (
@@ -479,9 +479,9 @@ def test_a_sound_that_is_no_command_ends_the_trial() -> None:
         ({"forward_tone": 0.0}, "command_module.forward_tone is 0 Hz, as for NONE"),
     ],
 )
-def test_tones_that_coincide_are_refused(tones: dict[str, float], told_: str) -> None:
+def test_commands_with_the_same_tone_are_refused(tones: dict[str, float], message: str) -> None:
     processor: Any = SimpleNamespace(start=bytes(4 * len(Memory._kinds)))
-    with pytest.raises(UsageError, match=told_):
+    with pytest.raises(UsageError, match=message):
         Onboard(processor, ORIGIN, {"command_module": tones})
 
 
@@ -510,7 +510,7 @@ def test_default_trial_through_bytes_succeeds_from_start_to_recall(flown: Log) -
     assert flown["controller.status"][-1] == Status.SUCCESS
     assert math.hypot(flown["plant.north"][-1], flown["plant.east"][-1]) < 7 + 3  # d' and the error
     assert flown.metadata["run"]["onboard"] == "host"
-    # and what was logged of the command module is what the vest played (Table 4.1)
+    # and the command module's log is what the vest played (Table 4.1)
     tones = {0: 0, 1: 1500, 2: 3500, 3: 9500, 4: 0, 5: 0}
     played = [tones[int(c)] for c in flown["controller.command"]]
     assert flown["command_module.tone_hz"].tolist() == played
@@ -532,7 +532,7 @@ def test_estimate_in_the_log_is_in_the_frame_of_the_sensors(flown: Log, tmp_path
     assert flown["estimator.east"][0] == pytest.approx(flown["sensors.gps_east"][0], abs=0.012)
 
 
-def test_telemetry_in_the_log_tells_what_the_program_knew(flown: Log) -> None:
+def test_telemetry_in_the_log_has_the_programs_values(flown: Log) -> None:
     # given the rows on which telemetry came
     sent = flown["telemetry.time"]
     rows = np.flatnonzero(np.diff(sent, prepend=0.0) > 0)
@@ -559,7 +559,7 @@ def test_telemetry_in_the_log_tells_what_the_program_knew(flown: Log) -> None:
     assert not flown["telemetry.link_errors"].any()
 
 
-def test_log_runs_again_to_the_same_log(flown: Log, tmp_path: Path) -> None:
+def test_a_trial_on_board_runs_again_from_its_log_to_the_same_log(flown: Log, tmp_path: Path) -> None:
     changes = Changes()
     with requested(str(flown.path), changes) as request, prepared(request) as ready:
         assert request.onboard == "host"
@@ -602,7 +602,9 @@ DOG = [V("command", "input", "Integer"), V("north", unit="m"), V("east", unit="m
         ("v[1] = 1e300", ""),
     ],
 )
-def test_a_dog_beyond_what_instruments_can_say_is_no_crash(tmp_path: Path, does: str, ends: str) -> None:
+def test_a_dog_beyond_the_instruments_ranges_ends_no_run_with_a_crash(
+    tmp_path: Path, does: str, ends: str
+) -> None:
     # given a dog that does so from the step to 1.28 s on, when a fix is due
     dog = tiny_fmu(tmp_path / "dog.fmu", DOG, f"if (t > 1.23) {does};", depends=False)
     dog.with_suffix(".toml").write_text('[outputs]\nspeed = { name = "v" }')
@@ -732,7 +734,9 @@ def test_default_trial_succeeds_in_float32_through_signals_and_through_bytes(nat
 
 
 @pytest.mark.parametrize("seed", range(1, 11))
-def test_bytes_make_no_other_outcome_than_signals_that_start_on_the_same_tick(seed: int, native: Any) -> None:
+def test_a_trial_through_bytes_has_the_outcome_of_one_through_signals_from_the_same_tick(
+    seed: int, native: Any
+) -> None:
     # given a trial through bytes; its start comes by radio, a tick after a fix that makes it wait
     scenario = replace(load("three_waypoint"), seed=seed)
     bytes_ = through_bytes(scenario)

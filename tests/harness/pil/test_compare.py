@@ -77,7 +77,9 @@ def flipped(record: bytes, word: str, bit: int) -> bytes:
     return words.tobytes()
 
 
-def test_what_is_the_same_passes_and_is_counted(compared: Callable[[Change], Compared]) -> None:
+def test_processors_that_agree_pass_and_their_ticks_are_counted(
+    compared: Callable[[Change], Compared],
+) -> None:
     watched = compared(lambda tick, reply: reply)
     run_ticks(watched)
     # then a fix comes with every sixth tick of that traffic
@@ -86,7 +88,7 @@ def test_what_is_the_same_passes_and_is_counted(compared: Callable[[Change], Com
 
 
 @pytest.mark.parametrize(
-    ("word", "bit", "told"),
+    ("word", "bit", "message"),
     [
         # whole numbers: the unit counts its samples, and none of them was bad
         ("imu.counter", 0, "is 16 on tick 17, on the host 17"),
@@ -96,19 +98,19 @@ def test_what_is_the_same_passes_and_is_counted(compared: Callable[[Change], Com
     ],
 )  # fmt: skip
 def test_a_bit_that_differs_is_named_with_tick_word_and_both_values(
-    compared: Callable[[Change], Compared], word: str, bit: int, told: str
+    compared: Callable[[Change], Compared], word: str, bit: int, message: str
 ) -> None:
     # given a processor that remembers one bit otherwise on tick 17
     watched = compared(
         lambda k, reply: replace(reply, record=flipped(reply.record, word, bit)) if k == 17 else reply
     )
     # then
-    with pytest.raises(DifferenceError, match=rf"^cortex-m4f: {re.escape(word)} {told}$"):
+    with pytest.raises(DifferenceError, match=rf"^cortex-m4f: {re.escape(word)} {message}$"):
         run_ticks(watched)
     assert len(watched.costs) == 17
 
 
-def test_a_float_is_told_with_its_value_and_its_bits(compared: Callable[[Change], Compared]) -> None:
+def test_a_float_that_differs_is_named_with_value_and_bits(compared: Callable[[Change], Compared]) -> None:
     # given the lowest bit of a real, far below what its decimals tell
     values: list[float] = []
 
@@ -120,15 +122,15 @@ def test_a_float_is_told_with_its_value_and_its_bits(compared: Callable[[Change]
     # then both are there to 24 bits
     with pytest.raises(DifferenceError) as caught:
         run_ticks(compared(change))
-    told = re.search(r"is (.*) \(0x(\w+)\) on tick 17, on the host (.*) \(0x(\w+)\)", str(caught.value))
-    assert told
-    got, ours = (int(told[i], 16) for i in (2, 4))
+    match = re.search(r"is (.*) \(0x(\w+)\) on tick 17, on the host (.*) \(0x(\w+)\)", str(caught.value))
+    assert match
+    got, ours = (int(match[i], 16) for i in (2, 4))
     assert got ^ ours == 1
     assert np.array([ours], "<u4").view("<f4")[0] == np.float32(values[17])
-    assert told[3] == str(np.float32(values[17]))
+    assert match[3] == str(np.float32(values[17]))
 
 
-def test_a_byte_of_telemetry_that_is_missing_is_found(compared: Callable[[Change], Compared]) -> None:
+def test_a_missing_byte_of_telemetry_is_found(compared: Callable[[Change], Compared]) -> None:
     # given a processor that loses the last byte that it sends from tick 17 on
     lost: list[tuple[int, bytes]] = []
 
@@ -148,7 +150,9 @@ def test_a_byte_of_telemetry_that_is_missing_is_found(compared: Callable[[Change
 @pytest.mark.parametrize(
     ("name", "value"), [("tone_hz", 441), ("vibrate_left", True), ("vibrate_right", True)]
 )
-def test_what_is_played_is_compared(compared: Callable[[Change], Compared], name: str, value: Any) -> None:
+def test_a_tone_or_vibrator_that_differs_is_found(
+    compared: Callable[[Change], Compared], name: str, value: Any
+) -> None:
     changes: dict[str, Any] = {name: value}
 
     def change(tick: int, reply: Reply) -> Reply:
@@ -158,7 +162,7 @@ def test_what_is_played_is_compared(compared: Callable[[Change], Compared], name
         run_ticks(compared(change))
 
 
-def test_a_start_that_differs_is_found_before_the_first_tick() -> None:
+def test_a_record_that_differs_at_the_start_is_found_before_the_first_tick() -> None:
     # given
     host, other = open_processor("host"), Planted(open_processor("host"))
     other.start = flipped(other.start, "watchdog.state.link_limit", 1)
@@ -169,7 +173,7 @@ def test_a_start_that_differs_is_found_before_the_first_tick() -> None:
     other.close()
 
 
-def test_a_record_of_another_length_is_another_program() -> None:
+def test_records_of_different_lengths_are_an_error() -> None:
     host, other = open_processor("host"), Planted(open_processor("host"))
     other.start = other.start[:-4]
     words = len(recorded())
@@ -198,9 +202,9 @@ RABBIT = [
 ]
 
 
-def test_figures_are_worst_and_mean_with_and_without_a_fix() -> None:
-    found = report("rabbit4000", measured("rabbit4000", RABBIT, Footprint(30_000, 2_000, 1_500)))
-    assert found == {
+def test_reported_costs_are_worst_and_mean_with_and_without_a_fix() -> None:
+    figures = report("rabbit4000", measured("rabbit4000", RABBIT, Footprint(30_000, 2_000, 1_500)))
+    assert figures == {
         "target": "rabbit4000",
         "ticks": 3,
         "identical": True,
@@ -226,25 +230,25 @@ def test_figures_are_worst_and_mean_with_and_without_a_fix() -> None:
     }
 
 
-def test_on_slow_memory_another_tick_may_be_the_worst() -> None:
+def test_the_worst_tick_is_sought_for_each_number_of_wait_states() -> None:
     # given a tick of 10 ms without accesses, and one of 9 ms with 2 ms for each wait state
     costs = [(Cost(1, 589_800, 0), False), (Cost(1, 530_820, 117_960), False)]
     # then
-    found = report("rabbit4000", measured("rabbit4000", costs))
-    assert found["without_fix"]["worst_ms_by_wait_states"] == [10.0, 11.0, 13.0, 15.0, 17.0]
+    figures = report("rabbit4000", measured("rabbit4000", costs))
+    assert figures["without_fix"]["worst_ms_by_wait_states"] == [10.0, 11.0, 13.0, 15.0, 17.0]
 
 
-def test_where_clocks_are_not_known_instructions_are_told_alone() -> None:
-    found = report(
+def test_without_known_clocks_only_instructions_are_reported() -> None:
+    figures = report(
         "cortex-m4f", measured("cortex-m4f", [(Cost(9000), True), (Cost(5001), True), (Cost(5000), True)])
     )
-    assert found["with_fix"] == {"ticks": 3, "instructions": {"worst": 9000, "mean": 6334}}
-    assert found["without_fix"] == {"ticks": 0}
-    assert found["receiver"] == "NAV-PVT"
-    assert "code_bytes" not in found
+    assert figures["with_fix"] == {"ticks": 3, "instructions": {"worst": 9000, "mean": 6334}}
+    assert figures["without_fix"] == {"ticks": 0}
+    assert figures["receiver"] == "NAV-PVT"
+    assert "code_bytes" not in figures
 
 
-def test_table_shows_them() -> None:
+def test_printed_table_shows_the_costs_and_the_bytes() -> None:
     result = report("rabbit4000", measured("rabbit4000", RABBIT, Footprint(30_000, 2_000, 1_500)))
     console = Console(width=120, record=True, file=Path("/dev/null").open("w"))  # noqa: SIM115
     show(
@@ -287,7 +291,7 @@ def simulated(monkeypatch: pytest.MonkeyPatch) -> Callable[[Change], list[Plante
     return install
 
 
-def test_command_runs_a_trial_on_both_and_leaves_its_files(
+def test_canine_pil_runs_a_trial_on_both_processors_and_leaves_its_files(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], simulated: Callable[..., list[Planted]]
 ) -> None:
     # given
@@ -308,7 +312,7 @@ def test_command_runs_a_trial_on_both_and_leaves_its_files(
     assert [p.closed for p in made] == [True]
 
 
-def test_command_ends_with_1_and_the_difference(
+def test_canine_pil_ends_with_1_and_names_the_difference(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], simulated: Callable[..., list[Planted]]
 ) -> None:
     # given a processor that remembers one bit otherwise on tick 17
@@ -327,7 +331,7 @@ def test_command_ends_with_1_and_the_difference(
     assert [p.closed for p in made] == [True]
 
 
-def test_ctrl_c_ends_both_with_130(
+def test_ctrl_c_ends_both_processors_with_130(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], simulated: Callable[..., list[Planted]]
 ) -> None:
     # given a user who has enough on tick 17
@@ -349,9 +353,9 @@ def test_ctrl_c_ends_both_with_130(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
-        (["--target", "host"], '--target "host": expected one that is simulated: cortex-m4f, rabbit4000'),
+        (["--target", "host"], '--target "host": expected a simulated one: cortex-m4f, rabbit4000'),
         (
             ["--target", "rabbit400"],
             'made for host, cortex-m4f, rabbit4000, not for "rabbit400"; did you mean "rabbit4000"?',
@@ -359,12 +363,12 @@ def test_ctrl_c_ends_both_with_130(
         (["two_waypoint", "--target", "cortex-m4f", "--set", "watchdog.link_timeot=1"], "link_timeout"),
     ],
 )
-def test_wrong_use_of_pil_is_2_and_says_what_is_right(
-    capsys: pytest.CaptureFixture[str], arguments: list[str], told: str
+def test_wrong_use_of_canine_pil_ends_with_2_and_says_what_is_expected(
+    capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
 ) -> None:
     status, text, error = canine(capsys, "pil", *arguments)
     assert (status, text) == (2, "")
-    assert told in error
+    assert message in error
     assert "Traceback" not in error
 
 
@@ -372,7 +376,7 @@ def test_wrong_use_of_pil_is_2_and_says_what_is_right(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (
             ["--onboard", "pil:x86"],
@@ -387,12 +391,12 @@ def test_wrong_use_of_pil_is_2_and_says_what_is_right(
         (["--onboard", "fmu", "--set", "watchdog.link_timeout=1"], "watchdog"),
     ],
 )  # fmt: skip
-def test_wrong_use_of_onboard_is_2_and_says_what_is_right(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: list[str], told: str
+def test_wrong_use_of_onboard_ends_with_2_and_says_what_is_expected(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: list[str], message: str
 ) -> None:
     status, text, error = canine(capsys, "run", "two_waypoint", *arguments, "--out", tmp_path)
     assert (status, text) == (2, "")
-    assert told in error
+    assert message in error
     assert list(tmp_path.iterdir()) == []
 
 
@@ -419,7 +423,7 @@ def test_firmware_cannot_run_beside_another_controller_or_without_sensors(
     )
 
 
-def test_tones_that_coincide_are_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_commands_with_the_same_tone_are_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     status, _, error = canine(
         capsys, "run", "two_waypoint", "--onboard", "pil:host", "--set", "command_module.stop_tone=9500",
         "--out", tmp_path,
@@ -456,8 +460,8 @@ def test_link_timeout_of_the_scenario_reaches_the_program(
 def assigned(folder: Path) -> dict[str, float]:
     """What parameters.c sets, by member and name."""
     text = (folder / "parameters.c").read_text()
-    found = re.findall(r"m->(\w+)\.par\.(\w+) = ([^;]+);", text)
-    return {f"{member}.{name}": _number(value) for member, name, value in found}
+    rows = re.findall(r"m->(\w+)\.par\.(\w+) = ([^;]+);", text)
+    return {f"{member}.{name}": _number(value) for member, name, value in rows}
 
 
 def _number(literal: str) -> float:
@@ -482,18 +486,18 @@ def test_parameters_come_from_the_scenario_in_deg_and_from_set_over_it(
     )  # fmt: skip
     # then
     assert status == 0
-    found = assigned(tmp_path / "fw")
-    assert found["controller.moving_deviation"] == pytest.approx(37 * math.pi / 180, rel=6e-8)
-    assert found["controller.stop_deviation"] == pytest.approx(14 * math.pi / 180, rel=6e-8)
-    assert found["controller.reset_turns"] == 1
-    assert (found["watchdog.link_timeout"], found["estimator.max_age"]) == (3.5, 9)
-    # and what nobody sets starts as declared (Table 4.2)
-    assert found["controller.capture_radius"] == 7
-    assert not any("waypoint" in name or "home" in name for name in found)
+    parameters = assigned(tmp_path / "fw")
+    assert parameters["controller.moving_deviation"] == pytest.approx(37 * math.pi / 180, rel=6e-8)
+    assert parameters["controller.stop_deviation"] == pytest.approx(14 * math.pi / 180, rel=6e-8)
+    assert parameters["controller.reset_turns"] == 1
+    assert (parameters["watchdog.link_timeout"], parameters["estimator.max_age"]) == (3.5, 9)
+    # and a parameter that is not set has its declared start (Table 4.2)
+    assert parameters["controller.capture_radius"] == 7
+    assert not any("waypoint" in name or "home" in name for name in parameters)
     assert f"{len(list((tmp_path / 'fw').iterdir()))} files" in text
 
 
-def test_the_scenarios_parameters_are_those_of_its_trial(tmp_path: Path) -> None:
+def test_parameters_of_firmware_from_a_scenario_are_those_of_its_trial(tmp_path: Path) -> None:
     # patrol sets the controller's, the sensors' and no others: the sensors' are no part of the program
     values = values_on_board("patrol", ["watchdog.report_period=0.4"])
     assert values["controller"]["reset_turns"] == 1
@@ -504,7 +508,7 @@ def test_the_scenarios_parameters_are_those_of_its_trial(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (["--target", "z80"], 'firmware is made for host, cortex-m4f, rabbit4000, not for "z80"'),
         (["--target", "cortex-m4"], 'did you mean "cortex-m4f"?'),
@@ -513,11 +517,11 @@ def test_the_scenarios_parameters_are_those_of_its_trial(tmp_path: Path) -> None
         (["--target", "host", "--parameters", "no_such"], "no_such"),
     ],
 )
-def test_wrong_use_of_firmware_is_2_and_writes_nothing(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: list[str], told: str
+def test_wrong_use_of_canine_firmware_ends_with_2_and_writes_nothing(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: list[str], message: str
 ) -> None:
     status, text, error = canine(capsys, "firmware", *arguments, "--out", tmp_path / "fw")
     assert (status, text) == (2, "")
-    assert told in error
+    assert message in error
     assert "Traceback" not in error
     assert not (tmp_path / "fw").exists()

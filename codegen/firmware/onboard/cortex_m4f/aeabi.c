@@ -1,5 +1,5 @@
-/* aeabi: what compilers for ARM call in the place of memcpy, memmove and memset
- * Source: Run-time ABI for the ARM Architecture, 5.3.4. A 4 or 8 in the name promises places aligned by that. */
+/* aeabi: the names by which compilers for ARM call memcpy, memmove and memset
+ * Source: Run-time ABI for the ARM Architecture, 5.3.4. A 4 or 8 in the name promises that alignment. */
 #include "string.h"
 
 #define FORWARD_COPY(name, function)                                                       \

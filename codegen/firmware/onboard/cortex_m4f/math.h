@@ -1,5 +1,5 @@
 /* math: the functions of math.h that the onboard program calls, for a build without a C library
- * All are exact as IEEE 754 wants them, in single precision, the only one that the Cortex-M4F computes in. */
+ * All are exact by IEEE 754, in single precision, the only one that the Cortex-M4F computes in. */
 #ifndef MATH_H
 #define MATH_H
 
@@ -12,8 +12,8 @@ static inline float fabsf(float x)
     return __builtin_fabsf(x);
 }
 
-/* The processor's own instruction, which is correctly rounded. Written out, since a compiler that is to set
- * errno calls sqrtf from its builtin: this very function. */
+/* The processor's own instruction, which is correctly rounded. It is written in assembly: a compiler that
+ * has to set errno makes its builtin call sqrtf, which is this function. */
 static inline float sqrtf(float x)
 {
     float root;
@@ -27,7 +27,7 @@ static inline float floorf(float x)
 {
     float whole = x;
 
-    if (fabsf(x) < FLOAT_WHOLE) { /* not so for NaN */
+    if (fabsf(x) < FLOAT_WHOLE) { /* false for NaN */
         const float truncated = (float)(int32_t)x;
 
         if (truncated > x) {

@@ -96,10 +96,10 @@ typedef void (*handler)(void);
 void NMI_Handler(void);
 void SysTick_Handler(void);
 
-/* Into the ring what the UART has. A byte must be fetched before the next is there: 87 us at 115200 baud. */
+/* Put the UART's byte into the ring. It must be fetched before the next has come: 87 us at 115200 baud. */
 static void receive(uart_registers *uart, port_source source)
 {
-    uart->interrupt = UART_RX_DONE; /* first: what comes from here on interrupts again */
+    uart->interrupt = UART_RX_DONE; /* first: a byte that comes from here on interrupts again */
     ring_put(&received[source], (uint8_t)uart->data);
 }
 
@@ -118,7 +118,7 @@ static void imu_received(void)
     receive(UART2, PORT_IMU);
 }
 
-/* The UART has become free; without bytes it stays so, and port_send begins anew. */
+/* The UART is free: send what waits. If nothing does, port_send starts it again. */
 static void radio_sent(void)
 {
     uint8_t byte;
@@ -140,7 +140,7 @@ void SysTick_Handler(void)
     clock_ms = clock_ms + 1U;
 }
 
-/* The watchdog's warning: the program hangs. Nothing is left to do but to wait for its reset. */
+/* The watchdog's warning: the program hangs. Wait for the reset. */
 void NMI_Handler(void)
 {
     for (;;) {
@@ -183,7 +183,7 @@ uint16_t port_receive(port_source source, const uint8_t **bytes)
     return ring_lend(&received[source], bytes);
 }
 
-/* A frame is sent whole or not at all. The interrupt is held off: it would come in between. */
+/* A frame is sent whole or not at all. Interrupts are off meanwhile: the UART's takes from the same ring. */
 void port_send(const uint8_t *bytes, uint16_t count)
 {
     if (count <= ring_room(&to_send)) {
@@ -196,7 +196,7 @@ void port_send(const uint8_t *bytes, uint16_t count)
     }
 }
 
-/* The program calls it once in each tick: that is what the watchdog waits for. */
+/* The program calls this once in each tick, so it resets the watchdog. */
 void port_command_module(uint16_t tone_hz, bool vibrate_left, bool vibrate_right)
 {
     static uint16_t tone = 0U;

@@ -5,7 +5,7 @@
 #define CPACR (*(volatile uint32_t *)0xE000ED88U) /* coprocessor access control register */
 #define FPU_ACCESS (0xFU << 20)                   /* full access to coprocessors 10 and 11, the FPU */
 
-/* A handler that the board has need of is written there, under the same name. */
+/* A board replaces such a handler by its own of the same name. */
 #define REPLACEABLE __attribute__((weak))
 
 typedef void (*handler)(void);
@@ -43,8 +43,9 @@ __attribute__((used, section(".vectors"))) static const vector_table vectors = {
     {Reset_Handler, NMI_Handler, HardFault_Handler, MemManage_Handler, BusFault_Handler, UsageFault_Handler,
      0, 0, 0, 0, SVC_Handler, DebugMon_Handler, 0, PendSV_Handler, SysTick_Handler}};
 
-/* Until the FPU is on, nothing may be called that could use it. Its status and control register is left at its
- * reset value, which is what the program wants: round to nearest, subnormal numbers and NaN as in IEEE 754. */
+/* No function that could use the FPU may be called before it is on. Its status and control register is left
+ * at its reset value, which is what the program wants: round to nearest, subnormal numbers and NaN as in
+ * IEEE 754. */
 void Reset_Handler(void)
 {
     const uint32_t *load = data_load;
@@ -66,7 +67,7 @@ void Reset_Handler(void)
     HardFault_Handler(); /* main does not return */
 }
 
-/* Faults end here, and stay here for a debugger, or for the board's watchdog to reset. */
+/* Faults end here, for a debugger, or until the board's watchdog resets. */
 REPLACEABLE void HardFault_Handler(void)
 {
     for (;;) {

@@ -1,11 +1,11 @@
 /* string: copies and fills, a word at a time
- * The Cortex-M4 reads and writes words at any address (unless the program sets UNALIGN_TRP, which it does not),
- * so that the places need not be aligned alike. */
+ * The Cortex-M4 reads and writes words at any address (the program leaves UNALIGN_TRP unset), so the two
+ * places need not be aligned alike. */
 #include "string.h"
 
 #include <stdint.h>
 
-/* A compiler knows these loops for what they are: without this it would have memcpy call memcpy. */
+/* A compiler recognises these loops: without this it would make memcpy call itself. */
 #if defined(__clang__)
 #define NO_CALLS __attribute__((no_builtin))
 #else
@@ -14,7 +14,7 @@
 
 #define BYTES 0x01010101U /* times a byte: a word of it */
 
-/* Four bytes of anything, anywhere: what MISRA's rule 11.3 forbids a pointer to be turned into is told here. */
+/* Four bytes of anything, at any address: the casts to it deviate from MISRA's rule 11.3. */
 typedef struct __attribute__((packed, may_alias)) {
     uint32_t value;
 } word;

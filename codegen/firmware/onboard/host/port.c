@@ -1,9 +1,9 @@
 /* port: the onboard program on a computer with POSIX, a Linux single-board computer say
- * Source: POSIX.1-2008. What the devices are called is in the environment:
+ * Source: POSIX.1-2008. The environment names the devices:
  *
- * VEST_GPS, VEST_IMU   serial devices; pipes and plain files do as well, to try things out
+ * VEST_GPS, VEST_IMU   serial devices; pipes and plain files work as well, to try things out
  * VEST_RADIO           serial device (of the XBee), read and written
- * VEST_PLAYS           file that gets a line for each change of what the vest plays; standard error by default
+ * VEST_PLAYS           file that gets a line for each change of tone or vibrators; standard error by default
  *
  * A line of VEST_PLAYS: ms since the start, Hz of the tone, left, right; `1240 1500 0 0`. */
 #define _POSIX_C_SOURCE 200809L
@@ -46,7 +46,7 @@ static int files[PORT_SOURCES];
 static int plays = STDERR_FILENO;
 static struct timespec start;
 
-/* A vest without one of its lines is not started. */
+/* Open a file, or end the program: a vest needs all its lines. */
 static int open_file(const char *variable, const char *name, int flags)
 {
     const int file = (name != NULL) ? open(name, flags, S_IRUSR | S_IWUSR | S_IRGRP | S_IROTH) : -1;
@@ -106,8 +106,8 @@ static uint32_t clock_ms(void)
     return (uint32_t)(ns / 1000000);
 }
 
-/* The main loop asks without end. Here, other programs run as well: they get the time until the clock goes on,
- * the only wait in this file, and shorter than a ms. */
+/* The main loop asks without end. The nap leaves the processor to other programs; it is the only wait in this
+ * file, and shorter than a ms. */
 uint32_t port_clock_ms(void)
 {
     const struct timespec nap = {0, NAP_NS};
@@ -116,7 +116,7 @@ uint32_t port_clock_ms(void)
     return clock_ms();
 }
 
-/* A line that fails is a silent one: the watchdog answers it. */
+/* A line that fails is silent, which the watchdog answers. */
 uint16_t port_receive(port_source source, const uint8_t **bytes)
 {
     static uint8_t received[PORT_SOURCES][PORT_MOST];
@@ -126,7 +126,7 @@ uint16_t port_receive(port_source source, const uint8_t **bytes)
     return (count > 0) ? (uint16_t)count : 0U;
 }
 
-/* What the line does not take at once is lost, as on the air. */
+/* Bytes that the line does not take at once are lost, as on the air. */
 void port_send(const uint8_t *bytes, uint16_t count)
 {
     const ssize_t sent = write(files[PORT_RADIO], bytes, count);
@@ -136,13 +136,13 @@ void port_send(const uint8_t *bytes, uint16_t count)
 
 void port_command_module(uint16_t tone_hz, bool vibrate_left, bool vibrate_right)
 {
-    static bool told = false;
+    static bool written = false;
     static uint16_t tone = 0U;
     static bool left = false;
     static bool right = false;
 
-    if (!told || (tone != tone_hz) || (left != vibrate_left) || (right != vibrate_right)) {
-        told = true;
+    if (!written || (tone != tone_hz) || (left != vibrate_left) || (right != vibrate_right)) {
+        written = true;
         tone = tone_hz;
         left = vibrate_left;
         right = vibrate_right;

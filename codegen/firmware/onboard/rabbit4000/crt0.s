@@ -1,13 +1,13 @@
 ; crt0: from reset to main on the Rabbit 4000
 ;
-; Logical memory, as the linker is told:
-;   0x0000          this start-up, code and constants: flash at /CS0, which is there from reset on
+; Logical memory, by the linker's options:
+;   0x0000          this start-up, code and constants: flash at /CS0, there from reset on
 ;   s__DATA         static data, on a boundary of 4 kB: RAM at /CS1, physical = logical + 0x80000
 ;   0xffff          the stack, downwards from here: the same RAM
 ; The last 8 kB are the window of XPC, which is set once and left: no code is banked.
 ;
 ; Interrupts stay off, as reset left them (priority 3), until port_init has set the table of vectors and lowers the
-; priority. The watchdog, 2 s after reset, is the port's to hit as well.
+; priority. The watchdog, 2 s after reset, is reset by the port as well.
 
 	.module	crt0
 	.globl	_main
@@ -53,7 +53,7 @@ AT_RAM	.equ	0x80
 	ld	(SEGSIZE), a
 	ld	sp, #0			; the first push goes to 0xfffe
 
-	; C wants static data 0, or its start values
+	; static data: 0, or its start values
 	ld	hl, #s__DATA
 	ld	(hl), #0
 	ld	de, #s__DATA + 1

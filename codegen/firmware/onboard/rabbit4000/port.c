@@ -1,25 +1,26 @@
 /* port: the onboard program on a Rabbit 4000 (RCM4100): three serial ports, the real-time clock, the watchdog
- * Source: Rabbit 4000 Microprocessor User's Manual, chapters 4 (clock, watchdog), 6 (interrupts), timer A, and
- * serial ports; addresses as in SDCC's rab/r3k.h.
+ * Source: Rabbit 4000 Microprocessor User's Manual, chapters 4 (clock, watchdog), 6 (interrupts), timer A,
+ * and serial ports; addresses as in SDCC's rab/r3k.h.
  *
- * NOT TRIED ON A BOARD. On the simulator ucsim, which has no serial ports, bytes laid at their addresses are moved
- * both ways and the clock counts; whether the registers mean what is said here, that cannot tell: check them
- * against the manual. What depends on the module and on how it is wired is left to two functions at the end,
- * board_start and board_play. They are empty: before they are written, no line and no tone works.
+ * NOT TRIED ON A BOARD. The simulator ucsim has no serial ports. With bytes laid at their addresses, the
+ * handlers move them both ways, and the clock counts. It cannot show that the registers mean what is said
+ * here: check them against the manual. Two functions at the end, board_start and board_play, depend on the
+ * module and its wiring. They are empty: until they are written, no line and no tone works.
  *
  * radio                serial port C, bit rate by timer A6
  * receiver             serial port D, timer A7
  * inertial unit        serial port E, timer A2; a 4-byte FIFO
  *
- * Interrupts: a handler may use neither floating point nor the alternate registers (float.s keeps values there),
- * and keeps its priority to its end (__critical): a byte that waits would interrupt it at once again. */
+ * Interrupts: a handler may use neither floating point nor the alternate registers (float.s keeps values
+ * there). It keeps its priority to its end (__critical), since a byte that waits would interrupt it again at
+ * once. */
 #include "port.h"
 
 #include "ring.h"
 
 #include <rab/r3ka.h>
 
-/* Of the peripherals. The module's crystal has half of 58.9824 MHz: board_start must switch the doubler on. */
+/* Of the peripherals: twice the crystal's 29.4912 MHz, so board_start must switch the doubler on. */
 #ifndef BOARD_CLOCK_HZ
 #define BOARD_CLOCK_HZ 58982400UL
 #endif
@@ -74,7 +75,7 @@ static void send_next(void)
         if (ring_take(&to_send, &byte)) {
             SCDR = byte;
         } else {
-            SCSR = 0U; /* any value: no interrupt of the transmitter waits any more */
+            SCSR = 0U; /* any value: it clears the transmitter's interrupt */
         }
     }
 }
@@ -96,7 +97,7 @@ void gps_interrupt(void) __critical __interrupt
 
 void imu_interrupt(void) __critical __interrupt
 {
-    if ((SESR & RECEIVED) != 0U) { /* what else waits in the FIFO interrupts again */
+    if ((SESR & RECEIVED) != 0U) { /* other bytes in the FIFO interrupt again */
         ring_put(&received[PORT_IMU], SEDR);
     }
 }
@@ -124,8 +125,8 @@ static void set_vectors(void)
     set_vector(SERIAL_E, imu_interrupt);
 }
 
-/* Where the table is, and priority 0, at which all others interrupt. */
-static void let_interrupt(void)
+/* Set the table's address, and priority 0, at which all others interrupt. */
+static void enable_interrupts(void)
 {
     __asm
     ld a, #0xc0
@@ -140,17 +141,17 @@ void port_init(void)
     TAT6R = DIVIDER(RADIO_BAUD);
     TAT7R = DIVIDER(GPS_BAUD);
     TAT2R = DIVIDER(IMU_BAUD);
-    TACR = 0U; /* all by half the clock, none interrupts */
+    TACR = 0U; /* all count half the clock, none interrupts */
     TACSR = TIMER_ON;
     set_vectors();
     SCCR = ASYNC_8;
     SDCR = ASYNC_8;
     SECR = ASYNC_8;
-    let_interrupt();
+    enable_interrupts();
 }
 
-/* From the real-time clock, 32768 a second, of which the two lowest bytes will do: main asks more often than
- * every 2 s. */
+/* From the real-time clock, which counts 32768 a second. Its two lowest bytes are enough, since main asks
+ * more often than every 2 s. */
 uint32_t port_clock_ms(void)
 {
     static uint16_t before;
@@ -173,7 +174,8 @@ uint16_t port_receive(port_source source, const uint8_t **bytes)
     return ring_lend(&received[source], bytes);
 }
 
-/* A frame is sent whole or not at all. Interrupts are held off: the transmitter's would come in between. */
+/* A frame is sent whole or not at all. Interrupts are off meanwhile: the transmitter's takes from the same
+ * ring. */
 void port_send(const uint8_t *bytes, uint16_t count)
 {
     if (count <= ring_room(&to_send)) {
@@ -187,7 +189,7 @@ void port_send(const uint8_t *bytes, uint16_t count)
     }
 }
 
-/* The program calls it once in each tick: that is what the watchdog waits for. */
+/* The program calls this once in each tick, so it resets the watchdog. */
 void port_command_module(uint16_t tone_hz, bool vibrate_left, bool vibrate_right)
 {
     WDTCR = HIT_2_S;
@@ -206,7 +208,8 @@ static void board_start(void)
 {
 }
 
-/* TO BE WRITTEN: a tone of so many Hz at the buzzer (a PWM channel or timer B), 0 for none, and the vibrators. */
+/* TO BE WRITTEN: a tone of so many Hz at the buzzer (a PWM channel or timer B), 0 for none, and the
+ * vibrators. */
 static void board_play(uint16_t tone_hz, bool vibrate_left, bool vibrate_right)
 {
     (void)tone_hz;
