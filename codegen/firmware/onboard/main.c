@@ -1,4 +1,4 @@
-/* main: the onboard program on its board: a tick every 40 ms by the board's clock
+/* main: the onboard program on its board: a tick every ONBOARD_TICK_MS by the board's clock
  * One late tick is made up for; further missed ones are left out. */
 #include "onboard.h"
 #include "port.h"

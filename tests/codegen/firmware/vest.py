@@ -15,10 +15,10 @@ from harness.onboard.instruments import InertialUnit, Receiver
 from harness.onboard.operator import Operator
 from harness.onboard.radio import Mission, Position
 from models.commands import Command
+from models.kit.timing import TICK
 
 LATITUDE, LONGITUDE = 32.6, -85.5  # deg
 EAST = 50.0  # m from home to the waypoint
-TICK = 0.04  # s
 TICKS_PER_FIX = 6  # about 4 Hz
 
 Send = Callable[[bytes], object]

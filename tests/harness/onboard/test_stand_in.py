@@ -35,9 +35,9 @@ from models.command_module import CommandModule
 from models.commands import ENDS, Command, Status
 from models.errors import UsageError
 from models.four_state import FourState
+from models.kit.timing import TICK
 from tests.harness.cosim.tiny_fmu import V, tiny_fmu
 
-TICK = 0.04  # s
 ORIGIN = (32.6, -85.49)  # deg
 MISSION = Mission(Position(32.6, -85.49), (Position(32.601, -85.49),))
 START = {"start": 1.0}
