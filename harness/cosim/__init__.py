@@ -1,0 +1,9 @@
+"""Co-simulation: FMUs, ours or foreign, run together as one system.
+
+In: an SSP package or FMUs, start values, events. Out: rows of all inputs and outputs, tick by tick.
+
+`archive` unpacks packages and reads XML safely. `ssp` reads a package into components and links, `fmu` loads
+an FMU and prepares calls of its functions. `roles` checks a foreign FMU against a role and puts it in the
+role's place. `wiring` checks the links and orders the components, `layout` gives every value its place in
+memory, `calls` lists the calls of a tick, `loop` steps them; `stepping` holds the options of stepping.
+"""

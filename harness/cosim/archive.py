@@ -1,4 +1,4 @@
-"""Reading what somebody else packed: ZIP archives and XML, refused before they can do harm."""
+"""ZIP archives and XML from elsewhere, checked before they can do harm."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def unpack(path: Path, folder: Path) -> None:
     """Unpack a ZIP archive (.fmu, .ssp) into `folder`.
 
     Raises:
-        ArchiveError: no ZIP archive, damaged, too large, or a member that leaves the folder or is a link.
+        ArchiveError: not a ZIP archive, damaged or too large; a member leaves the folder or is a link.
     """
     try:
         with zipfile.ZipFile(path) as archive:

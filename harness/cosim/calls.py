@@ -80,7 +80,7 @@ class Calls:
         for name in answering:
             self.answer += [*gathers.pop(name, ()), *sets[name], steps[name], *gets[name]]
         self.answer += [call for name in plants for call in gathers.pop(name, ())]
-        # plants take each other's outputs at t_k: all are given their inputs before any of them is stepped
+        # plants take each other's outputs at t_k: all get their inputs before any of them is stepped
         self.advance = [call for name in plants for call in sets[name]]
         self.advance += [call for name in plants for call in (steps[name], *gets[name])]
         self.first = [call for name in wiring.order for call in gets[name]]
@@ -97,7 +97,7 @@ class Calls:
         """Make calls, one after the other.
 
         Raises:
-            FmuError: a status that is no success.
+            FmuError: a status other than ok or warning.
         """
         for function, arguments in calls:
             if status := function(*arguments):

@@ -35,7 +35,7 @@ Call = tuple[Callable[..., int | None], tuple[Any, ...]]
 
 STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 WARNING, FATAL = 1, 4
-MIN_STEP = 1e-6  # s; shorter ones turn a trial into more ticks than anybody waits for
+MIN_STEP = 1e-6  # s; shorter ones make more ticks than a user can wait for
 REFERENCES = 2**32  # value references are unsigned integers of 32 bits
 FMI2_TYPES = {
     "Real": ("Real", np.float64, Type.REAL),
@@ -115,7 +115,7 @@ class FmuDescription:
     Attributes:
         refused: variables that cannot be exchanged (String, arrays, ...), name to the reason.
         feedthrough: some output depends on an input within a step; a plant's do not.
-        step: the step size that it states, s; `fixed`: it cannot be stepped otherwise.
+        step: the step size that it states, s; `fixed`: it takes no other.
         warnings: what a strict validator says.
     """
 
@@ -162,15 +162,15 @@ class FmuDescription:
         Raises:
             FmuError: there is none, it has another causality, or it cannot be exchanged.
         """
-        found = self.quantities.get(name)
+        quantity = self.quantities.get(name)
         what = " or ".join(causalities)
         if name in self.refused:
             raise FmuError(f'{self.path.name}: {what} "{name}" {self.refused[name]}')
-        if found is None or found.causality not in causalities:
+        if quantity is None or quantity.causality not in causalities:
             hint = nearest(name, self.group(*causalities))
-            is_else = f" (it is a {found.causality})" if found else ""
-            raise FmuError(f'{self.path.name}: has no {what} "{name}"{is_else}{hint}')
-        return found
+            actual = f" (it is a {quantity.causality})" if quantity else ""
+            raise FmuError(f'{self.path.name}: has no {what} "{name}"{actual}{hint}')
+        return quantity
 
 
 def describe(path: Path) -> FmuDescription:
@@ -221,10 +221,10 @@ def describe(path: Path) -> FmuDescription:
 
 
 def _step(path: Path, root: Element) -> float | None:
-    """The step size that the description states, s: the one that is fixed before the one that is wished."""
+    """The step size that the description states, s: a fixed one before a preferred one."""
     for element, attribute in (("CoSimulation", "fixedInternalStepSize"), ("DefaultExperiment", "stepSize")):
-        found = root.find(element)
-        text = None if found is None else found.get(attribute)
+        stated = root.find(element)
+        text = None if stated is None else stated.get(attribute)
         if text is not None:
             try:
                 step = float(text)
@@ -302,7 +302,7 @@ def _quantity(path: Path, read: Any, variable: Any) -> Quantity | str:
 
 
 def _feedthrough(read: Any) -> bool:
-    """Does an output depend on an input? What is not stated may."""
+    """Does an output depend on an input? One that states no dependencies may."""
     inputs = {v.name for v in read.modelVariables if v.causality == "input"}
     if not inputs:
         return False
@@ -389,7 +389,7 @@ class FmuInstance:
             text = _one_line(reason)
             if "Cannot find shared library" in text:
                 text = f"it has no binary for this machine ({fmpy.platform}); it has {self._platforms()}"
-            raise FmuError(f"{self.label}: cannot be instantiated: {text}{self._said()}") from None
+            raise FmuError(f"{self.label}: cannot be instantiated: {text}{self._last_message()}") from None
         self._handle = ctypes.c_void_p(self._slave.component)
         self._quieten()
 
@@ -415,9 +415,9 @@ class FmuInstance:
                 function = f"fmi{self.description.version}SetDebugLogging"
                 self._function(function)(self._handle, flag, ctypes.c_size_t(len(names)), array)
 
-    def _said(self) -> str:
-        said = _messages.get(self.name)
-        return f'; it says: "{_one_line(said[-1][1])}"' if said else ""
+    def _last_message(self) -> str:
+        messages = _messages.get(self.name)
+        return f'; it says: "{_one_line(messages[-1][1])}"' if messages else ""
 
     def _function(self, name: str) -> Callable[..., int]:
         """The C function that fmpy bound; without argument types ctypes does not look at each argument."""
@@ -475,7 +475,7 @@ class FmuInstance:
         """Set parameters and inputs, and bring the instance to time 0.
 
         Raises:
-            FmuError: a name that it lacks, or a status that is no success.
+            FmuError: a name that it lacks, or a status other than ok or warning.
         """
         self.set_values(values)
         no, zero = ctypes.c_int(0), ctypes.c_double(0.0)
@@ -494,13 +494,13 @@ class FmuInstance:
             self.call((self._function(function), arguments), function, 0.0)
 
     def call(self, call: Call, what: str, time: float) -> None:
-        """Carry out one call, and raise what `failure` gives if need be."""
+        """Make one call; `check` its status."""
         function, arguments = call
         if status := function(*arguments):
             self.check(status, what, time)
 
     def check(self, status: int, what: str, time: float) -> None:
-        """Accept a warning; for any other status but success raise an error with what the FMU logged.
+        """Accept a warning; for a worse status raise an error with the FMU's last message.
 
         Raises:
             FmuError: naming FMU, function, status and time.
@@ -509,7 +509,7 @@ class FmuInstance:
             return
         self._dead = self._dead or status == FATAL
         name = STATUS[status] if 0 <= status < len(STATUS) else f"the illegal status {status}"
-        raise FmuError(f"{self.label}: {what} returned {name} at t = {time:.10g} s{self._said()}")
+        raise FmuError(f"{self.label}: {what} returned {name} at t = {time:.10g} s{self._last_message()}")
 
     def close(self) -> None:
         """End and free the instance, unload its library, remove its files."""

@@ -1,10 +1,10 @@
 """The co-simulation master: instances of FMUs stepped together, tick by tick.
 
 Time is tick * step, never summed. All components have one communication step. **Sequential**: within a tick
-every component is given its inputs and stepped in data-flow order, so that it answers to what its sources
+every component gets its inputs and is stepped in data-flow order, so that it answers to what its sources
 answered in the same tick; plants, whose outputs do not depend on their inputs within a step, are stepped
 last. **Jacobi**: all inputs are exchanged, then all are stepped; every link delays one tick. The row of tick
-k holds the plants' outputs at t_k and everybody else's answer to it.
+k holds the plants' outputs at t_k and the other components' answer to it.
 
 A tick is a list of C calls whose arguments are made once (`calls`) on one block of memory (`layout`).
 """
@@ -166,8 +166,8 @@ class Simulation:
             progress: is told the time now and then.
 
         Raises:
-            FmuError: an FMU answered with a status that is no success, or with a value that is not finite.
-            ParameterError: an event names no free input.
+            FmuError: an FMU failed, or gave a value that is not finite.
+            ParameterError: the variable of an event is not a free input.
         """
         step, layout, calls = self.wiring.step, self._layout, self._calls
         last = math.floor(duration / step + 1e-9)
@@ -238,7 +238,7 @@ class Simulation:
                 raise ParameterError(f'no component "{event.component}"{hint}')
             free = self.wiring.free[event.component]
             if event.variable not in free:
-                wrong = f"is no input{nearest(event.variable, free)}"
+                wrong = f"is not an input{nearest(event.variable, free)}"
                 if event.variable in self.fmus[event.component].inputs:
                     wrong = "is connected; only free inputs can be set"
                 raise ParameterError(f"{event.component}.{event.variable} {wrong}")
@@ -260,7 +260,7 @@ class Simulation:
     def _report_not_finite(self) -> None:
         order, plants = self.wiring.order, self.wiring.plants
         slots = [slot for slot in self._layout.outputs if slot.type in REALS]
-        # a plant's value of this tick comes before everybody's answer to it
+        # a plant's value of this tick comes before the answers to it
         for slot in sorted(slots, key=lambda s: (s.component not in plants, order.index(s.component))):
             for quantity, value in zip(slot.quantities, self._layout.view(slot), strict=True):
                 if not math.isfinite(value):
@@ -281,7 +281,7 @@ class Simulation:
         record: Record | None,
         progress: Callable[[float], None] | None,
     ) -> None:
-        """Give rows, the first of them of tick `first`, to whoever records them."""
+        """Give rows, the first of them of tick `first`, to `record`."""
         if not len(rows):
             return
         times = np.arange(first, first + len(rows), dtype=np.float64) * self.wiring.step

@@ -1,6 +1,6 @@
-"""Does an FMU that was made elsewhere fit a role, and how it takes that role's place in a system.
+"""Whether a foreign FMU fits a role, and how it takes the role's place in a system.
 
-It fits if it gives the outputs that others consume, by name or through a mapping file (TOML):
+It fits if it gives the outputs that other components consume, by name or through a mapping file (TOML):
 
     [outputs]
     north = "x"                                              # the role's name = the FMU's
@@ -11,7 +11,7 @@ It fits if it gives the outputs that others consume, by name or through a mappin
     start_heading = { name = "psi0", factor = 57.29577951308232 }    # deg = factor * rad
 
 `dog.toml` beside `dog.fmu` is its mapping file. Units are never converted without it; an output that
-declares no unit is taken to have the role's. Inputs of the role that the FMU lacks are not given to it.
+declares no unit is taken to have the role's. The FMU may lack inputs of the role.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class Adapter:
 
 @dataclass(frozen=True)
 class Fit:
-    """How an FMU fits a role: what stands for what, what is wrong, and what a user should know."""
+    """How an FMU fits a role: what stands for what, what is wrong, and notes for the user."""
 
     outputs: Mapping[str, Rename]
     inputs: Mapping[str, Rename]
@@ -96,12 +96,12 @@ class Fit:
 def roles() -> dict[str, Role]:
     """The roles of the full system, by name."""
     system = SYSTEMS["full"]
-    found = {}
+    by_name = {}
     for name, block in system.components.items():
         parameters = dict(flatten(list(block.variables(Parameter).values())))
         mission = MISSION.get(name, frozenset())
         consumed = {link.source_variable for link in system.links if link.source == name}
-        found[name] = Role(
+        by_name[name] = Role(
             name,
             {n: v for n, v in flatten(list(block.variables(Output).values())) if v.name in consumed},
             OPTIONAL.get(name, frozenset()),
@@ -110,7 +110,7 @@ def roles() -> dict[str, Role]:
             block.title(),
             parameters,
         )
-    return found
+    return by_name
 
 
 def find_role(name: str) -> Role:
@@ -183,8 +183,8 @@ def fit(fmu: FmuDescription, role: Role, adapter: Adapter, consumed: Iterable[st
     """
     checker = _Checker(fmu, role, adapter)
     needs = role.needs if consumed is None else {n: v for n, v in role.needs.items() if n in set(consumed)}
-    outputs = {name: found for name, v in needs.items() if (found := checker.output(name, v))}
-    inputs = {name: found for name, v in role.inputs.items() if (found := checker.input(name, v))}
+    outputs = {name: rename for name, v in needs.items() if (rename := checker.output(name, v))}
+    inputs = {name: rename for name, v in role.inputs.items() if (rename := checker.input(name, v))}
     parameters, wrong = _parameters(checker)
     checker.problems += wrong.values()
     absent = [name for name in needs if name in role.optional and name not in outputs]
@@ -208,15 +208,15 @@ def misfits(fmu: FmuDescription, role: Role) -> dict[str, str]:
 def _parameters(checker: _Checker) -> tuple[dict[str, Rename], dict[str, str]]:
     """The role's parameters that the FMU has, and what is wrong with the others that it has."""
     fmu, role = checker.fmu, checker.role
-    wanted = {**role.own, **role.parameters} if fmu.model == role.block else role.parameters
-    found, wrong = {}, {}
-    for name, declared in wanted.items():
+    known = {**role.own, **role.parameters} if fmu.model == role.block else role.parameters
+    renames, wrong = {}, {}
+    for name, declared in known.items():
         checking = _Checker(fmu, role, checker.adapter, checker.cure)
         if rename := checking.parameter(name, declared):
-            found[name] = rename
+            renames[name] = rename
         elif checking.problems:
             wrong[name] = checking.problems[0]
-    return found, wrong
+    return renames, wrong
 
 
 class _Checker:
@@ -238,11 +238,11 @@ class _Checker:
             return None
         return self._checked("output", rename, needed)
 
-    def input(self, name: str, given: Variable) -> Rename | None:
+    def input(self, name: str, needed: Variable) -> Rename | None:
         rename = self.adapter.inputs.get(name, Rename(name))
         if not rename.mapped and name not in self.fmu.inputs:
             return None
-        return self._checked("input", rename, given)
+        return self._checked("input", rename, needed)
 
     def parameter(self, name: str, declared: Variable) -> Rename | None:
         rename = self.adapter.parameters.get(name, Rename(name))
@@ -325,23 +325,23 @@ def replace_component(
         hint = nearest(role_name, system.components)
         raise UsageError(f'system "{system.name}" has no component "{role_name}"{hint}')
     consumed = {link.source_variable for link in system.links if link.source == role_name}
-    found = fit(fmu, find_role(role_name), adapter, consumed)
-    if found.problems:
-        raise RoleError("\n".join(found.problems))
+    fitted = fit(fmu, find_role(role_name), adapter, consumed)
+    if fitted.problems:
+        raise RoleError("\n".join(fitted.problems))
     components = dict(system.components)
     components[role_name] = FmuComponent(role_name, fmu.path)
     links = []
     for link in system.links:
-        source = found.outputs.get(link.source_variable) if link.source == role_name else _AS_IT_IS
-        target = found.inputs.get(link.target_variable) if link.target == role_name else _AS_IT_IS
+        source = fitted.outputs.get(link.source_variable) if link.source == role_name else _AS_IT_IS
+        target = fitted.inputs.get(link.target_variable) if link.target == role_name else _AS_IT_IS
         if source is not None and target is not None:
             links.append(_adapted(link, source, target))
-        elif target is not None:  # an output that it need not have
+        elif target is not None:  # an optional output that the FMU lacks
             part = components[link.target]
             components[link.target] = replace(
                 part, values=part.values | {link.target_variable: StartValue(0.0)}
             )
-    return replace(system, components=components, links=tuple(links)), found
+    return replace(system, components=components, links=tuple(links)), fitted
 
 
 _AS_IT_IS = Rename("")

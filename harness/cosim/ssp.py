@@ -2,7 +2,7 @@
 
 Read are FMI co-simulation components, connections with or without a linear transformation, parameter values
 inline or in .ssv files, of components and of the system, and system connectors that pass a value through.
-Whatever else an SSD can hold is refused by name: a system that is not what it says must not run.
+Anything else in an SSD is refused by name: a system runs as its package states it, or not at all.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ KINDS = {"input", "output", "inout", "parameter", "calculatedParameter", "struct
 
 
 class SspError(CanineError):
-    """A package that is not SSP 1.0, contradicts itself, or uses what is not supported."""
+    """A package is not SSP 1.0, contradicts itself, or uses a feature that is not supported."""
 
 
 @dataclass(frozen=True)
@@ -135,13 +135,13 @@ class _Reader:
 
     def children(self, element: Element, *known: str) -> dict[str, Element]:
         """The children by tag; any that is neither known nor decoration is refused."""
-        found = {}
+        elements = {}
         for child in element:
             if _tag(child) in known:
-                found[_tag(child)] = child
+                elements[_tag(child)] = child
             elif _tag(child) not in IGNORED:
                 raise self.fail(f"{_tag(element)} holds a {_tag(child)}, which is not supported")
-        return found
+        return elements
 
     def read(self, structure: Path) -> FmuSystem:
         self.files["SystemStructure.ssd"] = structure
@@ -213,22 +213,22 @@ class _Reader:
         return path
 
     def connectors(self, parent: Element | None, what: str) -> dict[str, Connector]:
-        found: dict[str, Connector] = {}
+        connectors: dict[str, Connector] = {}
         for element in parent if parent is not None else ():
             name, kind = self.attribute(element, "name"), self.attribute(element, "kind")
             if kind not in KINDS:
                 raise self.fail(f'{what}: connector "{name}" has kind "{kind}"{nearest(kind, KINDS)}')
-            if name in found:
+            if name in connectors:
                 raise self.fail(f'{what} has two connectors "{name}"')
             types = [child for child in element if child.tag.startswith(SSC)]
             declared = types[0] if types else None
-            found[name] = Connector(
+            connectors[name] = Connector(
                 name,
                 kind,
                 None if declared is None else _tag(declared),
                 None if declared is None else declared.get("unit"),
             )
-        return found
+        return connectors
 
     def bindings(self, parent: Element | None, what: str) -> dict[str, StartValue]:
         values: dict[str, StartValue] = {}

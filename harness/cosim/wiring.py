@@ -1,4 +1,4 @@
-"""What is checked before anything runs: that the links of a system fit, and in which order it is stepped.
+"""The check before anything runs: do the links of a system fit, and in which order is it stepped?
 
 Units are never converted silently: both ends must have the same unit (however spelled, if the FMUs define
 it), or the link must carry the conversion. An end that declares no unit fits any.
@@ -55,7 +55,7 @@ def wire(
     Raises:
         WiringError: types or units that do not fit, an input fed twice or not at all, a cycle without a
             plant, steps that do not agree.
-        SspError: the package declares a variable otherwise than its FMU.
+        SspError: package and FMU declare a variable differently.
         FmuError: a link or value names a variable that the FMU lacks.
     """
     fed: dict[tuple[str, str], ScaledLink] = {}
@@ -155,7 +155,7 @@ def _check_connectors(system: FmuSystem, fmus: Mapping[str, FmuDescription]) -> 
 
 
 def _data_flow(names: list[str], links: list[ScaledLink]) -> list[str]:
-    """The names so that every source comes before its targets, as listed where it does not matter."""
+    """The names, every source before its targets; free choices keep the order of the list."""
     done: list[str] = []
     left = list(names)
     while left:
@@ -174,7 +174,7 @@ def _data_flow(names: list[str], links: list[ScaledLink]) -> list[str]:
 def _cycle(left: list[str], links: list[ScaledLink]) -> str:
     """One cycle among the components that are left, as text."""
     path = [left[0]]
-    while True:  # everyone left has a source that is left
+    while True:  # every component left has a source that is left
         source = next(k.source for k in links if k.target == path[-1] and k.source in left)
         if source in path:
             cycle = path[path.index(source) :][::-1]
@@ -185,9 +185,9 @@ def _cycle(left: list[str], links: list[ScaledLink]) -> str:
 def _common_step(fmus: Mapping[str, FmuDescription]) -> float:
     """The communication step: the one that FMUs insist on, or else the largest that one states."""
     fixed = {name: fmu.step for name, fmu in fmus.items() if fmu.step and fmu.fixed}
-    wished = [fmu.step for fmu in fmus.values() if fmu.step]
+    stated = [fmu.step for fmu in fmus.values() if fmu.step]
     if not fixed:
-        return max(wished, default=TICK)
+        return max(stated, default=TICK)
     first, step = next(iter(fixed.items()))
     for name, own in fixed.items():
         if not math.isclose(step, own, rel_tol=STEP_TOLERANCE):

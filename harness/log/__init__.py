@@ -1,0 +1,9 @@
+"""The log of a run: an MCAP file with one topic for each component, and topics that viewers draw.
+
+In: batches of rows, the scenario and parameters, the package. Out: trial.mcap, and its values read back.
+
+`writer` takes batches of rows and decides when they reach the disk. `rows` spells them as JSON, `foxglove`
+draws map, 3D and events, `container` lays messages out in MCAP. `log` describes the channels and reads a log,
+also one that was cut short; `route` finds its waypoints, `geodesy` turns metres into latitudes, `export`
+writes CSV and Parquet.
+"""

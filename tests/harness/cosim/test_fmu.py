@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from harness.cosim.fmu import FmuError, FmuInstance, describe
-from harness.cosim.loop import Simulation
+from harness.cosim.loop import Array, Simulation
 from harness.cosim.ssp import FmuComponent, FmuSystem
 from models.kit.declaration import Type
 from tests.harness.cosim.tiny_fmu import V, tiny_fmu
@@ -38,7 +38,9 @@ def test_describes_variables_units_and_dependencies(tmp_path: Path, version: int
     assert list(fmu.outputs) == ["y", "n"]
     assert fmu.parameters["k"].start == 2.0
     assert fmu.outputs["n"].type is Type.INTEGER
-    assert fmu.unit(fmu.outputs["y"]).name == "m"
+    unit = fmu.unit(fmu.outputs["y"])
+    assert unit is not None
+    assert unit.name == "m"
     assert fmu.warnings == ()
 
 
@@ -50,7 +52,7 @@ def test_a_plant_is_known_by_its_model_structure(tmp_path: Path) -> None:
 def test_values_go_in_and_come_out(tmp_path: Path, version: int) -> None:
     # given y = k u, and n counting the steps
     path = tiny_fmu(tmp_path / "gain.fmu", GAIN, "v[2] = v[1] * v[0]; v[3] += 1;", version=version)
-    rows = []
+    rows: list[tuple[list[float], Array]] = []
     # when it is run for 2 steps with k = 5, u = 3
     with Simulation(alone(path), {"plant": {"k": 5, "u": 3}}) as simulation:
         outcome = simulation.run(duration=0.08, record=lambda t, v: rows.append((t.tolist(), v["plant"])))
@@ -67,7 +69,7 @@ def test_other_number_types_and_enumerations_are_exchanged(tmp_path: Path) -> No
     path = tiny_fmu(tmp_path / "three.fmu", variables, start="v[0] = 0.5; v[1] = -7; v[2] = 1;", version=3)
     foreign = [V("command", "input", "Enumeration"), V("y", type="Integer")]
     two = tiny_fmu(tmp_path / "two.fmu", foreign, "v[1] = v[0];")
-    rows = []
+    rows: list[list[list[float]]] = []
     # when
     for fmu, values in ((path, {}), (two, {"plant": {"command": 4}})):
         with Simulation(alone(fmu), values) as simulation:
@@ -81,7 +83,7 @@ def test_an_error_names_fmu_function_status_time_and_what_it_says(tmp_path: Path
     # given an FMU that fails on the step from 0.12 s, and says why
     broken = 'if (t > 0.1) { say("the leash is too short"); return 3; }'
     path = tiny_fmu(tmp_path / "dog.fmu", GAIN, broken, version=version)
-    rows = []
+    rows: list[float] = []
     # when
     with Simulation(alone(path)) as simulation, pytest.raises(FmuError) as caught:
         simulation.run(record=lambda t, v: rows.extend(t))

@@ -37,10 +37,10 @@ def fitted(tmp_path: Path, variables: list[V], toml: str = "", version: int = 2)
 
 @pytest.mark.parametrize("version", [2, 3])
 def test_a_dog_with_the_four_outputs_fits(tmp_path: Path, version: int) -> None:
-    found = fitted(tmp_path, [*DOG, HEADING], version=version)
-    assert found.problems == ()
-    assert set(found.outputs) == {"north", "east", "speed", "heading"}
-    assert found.notes == ("plant dog.fmu: has no output acceleration, pitch, roll, yaw_rate; taken as zero",)
+    fit = fitted(tmp_path, [*DOG, HEADING], version=version)
+    assert fit.problems == ()
+    assert set(fit.outputs) == {"north", "east", "speed", "heading"}
+    assert fit.notes == ("plant dog.fmu: has no output acceleration, pitch, roll, yaw_rate; taken as zero",)
 
 
 @pytest.mark.parametrize(
@@ -70,28 +70,28 @@ def test_a_dog_with_the_four_outputs_fits(tmp_path: Path, version: int) -> None:
     ],
 )
 def test_what_does_not_fit_is_named(tmp_path: Path, change: V, text: str) -> None:
-    found = fitted(tmp_path, [*DOG[:-1], change, HEADING])
-    assert found.problems == (f"plant dog.fmu: {text}",)
+    fit = fitted(tmp_path, [*DOG[:-1], change, HEADING])
+    assert fit.problems == (f"plant dog.fmu: {text}",)
 
 
 def test_an_enumeration_serves_as_the_command(tmp_path: Path) -> None:
-    found = fitted(tmp_path, [V("command", "input", "Enumeration"), *DOG[1:], HEADING])
-    assert found.problems == ()
-    assert found.inputs == {"command": Rename("command")}
+    fit = fitted(tmp_path, [V("command", "input", "Enumeration"), *DOG[1:], HEADING])
+    assert fit.problems == ()
+    assert fit.inputs == {"command": Rename("command")}
 
 
 def test_a_mapping_file_renames_and_converts(tmp_path: Path) -> None:
     toml = '[outputs]\nspeed = { name = "v", factor = 0.2777777777777778 }\nheading = "course"\n[inputs]\ncommand = "cmd"'  # noqa: E501
     variables = [V("cmd", "input", "Integer"), *DOG[1:3], V("v", unit="km/h"), V("course", unit="rad")]
-    found = fitted(tmp_path, variables, toml)
-    assert found.problems == ()
-    assert found.outputs["speed"] == Rename("v", 0.2777777777777778, 0.0, mapped=True)
-    assert found.inputs == {"command": Rename("cmd", mapped=True)}
+    fit = fitted(tmp_path, variables, toml)
+    assert fit.problems == ()
+    assert fit.outputs["speed"] == Rename("v", 0.2777777777777778, 0.0, mapped=True)
+    assert fit.inputs == {"command": Rename("cmd", mapped=True)}
 
 
 def test_one_output_may_serve_for_two(tmp_path: Path) -> None:
-    found = fitted(tmp_path, [*DOG, V("a", unit="m")], '[outputs]\nnorth = "a"\neast = "a"')
-    assert found.outputs["north"] == found.outputs["east"] == Rename("a", mapped=True)
+    fit = fitted(tmp_path, [*DOG, V("a", unit="m")], '[outputs]\nnorth = "a"\neast = "a"')
+    assert fit.outputs["north"] == fit.outputs["east"] == Rename("a", mapped=True)
 
 
 @pytest.mark.parametrize(
@@ -135,7 +135,7 @@ def test_it_takes_the_place_of_the_plant(tmp_path: Path) -> None:
     )
     # when
     role = find_role("plant")
-    system, found = replace_component(
+    system, fit = replace_component(
         FmuSystem("toy", members, links), "plant", describe(dog), read_adapter(dog, role)
     )
     rows = []
@@ -145,7 +145,7 @@ def test_it_takes_the_place_of_the_plant(tmp_path: Path) -> None:
     assert system.links == (ScaledLink("plant", "v", "sensors", "speed", 0.2777777777777778, 0.0),)
     assert system.components["sensors"].values == {"acceleration": StartValue(0.0)}
     assert rows == [[[10.0, 0.0, 0.0]]]
-    assert found.notes == (
+    assert fit.notes == (
         "plant dog.fmu: has no output acceleration; taken as zero",
         "plant dog.fmu: has no input command; what the role is told there is not given to it",
     )
@@ -160,8 +160,8 @@ PARAMETERS = [V("start_heading", "parameter", unit="deg"), V("seed", "parameter"
 
 
 def test_a_parameter_in_another_unit_is_refused_by_name(tmp_path: Path) -> None:
-    found = fitted(tmp_path, [*DOG, HEADING, *PARAMETERS])
-    assert found.problems == (
+    fit = fitted(tmp_path, [*DOG, HEADING, *PARAMETERS])
+    assert fit.problems == (
         'plant dog.fmu: parameter "start_heading" has unit "deg", the plant role needs "rad"; '
         "map it in dog.toml or export it in rad",
     )
@@ -169,17 +169,17 @@ def test_a_parameter_in_another_unit_is_refused_by_name(tmp_path: Path) -> None:
 
 def test_a_mapping_file_converts_a_parameter(tmp_path: Path) -> None:
     toml = "[parameters]\nstart_heading = { factor = 57.29577951308232 }"
-    found = fitted(tmp_path, [*DOG, HEADING, *PARAMETERS], toml)
-    assert found.problems == ()
-    assert found.parameters == {
+    fit = fitted(tmp_path, [*DOG, HEADING, *PARAMETERS], toml)
+    assert fit.problems == ()
+    assert fit.parameters == {
         "start_heading": Rename("start_heading", 57.29577951308232, 0.0, mapped=True),
         "seed": Rename("seed"),
     }
 
 
 def test_a_mapped_parameter_must_be_there(tmp_path: Path) -> None:
-    found = fitted(tmp_path, [*DOG, HEADING, *PARAMETERS[1:]], '[parameters]\nstart_heading = "psi"')
-    assert found.problems == ('plant dog.fmu: has no parameter "psi", which dog.toml names',)
+    fit = fitted(tmp_path, [*DOG, HEADING, *PARAMETERS[1:]], '[parameters]\nstart_heading = "psi"')
+    assert fit.problems == ('plant dog.fmu: has no parameter "psi", which dog.toml names',)
 
 
 def test_the_parameters_of_the_roles_are_declared_by_our_blocks() -> None:

@@ -1,0 +1,232 @@
+"""What is checked before anything runs: ends of links, start values, connectors, order, step."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import pytest
+
+from harness.cosim.fmu import FmuDescription, Quantity
+from harness.cosim.ssp import Connector, FmuComponent, FmuSystem, ScaledLink, SspError, StartValue
+from harness.cosim.wiring import Wiring, wire
+from models.errors import WiringError
+from models.kit.declaration import Type
+from tests.harness.cosim.descriptions import fmu, quantity
+
+
+def node(name: str, *, feedthrough: bool = True) -> FmuDescription:
+    """One input u, one output y."""
+    return fmu(name, quantity("u", "input"), quantity("y"), feedthrough=feedthrough)
+
+
+def wired(
+    fmus: Sequence[FmuDescription],
+    *links: tuple[str, str],
+    order: str = "sequential",
+    plants: Sequence[str] = (),
+    values: dict[str, dict[str, StartValue]] | None = None,
+    connectors: dict[str, Connector] | None = None,
+    factor: float = 1.0,
+) -> Wiring:
+    """Wire FMUs by links `a.y`, `b.u`; `values` by component, `connectors` of the first component."""
+    components = {f.model: FmuComponent(f.model, f.path, {}, (values or {}).get(f.model, {})) for f in fmus}
+    first = fmus[0].model
+    components[first] = replace(components[first], connectors=connectors or {})
+    ends = [(*source.split("."), *target.split(".")) for source, target in links]
+    scaled = tuple(ScaledLink(a, y, b, u, factor) for a, y, b, u in ends)
+    system = FmuSystem("toy", components, scaled)
+    return wire(system, {f.model: f for f in fmus}, order, plants)  # type: ignore[arg-type]
+
+
+# order and delays
+
+LOOP = (("plant.y", "filter.u"), ("filter.y", "controller.u"), ("controller.y", "plant.u"))
+
+
+def test_sources_are_stepped_before_their_targets_and_plants_last() -> None:
+    nodes = [node("plant", feedthrough=False), node("controller"), node("filter")]
+    wiring = wired(nodes, *LOOP)
+    assert wiring.order == ("filter", "controller", "plant")
+    assert wiring.plants == {"plant"}
+    assert [(str(link), ticks) for link, ticks in wiring.delays] == [
+        ("plant.y -> filter.u", 1), ("filter.y -> controller.u", 0), ("controller.y -> plant.u", 0)
+    ]  # fmt: skip
+
+
+def test_jacobi_keeps_the_order_of_the_package_and_delays_every_link() -> None:
+    nodes = [node("plant", feedthrough=False), node("controller"), node("filter")]
+    wiring = wired(nodes, *LOOP, order="jacobi")
+    assert wiring.order == ("controller", "filter", "plant")
+    assert [ticks for _, ticks in wiring.delays] == [1, 1, 1]
+
+
+def test_a_component_that_is_named_a_plant_is_stepped_last() -> None:
+    wiring = wired([node("plant"), node("controller")], ("plant.y", "controller.u"), plants=["plant"])
+    assert wiring.order == ("controller", "plant")
+    assert wiring.plants == {"plant"}
+
+
+def test_components_without_links_keep_the_order_of_the_package() -> None:
+    assert wired([node("b"), node("a"), node("c")]).order == ("b", "a", "c")
+
+
+def test_a_cycle_without_a_plant_is_named() -> None:
+    # given a cycle of three, and a component that feeds it
+    links = [("d.y", "a.u"), ("a.y", "b.u"), ("b.y", "c.u"), ("c.y", "a.v")]
+    first = fmu("a", quantity("u", "input"), quantity("v", "input"), quantity("y"))
+    with pytest.raises(WiringError, match="cycle without a delay: b -> c -> a -> b; sequential"):
+        wired([first, node("b"), node("c"), node("d")], *links)
+    # and with the order that delays every link it runs
+    assert wired([first, node("b"), node("c"), node("d")], *links, order="jacobi").order == (*"abcd",)
+
+
+# ends of links
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "text"),
+    [
+        (
+            quantity("y", unit="km/h"), quantity("u", "input", unit="m/s"),
+            'link a.y -> b.u: the source has unit "km/h", the target "m/s"; '
+            "give the connection a LinearTransformation, or export the same unit",
+        ),
+        (
+            quantity("y", unit="kg"), quantity("u", "input", unit="m/s"),
+            'link a.y -> b.u: unit "kg" cannot become "m/s"',
+        ),
+        (
+            quantity("y", unit="furlong"), quantity("u", "input", unit="m"),
+            'link a.y -> b.u: the source has unit "furlong", the target "m"; '
+            "give the connection a LinearTransformation, or export the same unit",
+        ),
+        (
+            quantity("y"), quantity("u", "input", Type.INTEGER),
+            "link a.y -> b.u: the source is Real, the target Integer; connect equal types",
+        ),
+        (
+            quantity("y"), quantity("v", "input"),
+            'link a.y -> b.u: b.fmu: has no input "u"; known: v',
+        ),
+        (
+            quantity("y", "local"), quantity("u", "input"),
+            'link a.y -> b.u: a.fmu: has no output "y" (it is a local)',
+        ),
+    ],
+)  # fmt: skip
+def test_ends_that_do_not_fit_are_refused(source: Quantity, target: Quantity, text: str) -> None:
+    with pytest.raises(WiringError) as caught:
+        wired([fmu("a", source), fmu("b", target)], ("a.y", "b.u"))
+    assert str(caught.value) == text
+
+
+def test_an_output_that_cannot_be_exchanged_says_why() -> None:
+    name = fmu("a", refused={"y": "has type String; expected one of Real"})
+    with pytest.raises(WiringError, match=r'^link a\.y -> b\.u: a\.fmu: output "y" has type String'):
+        wired([name, node("b")], ("a.y", "b.u"))
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "factor"),
+    [("m/s", "m.s-1", 1.0), ("km/h", "m/s", 1 / 3.6), (None, "m", 1.0), ("m", None, 1.0), ("yd", "yd", 1.0)],
+)
+def test_equal_units_and_stated_conversions_are_accepted(
+    source: str | None, target: str | None, factor: float
+) -> None:
+    nodes = [fmu("a", quantity("y", unit=source)), fmu("b", quantity("u", "input", unit=target))]
+    assert wired(nodes, ("a.y", "b.u"), factor=factor).order == ("a", "b")
+
+
+def test_an_input_that_is_fed_twice_is_refused() -> None:
+    sources = fmu("a", quantity("y"), quantity("z"))
+    with pytest.raises(WiringError, match=r"^b\.u is fed twice: by a\.y -> b\.u and a\.z -> b\.u$"):
+        wired([sources, node("b")], ("a.y", "b.u"), ("a.z", "b.u"))
+
+
+# inputs and start values
+
+
+def test_inputs_that_no_link_feeds_are_free() -> None:
+    last = fmu("b", quantity("u", "input"), quantity("offset", "input"), quantity("y"))
+    assert wired([node("a"), last], ("a.y", "b.u")).free == {"a": ("u",), "b": ("offset",)}
+
+
+def test_an_input_needs_a_source_or_a_start_value() -> None:
+    alone = fmu("a", quantity("u", "input", start=None), quantity("y"))
+    with pytest.raises(WiringError, match=r"^input a\.u has neither a source nor a start value; connect it$"):
+        wired([alone])
+    # and a value of the package is one
+    assert wired([alone], values={"a": {"u": StartValue(1.0)}}).free == {"a": ("u",)}
+
+
+def test_a_start_value_for_an_input_that_is_fed_is_refused() -> None:
+    with pytest.raises(WiringError, match=r"^input b\.u is given a value, but is fed by a\.y -> b\.u$"):
+        wired([node("a"), node("b")], ("a.y", "b.u"), values={"b": {"u": StartValue(1.0)}})
+
+
+def test_a_start_value_in_another_unit_is_refused() -> None:
+    speed = fmu("a", quantity("limit", "parameter", unit="m/s"))
+    with pytest.raises(SspError) as caught:
+        wired([speed], values={"a": {"limit": StartValue(9.0, "km/h")}})
+    assert str(caught.value) == (
+        'a.limit is given in "km/h", the FMU declares "m/s"; give the value in the FMU\'s unit'
+    )
+    assert wired([speed], values={"a": {"limit": StartValue(2.5, "m/s")}}).order == ("a",)
+
+
+@pytest.mark.parametrize(
+    ("connector", "text"),
+    [
+        (
+            Connector("y", "output", "Real", "km/h"),
+            'connector a.y has unit "km/h", a.fmu declares unit "m/s"; '
+            "write into the package what the FMU declares",
+        ),
+        (
+            Connector("y", "output", "Integer"),
+            "connector a.y has type Integer, a.fmu declares type Real; "
+            "write into the package what the FMU declares",
+        ),
+        (Connector("y", "output", "Real", "m/s"), ""),
+        (Connector("y", "output"), ""),
+        (Connector("n", "output", "Enumeration"), ""),
+        (Connector("unknown", "output", "Real"), ""),
+    ],
+)
+def test_a_connector_must_declare_what_its_fmu_declares(connector: Connector, text: str) -> None:
+    first = fmu("a", quantity("y", unit="m/s"), quantity("n", type=Type.INTEGER))
+    if not text:
+        assert wired([first], connectors={connector.name: connector}).step == 0.04
+        return
+    with pytest.raises(SspError) as caught:
+        wired([first], connectors={connector.name: connector})
+    assert str(caught.value) == text
+
+
+# step
+
+
+@pytest.mark.parametrize(
+    ("steps", "step"),
+    [
+        ([], 0.04),
+        ([(0.01, False), (0.02, False)], 0.02),
+        ([(0.01, True), (0.02, False)], 0.01),
+        ([(0.01, True), (math.nextafter(0.01, 1), True)], 0.01),
+        ([(None, True), (0.05, False)], 0.05),
+    ],
+)
+def test_the_step_is_the_one_that_is_fixed_or_else_the_largest(
+    steps: list[tuple[float | None, bool]], step: float
+) -> None:
+    fmus = [fmu(f"f{i}", quantity("y"), step=h, fixed=fixed) for i, (h, fixed) in enumerate(steps)]
+    assert wired([*fmus, node("plain")]).step == step
+
+
+def test_fixed_steps_must_agree() -> None:
+    with pytest.raises(WiringError) as caught:
+        wired([fmu("a", step=0.04, fixed=True), fmu("b", step=0.08, fixed=True)])
+    assert str(caught.value) == (
+        "a has a fixed step of 0.04 s, b of 0.08 s; "
+        "all components take one step: export one of them with the other's"
+    )

@@ -1,0 +1,261 @@
+"""What viewers draw: positions, frames, the route and events, as mcap's and protobuf's readers see them."""
+
+import io
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+from harness.log.container import Container
+from harness.log.foxglove import Views
+from harness.log.route import Route
+
+PLANT = ("command", "north", "east", "heading")
+SENSORS = ("gps_fix", "gps_north", "gps_east", "gps_h_acc")
+CONTROLLER = ("command", "status", "waypoint", "anomaly")
+TICK = 40_000_000  # ns
+INFO, WARNING, ERROR = 2, 3, 4  # foxglove.Log's levels
+HALF = math.sqrt(0.5)
+MISSION = {
+    "controller.waypoint_count": "2",
+    "controller.waypoint_north[1]": "25.0",
+    "controller.waypoint_east[1]": "-3.0",
+    "controller.waypoint_north[2]": "50.0",
+    "controller.waypoint_east[2]": "4.0",
+    "controller.waypoint_north[3]": "99.0",
+    "controller.waypoint_east[3]": "99.0",
+    "controller.home_north": "1.0",
+    "controller.home_east": "2.0",
+    "controller.capture_radius": "7.0",
+}
+Rows = Sequence[Sequence[float]]
+Shown = dict[str, list[tuple[int, Any]]]
+
+
+def shown(
+    signals: Mapping[str, Sequence[str]],
+    rows: Mapping[str, Rows],
+    *,
+    origin: tuple[float, float] = (0.0, 0.0),
+    route: Route | None = None,
+    batch: int = 25,
+    step: int = TICK,
+) -> Shown:
+    """What a viewer gets of ticks from t = 0: by topic the time in ns and the message."""
+    file = io.BytesIO()
+    container = Container(file, "test")
+    views = Views(container, signals, origin, route)
+    values = {name: np.array(ticks, dtype=float) for name, ticks in rows.items()}
+    times = np.arange(len(next(iter(values.values()))), dtype=np.int64) * step
+    for start in range(0, len(times), batch):
+        part = slice(start, start + batch)
+        messages = views.encode(times[part], {name: ticks[part] for name, ticks in values.items()})
+        channels, at = [channel for channel, _, _ in messages], [time for _, time, _ in messages]
+        container.add_messages(channels, at, [data for _, _, data in messages])
+    container.finish()
+    file.seek(0)
+    topics: Shown = {}
+    reader = make_reader(file, decoder_factories=[DecoderFactory()])
+    for _, channel, message, decoded in reader.iter_decoded_messages():
+        topics.setdefault(channel.topic, []).append((message.log_time, decoded))
+    return topics
+
+
+# positions
+
+
+@pytest.mark.parametrize(
+    ("latitude", "north", "east"),
+    # m per degree of latitude and of longitude: the tables of WGS 84
+    [(0.0, 110_574.3, 111_319.5), (30.0, 110_852.4, 96_486.2), (60.0, 111_412.3, 55_800.0)],
+)
+def test_a_degree_north_and_east_is_as_long_as_in_the_tables(
+    latitude: float, north: float, east: float
+) -> None:
+    # given a dog a thousandth of a degree north and two thousandths west of the origin
+    rows = [[0.0, north / 1000, -east / 500, 0.0]]
+    [(_, fix)] = shown({"plant": PLANT}, {"plant": rows}, origin=(latitude, -85.5))["/map/truth"]
+    # then
+    assert fix.latitude - latitude == pytest.approx(0.001, rel=1e-5)
+    assert fix.longitude + 85.5 == pytest.approx(-0.002, rel=1e-5)
+    assert fix.frame_id == "map"
+    assert list(fix.position_covariance) == []
+
+
+def test_a_position_is_shown_five_times_a_second() -> None:
+    rows = [[0.0, k / 10, 0.0, 0.0] for k in range(51)]  # 2 s
+    topics = shown({"plant": PLANT}, {"plant": rows})
+    times = [time / 1e9 for time, _ in topics["/map/truth"]]
+    assert times == [0, 0.2, 0.4, 0.6, 0.8, 1, 1.2, 1.4, 1.6, 1.8, 2]
+    assert times == [time / 1e9 for time, _ in topics["/3d/frames"]]
+    assert [(fix.timestamp.seconds, fix.timestamp.nanos) for _, fix in topics["/map/truth"]][4:7] == [
+        (0, 800_000_000), (1, 0), (1, 200_000_000)
+    ]  # fmt: skip
+
+
+def test_ticks_longer_than_the_period_are_all_shown() -> None:
+    rows = [[0.0, k, 0.0, 0.0] for k in range(4)]
+    times = [time for time, _ in shown({"plant": PLANT}, {"plant": rows}, step=300_000_000)["/map/truth"]]
+    assert times == [0, 300_000_000, 600_000_000, 900_000_000]
+
+
+def test_a_position_that_is_not_finite_is_left_out_of_the_map() -> None:
+    rows = [[0.0, math.nan, 0.0, 0.0], [0.0, 0.0, math.inf, 0.0], [0.0, 1.0, 2.0, 0.0]]
+    assert [time for time, _ in shown({"plant": PLANT}, {"plant": rows}, step=10**9)["/map/truth"]] == [
+        2 * 10**9
+    ]
+
+
+def test_the_map_has_every_gps_fix_with_its_accuracy() -> None:
+    # given fixes on the first, third and fourth tick; the accuracy is 2 standard deviations (eq. 3.15)
+    rows = [[1, 5.0, 5.0, 4.0], [0, 5.0, 5.0, 4.0], [1, 6.0, 5.0, 4.0], [1, 7.0, 5.0, 3.0]]
+    fixes = shown({"sensors": SENSORS}, {"sensors": rows})["/map/gps"]
+    # then
+    assert [time for time, _ in fixes] == [0, 2 * TICK, 3 * TICK]
+    assert [list(fix.position_covariance) for _, fix in fixes] == [
+        [variance, 0, 0, 0, variance, 0, 0, 0, 0] for variance in (4.0, 4.0, 2.25)
+    ]
+    assert {fix.position_covariance_type for _, fix in fixes} == {1}  # APPROXIMATED
+
+
+def test_a_gps_without_an_accuracy_has_no_covariance() -> None:
+    [(_, fix)] = shown({"sensors": SENSORS[:3]}, {"sensors": [[1, 5.0, 5.0]]})["/map/gps"]
+    assert list(fix.position_covariance) == []
+    assert fix.position_covariance_type == 0
+
+
+# frames
+
+
+@pytest.mark.parametrize(
+    ("heading", "z", "w"),
+    [
+        (0.0, HALF, HALF),  # north: a quarter turn counterclockwise from east
+        (90.0, 0.0, 1.0),  # east
+        (180.0, -HALF, HALF),  # south: a quarter turn clockwise
+        (-90.0, 1.0, 0.0),  # west: half a turn
+        (math.nan, 0.0, 1.0),
+    ],
+)
+def test_a_frame_turns_counterclockwise_from_east(heading: float, z: float, w: float) -> None:
+    rows = [[0.0, 2.5, -8.0, math.radians(heading)]]
+    [(_, frames)] = shown({"plant": PLANT}, {"plant": rows})["/3d/frames"]
+    [dog] = frames.transforms
+    assert (dog.parent_frame_id, dog.child_frame_id) == ("map", "dog")
+    assert (dog.translation.x, dog.translation.y, dog.translation.z) == (-8.0, 2.5, 0.0)
+    assert (dog.rotation.x, dog.rotation.y) == (0.0, 0.0)
+    assert (dog.rotation.z, dog.rotation.w) == pytest.approx((z, w))
+
+
+def test_dog_and_estimate_move_together_in_one_message() -> None:
+    signals = {"plant": PLANT, "estimator": ("heading", "east", "north")}
+    rows: dict[str, Rows] = {
+        "plant": [[0.0, k, 2.0 * k, 0.1] for k in range(6)],
+        "estimator": [[0.2, 2.5 * k, k + 0.5] for k in range(6)],
+    }
+    [_, (time, frames)] = shown(signals, rows)["/3d/frames"]
+    assert time == 5 * TICK
+    assert [(t.child_frame_id, t.translation.x, t.translation.y) for t in frames.transforms] == [
+        ("dog", 10.0, 5.0), ("estimate", 12.5, 5.5)
+    ]  # fmt: skip
+    assert {(t.timestamp.seconds, t.timestamp.nanos) for t in frames.transforms} == {(0, 200_000_000)}
+
+
+# route
+
+
+def test_a_route_has_the_waypoints_in_use_and_home_last() -> None:
+    assert Route.of(MISSION) == Route(
+        (("waypoint 1", 25.0, -3.0), ("waypoint 2", 50.0, 4.0), ("home", 1.0, 2.0)), 7.0
+    )
+
+
+@pytest.mark.parametrize("missing", ["waypoint_count", "waypoint_east[2]", "home_north", "capture_radius"])
+def test_parameters_that_lack_a_part_of_the_route_have_none(missing: str) -> None:
+    assert Route.of({name: x for name, x in MISSION.items() if name != f"controller.{missing}"}) is None
+    assert Route.of({**MISSION, f"controller.{missing}": "north"}) is None
+
+
+def test_the_scene_has_places_with_their_circles_once() -> None:
+    rows = [[0.0, 0.0, 0.0, 0.0]] * 30
+    [(time, scene)] = shown({"plant": PLANT}, {"plant": rows}, route=Route.of(MISSION))["/3d/scene"]
+    assert time == 0
+    entities = {entity.id: entity for entity in scene.entities}
+    assert list(entities) == ["dog", "waypoint 1", "waypoint 2", "home"]
+    assert entities["dog"].frame_id == "dog"
+    assert entities["dog"].frame_locked
+    [circle] = entities["waypoint 2"].lines
+    assert (circle.pose.position.x, circle.pose.position.y) == (4.0, 50.0)
+    assert (circle.points[0].x, circle.points[0].y) == (7.0, 0.0)
+    assert (circle.points[12].x, circle.points[12].y) == pytest.approx((0.0, 7.0))  # a quarter of 48
+    assert {round(math.hypot(p.x, p.y), 9) for p in circle.points} == {7.0}
+    assert entities["home"].texts[0].text == "home"
+
+
+# events
+
+
+def test_events_tell_what_the_controller_did() -> None:
+    # given six ticks; the anomaly is reported on two ticks running
+    ticks = [(0, 0, 0, 0), (1, 1, 0, 0), (1, 1, 0, 1), (2, 1, 0, 1), (3, 1, 1, 0), (9, 2, 1, 0)]
+    events = shown({"controller": CONTROLLER}, {"controller": ticks})["/log/events"]
+    assert [(time // TICK, event.message, event.level) for time, event in events] == [
+        (1, "trial RUNNING", INFO),
+        (1, "command FORWARD", INFO),
+        (2, "anomaly FORWARD_FAILURE", WARNING),
+        (3, "command STOP", INFO),
+        (3, "anomaly FORWARD_FAILURE", WARNING),
+        (4, "command RECALL", INFO),
+        (4, "waypoint 1 reached", INFO),
+        (5, "trial SUCCESS", INFO),
+        (5, "command 9", INFO),
+    ]
+    assert {event.name for _, event in events} == {"controller"}
+    assert events[2][1].timestamp.nanos == 2 * TICK
+
+
+def test_an_end_that_is_no_success_is_marked() -> None:
+    ticks = [(0, 3, 0, 0), (0, 4, 0, 0), (0, 0, 0, 0)]
+    events = shown({"controller": CONTROLLER}, {"controller": ticks})["/log/events"]
+    assert [(event.message, event.level) for _, event in events] == [
+        ("trial FAILED", ERROR), ("trial STOPPED", WARNING), ("trial IDLE", INFO)
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("batch", [1, 2, 7])
+def test_what_is_shown_does_not_depend_on_the_batches(batch: int) -> None:
+    signals = {"plant": PLANT, "sensors": SENSORS, "controller": CONTROLLER}
+    rows: dict[str, Rows] = {
+        "plant": [[0.0, k, k, k] for k in range(40)],
+        "sensors": [[k % 6 == 0, k, k, 3.0] for k in range(40)],
+        "controller": [[k // 9, 1, k // 12, k in {20, 21}] for k in range(40)],
+    }
+    assert texts(shown(signals, rows, batch=batch)) == texts(shown(signals, rows))
+
+
+def texts(topics: Shown) -> dict[str, list[str]]:
+    return {topic: [f"{time} {message}" for time, message in messages] for topic, messages in topics.items()}
+
+
+# topics
+
+
+@pytest.mark.parametrize(
+    ("signals", "topics"),
+    [
+        ({"plant": PLANT}, {"/map/truth", "/3d/frames", "/3d/scene"}),
+        ({"plant": ("north", "east")}, {"/map/truth"}),
+        ({"estimator": PLANT}, {"/map/estimate", "/3d/frames", "/3d/scene"}),
+        ({"sensors": SENSORS}, {"/map/gps"}),
+        ({"sensors": SENSORS[1:]}, set()),
+        ({"controller": CONTROLLER}, {"/log/events"}),
+        ({"controller": ("distance",)}, set()),
+    ],
+)
+def test_a_topic_is_there_if_its_signals_are(signals: dict[str, Sequence[str]], topics: set[str]) -> None:
+    rows = {name: [[1.0] * len(names)] for name, names in signals.items()}
+    assert set(shown(signals, rows)) == topics
