@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import pytest
 
@@ -21,6 +22,11 @@ def test_each_field_has_a_member_of_its_type_and_the_flags_have_a_bool_each() ->
     assert list(members) == [*names[:at], *bools, *names[at + 1 :]]
     assert {members[name] for name in bools} == {"bool"}
     assert all(members[name] == FIELDS[name].type for name in names if name != "flags")
+
+
+def test_the_program_sets_every_member_of_the_telemetry_that_it_sends() -> None:
+    members = {member.name for member in headers().structs["telemetry"]}
+    assert set(re.findall(r"\bt\.(\w+) = ", program()["onboard.c"])) == members
 
 
 def test_payload_is_45_bytes_as_the_header_states() -> None:
