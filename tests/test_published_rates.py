@@ -1,8 +1,8 @@
 """Success rates and times of both readings against those of an independent implementation, jointly.
 
-Expected are the tables of that implementation (numpy, another generator of random numbers), which led to the
-two readings (models/CHOICES.md): at each threshold h' 40,000 trials, three-waypoint trials of the four types
-of Figure 4.8 in equal parts; success in %, mean time of the successful trials in s.
+The expected numbers are the tables of that implementation (numpy, another generator of random numbers), which
+led to the two readings (models/CHOICES.md). At each threshold h' it ran 40,000 trials, three-waypoint trials
+of the four types of Figure 4.8 in equal parts. Success is in %, the mean time of successful trials in s.
 """
 
 from __future__ import annotations
@@ -47,20 +47,19 @@ TABLES = {
 Array = np.ndarray[Any, Any]
 
 
-def outcomes(runner: Batch, reading: str, type_: str, seed: int) -> tuple[Array, Array]:
-    """Did each trial succeed, and when [s]: (thresholds, trials) both, from `seed` on each of its own."""
-    thresholds = np.radians([[float(h)] for h in TABLES[reading, type_]])
-    names = TRIAL_TYPES[type_]
+def outcomes(runner: Batch, reading: str, target: str, seed: int) -> tuple[Array, Array]:
+    """Whether and when [s] each trial succeeded, (thresholds, trials) each; seeds count from `seed` on."""
+    thresholds = np.radians([[float(h)] for h in TABLES[reading, target]])
+    names = TRIAL_TYPES[target]
     each = TRIALS // len(names)
     successes, times = [], []
     for name in names:
         scenario = replace(load(name), system="cts", reading=reading)
-        found = plan(scenario, interfaces_of_system(SYSTEMS["cts"]))
-        seeds = np.arange(seed, seed + each * len(thresholds))
+        values = plan(scenario, interfaces_of_system(SYSTEMS["cts"])).values
+        seeds = np.arange(seed, seed + each * len(thresholds), dtype=np.int32)
         seed += len(seeds)
-        done = runner.run(
-            found.values, thresholds, np.repeat(np.arange(len(thresholds)), each), seeds, LONGEST
-        )
+        points = np.repeat(np.arange(len(thresholds), dtype=np.int32), each)
+        done = runner.run(values, thresholds, points, seeds, LONGEST)
         successes.append((done.values[:, 0] == Status.SUCCESS).reshape(len(thresholds), each))
         times.append((done.ticks * STEP).reshape(len(thresholds), each))
     return np.hstack(successes), np.hstack(times)
@@ -68,10 +67,10 @@ def outcomes(runner: Batch, reading: str, type_: str, seed: int) -> tuple[Array,
 
 @pytest.fixture(scope="module")
 def deviations() -> dict[str, Array]:
-    """How far rates and mean times are from the tables', in standard deviations of the difference.
+    """The differences of rates and mean times from the tables', in their standard deviations.
 
-    Both sides' sampling counts, and the rounding of what is printed. No dog is in two trials, so that the
-    numbers are independent.
+    These include the sampling of both sides and the rounding of the tables. No dog is in two trials, so the
+    differences are independent.
     """
     runner = Batch(
         SYSTEMS["cts"],
@@ -81,24 +80,24 @@ def deviations() -> dict[str, Array]:
     )
     seeds = {key: 1 + i * 10 * TRIALS for i, key in enumerate(TABLES)}
     with ThreadPoolExecutor(2) as pool:
-        results = pool.map(lambda key: outcomes(runner, *key, seeds[key]), TABLES)
-    found: dict[str, list[float]] = {"rate": [], "time": []}
-    for (reading, type_), (success, time) in zip(TABLES, results, strict=True):
-        rows = zip(TABLES[reading, type_].items(), success, time, strict=True)
+        results = pool.map(lambda key: outcomes(runner, key[0], key[1], seeds[key]), TABLES)
+    z: dict[str, list[float]] = {"rate": [], "time": []}
+    for (reading, target), (success, time) in zip(TABLES, results, strict=True):
+        rows = zip(TABLES[reading, target].items(), success, time, strict=True)
         for (h, (percent, printed)), succeeded, seconds in rows:
             published, rate = percent / 100, succeeded.mean()
             common = (rate + published) / 2
             variance = 2 * common * (1 - common) / TRIALS + 0.001**2 / 12
-            found["rate"].append((rate - published) / np.sqrt(variance))
-            mine = seconds[succeeded]
+            z["rate"].append((rate - published) / np.sqrt(variance))
+            ours = seconds[succeeded]
             digit = 0.1 if "." in printed else 1.0
-            variance = mine.var() * (1 / len(mine) + 1 / (TRIALS * published)) + digit**2 / 12
-            found["time"].append((mine.mean() - float(printed)) / np.sqrt(variance))
+            variance = ours.var() * (1 / len(ours) + 1 / (TRIALS * published)) + digit**2 / 12
+            z["time"].append((ours.mean() - float(printed)) / np.sqrt(variance))
             print(
-                f"{reading} {type_} h' {h:2d}: {100 * rate:6.2f} % (published {percent}), z "
-                f"{found['rate'][-1]:5.2f}; {mine.mean():7.3f} s ({printed}), z {found['time'][-1]:5.2f}"
+                f"{reading} {target} h' {h:2d}: {100 * rate:6.2f} % (published {percent}), z "
+                f"{z['rate'][-1]:5.2f}; {ours.mean():7.3f} s ({printed}), z {z['time'][-1]:5.2f}"
             )
-    return {what: np.array(z) for what, z in found.items()}
+    return {what: np.array(values) for what, values in z.items()}
 
 
 def test_the_tables_are_of_both_readings() -> None:
@@ -115,5 +114,5 @@ def test_all_numbers_agree_jointly(deviations: dict[str, Array], what: str) -> N
     assert len(z) == 38
     assert p > 0.001
     assert abs(z).max() < 4
-    # and they scatter to both sides
+    # and the deviations scatter to both sides
     assert abs(z.sum()) / np.sqrt(len(z)) < 4

@@ -1,7 +1,7 @@
-"""The Canine Trial Simulator as Python's users write it: numpy arrays over the trials, masks per mode.
+"""The Canine Trial Simulator in numpy: arrays over the trials, masks for the modes.
 
-It is a peer of the batch runner, as `cts_by_hand.c` is, which `by_hand` compiles. Both take the same
-setting and leave the same things out (the head of the C says which).
+It is a peer of the batch runner, like `cts_by_hand.c`, which `by_hand` compiles. Both take the same settings
+and omit the same things (the head of the C lists them).
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ Array = npt.NDArray[Any]
 
 
 def setting(**changes: float) -> Setting:
-    """The parameters that both blocks declare (SI), some changed."""
+    """The declared parameters of both blocks (SI), with some changes."""
     declared = {**Canine.variables(), **Cmec.variables()}
     assert changes.keys() <= set(PARAMETERS), changes
     return {name: float(changes.get(name, declared[name].start[0])) for name in PARAMETERS}
@@ -127,7 +127,7 @@ WAYPOINT, STUCK, WRONG_WAY, TURN_TIMEOUT, TOO_MANY = (
 
 
 def wrap(angle: Array) -> Array:
-    """The same direction in (-pi, pi] [rad]."""
+    """The same angle in (-pi, pi] [rad]."""
     return angle - 2 * np.pi * np.ceil(angle / (2 * np.pi) - 0.5)
 
 
@@ -137,7 +137,7 @@ def lasting(time: float) -> int:
 
 
 class Trials:
-    """Many trials of one setting, a tick of all at a time; those that end are dropped."""
+    """Many trials of one setting, stepped together; trials that end are dropped."""
 
     def __init__(self, values: Setting, route: Route, trials: int, seed: int) -> None:
         self.p = p = values
@@ -172,7 +172,7 @@ class Trials:
         return self.outcomes
 
     def drop(self, tick: int, ended: Array) -> None:
-        """Note how trials ended, and forget them."""
+        """Store the outcomes of trials that ended, and drop them."""
         if not ended.any():
             return
         mode = self.mode[ended]
@@ -244,7 +244,7 @@ class Trials:
             self.turns[i] = 0
 
     def change(self, i: Array, event: Array, side: Array, counts: Array) -> None:
-        """Carry out what was decided for the dogs i."""
+        """Carry out the decision for the dogs i."""
         before, after = self.mode[i], NEXT[event]
         self.mode[i] = after
         kept = (event == WAYPOINT) & (before == STOP_TO_TURN)  # the stop command is on already
@@ -276,7 +276,7 @@ class Trials:
         self.obeys[turned] = 1 - self.random.random(len(turned)) <= chance  # eq. 5.3, 5.4
 
     def move(self) -> None:
-        """The dogs: they brake on whatever does not tell them to run, and drift while they move."""
+        """The dogs: they brake on every command except FORWARD and RECALL, and drift while they move."""
         p, mode, past = self.p, self.mode, self.speed
         homing = mode == RECALL
         running = (mode == FORWARD) | homing
@@ -286,10 +286,10 @@ class Trials:
         turn_rate += np.where((mode == RIGHT) & self.obeys, self.right_rate, 0)
         turn_rate += np.where((mode == LEFT) & self.obeys, self.left_rate, 0)
         self.heading = np.where(homing, self.heading, wrap(self.heading + turn_rate * TICK))
-        direction = np.where(homing, np.arctan2(-self.east, -self.north), self.heading)
+        course = np.where(homing, np.arctan2(-self.east, -self.north), self.heading)
         step = 0.5 * (past + self.speed) * TICK
-        self.north = self.north + step * np.cos(direction)
-        self.east = self.east + step * np.sin(direction)
+        self.north = self.north + step * np.cos(course)
+        self.east = self.east + step * np.sin(course)
 
 
 def simulate(values: Setting, route: Route, trials: int, seed: int, last_tick: int = LAST_TICK) -> Outcomes:

@@ -1,4 +1,4 @@
-"""Sweeps at native speed beside their peers: the simulator by hand in C and in numpy, the loop over FMUs."""
+"""Sweeps at native speed beside their peers: the simulator by hand in C, in numpy, the loop over FMUs."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ NUMPY_TRIALS = 20_000
 LOOP_TICKS = 800
 FULL_TRIALS = 8  # at each point of the sweep with sensors and estimator
 EVERY = "every equation on every tick"
-BY_HAND, BOTH_CORES, FULL = 4.0, 1.8, 3e6  # what is asked for: ratios, and ticks/s on one core
+BY_HAND, BOTH_CORES, FULL = 4.0, 1.8, 3e6  # expected: two ratios, and ticks/s on one core
 
 Row = tuple[str, str, str, str]
 
 
 def rows() -> tuple[list[Row], list[str]]:
-    """The table's rows, and what falls short of what is asked for."""
+    """The table's rows, and the results that fall short of what is expected."""
     jobs = [plan_sweep(target).job for target in ("two", "three")]
     ticks = sum(map(ticks_of, jobs))
     trials = sum(job.total for job in jobs)
@@ -46,15 +46,15 @@ def rows() -> tuple[list[Row], list[str]]:
         ours: list[float] = []
         theirs: list[list[float]] = [[] for _ in peers]
         for _ in range(ROUNDS):
-            ours.append(ticks / core_seconds_of(lambda: [run_alone(job) for job in jobs]))
+            ours.append(ticks / core_seconds_of(lambda: run_alone(*jobs)))
             for rates, (_, peer) in zip(theirs, peers, strict=True):
                 rates.append(peer())
-    found: list[Row] = []
+    table: list[Row] = []
     short: list[str] = []
     rate = statistics.median(ours)
     for (name, _), rates in zip(peers, theirs, strict=True):
         ratio = statistics.median(o / r for o, r in zip(ours, rates, strict=True))
-        found.append(
+        table.append(
             (
                 f"{trials:,} trials of sweep two + three on one core, against scalar C by hand: {name}",
                 million(rate),
@@ -65,9 +65,9 @@ def rows() -> tuple[list[Row], list[str]]:
         if ratio < BY_HAND and name == EVERY:
             short.append(f"the sweep is {ratio:.2f} times as fast as C by hand ({name}); expected {BY_HAND}")
     numpy_rate = ticks_by_numpy()
-    found.append(("the same, against numpy", million(rate), million(numpy_rate), f"{rate / numpy_rate:.0f}"))
+    table.append(("the same, against numpy", million(rate), million(numpy_rate), f"{rate / numpy_rate:.0f}"))
     loop_rate = ticks_by_fmus("cts")
-    found.append(
+    table.append(
         (
             "the same, against the loop over FMUs",
             million(rate),
@@ -76,14 +76,14 @@ def rows() -> tuple[list[Row], list[str]]:
         )
     )
     one, two, both = on_two_cores(jobs[1])
-    found.append(("sweep three on two cores, against one", f"{two:.2f} s", f"{one:.2f} s", f"{both:.2f}"))
+    table.append(("sweep three on two cores, against one", f"{two:.2f} s", f"{one:.2f} s", f"{both:.2f}"))
     if both < BOTH_CORES:
         short.append(f"two cores are {both:.2f} times as fast as one; expected {BOTH_CORES}")
     job = plan_sweep("three", system="full", trials=FULL_TRIALS).job
     full_ticks = ticks_of(job)
     full_rate = full_ticks / min(core_seconds_of(lambda: run_alone(job)) for _ in range(ROUNDS))
     loop_rate = ticks_by_fmus("full")
-    found.append(
+    table.append(
         (
             "sensors and estimator in the loop, on one core, against the loop over FMUs",
             million(full_rate),
@@ -93,7 +93,7 @@ def rows() -> tuple[list[Row], list[str]]:
     )
     if full_rate < FULL:
         short.append(f"the full system does {million(full_rate)} on a core; expected {million(FULL)}")
-    return found, short
+    return table, short
 
 
 def million(rate: float) -> str:
@@ -109,35 +109,36 @@ def seconds_of(work: Callable[[], object]) -> float:
 
 
 def core_seconds_of(work: Callable[[], object]) -> float:
-    """How long it takes of the one core that it runs on, whoever else wants it."""
+    """How long it takes of its core, however busy the core is."""
     start = time.thread_time()
     work()
     return time.thread_time() - start
 
 
-def run_alone(job: Job) -> None:
-    """All chunks of a sweep, one after another, as a worker runs them."""
-    for start, stop in cut([(0, job.total)], LARGEST[job.system]):
-        run_chunk(job.part(start, stop), start, stop, this_program())
+def run_alone(*jobs: Job) -> None:
+    """Run all chunks of sweeps, one after another, as a worker does."""
+    for job in jobs:
+        for start, stop in cut([(0, job.total)], LARGEST[job.system]):
+            run_chunk(job.part(start, stop), start, stop, this_program())
 
 
 def ticks_of(job: Job) -> int:
-    """How many ticks the sweep's trials take altogether."""
+    """The number of ticks of all the sweep's trials."""
     point, number = np.divmod(np.arange(job.total), job.trials)
-    trial_type, types = job.trial_types[0], len(job.trial_types)
+    first, types = job.trial_types[0], len(job.trial_types)
     results = batch_of(job).run(
-        trial_type.values,
+        first.values,
         job.rows(),
         (point * types + number % types).astype(np.int32),
         (job.seed + number).astype(np.int32),
-        trial_type.ticks,
+        first.ticks,
     )
     return int(results.ticks.sum())
 
 
 def settings_of(job: Job) -> list[tuple[Setting, list[tuple[float, float]], int]]:
-    """The same sweep for the peers: setting, route and trials of each point and type."""
-    found = []
+    """The same sweep for the peers: setting, route and number of trials of each point and type."""
+    settings = []
     for (threshold,) in job.points:
         for trial_type in job.trial_types:
             controller = trial_type.values["controller"]
@@ -148,12 +149,12 @@ def settings_of(job: Job) -> list[tuple[Setting, list[tuple[float, float]], int]
             ]
             spread = trial_type.values["plant"]["start_heading_deviation"]
             values = setting(moving_deviation=threshold, start_heading_deviation=spread)
-            found.append((values, route, job.trials // len(job.trial_types)))
-    return found
+            settings.append((values, route, job.trials // len(job.trial_types)))
+    return settings
 
 
 def rate_by_hand(compiled: Compiled, jobs: Sequence[Job]) -> float:
-    """Ticks per second of the loop in C over the sweeps; it draws other numbers, so it has its own count."""
+    """Ticks per second of the loop in C over the sweeps; its draws differ, so it counts its own ticks."""
     work = [item for job in jobs for item in settings_of(job)]
     ticks = 0
     start = time.thread_time()
@@ -163,7 +164,7 @@ def rate_by_hand(compiled: Compiled, jobs: Sequence[Job]) -> float:
 
 
 def ticks_by_numpy() -> float:
-    """Ticks per second of numpy, over many trials of one setting."""
+    """Ticks per second of numpy over many trials of one setting."""
     route = [(35.73, 0.0), (35.73, 35.73)]
     start = time.thread_time()
     outcomes = simulate(setting(moving_deviation=49 * DEG), route, NUMPY_TRIALS, 1)

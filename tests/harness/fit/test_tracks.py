@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from harness.fit.tracks import RATES, STATISTICS, Track, edge, measure, ramp, slope, stretches
+from harness.fit.tracks import RATES, STATISTICS, edge, measure, ramp, slope, stretches
 from models.canine import Canine
 from models.commands import Command
 from models.kit.units import DEG
@@ -252,7 +252,7 @@ def test_a_start_must_reach_a_speed_that_the_source_can_tell() -> None:
 def test_a_steady_speed_lasts_a_second_and_a_run_for_drift_as_long() -> None:
     # given 1 s of acceleration to 4 m/s; above 1 m/s after 0.28 s
     dog = {**DOG, "up": 4.0, "cruise": 4.0}
-    for length, steady, drifting in ((1.24, 0, 0), (1.28, 0, 1), (1.92, 0, 1), (2.0, 1, 1)):
+    for length, steady, drifting in ((1.24, 0, 0), (1.28, 0, 1), (1.92, 0, 1), (1.96, 1, 1)):
         trial = measure(motion(commands([(Command.FORWARD, length)]), dog), PLANT)
         assert ("cruise_speed" in trial.values) == steady
         assert trial.left_out["cruise_speed", "ended before 1 s of steady speed"] == 1 - steady
@@ -350,6 +350,7 @@ UNKNOWN = "the motion is not known throughout"
         (385, {"right_turn_rate"}),
         (360, set()),  # within NONE
         (200, {"drift", "cruise_speed", "speeding_up", "slowing_down"}),  # the last of one, first of the next
+        (201, {"slowing_down"}),
     ],
 )
 def test_stretches_without_a_valid_estimate_are_left_out(tick: int, lost: set[str]) -> None:
@@ -389,8 +390,8 @@ def test_the_start_is_the_first_usable_tick_with_a_command() -> None:
     command = np.array([0, 0, 1, 1, 1, 0.0])
     heading = np.array([1, 2, 3, 0.25, 0.5, 0.75])
     usable = np.array([True, True, False, True, True, True])
-    aimed = track(command, np.zeros(6), heading, usable=usable, aim=0.0)
-    assert measure(aimed, PLANT).values["start_heading"] == 0.25
+    aimed = track(command, np.zeros(6), heading, usable=usable, aim=0.125)
+    assert measure(aimed, PLANT).values["start_heading"] == 0.125
     idle = track(np.zeros(6), np.zeros(6), heading, aim=0.0)
     assert measure(idle, PLANT).values == {}
 
@@ -401,6 +402,39 @@ def test_a_finer_sample_time_gives_the_same_values() -> None:
     command = np.where(time < 5, float(Command.FORWARD), 0.0)
     trial = measure(track(command, np.minimum(2 * time, 4), 0.1 * time, step=0.001), PLANT)
     assert trial.values == pytest.approx({"cruise_speed": 4, "speeding_up": 2, "drift": 0.1}, rel=1e-9)
+
+
+def test_a_finer_sample_time_is_read_at_the_models_tick() -> None:
+    # given the same, with nonsense between the ticks
+    time = 0.001 * np.arange(5001, dtype=np.float64)
+    command = np.where(time < 5, float(Command.FORWARD), 0.0)
+    on_tick = np.arange(5001) % 40 == 0
+    speed, heading = np.where(on_tick, np.minimum(2 * time, 4), 9.0), np.where(on_tick, 0.1 * time, 1.0)
+    trial = measure(track(command, speed, heading, step=0.001), PLANT)
+    assert trial.values == pytest.approx({"cruise_speed": 4, "speeding_up": 2, "drift": 0.1}, rel=1e-9)
+
+
+def test_a_turn_shorter_than_the_models_tick_is_read_from_its_ends() -> None:
+    # given LEFT for 20 ms, 100 ms after the start of a log of 1 ms
+    ticks = np.arange(200, dtype=np.float64)
+    command = np.where((ticks >= 100) & (ticks < 120), float(Command.LEFT), 0.0)
+    trial = measure(track(command, np.zeros(200), -0.001 * ticks, step=0.001), PLANT)
+    assert trial.responses["left_success"] == [True]
+    assert trial.values["left_turn_rate"] == pytest.approx(-1.0)
+
+
+def test_a_command_on_the_last_tick_shows_nothing() -> None:
+    command = np.array([0.0, 0.0, Command.LEFT])
+    trial = measure(track(command, np.zeros(3), np.zeros(3)), PLANT)
+    assert trial.responses == {"left_success": [], "right_success": []}
+    assert trial.left_out == {("start_heading", "the log has no waypoint"): 1}
+
+
+def test_a_turn_on_the_move_without_a_known_drift_is_read_as_it_is() -> None:
+    turning = commands([(Command.LEFT, 2.0)])
+    heading = -80 * DEG * times(len(turning))
+    trial = measure(track(turning, np.full(len(turning), 3.0), heading), PLANT)
+    assert trial.values["left_turn_rate"] / DEG == pytest.approx(-80)
 
 
 # the estimate's noise
@@ -461,5 +495,9 @@ def test_a_stray_fix_while_the_dog_stands_is_not_where_it_brakes_from() -> None:
 def test_a_stretch_with_one_fix_shows_no_speed() -> None:
     moved = motion(commands([(Command.FORWARD, 0.4)]), DOG)
     fresh = np.arange(len(moved.time)) == 3
-    once: Track = track(moved.command, moved.speed, moved.heading, fresh=fresh)
+    once = track(moved.command, moved.speed, moved.heading, fresh=fresh)
     assert {key for key, _ in measure(once, ESTIMATOR).left_out} == {"drift", "start_heading"}
+    # while two tell that it does not run
+    fresh[6] = True
+    twice = track(moved.command, moved.speed, moved.heading, fresh=fresh)
+    assert measure(twice, ESTIMATOR).left_out["cruise_speed", "came to less than 1 m/s"] == 1

@@ -129,7 +129,10 @@ def test_a_damaged_line_is_dropped_and_those_around_it_are_kept(
     assert kept(tmp_path) == (left, dropped)
 
 
-@pytest.mark.parametrize(("start", "stop", "fits"), [(0, 200, True), (199, 200, True), (150, 201, False)])
+@pytest.mark.parametrize(
+    ("start", "stop", "fits"),
+    [(0, 200, True), (0, 50, True), (40, 51, True), (199, 200, True), (150, 201, False)],
+)
 def test_chunks_lie_within_the_job(tmp_path: Path, start: int, stop: int, fits: bool) -> None:
     append(tmp_path, chunk(start, stop))
     assert kept(tmp_path) == (([(start, stop)], 0) if fits else ([], 1))
