@@ -90,7 +90,7 @@ def within(value: float, interval: tuple[float, float]) -> bool:
     return interval[0] <= value <= interval[1]
 
 
-def test_what_the_model_draws_again_is_undone_in_the_parameters(school: Trials) -> None:
+def test_the_models_redrawing_is_undone_in_the_parameters(school: Trials) -> None:
     # given decelerations as wide as Table 5.1's: the model draws 5 % of them again, below 0.2 of the mean
     mean, deviation = 2.72, 1.31
     trials = school({"slowing_down_deviation": deviation}, range(1, 401))
@@ -112,7 +112,7 @@ def test_redrawing_is_undone_exactly(mean: float, deviation: float) -> None:
     assert before_redrawing(cut.mean(), cut.std()) == pytest.approx((mean, deviation), rel=1e-6)
 
 
-def test_no_normal_distribution_cut_off_so_spreads_wider_than_its_mean() -> None:
+def test_a_spread_too_wide_for_redrawing_is_left_as_it_is_and_noted() -> None:
     assert before_redrawing(1.0, 0.9) is None
     trials = [Trial("t", {"speeding_up": value}) for value in (0.1, 0.1, 5.0)]
     result = pool(trials, PLANT.turned)
@@ -123,7 +123,7 @@ def test_no_normal_distribution_cut_off_so_spreads_wider_than_its_mean() -> None
 # intervals and the rest of pooling
 
 
-def test_intervals_are_those_of_the_books() -> None:
+def test_intervals_are_students_and_chi_squares() -> None:
     # t(0.975, 4) = 2.776, chi2(0.025, 4) = 0.4844, chi2(0.975, 4) = 11.143; s^2 = 2.5
     values = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
     half = 2.776 * math.sqrt(2.5 / 5)
@@ -214,7 +214,7 @@ def test_the_plants_command_counts_before_the_controllers(tmp_path: Path) -> Non
     np.testing.assert_array_equal(read.command, logged["plant.command"])
 
 
-def test_notes_say_what_is_odd_about_the_logs(tmp_path: Path) -> None:
+def test_odd_logs_are_noted(tmp_path: Path) -> None:
     # given logs: whole, the same again, cut short, with another sample time, of the estimate, no log
     first = write(tmp_path / "a" / "trial.mcap", columns(), seed="1")
     (tmp_path / "b.mcap").write_bytes(first.read_bytes())
@@ -248,7 +248,7 @@ def test_notes_say_what_is_odd_about_the_logs(tmp_path: Path) -> None:
     assert seeds.startswith("2 of the simulated logs have the seed of another, and so the same draws")
 
 
-def test_what_cannot_be_opened_is_left_out_with_a_note(tmp_path: Path) -> None:
+def test_logs_that_cannot_be_opened_are_left_out_with_a_note(tmp_path: Path) -> None:
     # given a log among a folder and a broken link, both named as logs are
     good = write(tmp_path / "good.mcap", columns())
     (tmp_path / "folder.mcap").mkdir()
@@ -274,7 +274,7 @@ def test_a_log_that_ends_early_is_used_up_to_there(tmp_path: Path) -> None:
     assert measure(read, source).values["cruise_speed"] == pytest.approx(4.1)
 
 
-def test_errors_name_the_log_and_what_it_lacks(tmp_path: Path) -> None:
+def test_errors_name_the_log_and_the_signal_that_it_lacks(tmp_path: Path) -> None:
     def refused(name: str, signals: dict[str, Array], component: str | None = None) -> str:
         with pytest.raises(FitError) as caught:
             read_tracks([write(tmp_path / name, signals)], component)
@@ -301,7 +301,7 @@ def test_errors_name_the_log_and_what_it_lacks(tmp_path: Path) -> None:
 # from trials to the command line
 
 
-def test_trials_that_were_run_give_the_dogs_that_ran_them(
+def test_the_logs_of_trials_give_the_draws_of_their_dogs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(trial, "trial_png", lambda log: b"")  # drawing takes longest
@@ -352,7 +352,9 @@ def test_trials_that_were_run_give_the_dogs_that_ran_them(
         assert by_estimate[key] == pytest.approx(result["trials"][0][key], rel=tolerance)
 
 
-def test_wrong_use_ends_with_status_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_canine_fit_with_wrong_arguments_ends_with_status_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     status, _, error = canine(capsys, "fit", tmp_path / "nowhere")
     assert status == 2
     assert error.splitlines()[-1] == (

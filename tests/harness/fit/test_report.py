@@ -45,7 +45,7 @@ def test_the_fragment_appended_to_a_scenario_gives_that_dog(tmp_path: Path) -> N
     assert "# one value does not show canine.right_turn_rate_deviation: it stays" in written.read_text()
 
 
-def test_the_fragment_says_what_it_lacks_and_what_is_the_handlers() -> None:
+def test_the_fragment_names_what_the_trials_do_not_show_and_what_the_handler_decides() -> None:
     trials = [Trial("t", {"drift": d, "start_heading": d}) for d in (1 * DEG, 3 * DEG)]
     text = fragment(pool(trials, PLANT.turned))
     assert tomllib.loads(text)["parameters"] == {
@@ -73,7 +73,7 @@ def test_round_off_is_written_as_zero() -> None:
     assert parameters["canine.slowing_down_deviation"] == pytest.approx(2e-8, rel=1e-3)
 
 
-def test_the_table_stands_beside_table_5_1_in_80_columns() -> None:
+def test_the_printed_table_has_table_5_1_beside_it_in_80_columns() -> None:
     # given five dogs that differ in how they turn to the left
     dogs = [{**DOG, "left": rate * DEG} for rate in (-40, -60, -80, -100, -120)]
     trials = [measure(motion(commands(SCHOOL), dog), PLANT) for dog in dogs]

@@ -1,4 +1,4 @@
-"""The walk with a u-blox receiver and an IMU, and small made-up folders for what may be wrong with one."""
+"""A real walk with a u-blox receiver and an IMU, and small made-up folders with every fault."""
 
 import dataclasses
 import os
@@ -215,7 +215,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_made_up_folder_reads(folder: Path) -> None:
+def test_a_made_up_folder_is_read(folder: Path) -> None:
     recording = read_recording(folder)
     assert recording.fixes.t[0] == 0
     assert recording.imu_t[0] == pytest.approx(-0.15, abs=1e-6)
@@ -223,7 +223,7 @@ def test_made_up_folder_reads(folder: Path) -> None:
     np.testing.assert_allclose(np.degrees(recording.rate[0]), [-0.2, -0.1, -0.3])
 
 
-def test_lines_may_have_lost_their_carriage_returns_after_tagging(folder: Path) -> None:
+def test_lines_that_lost_their_carriage_returns_after_tagging_are_read(folder: Path) -> None:
     expected = read_recording(folder)
     _write_imu(folder, [TOW + 0.1 + 0.02 * i for i in range(1500)], newline="\r\n")
     tagged = read_recording(folder)
@@ -233,7 +233,7 @@ def test_lines_may_have_lost_their_carriage_returns_after_tagging(folder: Path) 
     np.testing.assert_array_equal(stripped.imu_t, expected.imu_t)
 
 
-def test_fixes_may_come_as_posllh_and_velned(folder: Path) -> None:
+def test_fixes_are_read_from_posllh_with_velned(folder: Path) -> None:
     content, arrivals = b"", []
     for i in range(1, 121):
         tow = round((TOW + 0.25 * i) * 1000)
@@ -348,7 +348,7 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
 
 
 @pytest.mark.parametrize(("spoil", "message"), WRONG.values(), ids=WRONG.keys())
-def test_a_wrong_folder_says_what_is_wrong(
+def test_a_folder_with_a_fault_is_refused_with_its_reason(
     folder: Path, spoil: Callable[[Path], object], message: str
 ) -> None:
     spoil(folder)
@@ -356,6 +356,6 @@ def test_a_wrong_folder_says_what_is_wrong(
         read_recording(folder)
 
 
-def test_a_missing_folder_says_so(tmp_path: Path) -> None:
+def test_a_missing_folder_is_named(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="nowhere: no such folder; expected the folder of a recording"):
         read_recording(tmp_path / "nowhere")

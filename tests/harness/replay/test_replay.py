@@ -58,7 +58,7 @@ def test_outages_fit_between_settling_and_the_last_fix(walk: ReplaySource) -> No
 
 
 @walk_is_there
-def test_the_fmu_answers_the_walk_as_the_python_model_does(walk: ReplaySource) -> None:
+def test_the_fmu_and_the_python_model_agree_to_the_bit_over_the_walk(walk: ReplaySource) -> None:
     # given the first 20 s of the walk with an outage in them
     signals = walk.signals([(12.0, 15.0)])
     ticks = 500
@@ -107,7 +107,7 @@ def test_every_configuration_is_compared_with_the_same_fix(walk: ReplaySource, t
     assert result["configurations"][HELD]["position_error_m"]["median"] < 5.0
 
 
-def test_held_speed_goes_on_along_the_heading() -> None:
+def test_speed_held_goes_on_along_the_heading() -> None:
     # given 2 m/s to the east from the last fix at tick 25, at (3, 4)
     ticks = 51
     values: dict[str, Any] = {name: np.zeros(ticks) for name in SensorSignals.__dataclass_fields__}
@@ -124,7 +124,7 @@ def test_held_speed_goes_on_along_the_heading() -> None:
     assert held["speed"][50] == 2.0
 
 
-def test_the_log_of_a_trial_replays_as_the_trial_went(tmp_path: Path) -> None:
+def test_the_log_of_a_trial_gives_the_trials_estimate_again(tmp_path: Path) -> None:
     # given the log of a trial through sensors and estimator
     request = Request(replace(load("three_waypoint"), duration=20.0))
     build_missing(request)
@@ -172,7 +172,7 @@ def test_the_log_of_a_trial_without_sensors_is_refused(tmp_path: Path) -> None:
         open_source(tmp_path / "trial.mcap")
 
 
-def test_statistics_by_hand() -> None:
+def test_statistics_of_two_outages_are_those_found_by_hand() -> None:
     # given two outages with errors of 1 and 3 m against 2 and 6 m
     outages = [
         outage({"a": (1.0, 0.0), "b": (2.0, 0.0)}),
@@ -190,7 +190,7 @@ def test_statistics_by_hand() -> None:
     assert pair["velocity_error_m_s"] == {"t": None, "p": None}
 
 
-def test_overlapping_outages_are_tested_once() -> None:
+def test_outages_that_overlap_an_earlier_one_are_left_out_of_the_t_test() -> None:
     # given three outages of which the second shares half of the first
     errors = [{"a": (e, 0.0), "b": (2 * e, 0.0)} for e in (1.0, 50.0, 3.0)]
     outages = [outage(e, start) for e, start in zip(errors, (0.0, 5.0, 10.0), strict=True)]

@@ -19,9 +19,9 @@ Trial = tuple[Status, int, int, Mapping[int, int]]  # status, tick, directional 
 
 
 class Runner:
-    """Asks `outcome(h' in deg, seed, own)` for each trial; notes the seeds that it was planned to run.
+    """Calls `outcome(h' in deg, seed, own)` for each trial, and keeps the seeds that it ran.
 
-    `own` is what the trial's trial_type alone sets, by `component.name`.
+    `own` are the start values that differ between the types of trials, by `component.name`.
     """
 
     def __init__(self, outcome: Callable[[int, int, Any], Trial], pause: float = 0.0) -> None:

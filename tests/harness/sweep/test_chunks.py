@@ -89,7 +89,7 @@ def test_missing_trials_are_cut_into_pieces_that_cover_each_once(marks: list[int
     assert sorted(covered) == list(range(100))
 
 
-def test_only_the_points_that_a_chunk_needs_travel_with_it() -> None:
+def test_a_chunk_travels_with_the_points_that_it_needs_only() -> None:
     part = JOB.part(49, 101)
     assert (part.points, part.first) == (JOB.points[0:3], 0)
     assert (JOB.part(100, 150).points, JOB.part(100, 150).first) == (JOB.points[2:3], 2)

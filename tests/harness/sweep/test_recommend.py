@@ -87,7 +87,7 @@ def test_a_flat_curve_is_called_flat_however_noisy_it_is() -> None:
             assert len(advice[key]["points"]) == 21
 
 
-def test_19_of_20_flat_sweeps_and_more_are_called_flat() -> None:
+def test_at_least_19_of_20_flat_sweeps_are_called_flat() -> None:
     called = np.zeros(2)
     for seed in range(100):
         ticks = simulated(np.full(12, 0.6), np.full(12, 500.0), trials=400, seed=seed)
@@ -97,14 +97,14 @@ def test_19_of_20_flat_sweeps_and_more_are_called_flat() -> None:
     assert (called >= 95).all()
 
 
-def test_a_plateau_is_named_to_its_end() -> None:
+def test_all_points_of_a_plateau_are_named() -> None:
     rates = np.minimum(0.99, 0.5 + 0.07 * X)  # from 7 on it is 0.99
     advice = recommended(simulated(rates, LEVEL))["success"]
     assert advice["range"]["x"] == [7, 20]
     assert advice["range_ends"] == {"x": "end"}
 
 
-def test_time_has_its_own_optimum_and_both_is_the_fastest_of_the_most_successful() -> None:
+def test_time_has_an_optimum_of_its_own_and_both_takes_the_fastest_of_the_best_for_success() -> None:
     # given success from 8 on, and time shortest at 5
     rates = np.where(X < 8, 0.5, 0.9)
     advice = recommended(simulated(rates, 400 + 4 * (X - 5) ** 2))
@@ -115,7 +115,7 @@ def test_time_has_its_own_optimum_and_both_is_the_fastest_of_the_most_successful
     assert advice["both"]["range"]["x"][1] <= 9
 
 
-def test_the_point_that_is_truly_best_is_named_in_95_percent_of_sweeps_and_more() -> None:
+def test_the_truly_best_point_is_named_in_at_least_95_percent_of_sweeps() -> None:
     rates = 0.7 - 0.001 * (np.arange(9) - 4.0) ** 2
     times = 500 + 0.5 * (np.arange(9) - 4.0) ** 2
     named = np.zeros(2)
@@ -140,7 +140,7 @@ def test_success_is_judged_by_mcnemars_exact_test() -> None:
         assert best_for_success(more).named[1] == expected
 
 
-def test_two_trials_prove_nothing() -> None:
+def test_two_trials_show_no_difference() -> None:
     ticks = np.array([[100, 100], [0, 0]], dtype=np.uint16)
     assert best_for_success(ticks).named.all()
     assert best_for_time(ticks) is None
@@ -158,7 +158,7 @@ def test_time_is_judged_by_the_paired_t_test_where_all_succeed() -> None:
         assert finding.named.all() == (p >= 0.025)  # either might have been the slower one
 
 
-def test_trials_that_fail_at_one_of_two_points_do_not_blur_the_times_of_the_others() -> None:
+def test_times_are_compared_sharply_though_half_of_the_trials_fail() -> None:
     # given half of the trials failing at either point, others at each; means 20 apart, deviation 20
     rng = np.random.default_rng(1)
     ticks = np.rint(np.array([[500], [520]]) + 20 * rng.standard_normal((2, 1000))).astype(np.uint16)
@@ -214,12 +214,12 @@ def test_a_sweep_without_a_success_says_so() -> None:
     }
 
 
-def test_one_point_alone_cannot_be_compared() -> None:
+def test_a_sweep_of_one_point_compares_nothing() -> None:
     advice = recommended(np.full((1, 50), 300, dtype=np.uint16))["success"]
     assert advice["text"] == "best success rate: one point, nothing to compare (x 0 deg: 100.0 %)"
 
 
-def test_two_parameters_have_a_region_around_the_best() -> None:
+def test_a_sweep_over_two_parameters_has_a_region_around_its_best_point() -> None:
     # given a hill at (3, 2) of a 7 x 5 grid, and as good a place apart from it at (0, 0)
     i, j = np.meshgrid(np.arange(7.0), np.arange(5.0), indexing="ij")
     rates = 0.9 - 0.1 * np.hypot(i - 3, j - 2)

@@ -1,4 +1,4 @@
-"""`canine sweep`: what is planned for, the table, what errors say, and what is on the disk afterwards."""
+"""`canine sweep`: its options, its table, its errors, and the files that it leaves."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def canine(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int,
     return command.canine(capsys, "sweep", *arguments)
 
 
-# what is planned for
+# options
 
 
 def test_sweep_two_runs_the_texts_two_waypoint_trials() -> None:
@@ -106,7 +106,7 @@ def test_a_scenario_is_swept_with_all_its_settings(tmp_path: Path) -> None:
     assert len(planned.job.points) == 51
 
 
-def test_any_parameter_can_be_varied_in_the_units_in_which_it_is_written() -> None:
+def test_any_parameter_can_be_varied_in_users_units() -> None:
     planned = plan_sweep("two", vary=["canine.drift=-0.2:0.2:0.1", "cmec.max_turns=1:3:1"])
     assert planned.job.varied == ("plant.drift", "controller.max_turns")
     assert planned.points[0] == planned.points[0]
@@ -186,7 +186,7 @@ def test_a_scenario_on_a_foreign_package_is_refused(tmp_path: Path) -> None:
         plan_sweep("tow")
 
 
-def test_only_free_inputs_can_be_set(tmp_path: Path) -> None:
+def test_a_scenario_that_sets_a_connected_input_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "push.toml"
     file.write_text('waypoints = [[25, 0]]\n[[set]]\nat = 1\n"controller.speed" = 2')
     with pytest.raises(UsageError, match=r"controller.speed is connected; only free inputs can be set"):
@@ -233,7 +233,7 @@ def test_wilsons_interval_is_scipys(successes: int, trials: int) -> None:
     assert wilson(successes, trials) == pytest.approx((other.low, other.high), abs=1e-12)
 
 
-def test_types_take_turns_and_have_their_rates(
+def test_types_of_trials_take_turns_and_each_has_its_rate(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # given dogs that never master left 90, and right 45 with even seeds div 4 only
@@ -259,7 +259,7 @@ def test_every_point_meets_the_same_dogs(runner: Runner, tmp_path: Path) -> None
     assert Counter(runner.seeds) == dict.fromkeys(range(5, 35), 10)
 
 
-def test_a_row_is_the_same_whatever_else_is_varied(runner: Runner, tmp_path: Path) -> None:
+def test_a_row_does_not_depend_on_the_other_points(runner: Runner, tmp_path: Path) -> None:
     for name, thresholds in (("a", "20:20"), ("b", "15:40:5")):
         sweep.run(plan_sweep("two", thresholds=thresholds, trials=50), tmp_path / name)
     alone, among = ((tmp_path / name / "sweep.csv").read_text().splitlines() for name in "ab")
@@ -294,7 +294,9 @@ def test_the_command_leaves_table_picture_and_recommendation(
     assert json.loads(text) == result
 
 
-def test_two_parameters_give_maps(runner: Runner, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_sweep_over_two_parameters_draws_maps(
+    runner: Runner, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     options = ("--thresholds", "20:40:10", "--vary", "cmec.capture_radius=5:6:0.5", "--trials", 20)
     status, _, _ = canine(capsys, "two", *options, "--out", tmp_path)
     assert status == 0
@@ -306,7 +308,9 @@ def test_two_parameters_give_maps(runner: Runner, tmp_path: Path, capsys: pytest
     assert (width, height) == (2100, 930)
 
 
-def test_errors_are_one_line_and_status_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_invalid_options_end_the_command_with_status_2_and_no_traceback(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     for arguments in (
         ("two", "--thresholds", "9:3"),
         ("nothing",),
@@ -463,7 +467,7 @@ def test_a_full_disk_is_named_and_no_chunk_is_lost(
     assert (tmp_path / "s" / "sweep.csv").read_bytes() == (tmp_path / "whole" / "sweep.csv").read_bytes()
 
 
-def test_a_disk_without_any_room_leaves_nothing_behind(
+def test_a_sweep_on_a_full_disk_leaves_nothing_behind(
     runner: Runner, small_chunks: None, tmp_path: Path, capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip

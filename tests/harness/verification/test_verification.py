@@ -46,7 +46,7 @@ def row(page: str, *first: str) -> list[str]:
     return match
 
 
-# what the dissertation says
+# the dissertation's numbers
 
 
 def test_field_counts_are_those_of_table_4_4() -> None:
@@ -90,18 +90,18 @@ def test_interval_is_clopper_and_pearsons_and_p_is_exact(successes: int, trials:
         assert field.p_value(rate) == pytest.approx(as_unlikely)
 
 
-# what is run
+# the trials
 
 
 def swept(planned: sweep.Sweep) -> Outcomes:
-    """What `canine sweep` comes to, in chunks that end anywhere."""
+    """The results of `canine sweep`, in chunks that end anywhere."""
     outcomes = Outcomes(planned.job)
     with pool_at(None, planned.job) as pool:
         run_all(outcomes, pool, keep=lambda chunk: None, size=150)
     return outcomes
 
 
-def test_trials_are_those_of_canine_sweep() -> None:
+def test_simulate_runs_the_trials_of_canine_sweep() -> None:
     # given the four types of trials at two thresholds, as `canine sweep` runs them
     planned = sweep.plan_sweep("three", thresholds="37:49:12", trials=202, reading="literal")
     outcomes = swept(planned)
@@ -112,7 +112,7 @@ def test_trials_are_those_of_canine_sweep() -> None:
     assert 0 < simulated.at(49).successes < 202
 
 
-def test_time_difference_of_a_delay_that_is_the_same_for_all_has_no_error() -> None:
+def test_the_time_difference_of_an_equal_delay_has_no_error() -> None:
     ticks = np.array([100, 0, 140, 180], dtype=np.uint16)
     later, error = time_difference(np.where(ticks > 0, ticks + 25, 0).astype(np.uint16), ticks)
     assert later == pytest.approx(1.0)
@@ -164,7 +164,7 @@ def test_a_right_command_is_ignored_for_3_s_and_obeyed_after_1_s_of_silence(exam
 # the page
 
 
-def test_the_page_holds_what_canine_sweep_comes_to(page: str) -> None:
+def test_the_page_has_the_results_of_canine_sweep(page: str) -> None:
     planned = sweep.plan_sweep("two", thresholds="23:37:7", trials=SMALL.rate)
     for point in table_of(planned.points, swept(planned)):
         half = 1.96 * (point.sd_time or 0) / point.successes**0.5
@@ -195,7 +195,7 @@ def test_the_search_takes_its_3_s_and_the_watch_its_half_and_neither_costs_succe
         assert searching[2] == early[2] == without[1]
 
 
-def test_the_mean_dog_fails_in_left_90_alone(page: str) -> None:
+def test_the_mean_dog_fails_in_left_90_only(page: str) -> None:
     dogs = page.split("## What makes trials fail")[1]
     calibrated, literal = dogs.split("Literal:")[0], dogs.split("Literal:")[1].split("\n- ")[0]
     last = row(calibrated, "drift at its mean, no deviations, rates 1")
@@ -214,7 +214,7 @@ def test_five_waypoints_need_more_turns_than_a_trial_has(page: str) -> None:
     assert float(cells[2].split()[0]) > 90
 
 
-def test_the_same_inputs_give_the_same_page_with_all_that_it_shows(page: str, tmp_path: Path) -> None:
+def test_the_same_inputs_give_the_same_page_and_pictures(page: str, tmp_path: Path) -> None:
     simulate.cache_clear()
     write(tmp_path, SMALL)
     assert (tmp_path / PAGE).read_text() == page
@@ -238,7 +238,7 @@ def test_the_committed_page_is_what_a_run_gives(example: Example) -> None:
         assert (RESULTS / target).is_file()
 
 
-# the scenarios it brings
+# the scenarios
 
 
 @pytest.mark.parametrize(("name", "legs", "turn"), [("four_waypoint", 4, 90), ("five_waypoint", 5, 72)])
@@ -250,9 +250,9 @@ def test_more_waypoints_go_round_the_same_122_m(name: str, legs: int, turn: floa
     assert [(b - a) % 360 for a, b in pairwise(bearings)] == pytest.approx([turn] * (legs - 1), abs=0.02)
 
 
-def test_distance_100_is_two_waypoint_farther_out() -> None:
+def test_distance_100_is_two_waypoint_with_a_longer_leg() -> None:
     near, far = load("two_waypoint"), load("distance_100")
     assert (near.waypoints, far.waypoints) == (((25.0, 0.0),), ((100.0, 0.0),))
     assert near.parameters == far.parameters == {}
-    # nobody is cut who walks 500 m there and back at 4.86 m/s with a stop of 10 s every 20 m
+    # no trial is cut in which the dog runs 500 m there and back at 4.86 m/s with a stop of 10 s every 20 m
     assert far.duration > 1000 / 4.86 + 1000 / 20 * 10
