@@ -141,7 +141,7 @@ def native(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Native]:
 
 def _build(block: type[Block], precision: Any, folder: Any) -> tuple[ctypes.CDLL, type]:
     real = {"double": ctypes.c_double, "float": ctypes.c_float}[precision]
-    types = {Type.REAL: real, Type.INTEGER: ctypes.c_int32, Type.BOOLEAN: ctypes.c_bool}
+    types: dict[Type, Any] = {Type.REAL: real, Type.INTEGER: ctypes.c_int32, Type.BOOLEAN: ctypes.c_bool}
     c_types = {Type.REAL: precision, Type.INTEGER: "int32_t", Type.BOOLEAN: "bool"}
     files = generate(block, precision)
     inputs = list(flatten(block.group("input")))

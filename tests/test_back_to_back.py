@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import control
 import numpy as np
@@ -14,10 +15,12 @@ from harness.trial.prepare import prepared
 from harness.trial.request import Request, build_missing
 from harness.trial.scenario import Scenario, load
 from models.interconnect import interconnect
+from models.kit.timing import TICK
 from models.system import SYSTEMS
 
-STEP = 0.04
-CASES = {  # whole trials with corrections, drawn responses, failed turns, an outage; both readings
+CASES: dict[
+    str, dict[str, Any]
+] = {  # whole trials with corrections, drawn responses, failed turns, an outage; both readings
     "three_waypoint": {},
     "left_90": {
         "seed": 5,
@@ -52,7 +55,7 @@ def run_fmus(scenario: Scenario, fmi: int) -> tuple[dict[str, np.ndarray], dict[
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_model_and_fmus_answer_a_whole_trial_with_the_same_bits(name):
+def test_model_and_fmus_answer_a_whole_trial_with_the_same_bits(name: str) -> None:
     # given a trial
     scenario = replace(load(name), **CASES[name])
     # when its FMUs run it, and then the models do, composed by control.interconnect
@@ -70,7 +73,7 @@ def test_model_and_fmus_answer_a_whole_trial_with_the_same_bits(name):
     for i, label in enumerate(whole.input_labels):
         inputs[i] = started.get(label, inputs[i])
     response = control.input_output_response(
-        whole, np.arange(ticks) * STEP, np.tile(inputs[:, None], (1, ticks)), whole.initial_state
+        whole, np.arange(ticks) * TICK, np.tile(inputs[:, None], (1, ticks)), whole.initial_state
     )
     # then every output is the same on every tick; -0.0 counts as 0.0, which `control`'s matrices make of it
     assert ticks > 200

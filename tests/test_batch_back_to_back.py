@@ -186,7 +186,7 @@ def run(scenario: Scenario, found: Plan, simulation: Simulation) -> Trial:
 
 def count_anomalies(mode: np.ndarray[Any, Any], anomaly: np.ndarray[Any, Any]) -> dict[str, float]:
     """How often each was reported since the mission began."""
-    counts = dict.fromkeys((a for a in Anomaly if a is not Anomaly.NONE), 0.0)
+    counts: dict[Anomaly, float] = {a: 0.0 for a in Anomaly if a is not Anomaly.NONE}
     before = Mode.IDLE
     for now, reported in zip(mode.astype(int), anomaly.astype(int), strict=True):
         if before == Mode.IDLE and now != Mode.IDLE:
@@ -250,7 +250,7 @@ def test_all_outputs_at_the_end_of_any_trial_have_the_bits_of_co_simulation(tria
         points = np.array(
             [[start if (v := one.given(n)) is None else v for n, start in names.items()] for one in group]
         )
-        seeds = [one.scenario.seed for one in group]
+        seeds = np.array([one.scenario.seed for one in group])
         # every free input is a changing one, in the same order: the runner is compiled once
         first = tuple(
             Change(0, "controller", name, float(start))
@@ -258,7 +258,7 @@ def test_all_outputs_at_the_end_of_any_trial_have_the_bits_of_co_simulation(tria
             if not any(c.tick == 0 and c.variable == name for c in changes)
         )
         every = sorted((*first, *changes), key=lambda change: change.variable)
-        done = batch.run(free, points, np.arange(len(group)), seeds, longest, changes=every)
+        done = batch.run(free, points, np.arange(len(group), dtype=np.int32), seeds, longest, changes=every)
         # then each ends on the same tick, with the same bits
         ended_as(group, done.ticks, done.values, observed)
 
@@ -272,6 +272,6 @@ def test_the_little_that_a_sweep_observes_has_the_bits_of_co_simulation(trials: 
         # when a trial runs, with what it sets common to the trials of a call
         h = one.given("controller.moving_deviation")
         point = np.array([[Cmec.moving_deviation.start[0] if h is None else h]])
-        done = batch.run(one.values, point, [0] * 3, [one.scenario.seed] * 3, one.longest)
+        done = batch.run(one.values, point, np.zeros(3, np.int32), np.full(3, one.scenario.seed), one.longest)
         # then each of them ends as it does
         ended_as([one] * 3, done.ticks, done.values, NARROW)

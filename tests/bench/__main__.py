@@ -91,11 +91,17 @@ class Wrapped:
 
     @staticmethod
     def setter(slave: fmpy.fmi2.FMU2Slave, kind: str) -> Callable[[list[int], list[float]], None]:
-        return {"Real": slave.setReal, "Integer": slave.setInteger, "Boolean": slave.setBoolean}[kind]
+        setters: dict[str, Callable[[list[int], list[float]], None]] = {
+            "Real": slave.setReal, "Integer": slave.setInteger, "Boolean": slave.setBoolean
+        }  # fmt: skip
+        return setters[kind]
 
     @staticmethod
     def getter(slave: fmpy.fmi2.FMU2Slave, kind: str) -> Callable[[list[int]], list[float]]:
-        return {"Real": slave.getReal, "Integer": slave.getInteger, "Boolean": slave.getBoolean}[kind]
+        getters: dict[str, Callable[[list[int]], list[float]]] = {
+            "Real": slave.getReal, "Integer": slave.getInteger, "Boolean": slave.getBoolean
+        }  # fmt: skip
+        return getters[kind]
 
     def collect(self, name: str) -> None:
         for kind, references in self.outputs[name].items():

@@ -47,4 +47,5 @@ def libraries(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Build, str]
 @pytest.fixture(params=BUILDS, ids=lambda build: build.name)
 def build(request: pytest.FixtureRequest) -> Build:
     """Each compiler and set of flags in turn."""
-    return request.param
+    build: Build = request.param
+    return build

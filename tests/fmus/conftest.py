@@ -19,12 +19,14 @@ Fmu = Callable[[type[Block]], Path]
 
 @pytest.fixture(params=[Pulse, Slide, *BLOCKS], ids=lambda block: block.title())
 def block(request: pytest.FixtureRequest) -> type[Block]:
-    return request.param
+    block: type[Block] = request.param
+    return block
 
 
 @pytest.fixture(params=[2, 3], ids=["fmi2", "fmi3"])
 def version(request: pytest.FixtureRequest) -> FmiVersion:
-    return request.param
+    version: FmiVersion = request.param
+    return version
 
 
 @pytest.fixture(scope="session")

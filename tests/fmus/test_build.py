@@ -303,11 +303,11 @@ def test_the_sources_compile_again_to_the_same_results(fmu: Fmu, tmp_path: Path,
         assert fileset.get("compiler") == "clang"  # compilerOptions without compiler are refused by some
         options = (fileset.get("compilerOptions") or "").split()
         libraries = [f"-l{e.get('name')}" for e in root.iterfind("BuildConfiguration/Library")]
-        sources = [e.get("name") for e in fileset.iterfind("SourceFile")]
+        sources = [e.attrib["name"] for e in fileset.iterfind("SourceFile")]
     else:
         root = ET.parse(tmp_path / "modelDescription.xml").getroot()
         options, libraries = ["-std=c99", "-O2", "-ffp-contract=off"], ["-lm"]
-        sources = [e.get("name") for e in root.iterfind("CoSimulation/SourceFiles/File")]
+        sources = [e.attrib["name"] for e in root.iterfind("CoSimulation/SourceFiles/File")]
     system = shutil.which("cc")
     compiler = [system] if system else [sys.executable, "-m", "ziglang", "cc", "-fno-sanitize=all"]
     warnings = [flag for flag in FLAGS if flag.startswith("-W")]

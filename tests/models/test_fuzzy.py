@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-import skfuzzy  # type: ignore[import-untyped]
+import skfuzzy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
