@@ -3,40 +3,38 @@
 from __future__ import annotations
 
 import ctypes
-import hashlib
+import json
 import math
+import sys
 import tempfile
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from codegen.batch.lanes import BatchSystem, Key, Tick, field_name, ordinary_tick
-from codegen.batch.pruning import needed
-from codegen.blocks.block_c import VERSION, generate, write_files
-from codegen.blocks.expressions import MEMBERS, c_name
-from codegen.templating import environment
-from codegen.toolchains.compiler import FLAGS, build_library, cache_folder, compiler_version, processor
+from codegen.cache import kept
+from codegen.files import write_whole
+from codegen.toolchains.compiler import FLAGS, build_library, processor
 from models.errors import ParameterError, WiringError, nearest
-from models.kit.block import Block
-from models.kit.declaration import Type
-from models.kit.tracing import Table
 from models.system import System
 
-TEMPLATES = environment(Path(__file__).parent / "templates")
+if TYPE_CHECKING:
+    from codegen.batch.lanes import Tick
+    from codegen.batch.sources import Sources
+
 WIDE = ("-mprefer-vector-width=512",)  # where a processor has such vectors
 FLIGHTS = 128  # trials under way at once in a thread
-WORTH = 0.8  # the tick is specialized by mode if that leaves less than this share of its operations
 SPEED = (
     "-O3",
     "-march=native",
     "-fno-math-errno",
     "-Werror=pass-failed",
 )  # a lane loop that stays scalar fails
-CASTS = {Type.REAL: "", Type.INTEGER: "(int32_t)", Type.BOOLEAN: "(bool)"}
+Key = tuple[str, str]  # component, flat name
 Array = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.int32]
 
@@ -88,9 +86,7 @@ class Batch:
         self.varied = [self._key(name, "parameter") for name in varied]
         self.observed = [self._key(name, "state", "output") for name in observe]
         self.stop = None if stop is None else (self._key(stop[0], "output"), frozenset(stop[1]))
-        wanted = [*self.observed, *([self.stop[0]] if self.stop else [])]
         self._libraries: dict[object, ctypes.CDLL] = {}
-        self.keep = {c: names for c, names in needed(system, wanted).items() if names}
 
     def run(
         self,
@@ -221,116 +217,78 @@ class Batch:
             for name, start in zip(variable.flat_names, variable.start, strict=True):
                 yield (component, name), start
 
+    @cached_property
+    def keep(self) -> dict[str, frozenset[str]]:
+        """The states and outputs of each component that matter, of those components that do."""
+        if not self._is_shipped:
+            return self._needed()
+
+        def write(path: Path) -> None:
+            names = {component: sorted(kept_names) for component, kept_names in self._needed().items()}
+            write_whole(path, json.dumps(names).encode())
+
+        path = kept(f"batch/{self.system.name}.json", self._asked, write)
+        return {component: frozenset(names) for component, names in json.loads(path.read_bytes()).items()}
+
+    def _needed(self) -> dict[str, frozenset[str]]:
+        from codegen.batch.pruning import needed  # noqa: PLC0415 - traces the models
+
+        wanted = [*self.observed, *([self.stop[0]] if self.stop else [])]
+        return {component: names for component, names in needed(self.system, wanted).items() if names}
+
+    @property
+    def _is_shipped(self) -> bool:
+        """Are all blocks those of `models/`, whose files decide what the cache may keep of them?"""
+        return all(
+            block.__module__.startswith("models.")
+            and getattr(sys.modules.get(block.__module__), block.__name__, None) is block
+            for block in self.system.components.values()
+        )
+
+    @property
+    def _asked(self) -> object:
+        """All that decides the runner but the sources of the models and the values of inputs."""
+        components = [(c, block.__module__, block.__name__) for c, block in self.system.components.items()]
+        stop = None if self.stop is None else (self.stop[0], sorted(self.stop[1]))
+        return self.system.name, components, self.system.links, self.varied, self.observed, stop
+
+    def _sources(self) -> Sources:
+        from codegen.batch.sources import Sources  # noqa: PLC0415 - traces the models
+
+        lanes = 16 if _is_wide() else 8  # two vectors: while one waits for a result, the other goes on
+        common = list(self._common)
+        return Sources(self.system, self.keep, self.varied, self.observed, self.stop, common, lanes, FLIGHTS)
+
     def ticks(self, changing: Collection[Key], fixed: Mapping[Key, float]) -> list[Tick]:
         """The ordinary ticks: one for each mode of the largest table, or a single one if that is as good."""
-        keep = {component: self.keep.get(component, frozenset()) for component in self.system.components}
-        own = frozenset([*self.varied, *changing])
-        batch_system = BatchSystem(self.system, keep, own, fixed, self.stop)
-        whole = ordinary_tick(batch_system, {})
-        tables = [
-            (len(phase.rows), component, phase.mode)
-            for component in self.keep
-            for phase in self.system.components[component].program().tick
-            if isinstance(phase, Table) and phase.mode in self.keep[component]
-        ]
-        if not tables:
-            return [whole]
-        _, component, mode = max(tables)
-        choices = self.system.components[component].variables()[mode].choices
-        by_mode = [ordinary_tick(batch_system, {(component, mode): float(m)}) for m in choices or ()]
-        by_mode = [tick for tick in by_mode if not tick.departs]
-        if by_mode and max(tick.operations for tick in by_mode) < WORTH * whole.operations:
-            return by_mode
-        return [whole]
+        return self._sources().ticks(changing, fixed)
 
     def sources(self, changing: Sequence[Key] = (), fixed: Mapping[Key, float] = {}) -> dict[str, str]:
         """The C of the runner, file name to text."""
-        components = {c: self.system.components[c] for c in self.keep}
-        files: dict[str, str] = {}
-        for block in dict.fromkeys(components.values()):
-            kept = frozenset().union(*(self.keep[c] for c, b in components.items() if b is block))
-            files |= generate(block, keep=kept)
-        ticks = self.ticks(changing, fixed)
-        common = list(self._common)
-        fields = sorted(frozenset().union(*(tick.reads | tick.writes for tick in ticks)))
-        used = sorted(frozenset().union(*(tick.common for tick in ticks)))
-        context = {
-            "system": self.system.name,
-            "version": VERSION,
-            "flights": FLIGHTS,
-            "lanes": 16 if _is_wide() else 8,  # two vectors: while one waits for a result, the other goes on
-            "blocks": [block.title() for block in dict.fromkeys(components.values())],
-            "streams": "mrg32k3a.c" in files,
-            "components": [{"name": c, "block": block.title()} for c, block in components.items()],
-            "common": [field_name(key) for key in used],
-            "common_values": [(field_name(key), common.index(key)) for key in used],
-            "values": [self._place(key) for key in common],
-            "own": [self._place(key) for key in self.varied],
-            "changing": [self._place(key) for key in changing],
-            "seeds": [
-                f"{c}.par.seed" for c, block in components.items() if "seed" in block.flat_names("parameter")
-            ],
-            "fields": [{"name": field_name(key)} for key in fields],
-            "observed": [self._place(key)["place"] for key in self.observed],
-            "ticks": [
-                {
-                    "what": ", ".join(f"{c}.{n} {v:g}" for (c, n), v in tick.holds.items()) or "any mode",
-                    "condition": " && ".join(
-                        f"f->{self._place(key)['place']} == {value:g}" for key, value in tick.holds.items()
-                    )
-                    or "true",
-                    "operations": tick.operations,
-                    "lines": tick.lines,
-                    "reads": [(field_name(key), key in tick.writes) for key in sorted(tick.reads)],
-                    "fields": [
-                        {"name": field_name(key), "written": key in tick.writes, **self._place(key)}
-                        for key in sorted(tick.reads | tick.writes)
-                    ],
-                    "common": sorted(map(field_name, tick.common)),
-                }
-                for tick in ticks
-            ],
-            "before": list(self._calls(components, plants=False)),
-            "after": list(self._calls(components, plants=True)),
-            "ends": " || ".join(
-                f"f->{self._place(self.stop[0])['place']} == {value}" for value in sorted(self.stop[1])
-            )
-            if self.stop
-            else "",
-        }
-        files["batch.c"] = TEMPLATES.get_template("batch.c.jinja").render(context)
-        return files
-
-    def _place(self, key: Key) -> dict[str, str]:
-        """Where a variable stands in a trial's structs, and the cast that sets it from a double."""
-        component, name = key
-        variable = next(
-            v for v in self.system.components[component].variables().values() if name in v.flat_names
-        )
-        return {"place": f"{component}.{MEMBERS[variable.kind]}.{c_name(name)}", "cast": CASTS[variable.type]}
-
-    def _calls(self, components: Mapping[str, type[Block]], plants: bool) -> Iterable[str]:
-        """The C of a tick up to the plants (whose outputs stand for their states), and of the plants."""
-        for component, block in components.items():
-            has_outputs = not self.keep[component].isdisjoint(block.flat_names("output"))
-            if block.moore and not plants and has_outputs:
-                yield f"{block.title()}_output(&f->{component});"
-        order = [c for c in self.system.order() if c in components and components[c].moore is plants]
-        for stage in [order] if plants else [[component] for component in order]:
-            for link in self.system.links:
-                source = (link.source, link.source_variable)
-                if link.target in stage and link.source_variable in self.keep.get(link.source, ()):
-                    target = self._place((link.target, link.target_variable))["place"]
-                    yield f"f->{target} = f->{self._place(source)['place']};"
-            for component in stage:
-                yield f"{components[component].title()}_step(&f->{component});"
+        return self._sources().files(changing, fixed)
 
     def _library(self, changing: tuple[Key, ...], fixed: tuple[tuple[Key, float], ...]) -> ctypes.CDLL:
         """The runner for these changing inputs and values of free inputs; built once on a machine."""
         key = (changing, fixed)
         if key not in self._libraries:
-            self._libraries[key] = _load(_Sources(self.sources(changing, dict(fixed)), self.system.name))
+            asked = (
+                (self._asked, changing, fixed) if self._is_shipped else self.sources(changing, dict(fixed))
+            )
+            path = kept(
+                f"batch/{self.system.name}.so",
+                (asked, FLIGHTS, processor(), _flags()),
+                lambda path: self._build(self.sources(changing, dict(fixed)), path),
+            )
+            self._libraries[key] = _load(path)
         return self._libraries[key]
+
+    def _build(self, files: dict[str, str], library: Path) -> None:
+        from codegen.blocks.block_c import write_files  # noqa: PLC0415 - imports CasADi
+
+        with tempfile.TemporaryDirectory(prefix="canine-") as folder:
+            write_files(files, Path(folder))
+            what = f"batch runner of {self.system.name}"
+            build_library(Path(folder), ["batch.c"], library, what=what, flags=_flags())
 
 
 def _is_wide() -> bool:
@@ -350,33 +308,6 @@ class _Job(ctypes.Structure):
     ]  # fmt: skip
 
 
-class _Sources:
-    """C files, by what they say."""
-
-    def __init__(self, files: Mapping[str, str], what: str) -> None:
-        self.files, self.what = files, what
-        text = "".join(f"{name}\n{text}" for name, text in sorted(files.items()))
-        text += "".join((compiler_version(), processor(), *_flags()))
-        self.key = hashlib.sha256(text.encode()).hexdigest()[:20]
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Sources) and other.key == self.key
-
-    def __hash__(self) -> int:
-        return hash(self.key)
-
-
 @cache
-def _load(sources: _Sources) -> ctypes.CDLL:
-    library = cache_folder() / "batch" / f"{sources.what}-{sources.key}.so"
-    if not library.exists():
-        with tempfile.TemporaryDirectory(prefix="canine-") as folder:
-            write_files(dict(sources.files), Path(folder))
-            build_library(
-                Path(folder),
-                ["batch.c"],
-                library,
-                what=f"batch runner of {sources.what}",
-                flags=_flags(),
-            )
+def _load(library: Path) -> ctypes.CDLL:
     return ctypes.CDLL(str(library))

@@ -28,6 +28,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from harness.sweep.chance import heads, student
 from harness.sweep.table import Point, plain
 
 ALPHA = 0.05  # share of sweeps in which the best point may be missing among those named
@@ -77,17 +78,15 @@ def best_for_success(ticks: Ticks) -> Finding:
 
     Of several points with the most successes, the fastest counts as the best.
     """
-    from scipy.stats import binom  # noqa: PLC0415 - it takes half a second, which errors need not wait
-
     successes = [int(np.count_nonzero(row)) for row in ticks]
     mean = [row.sum(dtype=np.int64) / max(n, 1) for row, n in zip(ticks, successes, strict=True)]
     best = min(range(len(ticks)), key=lambda i: (-successes[i], mean[i], i))
     only_best = [int(np.count_nonzero((ticks[best] > 0) & (row == 0))) for row in ticks]
     only_this = [int(np.count_nonzero((ticks[best] == 0) & (row > 0))) for row in ticks]
-    gains, losses = np.array(only_best), np.array(only_this)
-    by_chance = binom.sf(
-        gains - 1, gains + losses, 0.5
-    )  # if equal, a trial won at one point only is either's
+    # if equal, a trial won at one point only is either's
+    by_chance = np.array(
+        [heads(gains, gains + losses) for gains, losses in zip(only_best, only_this, strict=True)]
+    )
     named = by_chance > ALPHA / _pairs(len(ticks))
     return Finding(best, named, np.zeros(len(ticks), dtype=bool))
 
@@ -102,8 +101,6 @@ def best_for_time(ticks: Ticks, among: Mask | None = None) -> Finding | None:
     Returns:
         None if every point has fewer than LEAST successes.
     """
-    from scipy.stats import t  # noqa: PLC0415
-
     successes = np.array([np.count_nonzero(row) for row in ticks])
     candidates = np.ones(len(ticks), dtype=bool) if among is None else among
     judged = candidates & (successes >= LEAST)
@@ -117,7 +114,8 @@ def best_for_time(ticks: Ticks, among: Mask | None = None) -> Finding | None:
     for i in np.flatnonzero(judged):
         error = math.sqrt(float(np.sum((error_shares(ticks[i], means[i]) - share) ** 2)))
         least = min(successes[i], successes[best])
-        named[i] = means[i] - means[best] <= t.ppf(level, least - 1) * error * math.sqrt(least / (least - 1))
+        spread = error * math.sqrt(least / (least - 1))
+        named[i] = means[i] - means[best] <= student(level, int(least) - 1) * spread
     return Finding(best, named, candidates & ~judged)
 
 
@@ -258,11 +256,18 @@ class _Describer:
 
     def around(self, best: int, mask: Mask) -> Mask:
         """The points of a mask that are connected to the best one, neighbour by neighbour."""
-        from scipy.ndimage import label  # noqa: PLC0415
-
-        numbered = label(mask.reshape(self.grid))[0].ravel()
-        region: Mask = numbered == numbered[best]
-        return region
+        inside = mask.reshape(self.grid)
+        region = np.zeros_like(inside)
+        left = [tuple(int(place) for place in np.unravel_index(best, self.grid))]
+        while left:
+            place = left.pop()
+            if inside[place] and not region[place]:
+                region[place] = True
+                for axis, size in enumerate(self.grid):
+                    for near in (place[axis] - 1, place[axis] + 1):
+                        if 0 <= near < size:
+                            left.append((*place[:axis], near, *place[axis + 1 :]))
+        return region.ravel()
 
     def places(self, region: Mask, axis: int) -> list[int]:
         """The places along an axis where a region has points."""

@@ -25,7 +25,6 @@ from codegen.batch.batch import Change
 from harness.files import write_whole
 from harness.sweep.chunks import Job, Outcomes, Progress, TrialType, pool_at, program, run_all
 from harness.sweep.journal import open_journal
-from harness.sweep.plots import sweep_png
 from harness.sweep.recommend import number, recommend
 from harness.sweep.table import TICK_S, Point, csv_of, plain, table_of
 from harness.trial.plan import Interface, interfaces_of_system, is_angular, plan, si_value
@@ -389,6 +388,8 @@ def report(sweep: Sweep, outcomes: Outcomes, folder: Path) -> tuple[list[Point],
     Raises:
         FileError: they cannot be written.
     """
+    from harness.sweep.plots import sweep_png  # noqa: PLC0415 - matplotlib takes half of a short sweep
+
     table = table_of(sweep.points, outcomes)
     axes = [(axis.column, axis.unit, axis.written) for axis in sweep.axes]
     result = {

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
+import subprocess
+import sys
 from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -583,3 +586,52 @@ def test_what_was_built_is_not_built_again(
 def test_the_same_system_gives_the_same_source(cts: Batch) -> None:
     again = Batch(CTS, ["controller.moving_deviation", "plant.cruise_speed"], OBSERVED, STOP)
     assert again.sources() == cts.sources()
+
+
+def test_a_runner_comes_from_the_cache_without_tracing(tmp_path: Path) -> None:
+    # given a sweep's runner in an empty cache
+    script = """
+import sys
+import numpy as np
+from codegen.batch.batch import Batch
+from models.system import SYSTEMS
+batch = Batch(SYSTEMS["cts"], [], ["plant.north"], ("controller.status", (2, 3, 4)))
+results = batch.run({"controller": {"start": 1.0}}, np.zeros((3, 0)), [0, 1, 2], [1, 2, 3], 100)
+print("casadi" in sys.modules, *results.values[:, 0])
+"""
+    environment = os.environ | {"ZIG_GLOBAL_CACHE_DIR": str(tmp_path)}
+
+    def run() -> list[str]:
+        done = subprocess.run(
+            [sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True
+        )
+        return done.stdout.split()
+
+    traced, *north = run()
+    # when it is wanted again
+    again, *same_north = run()
+    # then the models are not traced, and the results are the same
+    assert (traced, again) == ("True", "False")
+    assert same_north == north
+    # and a damaged entry is not used, but made anew
+    for path in (tmp_path / "batch").iterdir():
+        if path.suffix in (".so", ".json"):
+            path.write_bytes(b"damaged")
+    mended, *mended_north = run()
+    assert (mended, mended_north) == ("True", north)
+
+
+def test_a_block_of_the_same_name_from_elsewhere_has_a_runner_of_its_own() -> None:
+    # given a pedestrian of a user's own, under the name of ours
+    class Elsewhere(Pedestrian):
+        """Runs faster."""
+
+        def output(m) -> None:
+            super().output()
+            m.north = m.north + 1.0
+
+    Elsewhere.__name__, Elsewhere.__module__ = Pedestrian.__name__, Pedestrian.__module__
+    ours, theirs = (Batch(trial_simulator(block), [], ["plant.north"]) for block in (Pedestrian, Elsewhere))
+    values, one = np.zeros((1, 0)), np.zeros(1, np.int32)
+    # when both run a tick, then each by its own equations
+    assert theirs.run({}, values, one, one, 0).values == ours.run({}, values, one, one, 0).values + 1.0

@@ -343,7 +343,7 @@ def interrupt_after(trials: int) -> Callable[[int], None]:
 @pytest.fixture
 def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ten trials a chunk; and no picture, which takes half a second."""
-    monkeypatch.setattr(sweep, "sweep_png", lambda *_: b"picture")
+    monkeypatch.setattr("harness.sweep.plots.sweep_png", lambda *_: b"picture")
     monkeypatch.setattr(chunks, "SMALLEST", 10)
     monkeypatch.setitem(chunks.LARGEST, "cts", 10)
 
@@ -540,7 +540,7 @@ def test_earlier_results_stay_until_new_ones_are_complete(
     with pytest.raises(KeyboardInterrupt):
         sweep.run(plan_sweep("two", **ASKED), tmp_path, progress=interrupt_after(50))
     with monkeypatch.context() as patch:
-        patch.setattr(sweep, "sweep_png", Mock(side_effect=MemoryError))
+        patch.setattr("harness.sweep.plots.sweep_png", Mock(side_effect=MemoryError))
         with pytest.raises(MemoryError):
             sweep.run(plan_sweep("two", **ASKED), tmp_path)
     # then they are still there, all of them
