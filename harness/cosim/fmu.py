@@ -32,6 +32,7 @@ from models.errors import CanineError, nearest
 from models.kit.declaration import Type
 
 Call = tuple[Callable[..., int | None], tuple[Any, ...]]
+Function = ctypes.CFUNCTYPE(ctypes.c_int)  # without argument types, ctypes does not look at each argument
 
 STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 WARNING, FATAL = 1, 4
@@ -420,13 +421,13 @@ class FmuInstance:
         return f'; it says: "{_one_line(messages[-1][1])}"' if messages else ""
 
     def _function(self, name: str) -> Callable[..., int]:
-        """The C function that fmpy bound; without argument types ctypes does not look at each argument."""
+        """The C function that fmpy bound."""
         if name not in self._functions:
             bound = self._slave._functions.get(name)
             if bound is None:
                 raise FmuError(f"{self.label}: lacks the function {name}")
             address = ctypes.cast(bound, ctypes.c_void_p).value or 0
-            self._functions[name] = ctypes.CFUNCTYPE(ctypes.c_int)(address)
+            self._functions[name] = Function(address)
         return self._functions[name]
 
     def _values(self, verb: str, quantities: Sequence[Quantity], address: int) -> Call:

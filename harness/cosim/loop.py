@@ -6,12 +6,12 @@ answered in the same tick; plants, whose outputs do not depend on their inputs w
 last. **Jacobi**: all inputs are exchanged, then all are stepped; every link delays one tick. The row of tick
 k holds the plants' outputs at t_k and the other components' answer to it.
 
-A tick is a list of C calls whose arguments are made once (`calls`) on one block of memory (`layout`).
+A tick is a list of C calls whose arguments are made once (`calls`) on one block of memory (`layout`); a walk
+makes them (`walk`).
 """
 
 from __future__ import annotations
 
-import ctypes
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
@@ -23,9 +23,10 @@ import numpy.typing as npt
 
 from harness.cosim.calls import Calls, Instance
 from harness.cosim.fmu import FmuDescription, FmuError, FmuInstance, Quantity
-from harness.cosim.layout import REALS, Array, Layout, copy
+from harness.cosim.layout import REALS, Array, Layout, Slot
 from harness.cosim.ssp import FmuSystem
 from harness.cosim.stepping import DURATION, Order
+from harness.cosim.walk import ROWS, Pause, Walk, walk_of
 from harness.cosim.wiring import Wiring, wire
 from models.errors import ParameterError, nearest
 from models.kit.link import Values
@@ -34,8 +35,6 @@ __all__ = ["DURATION", "ROWS", "Array", "Event", "Instance", "Outcome", "Record"
 
 Record = Callable[[Array, dict[str, Array]], None]
 Changes = dict[int, dict[str, dict[str, float]]]  # values by tick, component and free input
-
-ROWS = 25  # rows that are handed over together: a second's at 25 Hz
 
 
 @dataclass(frozen=True)
@@ -76,6 +75,7 @@ class Simulation:
         plants: components to be stepped last whatever they declare.
         labels: how errors call a component, where not `component file.fmu`.
         stand_ins: what runs in the place of a component's FMU.
+        native: let the loop in C make the calls where it can; Python's gives the same rows.
 
     Raises:
         WiringError: the links do not fit (see `wire`).
@@ -91,7 +91,9 @@ class Simulation:
         labels: Mapping[str, str] | None = None,
         *,
         stand_ins: Mapping[str, Instance] | None = None,
+        native: bool = True,
     ) -> None:
+        self._native = native
         self._stack = ExitStack()
         try:
             self.components: dict[str, Instance] = {}
@@ -145,7 +147,6 @@ class Simulation:
             component.initialize(start)
         return free
 
-    @np.errstate(invalid="ignore")  # the test for finite values multiplies those that are not
     def run(
         self,
         events: Sequence[Event] = (),
@@ -169,55 +170,39 @@ class Simulation:
             FmuError: an FMU failed, or gave a value that is not finite.
             ParameterError: the variable of an event is not a free input.
         """
-        step, layout, calls = self.wiring.step, self._layout, self._calls
+        step, calls = self.wiring.step, self._calls
         last = math.floor(duration / step + 1e-9)
         changes = self._schedule(events)
-        watched = self._watched(stop)
-        stops = stop.values if stop else frozenset()
-        tests: list[tuple[Any, Any]] = [(reals.dot, np.zeros_like(reals)) for reals in layout.reals()]
-        rows = np.zeros((ROWS, len(layout.block)), dtype=np.uint8)
-        here, size = ctypes.c_void_p(layout.block.ctypes.data), ctypes.c_size_t(len(layout.block))
-        saves = [(ctypes.c_void_p(row.ctypes.data), here, size) for row in rows]
-        answer, advance, fail = calls.answer, calls.advance, calls.fail
-        now, ended = calls.time, calls.ended
-        none_ended = bytes(len(ended))
-        now.value = 0.0
+        watched = self._find(stop) if stop else None
+        walk = (walk_of if self._native else Walk)(calls, self._layout, step, watched)
+        calls.time.value = 0.0
         for name, values in self._free.items():
             self._set(name, values)
         calls.carry_out(calls.first)
-        change = min(changes, default=-1)
-        tick = done = handed = 0
+        handed = 0
         reason: int | None = None
         try:
-            for tick in range(last + 1):
-                now.value = tick * step
-                if tick == change:
-                    for name, values in changes.pop(tick).items():
-                        self._set(name, values)
-                    change = min(changes, default=-1)
-                for function, arguments in answer:
-                    if status := function(*arguments):
-                        fail(status, arguments)
-                copy(*saves[done])
-                done += 1
-                for dot, zeros in tests:
-                    if dot(zeros) != 0.0:  # 0 for all finite numbers, NaN otherwise
-                        self._report_not_finite()
-                if watched is not None and watched.value in stops:
-                    reason = watched.value
-                    break
-                if ended.raw != none_ended:
+            while reason is None and (tick := handed + walk.done) <= last:
+                calls.time.value = tick * step
+                for name, values in changes.pop(tick, {}).items():
+                    self._set(name, values)
+                pause = walk.run(tick, min(last + 1, handed + ROWS, *changes), last)
+                if pause is Pause.NOT_FINITE:
+                    self._report_not_finite()
+                if pause is Pause.CHANGED:
+                    reason = self._stopped(stop, watched)
+                if pause is not Pause.NONE and reason is None:
                     self._report_ended()
-                if done == ROWS:
-                    first, handed, done = handed, handed + ROWS, 0
-                    self._hand_over(first, rows, record, progress)
-                if tick < last:
-                    for function, arguments in advance:
-                        if status := function(*arguments):
-                            fail(status, arguments)
+                    if handed + walk.done <= last:
+                        calls.carry_out(calls.advance)
+                if walk.done == ROWS:
+                    first, handed = handed, handed + ROWS
+                    walk.clear()
+                    self._hand_over(first, walk.rows, record, progress)
         finally:
-            self._hand_over(handed, rows[:done], record, progress)
-        return Outcome(tick + 1, tick * step, reason)
+            self._hand_over(handed, walk.rows[: walk.done], record, progress)
+        ticks = handed + walk.done
+        return Outcome(ticks, (ticks - 1) * step, reason)
 
     def _set(self, component: str, values: Mapping[str, float]) -> None:
         """Set free inputs of a component."""
@@ -242,20 +227,25 @@ class Simulation:
                 if event.variable in self.fmus[event.component].inputs:
                     wrong = "is connected; only free inputs can be set"
                 raise ParameterError(f"{event.component}.{event.variable} {wrong}")
-            by_component = changes.setdefault(math.ceil(event.time / self.wiring.step - 1e-9), {})
+            by_component = changes.setdefault(max(0, math.ceil(event.time / self.wiring.step - 1e-9)), {})
             by_component.setdefault(event.component, {})[event.variable] = event.value
         return changes
 
-    def _watched(self, stop: Stop | None) -> Any:
-        """The stop condition's value as a ctypes integer that lies in the block."""
-        if stop is None:
-            return None
+    def _find(self, stop: Stop) -> tuple[Slot, int]:
+        """Where the output lies that a stop condition is about."""
         for slot in self._layout.outputs:
             for index, quantity in enumerate(slot.quantities):
                 if (slot.component, quantity.name) == (stop.component, stop.variable):
-                    kind: Any = np.ctypeslib.as_ctypes_type(np.dtype(slot.access.dtype).str)
-                    return kind.from_address(self._layout.address(slot, index))
+                    return slot, index
         raise ParameterError(f"there is no output {stop.component}.{stop.variable} to stop by")
+
+    def _stopped(self, stop: Stop | None, watched: tuple[Slot, int] | None) -> int | None:
+        """The value that ends the run, if the output that is watched has it."""
+        if stop is None or watched is None:
+            return None
+        slot, index = watched
+        value = int(self._layout.view(slot)[index])
+        return value if value in stop.values else None
 
     def _report_not_finite(self) -> None:
         order, plants = self.wiring.order, self.wiring.plants
@@ -270,6 +260,8 @@ class Simulation:
                     )
 
     def _report_ended(self) -> None:
+        if b"\1" not in self._calls.ended.raw:
+            return
         index = self._calls.ended.raw.index(1)
         label = list(self.components.values())[index].label
         raise FmuError(f"{label}: asks to end the simulation at t = {self._calls.time.value:.10g} s")

@@ -118,9 +118,8 @@ class Container:
         headers["log_time"] = headers["publish_time"] = entries[:, 0] = np.asarray(times)[order]
         entries[:, 1] = self._size + np.cumsum(lengths) - lengths
         self._index.append((numbers, entries))
-        head, width = headers.tobytes(), _MESSAGE.itemsize
         pieces = [b""] * (2 * len(ordered))
-        pieces[::2] = [head[i : i + width] for i in range(0, len(head), width)]
+        pieces[::2] = headers.view(f"V{_MESSAGE.itemsize}").tolist()
         pieces[1::2] = ordered
         self._append(b"".join(pieces))
 
@@ -134,8 +133,10 @@ class Container:
 
     def _chunk(self, data: bytes, index: Sequence[Index]) -> bytes:
         """A chunk with the index of its messages: for each channel, their times and places in `data`."""
-        channels = np.concatenate([numbers for numbers, _ in index])
-        entries = np.concatenate([places for _, places in index])
+        channels, entries = index[0]
+        if len(index) > 1:
+            channels = np.concatenate([numbers for numbers, _ in index])
+            entries = np.concatenate([places for _, places in index])
         first, last = int(entries[0, 0]), int(entries[-1, 0])
         compressed = self._compressor.compress(data)
         pieces = [_encoded(records.Chunk(COMPRESSION, compressed, last, first, zlib.crc32(data), len(data)))]

@@ -50,7 +50,7 @@ GREEN, ORANGE = Color(r=0.0, g=0.62, b=0.45, a=1.0), Color(r=0.90, g=0.62, b=0.0
 MAGENTA, YELLOW = Color(r=0.80, g=0.20, b=0.60, a=1.0), Color(r=0.94, g=0.78, b=0.10, a=1.0)
 
 Times = npt.NDArray[np.int64]
-Ticks = npt.NDArray[np.intp]  # places in a batch
+Rows = Mapping[str, Sequence[Sequence[float]]]  # by component, for some ticks
 Message = tuple[int, int, bytes]  # channel, log time in ns, protobuf
 
 
@@ -71,14 +71,14 @@ class _Fixes:
         self.message.timestamp.SetInParent()
         self.h_acc = math.nan  # m, what the covariance is made from
 
-    def encode(self, times: Times, values: Mapping[str, Array], ticks: Ticks) -> list[Message]:
-        """A fix for each of the ticks, save where it has no finite position, which a map cannot show."""
-        rows = values[self.component][ticks[:, None], self.columns].tolist()
-        return [
-            (self.channel, time, self._fix(time, *row))
-            for time, row in zip(times[ticks].tolist(), rows, strict=True)
-            if math.isfinite(row[0]) and math.isfinite(row[1])
-        ]
+    def encode(self, times: Sequence[int], rows: Rows) -> list[Message]:
+        """A fix for each tick, save where it has no finite position, which a map cannot show."""
+        messages = []
+        for time, row in zip(times, rows[self.component], strict=True):
+            north, east, *h_acc = [row[column] for column in self.columns]
+            if math.isfinite(north) and math.isfinite(east):
+                messages.append((self.channel, time, self._fix(time, north, east, *h_acc)))
+        return messages
 
     def _fix(self, time: int, north: float, east: float, h_acc: float | None = None) -> bytes:
         message, timestamp = self.message, self.timestamp
@@ -103,14 +103,15 @@ class _Frames:
         transforms = [self.message.transforms.add(parent_frame_id="map", child_frame_id=f) for f in tracks]
         self.parts = [(t.timestamp, t.translation, t.rotation) for t in transforms]
 
-    def encode(self, times: Times, values: Mapping[str, Array], ticks: Ticks) -> list[Message]:
-        """All frames for each of the ticks."""
-        poses = [values[component][ticks[:, None], columns].tolist() for component, columns in self.tracks]
+    def encode(self, times: Sequence[int], rows: Rows) -> list[Message]:
+        """All frames for each tick."""
         messages = []
-        for time, *at in zip(times[ticks].tolist(), *poses, strict=True):
+        for tick, time in enumerate(times):
             seconds, nanoseconds = divmod(time, SECOND)
-            for pose, (timestamp, translation, rotation) in zip(at, self.parts, strict=True):
-                north, east, heading = pose
+            for (component, columns), parts in zip(self.tracks, self.parts, strict=True):
+                timestamp, translation, rotation = parts
+                row = rows[component][tick]
+                north, east, heading = [row[column] for column in columns]
                 timestamp.seconds, timestamp.nanos = seconds, nanoseconds
                 translation.x, translation.y = east, north
                 # a heading is clockwise from north, a rotation counterclockwise from east
@@ -126,22 +127,19 @@ class _Events:
     LEVELS = {Status.FAILED: Event.ERROR, Status.STOPPED: Event.WARNING}
 
     def __init__(self, channel: int, columns: Mapping[str, int]) -> None:
-        self.channel, self.columns = channel, columns
+        self.channel, self.names, self.columns = channel, list(columns), list(columns.values())
         self.before = np.zeros((1, len(columns)))
 
     def encode(self, times: Times, values: Mapping[str, Array]) -> list[Message]:
         """An event for each change, and for the anomaly on every tick that reports one."""
-        rows = values["controller"][:, list(self.columns.values())]
-        before = np.concatenate([self.before, rows[:-1]])
-        self.before = rows[-1:].copy()
-        happens = rows != before
-        if "anomaly" in self.columns:
-            happens[:, -1] |= rows[:, -1] != 0
-        names = list(self.columns)
-        ticks, columns = np.nonzero(happens)
-        events = []
-        for tick, column in zip(ticks.tolist(), columns.tolist(), strict=True):
-            if event := _event(names[column], float(rows[tick, column])):
+        rows = np.concatenate([self.before, values["controller"][:, self.columns]])
+        self.before = rows[-1:]
+        happens = rows[1:] != rows[:-1]
+        if self.names[-1] == "anomaly":
+            happens[:, -1] |= rows[1:, -1] != 0
+        events: list[Message] = []
+        for tick, column in np.argwhere(happens).tolist():
+            if event := _event(self.names[column], float(rows[tick + 1, column])):
                 time = int(times[tick])
                 event.timestamp.seconds, event.timestamp.nanos = divmod(time, SECOND)
                 events.append((self.channel, time, event.SerializeToString()))
@@ -188,6 +186,7 @@ class Views:
             return [places[name] for name in names] if places.keys() >= set(names) else []
 
         self.regular: list[_Fixes | _Frames] = []
+        self.shown = [role for role in ("plant", "estimator") if find(role, "north", "east")]
         frames: dict[str, tuple[str, Sequence[int]]] = {}
         for topic, role, frame in (("truth", "plant", "dog"), ("estimate", "estimator", "estimate")):
             if position := find(role, "north", "east"):
@@ -229,11 +228,13 @@ class Views:
         self.period = periods[-1:]
         due = np.flatnonzero(periods[1:] > periods[:-1])
         if len(due):
+            moments = times[due].tolist()
+            rows = {name: values[name][due].tolist() for name in self.shown}
             for view in self.regular:
-                messages += view.encode(times, values, due)
+                messages += view.encode(moments, rows)
         if self.gps and self.fix:
             fixes = np.flatnonzero(values["sensors"][:, self.fix[0]])
-            messages += self.gps.encode(times, values, fixes)
+            messages += self.gps.encode(times[fixes].tolist(), {"sensors": values["sensors"][fixes].tolist()})
         if self.events:
             messages += self.events.encode(times, values)
         return messages

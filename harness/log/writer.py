@@ -90,7 +90,7 @@ class LogWriter:
             self._container.add_metadata(name, values)
         for name, data in attachments.items():
             self._container.add_attachment(name, MEDIA_TYPE, data)
-        self._channels = np.array([self._add(channel) for channel in channels])
+        self._channels = [self._add(channel) for channel in channels]
         self._rows = Rows(channels)
         signals = {channel.component: channel.names for channel in channels}
         self._views = Views(self._container, signals, origin, Route.of(metadata.get("parameters", {})))
@@ -136,10 +136,11 @@ class LogWriter:
         if end - start < len(times):
             times, values = times[start:end], {name: rows[start:end] for name, rows in values.items()}
         messages = self._rows.encode(values)
-        channels, moments = np.tile(self._channels, len(times)), np.repeat(times, len(self._channels))
+        channels, moments = self._channels * len(times), times.repeat(len(self._channels))
         if views := self._views.encode(times, values):
             of_views, at, data = zip(*views, strict=True)
-            channels, moments = np.concatenate([channels, of_views]), np.concatenate([moments, at])
+            channels += of_views
+            moments = np.concatenate([moments, at])
             messages += data
         self._container.add_messages(channels, moments, messages)
 

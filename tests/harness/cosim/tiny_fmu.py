@@ -52,7 +52,8 @@ void *fmi3InstantiateCoSimulation(const char *n, const char *g, const char *r,
   (void)env; (void)u; log_ = l;
   tiny *m = &pool[used++ %% 8]; double *v = m->v; (void)v; %(start)s return m; }
 int fmi3DoStep(void *c, double t, double h, _Bool n, _Bool *e, _Bool *x, _Bool *y, double *z) {
-  (void)n; *e = 0; *x = 0; *y = 0; *z = t + h; return step(c, t, h); }
+  int status = step(c, t, h);
+  (void)n; *e = 0; *x = ((tiny *)c)->v[31] != 0; *y = 0; *z = t + h; return status; }
 void fmi3FreeInstance(void *c) { (void)c; }
 """
 SAID = {
@@ -90,7 +91,8 @@ def tiny_fmu(
     """Build an FMU.
 
     Args:
-        step: C that is run on each step: `v[i]`, `t`, `h`, `say("...")`, `return <status>`.
+        step: C that is run on each step: `v[i]`, `t`, `h`, `say("...")`, `return <status>`; in version 3
+            `v[31] = 1` asks to end the simulation.
         start: C that is run when it is instantiated.
         depends: its outputs depend on its inputs.
     """
