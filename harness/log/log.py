@@ -9,18 +9,22 @@ and publish time are trial time in ns: nothing comes from a clock, and the same 
 from __future__ import annotations
 
 import json
-from array import array
+import struct
 from dataclasses import dataclass, field
 from enum import IntEnum
+from io import BytesIO
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, cast
 
 import numpy as np
 import numpy.typing as npt
+import orjson
 import zstandard
 from mcap import records
+from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, McapError
-from mcap.stream_reader import StreamReader
+from mcap.opcode import Opcode
+from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 
 from harness.log.route import Route
@@ -183,15 +187,74 @@ class _Whole:
 
 
 class _Topic:
-    """One component's rows as they are read."""
+    """One component's rows as they are read, a chunk at a time."""
 
     def __init__(self, channel: Channel) -> None:
-        self.channel, self.time, self.values = channel, array("q"), array("d")
+        self.channel = channel
+        self.times: list[int] = []  # ns
+        self.values: list[Array] = []
+        self.messages: list[bytes] = []
 
-    def add(self, message: records.Message) -> None:
-        row = json.loads(message.data)
-        self.values.extend([float(row[name]) for name in self.channel.names])
-        self.time.append(message.log_time)
+    def decode(self) -> None:
+        """Turn the messages of a chunk into values."""
+        rows = orjson.loads(b"[" + b",".join(self.messages) + b"]")
+        names = self.channel.names
+        values = np.array([[float(row[name]) for name in names] for row in rows], dtype=np.float64)
+        self.values.append(values.reshape(len(rows), len(names)))
+        self.messages = []
+
+
+class _Contents:
+    """What a log holds, as far as it is read."""
+
+    def __init__(self) -> None:
+        self.metadata: dict[str, dict[str, str]] = {}
+        self.attachments: dict[str, bytes] = {}
+        self.schemas: dict[int, records.Schema] = {}
+        self.topics: dict[int, _Topic] = {}
+
+    def take(self, record: object) -> None:
+        """Keep what a record says.
+
+        Raises:
+            McapError, zstandard.ZstdError, ValueError, KeyError: the record is damaged.
+        """
+        match record:
+            case records.Metadata():
+                self.metadata[record.name] = record.metadata
+            case records.Attachment():
+                self.attachments[record.name] = record.data
+            case records.Schema():
+                self.schemas[record.id] = record
+            case records.Channel() if "component" in record.metadata and record.id not in self.topics:
+                component, block = record.metadata["component"], record.metadata["block"]
+                schema = self.schemas[record.schema_id].data
+                self.topics[record.id] = _Topic(Channel.from_schema(component, block, schema))
+            case records.Chunk():
+                self._take_chunk(record)
+
+    def _take_chunk(self, chunk: records.Chunk) -> None:
+        """Keep a chunk's records; its thousands of messages are not made objects one by one."""
+        stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+        data, at = stream.read(size), 0
+        while at < size:
+            opcode, length = _RECORD.unpack_from(data, at)
+            content, at = at + _RECORD.size, at + _RECORD.size + length
+            if opcode == Opcode.MESSAGE:
+                channel, time = _MESSAGE.unpack_from(data, content)
+                if topic := self.topics.get(channel):
+                    topic.times.append(time)
+                    topic.messages.append(data[content + _MESSAGE.size : at])
+            elif opcode == Opcode.SCHEMA:
+                self.take(records.Schema.read(ReadDataStream(BytesIO(data[content:at]))))
+            elif opcode == Opcode.CHANNEL:
+                self.take(records.Channel.read(ReadDataStream(BytesIO(data[content:at]))))
+        for topic in self.topics.values():
+            topic.decode()
+
+
+_RECORD = struct.Struct("<BQ")  # opcode, length of the content
+_MESSAGE = struct.Struct("<HxxxxQxxxxxxxx")  # channel, (sequence,) log time, (publish time)
 
 
 def read_log(path: Path) -> Log:
@@ -200,10 +263,7 @@ def read_log(path: Path) -> Log:
     Raises:
         LogError: the file is not there, no MCAP, not one of ours, or ends before its first tick.
     """
-    metadata: dict[str, dict[str, str]] = {}
-    attachments: dict[str, bytes] = {}
-    schemas: dict[int, records.Schema] = {}
-    tables: dict[int, _Topic] = {}
+    contents = _Contents()
     broken = ""
     try:
         with path.open("rb") as file:
@@ -216,57 +276,40 @@ def read_log(path: Path) -> Log:
             whole = _Whole(file, size)
             try:
                 for record in StreamReader(
-                    cast("IO[bytes]", whole), validate_crcs=True, record_size_limit=size
+                    cast("IO[bytes]", whole), emit_chunks=True, validate_crcs=True, record_size_limit=size
                 ).records:
-                    match record:
-                        case records.Header() if record.profile != PROFILE:
-                            raise LogError(
-                                f'log {path}: an MCAP file with profile "{record.profile}", expected '
-                                f'"{PROFILE}"; give a log that "canine run" wrote'
-                            )
-                        case records.Metadata():
-                            metadata[record.name] = record.metadata
-                        case records.Attachment():
-                            attachments[record.name] = record.data
-                        case records.Schema():
-                            schemas[record.id] = record
-                        case records.Channel() if "component" in record.metadata and record.id not in tables:
-                            held_as = record.metadata
-                            schema = schemas[record.schema_id].data
-                            channel = Channel.from_schema(held_as["component"], held_as["block"], schema)
-                            tables[record.id] = _Topic(channel)
-                        case records.Message() if record.channel_id in tables:
-                            tables[record.channel_id].add(record)
+                    if isinstance(record, records.Header) and record.profile != PROFILE:
+                        raise LogError(
+                            f'log {path}: an MCAP file with profile "{record.profile}", expected '
+                            f'"{PROFILE}"; give a log that "canine run" wrote'
+                        )
+                    contents.take(record)
             except EndOfFile:
                 broken = f"the file ends early, at byte {size}"
             except (McapError, zstandard.ZstdError, ValueError, KeyError):
                 broken = f"the file is damaged before byte {size - whole.left}"
     except OSError as error:
         raise LogError(f"log {path}: cannot be read ({error.strerror})") from error
-    ticks = min((len(table.time) for table in tables.values()), default=0)
+    topics = list(contents.topics.values())
+    ticks = min((sum(map(len, topic.values)) for topic in topics), default=0)
     if ticks == 0:
         what = broken or "it was closed"
         raise LogError(f"log {path}: no tick to read, {what} before the first; run the trial again")
-    time = np.array(next(iter(tables.values())).time[:ticks], dtype=np.float64) / SECOND
+    time = np.array(topics[0].times[:ticks], dtype=np.float64) / SECOND
     if broken:
         broken += f": the run was killed or the file was cut; its ticks up to {time[-1]:g} s are kept"
-    own = metadata.pop(OWN_RECORD, {})
-    broken = broken or metadata.pop(END_RECORD, {}).get("reason", "")
+    own = contents.metadata.pop(OWN_RECORD, {})
+    broken = broken or contents.metadata.pop(END_RECORD, {}).get("reason", "")
     return Log(
         path,
-        tuple(table.channel for table in tables.values()),
-        metadata,
-        attachments,
+        tuple(topic.channel for topic in topics),
+        contents.metadata,
+        contents.attachments,
         time,
-        {t.channel.component: _values(t, ticks) for t in tables.values()},
+        {topic.channel.component: np.concatenate(topic.values)[:ticks] for topic in topics},
         (float(own.get("latitude", 0)), float(own.get("longitude", 0))),
         broken,
     )
-
-
-def _values(table: _Topic, ticks: int) -> Array:
-    width = len(table.channel.names)
-    return np.array(table.values[: ticks * width], dtype=np.float64).reshape(ticks, width)
 
 
 def named(names: type[IntEnum], value: float) -> str:
