@@ -9,6 +9,7 @@ from threading import Barrier
 import pytest
 
 from codegen import cache
+from codegen.files import write_whole
 
 
 @pytest.fixture(autouse=True)
@@ -64,7 +65,7 @@ def test_several_at_once_make_the_same_entry() -> None:
 
     def make(path: Path) -> None:
         together.wait()
-        cache.write_whole(path, b"right")
+        write_whole(path, b"right")
 
     with ThreadPoolExecutor(8) as pool:
         entries = list(pool.map(lambda _: cache.kept("a.txt", "asked", make), range(8)))

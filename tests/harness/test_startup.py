@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 import signal
 import subprocess
@@ -20,6 +21,7 @@ SLOW = {
 }  # fmt: skip
 RUN = "import sys; from harness.main import run; status = run(sys.argv[1:])"
 DELAYS = 12
+ROOT = Path(__file__).parents[2]
 
 
 def modules_of(*arguments: str) -> set[str]:
@@ -80,11 +82,73 @@ def interrupted(arguments: list[str], delay: float, folder: Path) -> tuple[int, 
 def test_ctrl_c_at_any_moment_is_one_line_and_status_130(arguments: list[str], tmp_path: Path) -> None:
     build_all()
     dice = random.Random(1)
-    for _ in range(DELAYS):
+    for number in range(DELAYS):
         delay = dice.uniform(0.005, 1.5)
-        status, stderr = interrupted(arguments, delay, tmp_path)
+        folder = tmp_path / str(number)  # a sweep that goes on says so
+        folder.mkdir()
+        status, stderr = interrupted(arguments, delay, folder)
         where = f"after {delay:.3f} s: status {status}\n{stderr}"
         assert status in (0, 130), where
         assert len(stderr.splitlines()) == (status == 130), where
         assert "Traceback" not in stderr, where
         assert not list(tmp_path.rglob("*.part")), where
+
+
+def ended_by(script: str, folder: Path) -> str:
+    """What a script with our answer to Ctrl-C prints."""
+    begin = "import os, signal, sys, time; from harness.main import CtrlC; sys.path.insert(0, ''); CtrlC()\n"
+    done = subprocess.run(
+        [sys.executable, "-c", begin + script], cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert not done.stderr
+    return done.stdout
+
+
+def test_ctrl_c_waits_for_the_end_of_an_import_that_would_swallow_it(tmp_path: Path) -> None:
+    (tmp_path / "greedy.py").write_text("""
+import os, signal, time
+try:
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(0.1)
+except BaseException:
+    print("swallowed")
+""")
+    script = """
+try:
+    import greedy
+    print("imported", flush=True)
+    time.sleep(5)
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+    assert ended_by(script, tmp_path).split() == ["imported", "interrupted"]
+
+
+def test_ctrl_c_in_a_destructor_is_not_lost(tmp_path: Path) -> None:
+    script = """
+class Thing:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.1)
+try:
+    Thing()
+    time.sleep(5)
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+    assert ended_by(script, tmp_path) == "interrupted\n"
+
+
+def test_a_second_ctrl_c_ends_what_does_not_end(tmp_path: Path) -> None:
+    script = """
+try:
+    os.kill(os.getpid(), signal.SIGINT)
+except KeyboardInterrupt:
+    os.kill(os.getpid(), signal.SIGINT)  # at once: the same press, passed on
+    print("still here", flush=True)
+    time.sleep(1.1)
+    os.kill(os.getpid(), signal.SIGINT)
+    print("and still")
+"""
+    assert ended_by(script, tmp_path) == "still here\n"
