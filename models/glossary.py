@@ -22,7 +22,7 @@ TERMS: dict[str, tuple[Term, ...]] = {
         ),
         Term(
             "tick",
-            "0.04 s, in which every component is stepped once",
+            "the time in which every component is stepped once",
             (("TICK", "models/kit/timing.py"), ("Program", "models/kit/tracing.py")),
         ),
         Term(
@@ -59,7 +59,7 @@ TERMS: dict[str, tuple[Term, ...]] = {
     "Trials": (
         Term(
             "scenario",
-            "what happens in a trial, as a user writes it: waypoints, parameters, faults by time",
+            "what happens in a trial, as a user writes it: waypoints, parameters, failures by time",
             (("Scenario", "harness/trial/scenario.py"),),
         ),
         Term("plan", "the same resolved to SI units for one system", (("Plan", "harness/trial/plan.py"),)),
@@ -86,6 +86,18 @@ TERMS: dict[str, tuple[Term, ...]] = {
             (("deviation", "models/cmec.py"),),
         ),
         Term(
+            "*_deviation",
+            "in a name: the standard deviation of what is drawn for the dog; `_sd` in an estimate",
+            (("drift_deviation", "models/canine.py"), ("north_sd", "models/four_state.py")),
+        ),
+        Term(
+            "waypoint",
+            "a place to lead the animal to; names of trials count the start too, as the dissertation does",
+            (("waypoint_north", "models/cmec.py"), ("MAX_WAYPOINTS", "models/cmec.py")),
+        ),
+        Term("home", "where the animal is recalled to: the start", (("home_north", "models/cmec.py"),)),
+        Term("target", "the waypoint aimed at, or home", (("target_north", "models/cmec.py"),)),
+        Term(
             "fix",
             "one position and speed from the GPS receiver, four a second",
             (("fix", "models/sensors.py"), ("judge", "models/four_state.py")),
@@ -104,6 +116,11 @@ TERMS: dict[str, tuple[Term, ...]] = {
             "anomaly",
             "a way in which the animal disobeys, or a reason why the controller does not lead",
             (("Anomaly", "models/cmec.py"),),
+        ),
+        Term(
+            "telemetry",
+            "what the vest tells the operator by radio",
+            (("Telemetry", "codegen/firmware/telemetry.py"),),
         ),
     ),
 }

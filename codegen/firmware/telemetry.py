@@ -1,4 +1,4 @@
-"""The telemetry, stated once: what the vest tells the operator, five times a second.
+"""The telemetry, stated once: what the vest tells the operator.
 
 From `Telemetry` and `Flag` come the struct and its writer in C (templates/telemetry.[hc].jinja), the laptop's
 reader (harness/onboard/radio.py) and the signals of the log (harness/onboard/stand_in.py).

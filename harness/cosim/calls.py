@@ -86,7 +86,7 @@ class Calls:
         self.first = [call for name in wiring.order for call in gets[name]]
 
     def _named(self, call: Call, name: str, verb: str, quantities: Sequence[Quantity]) -> Call:
-        """Keep what errors call it."""
+        """Store the call's name, for messages."""
         version = self._components[name].description.version
         names = ", ".join(q.name for q in quantities[:3]) + (", ..." if len(quantities) > 3 else "")
         what = f"fmi{version}{verb}{quantities[0].access.fmi} of {names}"

@@ -1,8 +1,8 @@
 """Where a system's values lie: one block of memory, which the calls of all components share.
 
-An output lies where its get call puts it, and is set as another's input from there. Where that cannot be, a
-transfer brings values into a slot of their own: those that are converted, that do not lie in a row,
-or that their source replaces before they are read. A row of the log is one copy of the block.
+An output lies where its get call puts it, and is set as another's input from there. A transfer copies a value
+first, into a slot of the input, if the link converts it, if the input's values do not lie side by side, or if
+the source replaces it before it is read. A row of the log is one copy of the block.
 """
 
 from __future__ import annotations

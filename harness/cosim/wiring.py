@@ -183,7 +183,7 @@ def _cycle(left: list[str], links: list[ScaledLink]) -> str:
 
 
 def _common_step(fmus: Mapping[str, FmuDescription]) -> float:
-    """The communication step: the one that FMUs insist on, or else the largest that one states."""
+    """The communication step: the fixed one if an FMU has one, or else the largest that an FMU states."""
     fixed = {name: fmu.step for name, fmu in fmus.items() if fmu.step and fmu.fixed}
     stated = [fmu.step for fmu in fmus.values() if fmu.step]
     if not fixed:

@@ -1,7 +1,7 @@
 """A plan: a scenario resolved against a system, every address to a component's variable, every value to SI.
 
-What wins: the reading, over it the mission (seed, start, waypoints), over it what the package binds, over it
-`parameters`.
+Later values replace earlier ones: the reading's, the mission's (seed, start, waypoints), those that the
+package binds, those of `parameters`.
 """
 
 from __future__ import annotations
@@ -259,10 +259,10 @@ class _Planner:
                     entries.setdefault((component, own), []).append((setting.at, until, converted))
         for (component, own), spans in entries.items():
             values = {**self.bound.get(component, {}), **self.values[component]}
-            at_rest = values.get(own, _start(self.interfaces[component].inputs[own], own))
+            unset = values.get(own, _start(self.interfaces[component].inputs[own], own))
             for time in sorted({t for at, until, _ in spans for t in (at, until)} - {math.inf}):
                 active = [(at, i) for i, (at, until, _) in enumerate(spans) if at <= time < until]
-                yield Event(time, component, own, spans[max(active)[1]][2] if active else at_rest)
+                yield Event(time, component, own, spans[max(active)[1]][2] if active else unset)
 
 
 def _converted(name: str, written: Written, known: Mapping[str, Variable], where: str) -> dict[str, float]:

@@ -29,7 +29,7 @@ def parse_seeds(text: str) -> range:
     """The seeds of `a:b`, with b.
 
     Raises:
-        UsageError: it is no such range.
+        UsageError: it is not a:b, or a seed is out of range.
     """
     first, colon, last = text.partition(":")
     if colon and first.isdecimal() and last.isdecimal() and int(first) <= int(last) <= MAX_SEED:

@@ -40,7 +40,7 @@ def run(
 ) -> dict[str, Any]:
     """Run a trial and write log, summary, page and picture; the summary.
 
-    A fault, or the user, may end the trial early: the log is kept up to there, and nothing else is written.
+    An error, or the user, may end the trial early: the log is kept up to there, and nothing else is written.
 
     Args:
         out: the folder, made if need be.

@@ -86,7 +86,7 @@ def table(mode: str) -> Callable[[Method], Method]:
 
 
 class Block:
-    """Base of all blocks. An instance is one tracing of the equations; users work with the class.
+    """Base of all blocks. An object of it is one tracing of the equations; users work with the class.
 
     Attributes:
         sample_time: seconds between ticks.

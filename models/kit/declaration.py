@@ -28,7 +28,7 @@ class Type(enum.Enum):
 
 
 class Traced(Protocol):
-    """An instance of a block: it holds the values of the variables while equations are traced."""
+    """One tracing of a block: it holds the values of the variables while equations are traced."""
 
     def read(self, variable: Variable) -> SX: ...
     def write(self, variable: Variable, value: SX | float) -> None: ...

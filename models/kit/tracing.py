@@ -92,7 +92,7 @@ class Program:
 
 
 class Equations(Protocol):
-    """What tracing needs of a block: its class declares, an instance is one tracing of the equations.
+    """What tracing needs of a block: its class declares, an object of it is one tracing of the equations.
 
     Attributes:
         moore: the outputs depend on the states alone.
