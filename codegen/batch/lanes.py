@@ -19,7 +19,8 @@ from typing import Any
 
 import casadi as ca
 
-from codegen.blocks.expressions import SELECT, Node, Writer, count_uses, read
+from codegen.blocks.expressions import Writer
+from codegen.blocks.nodes import SELECT, Node, count_uses, read
 from models.kit.declaration import Type, flatten
 from models.kit.tracing import GROUPS, Phase, Table
 from models.system import System

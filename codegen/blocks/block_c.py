@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from codegen.blocks.expressions import MEMBERS, Writer, c_name, condition, constant_name, literal, statements
+from codegen.blocks.decisions import Row, decide, questions, write_decisions
+from codegen.blocks.expressions import MEMBERS, Writer, c_name, constant_name, fields, literal
+from codegen.blocks.layout import HARD_SPACE, fit
+from codegen.blocks.nodes import Nodes, behind, name_values, operations_behind, read
+from codegen.blocks.statements import Store, assign, condition, kept, statements, store_lines
 from codegen.files import write_whole
 from codegen.templating import environment
 from models.errors import DeclarationError
@@ -89,14 +94,14 @@ def generate(
         "starts": [line for kind in GROUPS for line in _starts(kind, block, precision, constants)],
         "state_starts": _starts("state", block, precision),
         "moore": block.moore,
-        "operations": ", ".join(f"{r.name} {r.operations}" for r in [*start, *routines]),
+        "operations": ", ".join(f"{r.name}{HARD_SPACE}{r.operations}" for r in [*start, *routines]),
     }
     files = {
         f"{title}.h": TEMPLATES.get_template("block.h.jinja").render(context),
         f"{title}.c": TEMPLATES.get_template("block.c.jinja").render(context),
     }
     digest = hashlib.sha256("".join(files.values()).encode()).hexdigest()[:16]
-    files = {name: text.replace("@hash@", digest) for name, text in files.items()}
+    files = {name: fit(text.replace("@hash@", digest)) for name, text in files.items()}
     if block.streams():
         files |= streams_c()
     return files
@@ -110,7 +115,8 @@ def streams_c() -> dict[str, str]:
         "substreams": random.jumps(random.SUBSTREAM_BITS, random.SUBSTREAM_DIGITS),
     }
     return {
-        f"mrg32k3a.{kind}": TEMPLATES.get_template(f"mrg32k3a.{kind}.jinja").render(context) for kind in "hc"
+        f"mrg32k3a.{kind}": fit(TEMPLATES.get_template(f"mrg32k3a.{kind}.jinja").render(context))
+        for kind in "hc"
     }
 
 
@@ -157,21 +163,15 @@ def _enums(block: type[Block]) -> list[dict[str, Any]]:
 def _starts(
     kind: str, block: type[Block], precision: Precision, constants: Collection[str] = ()
 ) -> list[str]:
-    """Assignments of the declared start values; equal elements of a vector in a loop."""
-    lines = []
+    """Assignments of the declared start values."""
+    stores = []
     for v in block.group(kind):
-        if v.name in constants:
-            continue
-        texts = [start_literal(v, value, precision) for value in v.start]
-        target = f"m->{MEMBERS[kind]}.{v.name}"
-        if v.size and len(set(texts)) == 1:
-            lines.append(f"for (int i = 0; i < {v.size}; i++) {{ {target}[i] = {texts[0]}; }}")
-        else:
-            lines += [
-                f"m->{MEMBERS[kind]}.{c_name(n)} = {text};"
-                for n, text in zip(v.flat_names, texts, strict=True)
-            ]
-    return lines
+        if v.name not in constants:
+            for name, value in zip(v.flat_names, v.start, strict=True):
+                named = v.choices is not None and value in list(v.choices)
+                text = enum_name(block, v, int(value)) if named else start_literal(v, value, precision)
+                stores.append(Store(f"m->{MEMBERS[kind]}.{c_name(name)}", text))
+    return store_lines(stores)
 
 
 def start_literal(variable: Variable, value: float, precision: Precision) -> str:
@@ -181,6 +181,12 @@ def start_literal(variable: Variable, value: float, precision: Precision) -> str
     if variable.type is Type.BOOLEAN:
         return "true" if value else "false"
     return str(int(value))
+
+
+def enum_name(block: type[Block], variable: Variable, value: int) -> str:
+    """The C name of a value of an enumeration."""
+    assert variable.choices
+    return f"{_enum_prefix(block, variable.choices)}_{variable.choices(value).name}"
 
 
 class _Generator:
@@ -201,12 +207,8 @@ class _Generator:
         rows = phase.rows if isinstance(phase, Table) else (phase,)
         return self.keep is None or any(not self.keep.isdisjoint(row.writes) for row in rows)
 
-    def enum_name(self, variable: Variable, value: int) -> str:
-        assert variable.choices
-        return f"{_enum_prefix(self.block, variable.choices)}_{variable.choices(value).name}"
-
     def writer(self) -> Writer:
-        return Writer(self.precision, self.enum_name, constants=self.constants)
+        return Writer(self.precision, partial(enum_name, self.block), constants=self.constants)
 
     def routine(self, phase: Update | Table) -> Routine:
         if isinstance(phase, Table):
@@ -220,26 +222,37 @@ class _Generator:
         return Routine(phase.name, phase.doc, lines, operations, guard)
 
     def _table(self, table: Table) -> tuple[list[str], int]:
+        """A switch over the mode, in each case the decisions of its rows."""
         variable = self.block.variables()[table.mode]
         lines, operations = [f"switch (m->state.{table.mode}) {{"], 0
         modes: dict[int, list[Transition]] = {}
         for row in table.rows:
             modes.setdefault(row.mode, []).append(row)
-        for mode, rows in modes.items():
-            name = self.enum_name(variable, mode) if variable.choices else str(mode)
-            lines.append(f"case {name}:")
-            opening = "if"
-            for row in rows:
-                guard, guard_operations = condition(row.guard, self.block, self.writer())
-                body, body_operations = statements(
-                    row.function, self.block, row.writes, self.writer(), self.keep
-                )
-                operations += guard_operations + body_operations
-                lines.append(f"    {opening} ({guard}) {{")
-                lines += [f"        {line}" for line in body]
-                opening = "} else if"
-            lines += ["    }", "    break;"]
+        for mode, transitions in modes.items():
+            name = enum_name(self.block, variable, mode) if variable.choices else str(mode)
+            case, case_operations = self._case(transitions)
+            has_locals = any(line.startswith("const ") for line in case)
+            lines.append(f"case {name}:{' {' if has_locals else ''}")
+            lines += [f"    {line}" for line in [*case, "break;"]]
+            lines += ["}"] if has_locals else []
+            operations += case_operations
         return [*lines, "default:", "    break;", "}"], operations
+
+    def _case(self, transitions: Sequence[Transition]) -> tuple[list[str], int]:
+        """The decisions of a mode, and how many operations they take together."""
+        nodes, writer, rows = Nodes(), self.writer(), []
+        leaf = nodes.leaf(fields(self.block, self.constants))
+        for transition in transitions:
+            (guard,), _ = read(transition.guard, leaf, nodes.make)
+            results, _ = read(transition.function, leaf, nodes.make)
+            writes, results = kept(transition.writes, results, self.keep)
+            body = partial(assign, writes, results, self.block, writer)
+            rows.append(Row(questions(guard), tuple(results), body))
+        everything = [n for row in rows for n in (*row.questions, *row.results)]
+        name_values(behind(everything))
+        operations = operations_behind(everything)
+        write_decisions(decide(rows), writer)
+        return writer.lines, operations
 
 
 def write_files(files: dict[str, str], folder: Path) -> list[Path]:

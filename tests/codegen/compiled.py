@@ -70,6 +70,7 @@ def compile_c(
 def struct_members(header: str) -> dict[str, list[tuple[str, str, int | None]]]:
     """What a header declares: member of the struct -> (C type, name, size of a vector) of each field."""
     found = {}
+    header = re.sub(r"\n {8,}\* ", " ", header)  # comments that take several lines
     for body, member in re.findall(r"struct \{ /\* \w+ \*/\n(.*?)\n    \} (\w+);", header, re.DOTALL):
         fields = re.findall(r"^        (\w+) (\w+)(?:\[(\d+)\])?; /\* .* \*/$", body, re.MULTILINE)
         assert len(fields) == len(body.splitlines()), body

@@ -12,7 +12,7 @@ import pytest
 
 from codegen.batch.batch import Batch
 from codegen.batch.lanes import BatchSystem, Graph, Tick, field_name, ordinary_tick
-from codegen.blocks.expressions import SELECT, Node, read
+from codegen.blocks.nodes import SELECT, Node, read
 from models.cmec import COMMANDS, Anomaly, Mode
 from models.commands import Command
 from models.system import SYSTEMS

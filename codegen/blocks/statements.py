@@ -1,0 +1,191 @@
+"""An update's results as C statements: locals, then a store for each result; stores that repeat as loops."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+from codegen.blocks.expressions import MEMBERS, Writer, bare, c_name, fields
+from codegen.blocks.nodes import (
+    CTYPES,
+    SELECT,
+    Node,
+    Nodes,
+    behind,
+    count_uses,
+    name_values,
+    operations_behind,
+    read,
+)
+from models.kit.block import Block
+from models.kit.declaration import flatten
+
+SHORTEST_LOOP = 4  # stores
+
+
+@dataclass(frozen=True)
+class Store:
+    """An assignment of an expression to a field, both as C writes them."""
+
+    field: str
+    text: str
+
+    @property
+    def vector(self) -> str:
+        """The vector of which the field is an element; the field itself if it is none."""
+        return _vector(self.field)
+
+    @property
+    def index(self) -> int | None:
+        """Which element of the vector the field is."""
+        _, bracket, index = self.field.partition("[")
+        return int(index[:-1]) if bracket else None
+
+    def in_loop(self) -> str:
+        """The statement for any element, if it is the same for all of them."""
+        text = self.text.replace(f"[{self.index}]", "[i]")
+        return f"{self.vector}[i] = {text};"
+
+
+def statements(
+    function: Any,
+    block: type[Block],
+    writes: Sequence[str],
+    writer: Writer,
+    keep: Collection[str] | None = None,
+) -> tuple[list[str], int]:
+    """The body of an update: C lines that compute every result, then store them; and its operation count.
+
+    Args:
+        keep: the variables that matter, all by default; others are neither computed nor stored.
+    """
+    nodes = Nodes()
+    results, _ = read(function, nodes.leaf(fields(block, writer.constants)), nodes.make)
+    writes, results = kept(writes, results, keep)
+    operations = operations_behind(results)
+    assign(writes, results, block, writer)
+    return writer.lines, operations
+
+
+def kept(
+    writes: Sequence[str], results: Sequence[Node], keep: Collection[str] | None
+) -> tuple[list[str], list[Node]]:
+    """The variables that matter, and their results."""
+    pairs = [(name, node) for name, node in zip(writes, results, strict=True) if keep is None or name in keep]
+    return [name for name, _ in pairs], [node for _, node in pairs]
+
+
+def assign(writes: Sequence[str], results: Sequence[Node], block: type[Block], writer: Writer) -> None:
+    """Write what sets each variable to its result.
+
+    A result is stored at once if no other result reads the field. The others are stored behind them; one that
+    reads a field stored before it gets a local. So does each of several Real outputs: SDCC then computes its
+    address behind the arithmetic, which has more registers till then (300 clocks in `local_plane`).
+    """
+    declared = dict(flatten([v for kind in ("state", "output") for v in block.group(kind)]))
+    targets = [f"m->{MEMBERS[declared[name].kind]}.{c_name(name)}" for name in writes]
+    for name, node in zip(writes, results, strict=True):
+        if node.op == SELECT and declared[name].choices:
+            node.enumeration = declared[name]
+    name_values(behind(results))
+    count_uses(results)
+    hinted = [(n, _next(name)) for name, n in zip(writes, results, strict=True) if not (n.hint or n.name)]
+    for node, hint in hinted:
+        node.hint = hint
+    reads = [_reads(node) for node in results]
+    late = [  # fields that other results read
+        any(not reads[j].isdisjoint((target, _vector(target))) for j in range(len(reads)) if j != k)
+        for k, target in enumerate(targets)
+    ]
+    stores: list[Store] = []  # not written yet: those in a row may become a loop
+    for k in sorted(range(len(results)), key=late.__getitem__):
+        variable, node, written = declared[writes[k]], results[k], len(writer.lines)
+        ctype = CTYPES[variable.type]
+        if node.op == ca.OP_CONST and variable.choices and node.value in list(variable.choices):
+            text = writer.enum_name(variable, int(node.value))
+        else:
+            is_real_output = variable.kind == "output" and node.ctype == "real" and len(results) > 1
+            if node.operands and not node.name and (node.uses > 1 or is_real_output):
+                writer.name(node, ctype)
+            text = writer.write_whole(node, ctype)
+            stored = {place for store in stores for place in (store.field, store.vector)}
+            if late[k] and not stored.isdisjoint(_reads(node)):
+                writer.name(node, ctype)
+                text = bare(writer.write(node, ctype))
+        if text == targets[k]:  # it stays what it is
+            continue
+        if not late[k] and len(writer.lines) > written:
+            writer.lines[written:written] = store_lines(stores)
+            stores = []
+        stores.append(Store(targets[k], text))
+    for node, _ in hinted:
+        node.hint = ""
+    writer.lines += store_lines(stores)
+
+
+def _next(name: str) -> str:
+    """The local of a variable's next value."""
+    return "next_" + re.sub(r"\W", "_", name).rstrip("_")
+
+
+def _reads(node: Node) -> set[str]:
+    """The fields that a node's text reads; of vectors whose elements it chooses from, the vector."""
+    return {inner.field for inner in behind([node]) if inner.field and not inner.name}
+
+
+def _vector(field: str) -> str:
+    return field.partition("[")[0]
+
+
+def store_lines(stores: Iterable[Store]) -> list[str]:
+    """The stores as C, in their order; those that differ by their index alone as loops."""
+    runs: list[list[Store]] = []
+    for store in stores:
+        last = runs[-1][-1] if runs else None
+        if (
+            last is not None
+            and last.index is not None
+            and store.index == last.index + 1
+            and store.in_loop() == last.in_loop()
+        ):
+            runs[-1].append(store)
+        else:
+            runs.append([store])
+    loops: list[tuple[range, list[list[Store]]]] = []  # of each: which elements, and the runs that it does
+    for run in runs:
+        first = run[0].index
+        if first is None or len(run) < SHORTEST_LOOP:
+            loops.append((range(0), [run]))
+            continue
+        elements = range(first, first + len(run))
+        if loops and loops[-1][0] == elements and _independent([*loops[-1][1], run]):
+            loops[-1][1].append(run)
+        else:
+            loops.append((elements, [run]))
+    lines = []
+    for elements, repeated in loops:
+        if not elements:
+            lines += [f"{store.field} = {store.text};" for run in repeated for store in run]
+            continue
+        lines.append(f"for (int i = {elements.start}; i < {elements.stop}; i++) {{")
+        lines += [f"    {run[0].in_loop()}" for run in repeated]
+        lines.append("}")
+    return lines
+
+
+def _independent(runs: Sequence[Sequence[Store]]) -> bool:
+    """May these runs of stores be done element by element? Yes, if none reads what another stores."""
+    return not any(re.search(rf"{re.escape(a[0].vector)}\b", b[0].text) for a in runs for b in runs)
+
+
+def condition(function: Any, block: type[Block], writer: Writer) -> tuple[str, int]:
+    """A guard as one C expression, and its operation count."""
+    nodes = Nodes()
+    (node,), _ = read(function, nodes.leaf(fields(block, writer.constants)), nodes.make)
+    name_values(behind([node]))
+    count_uses([node])
+    return bare(writer.write(node, "bool", locals_allowed=False)), operations_behind([node])
