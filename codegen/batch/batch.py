@@ -1,4 +1,4 @@
-"""Many trials at native speed: a wired system compiled into one library, called for thousands at once."""
+"""Many trials at native speed: a wired system compiled into one library that runs thousands in a call."""
 
 from __future__ import annotations
 
@@ -27,13 +27,9 @@ if TYPE_CHECKING:
     from codegen.batch.sources import Sources
 
 WIDE = ("-mprefer-vector-width=512",)  # where a processor has such vectors
-FLIGHTS = 128  # trials under way at once in a thread
-SPEED = (
-    "-O3",
-    "-march=native",
-    "-fno-math-errno",
-    "-Werror=pass-failed",
-)  # a lane loop that stays scalar fails
+FLIGHTS = 128  # trials under way at a time, in each thread
+# with the last flag, a loop over lanes that does not become vectors is an error
+SPEED = ("-O3", "-march=native", "-fno-math-errno", "-Werror=pass-failed")
 Key = tuple[str, str]  # component, flat name
 Array = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.int32]
@@ -41,7 +37,7 @@ Counts = npt.NDArray[np.int32]
 
 @dataclass(frozen=True)
 class Change:
-    """A free input takes a value from a tick on, in every trial."""
+    """From this tick on, a free input has this value in every trial."""
 
     tick: int
     component: str
@@ -51,11 +47,11 @@ class Change:
 
 @dataclass(frozen=True)
 class Results:
-    """What trials came to.
+    """How trials ended.
 
     Attributes:
         ticks: (trials,) index of each trial's last tick, from 0.
-        values: (trials, observed) the observed variables after it.
+        values: (trials, observed) the observed variables after that tick.
     """
 
     ticks: Counts
@@ -63,16 +59,16 @@ class Results:
 
 
 class Batch:
-    """A wired system for many trials, with the bits that its blocks' C gives one by one.
+    """A wired system for many trials, each with the bits that its blocks' C gives alone.
 
     Args:
-        system: any batch_system of blocks.
+        system: any wired system of blocks.
         varied: parameters that differ from point to point, as "component.parameter[1]".
-        observe: states and outputs whose last values are the result.
-        stop: an output, and the values of it with which a trial ends.
+        observe: states and outputs; the results are their values at the end of a trial.
+        stop: an output, and the values of it that end a trial.
 
     Raises:
-        ParameterError, WiringError: a name that the system has not.
+        ParameterError, WiringError: the system has no variable of this name.
     """
 
     def __init__(
@@ -98,18 +94,18 @@ class Batch:
         *,
         changes: Sequence[Change] = (),
     ) -> Results:
-        """Run trials; other threads run meanwhile.
+        """Run trials; other threads of the process run meanwhile.
 
         Args:
-            values: of parameters and free inputs where they differ from their start, by component and name.
+            values: of parameters and free inputs that differ from their start values, by component and name.
             points: (points, varied) values of the varied parameters.
             point: (trials,) each trial's row of `points`.
             seed: (trials,) each trial's value of every parameter `seed`.
-            ticks: index of the tick with which a trial ends at the latest.
-            changes: of free inputs, in every trial.
+            ticks: index of the last tick of a trial that nothing ends before.
+            changes: of free inputs, in every trial; of two on one tick, the later one in the list holds.
 
         Raises:
-            ParameterError: a name or an index is not there, or a shape is wrong.
+            ParameterError: a name or an index does not exist, or a shape is wrong.
             CompileError: the library cannot be built.
         """
         points = np.ascontiguousarray(points, dtype=np.float64)
@@ -120,19 +116,19 @@ class Batch:
         for component, variable in changing:
             if (component, variable) not in free:
                 raise ParameterError(
-                    f'{self.system.name}: "{component}.{variable}" is no free input'
+                    f'{self.system.name}: "{component}.{variable}" is not a free input'
                     + nearest(f"{component}.{variable}", [f"{c}.{n}" for c, n in free])
                 )
-        given = self._given(values)
+        chosen = self._chosen(values)
         library = self._library(
             tuple(changing),
-            tuple((key, given.get(key, start)) for key, start in free.items() if key not in changing),
+            tuple((key, chosen.get(key, start)) for key, start in free.items() if key not in changing),
         )
-        common = np.array([given.get(key, start) for key, start in self._common.items()])
+        common = np.array([chosen.get(key, start) for key, start in self._common.items()])
         schedule = np.array(
             [
                 (c.tick, changing.index((c.component, c.variable)), c.value)
-                for c in sorted(changes, key=lambda c: c.tick)  # of those on one tick, the last one holds
+                for c in sorted(changes, key=lambda c: c.tick)
             ],
             dtype=[("tick", "i4"), ("input", "i4"), ("value", "f8")],
         )
@@ -146,7 +142,7 @@ class Batch:
         return Results(last, observed)
 
     def _check(self, points: Array, point: Counts, seed: Counts, ticks: int) -> None:
-        """Refuse what the library would trust."""
+        """Check what the library takes for granted."""
         expected = f"(points, {len(self.varied)})"
         if points.ndim != 2 or points.shape[1] != len(self.varied):
             raise ParameterError(
@@ -166,16 +162,16 @@ class Batch:
         if not 0 <= ticks < 2**31:
             raise ParameterError(f"ticks is {ticks}; expected 0 to {2**31 - 1}")
 
-    def _given(self, values: Mapping[str, Mapping[str, float]]) -> dict[Key, float]:
-        """Start values by variable, of components that matter and of others."""
-        given = {(c, n): float(value) for c, part in values.items() for n, value in part.items()}
-        for (component, name), value in given.items():
+    def _chosen(self, values: Mapping[str, Mapping[str, float]]) -> dict[Key, float]:
+        """The values by variable, checked."""
+        chosen = {(c, n): float(value) for c, part in values.items() for n, value in part.items()}
+        for (component, name), value in chosen.items():
             if (component, name) not in self._settable:
-                self._key(f"{component}.{name}", "parameter", "input")  # which says what is wrong
+                self._key(f"{component}.{name}", "parameter", "input")  # raises if there is no such variable
                 raise ParameterError(f'{self.system.name}: input "{component}.{name}" is connected')
             if not math.isfinite(value):
                 raise ParameterError(f"{component}.{name} is {value}; expected a finite number")
-        return given
+        return chosen
 
     def _key(self, name: str, *kinds: str) -> Key:
         component, _, variable = name.partition(".")
@@ -193,22 +189,22 @@ class Batch:
 
     @cached_property
     def _settable(self) -> dict[Key, float]:
-        """All that may be set, with its start value: parameters, and inputs that nothing feeds."""
-        fed = {(link.target, link.target_variable) for link in self.system.links}
+        """The variables that may be set, with their start values: parameters, and inputs without a link."""
+        linked = {(link.target, link.target_variable) for link in self.system.links}
         components = self.system.components
         starts = {
             k: v for c in components for kind in ("parameter", "input") for k, v in self._starts(c, kind)
         }
-        return {key: start for key, start in starts.items() if key not in fed}
+        return {key: start for key, start in starts.items() if key not in linked}
 
     @cached_property
     def _common(self) -> dict[Key, float]:
-        """What of that matters."""
+        """Those of the components that matter; all trials begin with the same value, unless it is varied."""
         return {key: start for key, start in self._settable.items() if key[0] in self.keep}
 
     @cached_property
     def _free_inputs(self) -> dict[Key, float]:
-        """The inputs among them."""
+        """The inputs of these."""
         inputs = {key for component in self.keep for key, _ in self._starts(component, "input")}
         return {key: start for key, start in self._common.items() if key in inputs}
 
@@ -219,7 +215,7 @@ class Batch:
 
     @cached_property
     def keep(self) -> dict[str, frozenset[str]]:
-        """The states and outputs of each component that matter, of those components that do."""
+        """The states and outputs that matter, of each component that has any."""
         if not self._is_shipped:
             return self._needed()
 
@@ -233,12 +229,12 @@ class Batch:
     def _needed(self) -> dict[str, frozenset[str]]:
         from codegen.batch.pruning import needed  # noqa: PLC0415 - traces the models
 
-        wanted = [*self.observed, *([self.stop[0]] if self.stop else [])]
-        return {component: names for component, names in needed(self.system, wanted).items() if names}
+        observed = [*self.observed, *([self.stop[0]] if self.stop else [])]
+        return {component: names for component, names in needed(self.system, observed).items() if names}
 
     @property
     def _is_shipped(self) -> bool:
-        """Are all blocks those of `models/`, whose files decide what the cache may keep of them?"""
+        """Do all blocks come from `models/`? The cache knows the sources of those only."""
         return all(
             block.__module__.startswith("models.")
             and getattr(sys.modules.get(block.__module__), block.__name__, None) is block
@@ -247,7 +243,7 @@ class Batch:
 
     @property
     def _asked(self) -> object:
-        """All that decides the runner but the sources of the models and the values of inputs."""
+        """What decides the runner, beside the sources of the models and the values of inputs."""
         components = [(c, block.__module__, block.__name__) for c, block in self.system.components.items()]
         stop = None if self.stop is None else (self.stop[0], sorted(self.stop[1]))
         return self.system.name, components, self.system.links, self.varied, self.observed, stop
@@ -255,12 +251,12 @@ class Batch:
     def _sources(self) -> Sources:
         from codegen.batch.sources import Sources  # noqa: PLC0415 - traces the models
 
-        lanes = 16 if _is_wide() else 8  # two vectors: while one waits for a result, the other goes on
+        lanes = 16 if _is_wide() else 8  # two vectors: one computes while the other waits for a result
         common = list(self._common)
         return Sources(self.system, self.keep, self.varied, self.observed, self.stop, common, lanes, FLIGHTS)
 
     def ticks(self, changing: Collection[Key], fixed: Mapping[Key, float]) -> list[Tick]:
-        """The ordinary ticks: one for each mode of the largest table, or a single one if that is as good."""
+        """The ordinary ticks, as in `Sources.ticks`."""
         return self._sources().ticks(changing, fixed)
 
     def sources(self, changing: Sequence[Key] = (), fixed: Mapping[Key, float] = {}) -> dict[str, str]:
@@ -268,7 +264,7 @@ class Batch:
         return self._sources().files(changing, fixed)
 
     def _library(self, changing: tuple[Key, ...], fixed: tuple[tuple[Key, float], ...]) -> ctypes.CDLL:
-        """The runner for these changing inputs and values of free inputs; built once on a machine."""
+        """The runner for these changing inputs and these values of the other free inputs, from the cache."""
         key = (changing, fixed)
         if key not in self._libraries:
             asked = (

@@ -1,4 +1,4 @@
-"""What of a wired system matters for what is asked of it: the updates and results that can be left out."""
+"""Which states and outputs of a wired system decide the observed ones; the others need not be computed."""
 
 from __future__ import annotations
 
@@ -12,33 +12,33 @@ from models.kit.tracing import GROUPS, Phase, Table
 from models.system import System
 
 
-def needed(system: System, wanted: Iterable[tuple[str, str]]) -> Mapping[str, frozenset[str]]:
-    """The states and outputs of each component on which the wanted ones depend, at whatever time.
+def needed(system: System, observed: Iterable[tuple[str, str]]) -> Mapping[str, frozenset[str]]:
+    """The states and outputs of each component on which the observed ones depend, now or later.
 
-    A result that is left out changes no other, so a step without it gives the same bits.
+    No needed result depends on one that is not, so a step without the others gives the same bits.
 
     Args:
-        wanted: states and outputs, as (component, flat name).
+        observed: states and outputs, as (component, flat name).
     """
     sources = {(k.target, k.target_variable): (k.source, k.source_variable) for k in system.links}
-    found: dict[str, set[str]] = {component: set() for component in system.components}
-    tables = {
+    needs: dict[str, set[str]] = {component: set() for component in system.components}
+    dependencies = {
         component: [_dependencies(block, phase) for phase in _phases(block)]
         for component, block in system.components.items()
     }
-    left = list(wanted)
+    left = list(observed)
     while left:
         component, name = left.pop()
-        if name in found[component]:
+        if name in needs[component]:
             continue
-        found[component].add(name)
-        for writes in tables[component]:
-            for kind, other in writes.get(name, ()):
+        needs[component].add(name)
+        for phase in dependencies[component]:
+            for kind, other in phase.get(name, ()):
                 if kind in ("state", "output"):
                     left.append((component, other))
                 elif kind == "input" and (component, other) in sources:
                     left.append(sources[component, other])
-    return {component: frozenset(names) for component, names in found.items()}
+    return {component: frozenset(names) for component, names in needs.items()}
 
 
 Reads = frozenset[tuple[str, str]]  # variables as (group, flat name)
@@ -50,9 +50,9 @@ def _phases(block: type[Block]) -> Iterable[Phase]:
 
 
 def _dependencies(block: type[Block], phase: Phase) -> dict[str, Reads]:
-    """What a phase reads for each variable that it may set."""
+    """The variables that decide each variable which a phase may set."""
     guard = _reads(block, phase.guard)[0] if phase.guard is not None else frozenset()
-    found: dict[str, Reads] = {}
+    reads_of: dict[str, Reads] = {}
     if isinstance(phase, Table):
         rows = phase.rows
         guard |= {("state", phase.mode)}.union(*(_reads(block, row.guard)[0] for row in rows))
@@ -60,8 +60,8 @@ def _dependencies(block: type[Block], phase: Phase) -> dict[str, Reads]:
         rows = (phase,)  # type: ignore[assignment]
     for row in rows:
         for name, reads in zip(row.writes, _reads(block, row.function), strict=True):
-            found[name] = found.get(name, frozenset()) | reads | guard
-    return found
+            reads_of[name] = reads_of.get(name, frozenset()) | reads | guard
+    return reads_of
 
 
 def _reads(block: type[Block], function: Any) -> list[Reads]:

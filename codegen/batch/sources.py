@@ -1,4 +1,4 @@
-"""The C of a batch runner: the ordinary tick in lanes, the blocks' own steps for the rest."""
+"""The C of a batch runner: ordinary ticks in lanes, the blocks' own step functions for other ticks."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 from codegen.batch.lanes import BatchSystem, Key, Tick, field_name, ordinary_tick
 from codegen.blocks.block_c import VERSION, generate
 from codegen.blocks.expressions import MEMBERS, c_name
+from codegen.blocks.layout import fit
 from codegen.templating import environment
 from models.kit.block import Block
 from models.kit.declaration import Type
@@ -16,18 +17,18 @@ from models.kit.tracing import Table
 from models.system import System
 
 TEMPLATES = environment(Path(__file__).parent / "templates")
-WORTH = 0.8  # the tick is specialized by mode if that leaves less than this share of its operations
+WORTH = 0.8  # specialize the tick by mode if no mode needs more than this share of its operations
 CASTS = {Type.REAL: "", Type.INTEGER: "(int32_t)", Type.BOOLEAN: "(bool)"}
 
 
 @dataclass(frozen=True)
 class Sources:
-    """What a runner is generated for; the attributes are those of `Batch`.
+    """What a runner is generated from; the attributes have the meanings that they have in `Batch`.
 
     Attributes:
-        common: all that may be set and matters, in the order of the runner's values.
+        common: the variables that may be set, in the order in which the runner takes their values.
         lanes: trials that take the ordinary tick together.
-        flights: trials under way at once in a thread.
+        flights: trials under way at a time, in each thread.
     """
 
     system: System
@@ -40,10 +41,14 @@ class Sources:
     flights: int
 
     def ticks(self, changing: Collection[Key], fixed: Mapping[Key, float]) -> list[Tick]:
-        """The ordinary ticks: one for each mode of the largest table, or a single one if that is as good."""
+        """The ordinary ticks: one for each mode of the largest state machine, or one for all modes.
+
+        One for all modes if there is no state machine, or if ticks by mode would not be much shorter.
+        A mode in which every tick departs has none.
+        """
         keep = {component: self.keep.get(component, frozenset()) for component in self.system.components}
-        own = frozenset([*self.varied, *changing])
-        batch_system = BatchSystem(self.system, keep, own, fixed, self.stop)
+        varying = frozenset([*self.varied, *changing])
+        batch_system = BatchSystem(self.system, keep, varying, fixed, self.stop)
         whole = ordinary_tick(batch_system, {})
         tables = [
             (len(phase.rows), component, phase.mode)
@@ -56,7 +61,7 @@ class Sources:
         _, component, mode = max(tables)
         choices = self.system.components[component].variables()[mode].choices
         by_mode = [ordinary_tick(batch_system, {(component, mode): float(m)}) for m in choices or ()]
-        by_mode = [tick for tick in by_mode if not tick.departs]
+        by_mode = [tick for tick in by_mode if not tick.always_departs]
         if by_mode and max(tick.operations for tick in by_mode) < WORTH * whole.operations:
             return by_mode
         return [whole]
@@ -91,9 +96,9 @@ class Sources:
             "observed": [self._place(key)["place"] for key in self.observed],
             "ticks": [
                 {
-                    "what": ", ".join(f"{c}.{n} {v:g}" for (c, n), v in tick.holds.items()) or "any mode",
+                    "what": ", ".join(f"{c}.{n} {v:g}" for (c, n), v in tick.held.items()) or "any mode",
                     "condition": " && ".join(
-                        f"f->{self._place(key)['place']} == {value:g}" for key, value in tick.holds.items()
+                        f"f->{self._place(key)['place']} == {value:g}" for key, value in tick.held.items()
                     )
                     or "true",
                     "operations": tick.operations,
@@ -110,16 +115,16 @@ class Sources:
             "before": list(self._calls(components, plants=False)),
             "after": list(self._calls(components, plants=True)),
             "ends": " || ".join(
-                f"f->{self._place(self.stop[0])['place']} == {value}" for value in sorted(self.stop[1])
+                f"(f->{self._place(self.stop[0])['place']} == {value})" for value in sorted(self.stop[1])
             )
             if self.stop
             else "",
         }
-        files["batch.c"] = TEMPLATES.get_template("batch.c.jinja").render(context)
+        files["batch.c"] = fit(TEMPLATES.get_template("batch.c.jinja").render(context))
         return files
 
     def _place(self, key: Key) -> dict[str, str]:
-        """Where a variable stands in a trial's structs, and the cast that sets it from a double."""
+        """The place of a variable in a trial's structs, and the cast from a double to its type."""
         component, name = key
         variable = next(
             v for v in self.system.components[component].variables().values() if name in v.flat_names
@@ -127,7 +132,7 @@ class Sources:
         return {"place": f"{component}.{MEMBERS[variable.kind]}.{c_name(name)}", "cast": CASTS[variable.type]}
 
     def _calls(self, components: Mapping[str, type[Block]], plants: bool) -> Iterable[str]:
-        """The C of a tick up to the plants (whose outputs stand for their states), and of the plants."""
+        """The calls of a tick, the plants' steps or those before them; links are copied before each step."""
         for component, block in components.items():
             has_outputs = not self.keep[component].isdisjoint(block.flat_names("output"))
             if block.moore and not plants and has_outputs:

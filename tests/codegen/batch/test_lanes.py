@@ -11,7 +11,8 @@ import casadi as ca
 import pytest
 
 from codegen.batch.batch import Batch
-from codegen.batch.lanes import BatchSystem, Graph, Tick, field_name, ordinary_tick
+from codegen.batch.graph import Graph
+from codegen.batch.lanes import BatchSystem, Tick, field_name, ordinary_tick
 from codegen.blocks.nodes import SELECT, Node, read
 from models.cmec import COMMANDS, Anomaly, Mode
 from models.commands import Command
@@ -313,7 +314,7 @@ def ticks() -> dict[Mode, Tick]:
     """The trial simulator's, by mode, for the outcome of trials at different thresholds."""
     batch = Batch(SYSTEMS["cts"], ["controller.moving_deviation"], ["controller.status"], STOP)
     found = batch.ticks((), RUNNING | STILL)
-    return {Mode(int(tick.holds["controller", "now"])): tick for tick in found}
+    return {Mode(int(tick.held["controller", "now"])): tick for tick in found}
 
 
 def test_modes_that_last_have_a_tick_of_their_own(ticks: dict[Mode, Tick]) -> None:
@@ -324,14 +325,14 @@ def test_modes_that_last_have_a_tick_of_their_own(ticks: dict[Mode, Tick]) -> No
 
 def test_a_mode_fixes_the_command(ticks: dict[Mode, Tick]) -> None:
     for mode, tick in ticks.items():
-        assert tick.holds["controller", "overruled"] == Anomaly.NONE
-        assert tick.holds["plant", "past_command"] == COMMANDS.get(mode, Command.NONE), mode
+        assert tick.held["controller", "overruled"] == Anomaly.NONE
+        assert tick.held["plant", "past_command"] == COMMANDS.get(mode, Command.NONE), mode
 
 
 def test_what_a_tick_holds_it_neither_reads_nor_writes(ticks: dict[Mode, Tick]) -> None:
     for tick in ticks.values():
-        assert not tick.holds.keys() & (tick.reads | tick.writes)
-        assert not tick.departs
+        assert not tick.held.keys() & (tick.reads | tick.writes)
+        assert not tick.always_departs
 
 
 def test_a_tick_reads_and_writes_what_its_mode_needs(ticks: dict[Mode, Tick]) -> None:
@@ -372,7 +373,7 @@ def test_a_mode_takes_less_than_all_modes(ticks: dict[Mode, Tick]) -> None:
     )
     assert max(tick.operations for tick in ticks.values()) < whole.operations
     # all modes at once hold nothing
-    assert not whole.holds
+    assert not whole.held
     assert ("plant", "past_command") in whole.writes
 
 
@@ -380,7 +381,7 @@ def test_a_trial_that_has_not_begun_waits_in_an_ordinary_tick_of_its_own() -> No
     # given no start signal: nothing happens in mode IDLE
     batch = Batch(SYSTEMS["cts"], ["controller.moving_deviation"], ["controller.status"], STOP)
     idle = RUNNING | STILL | {("controller", "start"): 0.0}
-    found = {int(tick.holds["controller", "now"]): tick for tick in batch.ticks((), idle)}
+    found = {int(tick.held["controller", "now"]): tick for tick in batch.ticks((), idle)}
     assert Mode.IDLE in found
     assert Mode.FORWARD not in found  # the mission ends there at once
 

@@ -1,4 +1,4 @@
-"""What of a system matters for what is asked, and that leaving the rest out changes no bit of it."""
+"""Which variables decide the observed ones, and that leaving the others out changes no bit of these."""
 
 from __future__ import annotations
 
