@@ -9,14 +9,14 @@ BIN := .venv/bin
 demo: .venv/ready
 	$(BIN)/canine run three_waypoint --seed 1 --out out/demo
 
-# What tests need beside Python packages: as root it is installed; without it they skip, and say so.
+# Tools of the tests that are not Python packages: root installs them; a test without its tool skips and says so.
 TOOLS := gcc:gcc nm:binutils clang:clang clang:libclang-rt-dev cppcheck:cppcheck \
          arm-none-eabi-gcc:gcc-arm-none-eabi qemu-system-arm:qemu-system-arm
 
 test: .venv/ready
 	@if [ "$$(id -u)" = 0 ]; then \
-	    for tool in $(TOOLS); do command -v $${tool%%:*} >/dev/null || wanted="$$wanted $${tool##*:}"; done; \
-	    [ -z "$$wanted" ] || { apt-get update -qq && apt-get install -y -qq --no-install-recommends $$wanted; }; \
+	    for tool in $(TOOLS); do command -v $${tool%%:*} >/dev/null || packages="$$packages $${tool##*:}"; done; \
+	    [ -z "$$packages" ] || { apt-get update -qq && apt-get install -y -qq --no-install-recommends $$packages; }; \
 	fi || true
 	@$(BIN)/python -m codegen.toolchains.sdcc >/dev/null || true
 	$(BIN)/python -m pytest -n auto --cov --cov-report=

@@ -162,8 +162,8 @@ def _prepare(
     held = {p.fmi3 for p in chosen}  # as FMI 3.0 names them: FMI 2.0's folders do not tell ARM
 
     def build() -> Path:
-        lying = stamp_of(path).split()
-        if lying[:1] == [built_from] and held <= set(lying[1:]):
+        stamp = stamp_of(path).split()
+        if stamp[:1] == [built_from] and held <= set(stamp[1:]):
             return path
         binaries: dict[str, bytes] = {}
         for platform in chosen:

@@ -27,7 +27,7 @@ def tick_dependencies(block: type[Block]) -> dict[str, Known]:
 
 
 def initial_dependencies(block: type[Block]) -> dict[str, Known]:
-    """The parameters that each output depends on at initialization; none but for a plant."""
+    """The parameters that each output depends on at initialization; none, except in a plant."""
     known = {name: frozenset([name]) for name in block.flat_names("parameter")}
     for stream in block.streams():
         known |= dict.fromkeys(stream.flat_names, frozenset(["seed"]))

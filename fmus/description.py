@@ -1,4 +1,4 @@
-"""What an FMU says of itself, from the declaration: model and build description, and a page to read."""
+"""The descriptions in an FMU, from the declaration: model and build description, and a page to read."""
 
 from __future__ import annotations
 
@@ -68,13 +68,13 @@ class Scalar:
     @property
     def attributes(self) -> dict[str, str]:
         """Unit, range and, where the environment may set it, start: as XML writes them."""
-        found = {"unit": self.declared.unit} if self.declared.unit else {}
+        attributes = {"unit": self.declared.unit} if self.declared.unit else {}
         if self.declared.type is not Type.BOOLEAN:
             bounds = {"min": self.declared.min, "max": self.declared.max}
-            found |= {key: self.text(bound) for key, bound in bounds.items() if bound is not None}
+            attributes |= {key: self.text(bound) for key, bound in bounds.items() if bound is not None}
         if self.kind in ("input", "parameter"):
-            found["start"] = self.text(self.start)
-        return found
+            attributes["start"] = self.text(self.start)
+        return attributes
 
     def text(self, value: float) -> str:
         """A value as XML writes it for this type."""
@@ -108,14 +108,14 @@ def scalars(block: type[Block]) -> list[Scalar]:
     Raises:
         DeclarationError: a variable is called `time`, which FMI 3.0 has of its own.
     """
-    found: list[Scalar] = []
+    flat: list[Scalar] = []
     for kind in CAUSALITY:
         for variable in block.group(kind):
             if variable.name == "time":
                 raise DeclarationError(f'{block.title()}: variable "time"; FMI 3.0 adds its own, rename it')
             for name, start in zip(variable.flat_names, variable.start, strict=True):
-                found.append(Scalar(name, len(found), variable, start))
-    return found
+                flat.append(Scalar(name, len(flat), variable, start))
+    return flat
 
 
 def block_header(block: type[Block], version: FmiVersion, precision: Precision, token: str) -> str:
@@ -233,11 +233,11 @@ def _interface(root: ET.Element, block: type[Block], version: FmiVersion, source
 
 
 def _identity(v: Scalar) -> dict[str, str]:
-    found = {"name": v.name, "valueReference": str(v.reference), "description": v.description}
-    found |= {"causality": v.causality, "variability": v.variability}
+    attributes = {"name": v.name, "valueReference": str(v.reference), "description": v.description}
+    attributes |= {"causality": v.causality, "variability": v.variability}
     if v.kind != "input":
-        found["initial"] = "exact" if v.kind == "parameter" else "calculated"
-    return found
+        attributes["initial"] = "exact" if v.kind == "parameter" else "calculated"
+    return attributes
 
 
 def _structure(parent: ET.Element, block: type[Block], version: FmiVersion) -> None:

@@ -76,14 +76,14 @@ def _bindings(system: System, parameters: Mapping[str, float]) -> dict[str, list
         for role, block in system.components.items()
         for scalar in _parameters(block)
     }
-    found: dict[str, list[tuple[Scalar, float]]] = {role: [] for role in system.components}
+    bindings: dict[str, list[tuple[Scalar, float]]] = {role: [] for role in system.components}
     for name, value in parameters.items():
         if name not in known:
             raise ParameterError(f'system "{system.name}" has no parameter "{name}"{nearest(name, known)}')
         role, scalar = known[name]
         scalar.declared.check(float(value), name)
-        found[role].append((scalar, float(value)))
-    return found
+        bindings[role].append((scalar, float(value)))
+    return bindings
 
 
 def _parameters(block: type[Block]) -> list[Scalar]:

@@ -236,15 +236,15 @@ def firmware(
     canine firmware --target rabbit4000 --parameters my.toml --constants --out firmware
     canine firmware --target host --set cmec.moving_deviation=37 --out firmware
 
-    Waypoints are no parameters: they come by radio.
+    Waypoints come by radio, not with the parameters.
     """
     from codegen.firmware import bundle
     from harness.trial.firmware import values_on_board
 
-    found = find_target(target)
+    processor = find_target(target)
     values = values_on_board(parameters, settings or [])
-    paths = bundle.write(found, folder, values, constants=constants)
-    typer.echo(f"{len(paths)} files for {found.processor} in {_short(folder)}: see README.md there")
+    paths = bundle.write(processor, folder, values, constants=constants)
+    typer.echo(f"{len(paths)} files for {processor.processor} in {_short(folder)}: see README.md there")
 
 
 @app.command("pil")
@@ -313,17 +313,23 @@ def wiring(
         with _telling("building the FMUs") as done:
             build_missing(request, done)
         with prepared(request) as ready:
-            found = wire(ready.system, ready.fmus, request.order, ready.plants)
+            order_and_delays = wire(ready.system, ready.fmus, request.order, ready.plants)
     if as_json:
-        links = [{"link": str(link), "ticks": ticks} for link, ticks in found.delays]
-        typer.echo(json.dumps({"order": found.order, "step_s": found.step, "links": links}, indent=2))
+        links = [{"link": str(link), "ticks": ticks} for link, ticks in order_and_delays.delays]
+        typer.echo(
+            json.dumps(
+                {"order": order_and_delays.order, "step_s": order_and_delays.step, "links": links}, indent=2
+            )
+        )
         return
     rows = [("link", "delay")]
-    for link, ticks in found.delays:
+    for link, ticks in order_and_delays.delays:
         conversion = f"  * {link.factor:g} + {link.offset:g}" if link.converts else ""
         rows.append((f"{link}{conversion}", "none" if ticks == 0 else f"{ticks} tick"))
     width = max(len(link) for link, _ in rows) + 2
-    typer.echo(f"{request.order}, every {found.step:g} s: {', then '.join(found.order)}")
+    typer.echo(
+        f"{request.order}, every {order_and_delays.step:g} s: {', then '.join(order_and_delays.order)}"
+    )
     for row, (what, delay) in enumerate(rows):  # importing rich's tables takes longer
         typer.secho(f"{what:{width}}{delay}", bold=row == 0 or None)
 
@@ -389,9 +395,9 @@ def replay_recording(
         _note(f"{recording}: the log is not whole, {source.broken}")
     chosen = source.windows(outage, every)
     with _bar("outages", len(chosen), quiet=as_json) as progress:
-        found = replay.replay(source, estimator, chosen, progress)
+        outages = replay.replay(source, estimator, chosen, progress)
     place = folder or source.folder
-    result = replay.report(source, estimator, found, place)
+    result = replay.report(source, estimator, outages, place)
     if as_json:
         typer.echo(json.dumps(result, indent=2))
     else:

@@ -48,7 +48,7 @@ TERMS: dict[str, tuple[Term, ...]] = {
         Term(
             "FMU",
             "a model in a file that any simulation tool can run; ours are built from blocks",
-            (("build", "fmus/build.py"), ("FmuDescription", "harness/cosim/fmu.py")),
+            (("build_fmu", "fmus/build.py"), ("FmuDescription", "harness/cosim/fmu.py")),
         ),
         Term(
             "instance",
@@ -86,7 +86,7 @@ TERMS: dict[str, tuple[Term, ...]] = {
             (("deviation", "models/cmec.py"),),
         ),
         Term(
-            "*_deviation",
+            "`_deviation`",
             "in a name: the standard deviation of what is drawn for the dog; `_sd` in an estimate",
             (("drift_deviation", "models/canine.py"), ("north_sd", "models/four_state.py")),
         ),

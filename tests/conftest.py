@@ -32,12 +32,12 @@ TOOLS = {
 
 def missing() -> dict[str, str]:
     """What is not here, and how it is had."""
-    found = {t: f"apt install {package}" for t, package in TOOLS.items() if not shutil.which(t)}
+    tools = {t: f"apt install {package}" for t, package in TOOLS.items() if not shutil.which(t)}
     try:
         sdcc.home()
     except CompileError:
-        found["SDCC 4.5"] = "python -m codegen.toolchains.sdcc"
-    return found
+        tools["SDCC 4.5"] = "python -m codegen.toolchains.sdcc"
+    return tools
 
 
 MISSING = missing()

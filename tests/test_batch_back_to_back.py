@@ -154,16 +154,16 @@ def co_simulated(scenarios: list[Scenario]) -> Iterator[Trial]:
     with prepared(request) as ready:
         assert plan(scenarios[0], ready.interfaces) == ready.plan
         for scenario in scenarios:
-            found = plan(scenario, ready.interfaces)
-            with Simulation(ready.system, found.values) as simulation:
-                yield run(scenario, found, simulation)
+            resolved = plan(scenario, ready.interfaces)
+            with Simulation(ready.system, resolved.values) as simulation:
+                yield run(scenario, resolved, simulation)
 
 
-def run(scenario: Scenario, found: Plan, simulation: Simulation) -> Trial:
+def run(scenario: Scenario, resolved: Plan, simulation: Simulation) -> Trial:
     """Run a trial whose FMUs are ready."""
     blocks: list[dict[str, Any]] = []
     outcome = simulation.run(
-        found.events,
+        resolved.events,
         duration=scenario.duration,
         stop=trial.stop_of(simulation),
         record=lambda times, values: blocks.append({n: v.copy() for n, v in values.items()}),
@@ -178,10 +178,10 @@ def run(scenario: Scenario, found: Plan, simulation: Simulation) -> Trial:
     rows = np.vstack([block["controller"] for block in blocks])
     mode, anomaly = (rows[:, columns["controller"].index(n)] for n in ("mode", "anomaly"))
     changes = [
-        Change(math.ceil(e.time / STEP - 1e-9), e.component, e.variable, e.value) for e in found.events
+        Change(math.ceil(e.time / STEP - 1e-9), e.component, e.variable, e.value) for e in resolved.events
     ]
     counts = count_anomalies(mode, anomaly)
-    return Trial(scenario, found.values, tuple(changes), outcome.ticks - 1, last | counts)
+    return Trial(scenario, resolved.values, tuple(changes), outcome.ticks - 1, last | counts)
 
 
 def count_anomalies(mode: np.ndarray[Any, Any], anomaly: np.ndarray[Any, Any]) -> dict[str, float]:

@@ -20,7 +20,7 @@ from models.errors import CanineError, UsageError, nearest
 
 
 class CompileError(CanineError):
-    """The compiler refuses the C, or there is no compiler for this machine."""
+    """The compiler refuses the C, or this machine has no compiler."""
 
 
 class PlatformError(CompileError, UsageError):

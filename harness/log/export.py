@@ -39,7 +39,7 @@ def export(log: Log, to: str, out: Path) -> list[Path]:
         out: the folder, made if need be.
 
     Raises:
-        UsageError: there is no such format, its library is not installed, or the folder cannot be made.
+        UsageError: the format is unknown, its library is not installed, or the folder cannot be made.
         FileError: a file cannot be written.
     """
     if to not in FORMATS:

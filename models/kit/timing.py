@@ -1,7 +1,8 @@
 """The tick, and the one way to compare a time with a number of ticks.
 
 A time of a whole number of ticks must count as many in float32, where both sides of the comparison are
-rounded. So every comparison has a tolerance: a tenth of a tick, unless another is given.
+rounded. So a comparison has a tolerance: a tenth of a tick, unless another is given. The age of
+a fix (four_state) and the windows of outages (sensors) are compared without one.
 """
 
 from __future__ import annotations

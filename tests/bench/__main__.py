@@ -79,14 +79,14 @@ class Wrapped:
             slave.enterInitializationMode()
             slave.exitInitializationMode()
         for name in self.slaves:
-            wanted: dict[str, tuple[list[int], list[tuple[str, int]]]] = {}
+            by_kind: dict[str, tuple[list[int], list[tuple[str, int]]]] = {}
             for link in self.system.links:
                 if link.target == name:
                     reference, kind = references[name, link.target_variable]
-                    targets, sources = wanted.setdefault(kind, ([], []))
+                    targets, sources = by_kind.setdefault(kind, ([], []))
                     targets.append(reference)
                     sources.append((link.source, references[link.source, link.source_variable][0]))
-            self.links[name] = wanted
+            self.links[name] = by_kind
         self.values: dict[tuple[str, int], float] = {}
 
     @staticmethod

@@ -41,7 +41,7 @@ def seconds(command: Sequence[str], status: int = 0) -> float:
     """How long a command takes in an empty folder; Python keeps its bytecode, as for whoever installs it.
 
     Raises:
-        RuntimeError: it ends otherwise.
+        RuntimeError: it ends with another exit status.
     """
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
     with tempfile.TemporaryDirectory() as folder:

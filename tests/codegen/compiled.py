@@ -69,13 +69,13 @@ def compile_c(
 
 def struct_members(header: str) -> dict[str, list[tuple[str, str, int | None]]]:
     """What a header declares: member of the struct -> (C type, name, size of a vector) of each field."""
-    found = {}
+    members = {}
     header = re.sub(r"\n {8,}\* ", " ", header)  # comments that take several lines
     for body, member in re.findall(r"struct \{ /\* \w+ \*/\n(.*?)\n    \} (\w+);", header, re.DOTALL):
         fields = re.findall(r"^        (\w+) (\w+)(?:\[(\d+)\])?; /\* .* \*/$", body, re.MULTILINE)
         assert len(fields) == len(body.splitlines()), body
-        found[member] = [(c_type, name, int(size) if size else None) for c_type, name, size in fields]
-    return found
+        members[member] = [(c_type, name, int(size) if size else None) for c_type, name, size in fields]
+    return members
 
 
 class Library:

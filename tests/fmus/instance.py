@@ -145,13 +145,13 @@ def run_model(
     model = Model(block, parameters)
     model.initialize()
     names = watched(block)
-    found = [bits([model[n] for n in names])] if block.moore else []
+    answers = [bits([model[n] for n in names])] if block.moore else []
     for row in rows:
         for name, value in row.items():
             model[name] = value
         model.step()
-        found.append(bits([model[n] for n in names]))
-    return found
+        answers.append(bits([model[n] for n in names]))
+    return answers
 
 
 def run(
@@ -159,13 +159,13 @@ def run(
 ) -> list[list[str]]:
     """The same of an FMU that has been started, from tick `first`."""
     names = watched(block)
-    found = [bits(unit.values(names))] if block.moore and not first else []
+    answers = [bits(unit.values(names))] if block.moore and not first else []
     for tick, row in enumerate(rows, first):
         for name, value in row.items():
             unit[name] = value
         unit.step(tick)
-        found.append(bits(unit.values(names)))
-    return found
+        answers.append(bits(unit.values(names)))
+    return answers
 
 
 def watched(block: type[Block]) -> list[str]:

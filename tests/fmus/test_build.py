@@ -86,8 +86,8 @@ def test_outputs_tell_what_they_depend_on(fmu: Fmu) -> None:
     # then the description says so, an empty list for a plant
     for toy, expected in ((Pulse, {"place": ["push", "kick"], "steady": []}), (Slide, {"place": []})):
         description = fmpy.read_model_description(str(fmu(toy)))
-        found = {u.variable.name: [d.name for d in u.dependencies] for u in description.outputs}
-        assert expected.items() <= found.items()
+        depends_on = {u.variable.name: [d.name for d in u.dependencies] for u in description.outputs}
+        assert expected.items() <= depends_on.items()
     initial = fmpy.read_model_description(str(fmu(Slide))).initialUnknowns
     assert [(u.variable.name, [d.name for d in u.dependencies]) for u in initial] == [("place", ["begin"])]
 
@@ -349,14 +349,14 @@ def test_another_platform_is_built_here(tmp_path: Path, version: FmiVersion) -> 
 def test_everything_is_built_and_then_stays(tmp_path: Path) -> None:
     # when everything is built twice
     assert not is_current(tmp_path)
-    told: list[Path] = []
-    paths = build_all(tmp_path, done=told.append)
+    reported: list[Path] = []
+    paths = build_all(tmp_path, done=reported.append)
     written = {path: path.stat().st_mtime_ns for path in paths if path.suffix == ".fmu"}
     again = build_all(tmp_path)
     # then all files are there, the FMUs are left alone the second time, and the folder knows its origin
     names = {str(path.relative_to(tmp_path)) for path in paths}
     assert {"fmi2/canine.fmu", "fmi3/pedestrian.fmu", "full.fmi2.ssp", "cts.fmi3.ssp"} <= names
-    assert told == paths == again
+    assert reported == paths == again
     assert {path: path.stat().st_mtime_ns for path in written} == written
     assert is_current(tmp_path)
 

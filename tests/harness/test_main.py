@@ -84,7 +84,7 @@ def test_a_dog_made_elsewhere_runs_and_is_logged_by_the_roles_names(
 def test_a_fault_ends_with_its_name_status_1_and_the_log_up_to_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    # given a dog whose speed is no number from the step at 1 s on
+    # given a dog whose speed is not a number from the step at 1 s on
     dog = tiny_fmu(tmp_path / "dog.fmu", DOG, MOVES + "if (t > 0.99) v[4] = NAN;", depends=False)
     dog.with_suffix(".toml").write_text(MAPPING)
     (tmp_path / "summary.json").write_text("of an earlier trial")

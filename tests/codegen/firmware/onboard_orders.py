@@ -192,7 +192,7 @@ EXTREMES: Mapping[str, bytes] = {
     "long silence": BEGUN + ticks(50) + background(0) + ticks(5900),
     "an inertial unit alone at its limit": BEGUN + ticks(20) + background(HEARTBEATS)
     + b"".join(sample(199.9, 0.0, 45.0) + ticks(1) for _ in range(2500)),
-    "samples that are no numbers": BEGUN + background(FIXES | HEARTBEATS) + b"".join(
+    "samples that are not numbers": BEGUN + background(FIXES | HEARTBEATS) + b"".join(
         sample(*values) + ticks(5)
         for values in ((NAN, 0, 0), (0, NAN, 0), (0, 0, NAN), (INF, 0, 0), (0, -INF, 0), (0, 0, INF),
                        (3.4e38, 3.4e38, 3.4e38), (-3.4e38, -3.4e38, -3.4e38), (1e-45, 1e-45, 1e-45),

@@ -93,7 +93,7 @@ MESSAGES: dict[int, radio.Message] = {
 
 @cache
 def stream() -> tuple[Received, ...]:
-    """TICKS ticks: frames good, damaged, cut in two between ticks; noise; floats that are no numbers."""
+    """TICKS ticks: frames good, damaged, cut in two between ticks; noise; floats that are not numbers."""
     dice = random.Random(2010)
     held = {"gps": b"", "imu": b"", "radio": b""}
     ticks = []

@@ -498,7 +498,7 @@ def test_parameters_come_from_the_scenario_in_deg_and_from_set_over_it(
 
 
 def test_parameters_of_firmware_from_a_scenario_are_those_of_its_trial(tmp_path: Path) -> None:
-    # patrol sets the controller's, the sensors' and no others: the sensors' are no part of the program
+    # patrol sets the controller's, the sensors' and no others: the program has no sensors
     values = values_on_board("patrol", ["watchdog.report_period=0.4"])
     assert values["controller"]["reset_turns"] == 1
     assert values["controller"]["max_turns"] == 3

@@ -88,7 +88,7 @@ def test_ctrl_c_leaves_whole_trials_and_their_table(
 def test_a_fault_ends_the_trials_with_its_name_and_keeps_its_log(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    # given a dog whose speed is no number in the trial with seed 2, and a table of an earlier run
+    # given a dog whose speed is not a number in the trial with seed 2, and a table of an earlier run
     dog = tiny_fmu(tmp_path / "dog.fmu", DOG, MOVES + "if (v[5] == 2 && t > 0.99) v[4] = NAN;", depends=False)
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "seeds.csv").write_text("of an earlier run")

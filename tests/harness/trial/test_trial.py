@@ -78,7 +78,7 @@ def test_a_fault_leaves_the_log_up_to_it_and_no_file_of_an_earlier_trial(tmp_pat
 
 
 def test_a_system_without_a_plant_has_a_summary_and_no_picture(tmp_path: Path) -> None:
-    # given a package with one component that is no plant
+    # given a package with one component, not a plant
     (tmp_path / "toy").mkdir()
     tiny_fmu(tmp_path / "toy" / "toy.fmu", [V("x", unit="m")], "v[0] += h;")
     (tmp_path / "toy" / "SystemStructure.ssd").write_text(
