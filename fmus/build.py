@@ -12,6 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from codegen.blocks.block_c import generate
+from codegen.cache import is_edited
 from codegen.files import write_whole
 from codegen.toolchains.compiler import (
     FLAGS,
@@ -24,7 +25,7 @@ from codegen.toolchains.compiler import (
 )
 from fmus.archive import pack, stamp_of
 from fmus.description import block_header, build_description, documentation, model_description
-from fmus.folder import STAMP, VERSIONS, FmiVersion, build_folder, digest, origin
+from fmus.folder import BUILT_FROM, STAMP, VERSIONS, FmiVersion, build_folder, digest, origin
 from fmus.ssp import write_ssp
 from models.errors import CanineError
 from models.kit.block import Block
@@ -106,7 +107,8 @@ def build_all(
             fmus = {role: built[block, version].result() for role, block in system.components.items()}
             paths.append(write_ssp(system, fmus, folder / f"{system.name}.fmi{version}.ssp"))
             done(paths[-1])
-    write_whole(folder / STAMP, built_from.encode())
+    # models that were imported before an edit are not those of the files
+    write_whole(folder / STAMP, b"edited" if is_edited(BUILT_FROM) else built_from.encode())
     return paths
 
 

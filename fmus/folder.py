@@ -9,11 +9,12 @@ from functools import cache
 from pathlib import Path
 from typing import Literal
 
-from codegen.toolchains.compiler import PLATFORMS, cache_folder, compiler_version, this_platform
+from codegen.cache import FLOORS, TOOLS, TRACED, sources
+from codegen.toolchains.compiler import PLATFORMS, cache_folder, this_platform
 from fmus.archive import stamp_of
 from models.system import BLOCKS
 
-FLOORS = Path(__file__).parents[1]
+BUILT_FROM = (*TRACED, "fmus")
 STAMP = "built-from"  # in a build folder: the hash of what it was built from
 FmiVersion = Literal[2, 3]
 VERSIONS: tuple[FmiVersion, ...] = (2, 3)
@@ -48,15 +49,8 @@ def is_current(folder: Path | None = None) -> bool:
 
 
 def origin() -> str:
-    """A hash of what builds depend on: the files of three floors, and the compiler's version."""
-    files: dict[str, bytes] = {}
-    for floor in ("models", "codegen", "fmus"):
-        for folder, _, names in os.walk(FLOORS / floor):
-            for name in names:
-                if name.endswith((".py", ".c", ".h", ".jinja")):
-                    path = Path(folder, name)
-                    files[str(path.relative_to(FLOORS))] = path.read_bytes()
-    return digest(files, [compiler_version()])
+    """A hash of what builds depend on: the files of three floors, and the versions of the tools."""
+    return sources(BUILT_FROM, (*TOOLS, "fmpy"))
 
 
 def digest(files: Mapping[str, bytes], more: Iterable[str] = ()) -> str:

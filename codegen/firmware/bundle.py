@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from codegen.blocks.block_c import comment, generate, start_literal, write_files
-from codegen.firmware.record import Entry, drivers, is_mission, of_block
+from codegen.firmware.record import Entry, drivers, is_mission, of_block, words_of
 from codegen.firmware.structs import Headers, read_headers
 from codegen.firmware.targets import Target
 from codegen.firmware.telemetry import FIELDS, OFFSETS, PAYLOAD, Flag
@@ -73,8 +73,12 @@ def _record() -> dict[str, list[Entry]]:
 
 @cache
 def recorded() -> Mapping[str, Type]:
-    """The words of the record by name, such as `controller.output.distance`, with their types."""
-    return {word: e.type for entries in _record().values() for e in entries for word in e.words}
+    """The words of the record by name, such as `controller.output.distance`, with their types.
+
+    Raises:
+        DeclarationError: two words have the same name.
+    """
+    return words_of(entry for entries in _record().values() for entry in entries)
 
 
 def library(values: Values | None = None, *, constants: bool = False) -> dict[str, str]:

@@ -14,7 +14,8 @@ from typing import Any
 from elftools.elf.elffile import ELFFile
 
 from codegen.blocks.block_c import write_files
-from codegen.firmware.image import BOARD, Footprint, Image, image_folder, own_files
+from codegen.cache import stored
+from codegen.firmware.image import BOARD, Footprint, Image, own_files
 from codegen.firmware.targets import Target
 from codegen.toolchains.compiler import WARNINGS, compiler_version, zig
 
@@ -43,9 +44,8 @@ def cortex_m4f_image(target: Target, files: Mapping[str, str]) -> Image:
         CompileError: with the compiler's own words.
     """
     files = own_files(target) | dict(files)
-    path = image_folder(target, files, " ".join([compiler_version(), *FLAGS])) / "onboard.elf"
-    if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
+
+    def make(path: Path) -> None:
         with tempfile.TemporaryDirectory(dir=path.parent, prefix=".build-") as scratch:
             folder = Path(scratch).resolve()
             write_files(files, folder)
@@ -53,6 +53,9 @@ def cortex_m4f_image(target: Target, files: Mapping[str, str]) -> Image:
             prefix = f"-ffile-prefix-map={folder}=."
             zig(["cc", *FLAGS, prefix, "-o", path.name, *sources], "onboard for the Cortex-M4F", folder)
             (folder / path.name).replace(path)
+
+    asked = (compiler_version(), FLAGS, sorted(files.items()))
+    path = stored(f"firmware/{target.name}/onboard.elf", asked, make)
     with path.open("rb") as file:
         elf = ELFFile(file)
         symbols = {s.name: s["st_value"] & ~_thumb(s) for s in _table(elf) if s.name}

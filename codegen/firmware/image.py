@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import hashlib
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from codegen.blocks.block_c import write_files
+from codegen.cache import stored
 from codegen.firmware.bundle import SOURCES
 from codegen.firmware.targets import Target
 from codegen.toolchains.compiler import (
     NUMERICS,
     WARNINGS,
     build_library,
-    cache_folder,
     compiler_version,
     this_platform,
 )
@@ -59,12 +58,6 @@ def own_files(target: Target) -> dict[str, str]:
     return {path.name: path.read_text() for path in sorted(folder.iterdir()) if path.name not in BOARD}
 
 
-def image_folder(target: Target, files: Mapping[str, str], toolchain: str) -> Path:
-    """The folder in the cache for the image of these sources by this toolchain."""
-    digest = hashlib.sha256("\0".join([toolchain, *(f"{n}\0{t}" for n, t in sorted(files.items()))]).encode())
-    return cache_folder() / "firmware" / target.name / digest.hexdigest()[:24]
-
-
 def host_image(target: Target, files: Mapping[str, str]) -> Image:
     """A shared library for this machine, whose functions pil_start and pil_tick are the processor.
 
@@ -72,11 +65,12 @@ def host_image(target: Target, files: Mapping[str, str]) -> Image:
         CompileError: with the compiler's own words.
     """
     flags = (*NUMERICS, *WARNINGS, "-fno-sanitize=all", "-g0")
-    folder = image_folder(target, files, " ".join([compiler_version(), this_platform(), *flags]))
-    path = folder / "onboard.so"
-    if not path.exists():
+
+    def make(path: Path) -> None:
         with tempfile.TemporaryDirectory() as scratch:
             write_files(dict(files), Path(scratch))
             sources = [n for n in files if n.endswith(".c") and n not in (*BOARD, "pil_main.c")]
             build_library(Path(scratch), sources, path, what="onboard", flags=flags)
-    return Image(path, {})
+
+    asked = (compiler_version(), this_platform(), flags, sorted(files.items()))
+    return Image(stored(f"firmware/{target.name}/onboard.so", asked, make), {})

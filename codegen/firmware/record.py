@@ -8,7 +8,7 @@ block's parameters only the mission is recorded, since the others do not change.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from codegen.firmware.structs import Headers
@@ -19,7 +19,10 @@ from models.kit.declaration import Parameter, Type, Variable
 SCALARS = {"bool": Type.BOOLEAN, "float": Type.REAL} | {
     f"{sign}int{bits}_t": Type.INTEGER for sign in ("", "u") for bits in (8, 16, 32)
 }
-UNNAMED = ("scanner", "waypoints")  # members whose own name is not part of their words' names
+# members, by struct and name, whose own name is not part of their words' names
+UNNAMED = frozenset(
+    {("radio_link", "scanner"), ("mt", "scanner"), ("ubx", "scanner"), ("link_mission", "waypoints")}
+)
 
 
 @dataclass(frozen=True)
@@ -122,7 +125,7 @@ def _members(
         elif member.type in SCALARS:
             yield Entry(name, c, SCALARS[member.type], size)
         elif member.type in headers.structs:
-            inside = place.name if member.name in UNNAMED else f"{name}."
+            inside = place.name if (struct, member.name) in UNNAMED else f"{name}."
             yield from _members(member.type, Place(inside, f"{c}.", size), headers, blocks)
         elif member.name not in blocks or blocks[member.name].title() != member.type:
             raise DeclarationError(
@@ -138,6 +141,24 @@ def of_block(member: str, block: type[Block]) -> Iterator[Entry]:
             if kind != "parameter" or is_mission(variable):
                 place = f"m->{member}.{field}.{variable.name}{'[i]' if variable.size else ''}"
                 yield Entry(f"{member}.{kind}.{variable.name}", place, variable.type, variable.size or 0)
+
+
+def words_of(entries: Iterable[Entry]) -> dict[str, Type]:
+    """The words of entries by name, in their order, with their types.
+
+    Raises:
+        DeclarationError: two words have the same name, so that a reader would count fewer than C writes.
+    """
+    words: dict[str, Type] = {}
+    for entry in entries:
+        for word in entry.words:
+            if word in words:
+                raise DeclarationError(
+                    f'record: two words are called "{word}"; expected a name for each; rename a member, or '
+                    "take the struct around it out of UNNAMED"
+                )
+            words[word] = entry.type
+    return words
 
 
 def is_mission(variable: Variable) -> bool:

@@ -60,7 +60,10 @@ def read_headers(texts: Mapping[str, str]) -> Headers:
             name: tuple(_member(name, words, macros) for words in body.split(";") if words.strip())
             for body, name in STRUCT.findall(code)
         },
-        {name: tuple(re.findall(r"^\s*(\w+)", body, re.MULTILINE)) for body, name in ENUM.findall(code)},
+        {
+            name: tuple(words.split("=")[0].strip() for words in body.split(",") if words.strip())
+            for body, name in ENUM.findall(code)
+        },
     )
 
 

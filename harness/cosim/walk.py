@@ -8,7 +8,6 @@ are Python.
 from __future__ import annotations
 
 import ctypes
-import hashlib
 import time
 from collections.abc import Sequence
 from enum import IntEnum
@@ -18,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from codegen.toolchains.compiler import FLAGS, CompileError, build_library, cache_folder, compiler_version
+from codegen.cache import stored
+from codegen.toolchains.compiler import FLAGS, CompileError, build_library, compiler_version, this_platform
 from harness.cosim.calls import Calls
 from harness.cosim.fmu import Call, Function
 from harness.cosim.layout import Layout, Slot, copy
@@ -247,11 +247,13 @@ def walk_of(calls: Calls, layout: Layout, step: float, watched: tuple[Slot, int]
 def _library() -> ctypes.CDLL | None:
     """The C loop, compiled once for each user; None if this machine cannot compile it."""
     source = Path(__file__).with_name("walk.c")
-    digest = hashlib.sha256(source.read_bytes() + compiler_version().encode()).hexdigest()[:24]
-    path = cache_folder() / "cosim" / f"walk-{digest}.so"
+    asked = (source.read_bytes(), compiler_version(), this_platform(), FLAGS)
     try:
-        if not path.exists():
-            build_library(source.parent, [source.name], path, what=source.stem, flags=FLAGS)
+        path = stored(
+            "cosim/walk.so",
+            asked,
+            lambda path: build_library(source.parent, [source.name], path, what=source.stem, flags=FLAGS),
+        )
         return ctypes.CDLL(str(path))
     except (CompileError, OSError):
         return None

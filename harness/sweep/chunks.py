@@ -9,7 +9,6 @@ neither on how the trials were cut into chunks nor on which worker ran them when
 from __future__ import annotations
 
 import asyncio
-import hashlib
 import logging
 import os
 import threading
@@ -19,16 +18,14 @@ from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
-from importlib.metadata import version
 from itertools import islice
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from codegen.batch.batch import Batch, Change
-from codegen.toolchains.compiler import compiler_version
+from codegen.cache import TRACED, sources
 from models.cmec import Anomaly
 from models.commands import ENDS, Status
 from models.errors import CanineError, UsageError
@@ -221,14 +218,7 @@ def batch_of(job: Job) -> Batch:
 @cache
 def program() -> str:
     """A hash of everything that decides a trial's outcome: models, generator, this file, tools' versions."""
-    floors = Path(__file__).parents[2]
-    digest = hashlib.sha256(f"{compiler_version()} casadi {version('casadi')}".encode())
-    files = [p for floor in ("models", "codegen") for p in (floors / floor).rglob("*")]
-    for path in sorted([*files, Path(__file__)]):
-        if path.suffix in (".py", ".c", ".h", ".jinja"):
-            content = path.read_bytes()
-            digest.update(f"\n{path.relative_to(floors).as_posix()} {len(content)}\n".encode() + content)
-    return digest.hexdigest()
+    return sources((*TRACED, "harness/sweep/chunks.py"), ("ziglang", "casadi"))
 
 
 def run_chunk(job: Job, start: int, stop: int, made_for: str) -> Chunk:

@@ -11,6 +11,7 @@ import threading
 import xml.etree.ElementTree as ET
 import zipfile
 from collections.abc import Callable
+from importlib import metadata
 from pathlib import Path
 
 import fmpy
@@ -18,10 +19,11 @@ import pytest
 from fmpy.validation import validate_fmu
 
 from codegen.blocks.block_c import generate
+from codegen.cache import FLOORS
 from codegen.toolchains.compiler import FLAGS, PLATFORMS, CompileError, this_platform
 from fmus.build import BuildError, build_all, build_fmu
 from fmus.dependencies import initial_dependencies, tick_dependencies
-from fmus.folder import FLOORS, STAMP, FmiVersion, build_folder, is_current
+from fmus.folder import STAMP, FmiVersion, build_folder, is_current, origin
 from models.canine import Canine
 from models.errors import DeclarationError
 from models.kit.block import Block
@@ -260,6 +262,42 @@ def test_an_edit_during_the_build_leaves_the_folder_out_of_date(
     build_all(tmp_path, done=lambda path: monkeypatch.setattr("fmus.build.origin", lambda: "after"))
     # then what was built is of the models as they were
     assert not is_current(tmp_path)
+
+
+@pytest.mark.usefixtures("only_slide")
+def test_models_edited_after_their_import_leave_the_folder_out_of_date(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given a process that runs other models than the files have
+    monkeypatch.setattr("codegen.cache.IMPORTED_AT", 0.0)
+    # then what it builds is not taken for that of the files
+    build_all(tmp_path)
+    assert not is_current(tmp_path)
+
+
+@pytest.mark.parametrize("package", ["ziglang", "casadi", "jinja2", "fmpy", "python"])
+def test_the_version_of_a_tool_decides_what_is_current(package: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = origin()
+    if package == "python":
+        monkeypatch.setattr("platform.python_version", lambda: "3.99.0")
+    else:
+        version = metadata.version
+        monkeypatch.setattr(metadata, "version", lambda name: "0.0.1" if name == package else version(name))
+    assert origin() != before
+
+
+@pytest.mark.parametrize("name", ["models/canine.py", "codegen/cache.py", "fmus/shim/shim.c"])
+def test_each_floor_below_the_fmus_decides_what_is_current(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for floor in ("models", "codegen", "fmus"):
+        leave_out = shutil.ignore_patterns("__pycache__", "build")
+        shutil.copytree(FLOORS / floor, tmp_path / floor, ignore=leave_out)
+    monkeypatch.setattr("codegen.cache.FLOORS", tmp_path)
+    before = origin()
+    content = (tmp_path / name).read_bytes()
+    (tmp_path / name).write_bytes(content[:-2] + bytes([content[-2] ^ 1]) + content[-1:])
+    assert origin() != before
 
 
 def test_two_machines_in_one_folder_are_refused(tmp_path: Path) -> None:

@@ -60,6 +60,19 @@ def test_declarations_are_read_without_casadi() -> None:
     subprocess.run([sys.executable, "-c", script], check=True)
 
 
+def test_a_question_whether_casadis_stand_in_is_a_package_does_not_import_casadi() -> None:
+    script = """
+import sys
+from models.kit import casadi
+assert not hasattr(casadi, "__path__")
+assert not hasattr(casadi, "__wrapped__")
+assert "casadi" not in sys.modules
+assert casadi.SX(2) + 1 == 3
+assert "casadi" in sys.modules
+"""
+    subprocess.run([sys.executable, "-c", script], check=True)
+
+
 def interrupted(arguments: list[str], delay: float, folder: Path) -> tuple[int, str]:
     """Exit status and standard error of a command that gets SIGINT this long [s] after its entry took charge.
 

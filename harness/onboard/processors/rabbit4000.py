@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import re
 import select
@@ -13,11 +12,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from codegen.cache import stored
 from codegen.firmware.bundle import recorded
 from codegen.firmware.image import Image
 from codegen.firmware.rabbit4000 import rabbit4000_image
 from codegen.firmware.targets import Target
-from codegen.toolchains.compiler import NUMERICS, WARNINGS, build_library, cache_folder, compiler_version
+from codegen.toolchains.compiler import NUMERICS, WARNINGS, build_library, compiler_version, this_platform
 from codegen.toolchains.sdcc import home
 from harness.onboard.processors.processor import (
     COUNTS,
@@ -107,13 +107,12 @@ class Console:
 
 def _wait_library() -> Path:
     source = Path(__file__).with_name("ucsim_wait.c")
-    digest = hashlib.sha256(source.read_bytes() + compiler_version().encode()).hexdigest()[:24]
-    path = cache_folder() / "firmware" / f"ucsim_wait-{digest}.so"
-    if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        flags = (*NUMERICS, "-D_POSIX_C_SOURCE=200809L", *WARNINGS, "-fno-sanitize=all", "-g0")
-        build_library(source.parent, [source.name], path, what=source.stem, flags=flags)
-    return path
+    flags = (*NUMERICS, "-D_POSIX_C_SOURCE=200809L", *WARNINGS, "-fno-sanitize=all", "-g0")
+    return stored(
+        "firmware/ucsim_wait.so",
+        (source.read_bytes(), compiler_version(), this_platform(), flags),
+        lambda path: build_library(source.parent, [source.name], path, what=source.stem, flags=flags),
+    )
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

@@ -7,7 +7,7 @@ import textwrap
 import pytest
 
 from codegen.firmware.bundle import BLOCKS, headers, program, recorded
-from codegen.firmware.record import INSTEAD, Entry, drivers
+from codegen.firmware.record import INSTEAD, UNNAMED, Entry, drivers
 from codegen.firmware.structs import Headers, Member, read_headers
 from models.errors import DeclarationError
 from models.kit.declaration import Type
@@ -36,6 +36,7 @@ def test_members_of_a_struct_are_read_with_type_and_size() -> None:
     } thing;
     typedef enum { RED, /* first */
         GREEN = 4 } colour;
+    typedef enum { NORTH, EAST = 2, SOUTH, } direction;
     """)
     declared = read_headers({"thing.h": text})
     assert declared.structs == {
@@ -46,6 +47,7 @@ def test_members_of_a_struct_are_read_with_type_and_size() -> None:
             Member("other", "inner"),
         )
     }
+    assert declared.enums == {"colour": ("RED", "GREEN"), "direction": ("NORTH", "EAST", "SOUTH")}
 
 
 def test_a_member_that_is_not_plain_c_is_refused_by_name() -> None:
@@ -97,4 +99,21 @@ def test_record_names_the_words_of_drivers_and_blocks_by_their_place() -> None:
 
 def test_what_is_recorded_in_another_form_is_in_the_headers() -> None:
     structs = headers().structs
-    assert all(name in [member.name for member in structs[struct]] for struct, name in INSTEAD)
+    assert all(name in [member.name for member in structs[struct]] for struct, name in [*INSTEAD, *UNNAMED])
+
+
+def test_two_words_of_one_name_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    # given a counter of the radio's own with the name of its scanner's, whose name is left out
+    declared = program_with("link.h", "    uint32_t refused;", "    uint32_t errors; uint32_t refused;")
+    monkeypatch.setattr("codegen.firmware.bundle.headers", lambda: declared)
+    recorded.cache_clear()
+    # when the record is named, then no word is lost in silence
+    with pytest.raises(DeclarationError, match=r'two words are called "radio\.errors"'):
+        recorded()
+
+
+def test_the_name_of_another_struct_s_scanner_is_kept() -> None:
+    # given a scanner in a struct that is not among those whose scanner has no name
+    declared = program_with("onboard.h", "    bool busy;", "    bool busy; scanner scanner;")
+    assert {"scanner.errors", "radio.errors"} <= words(declared).keys()
+    assert "errors" not in words(declared)

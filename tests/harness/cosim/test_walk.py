@@ -173,6 +173,28 @@ def test_ctrl_c_is_heard_between_slow_steps_and_keeps_the_rows(
     assert times == [k * 0.04 for k in range(len(times))]
 
 
+@pytest.mark.usefixtures("only_c")
+def test_a_damaged_loop_is_compiled_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # given half of the library
+    monkeypatch.setattr("codegen.cache.cache_folder", lambda: tmp_path)
+    walk._library.cache_clear()
+    try:
+        assert walk._library()
+        (library,) = (tmp_path / "cosim").glob("*.so")
+        whole = library.read_bytes()
+        library.unlink()  # this process still runs it
+        library.write_bytes(whole[: len(whole) // 2])
+        walk._library.cache_clear()
+        # when
+        end, times, _ = run(toy(tmp_path), native=True)
+    finally:
+        walk._library.cache_clear()
+    # then the loop in C ran
+    assert end == Outcome(61, 60 * 0.04, None)
+    assert len(times) == 61
+    assert library.read_bytes() == whole
+
+
 def test_without_a_compiler_the_loop_is_pythons(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object, **__: object) -> Path:
         raise CompileError("no compiler for this machine")
@@ -180,7 +202,7 @@ def test_without_a_compiler_the_loop_is_pythons(tmp_path: Path, monkeypatch: pyt
     system = toy(tmp_path)
     expected = run(system, native=True)
     monkeypatch.setattr(walk, "build_library", refuse)
-    monkeypatch.setattr(walk, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr("codegen.cache.cache_folder", lambda: tmp_path)
     walk._library.cache_clear()
     try:
         without = run(system, native=True)

@@ -25,7 +25,7 @@ from unicorn.unicorn_const import UC_HOOK_BLOCK, UC_HOOK_CODE
 from codegen.blocks.block_c import write_files
 from codegen.firmware.bundle import BLOCKS, library, processor_in_the_loop, recorded
 from codegen.firmware.cortex_m4f import FLAGS, LINKING, PORTABLE, cortex_m4f_image
-from codegen.firmware.image import own_files
+from codegen.firmware.image import host_image, own_files
 from codegen.firmware.targets import find_target
 from codegen.toolchains.compiler import WARNINGS, CompileError, zig
 from harness.onboard import radio
@@ -189,6 +189,20 @@ def test_every_tick_on_the_cortex_leaves_the_bits_of_the_host(cortex: CortexM4F)
         # then they remember, send and play the same
         assert not difference(ours, theirs), f"tick {k}"
         assert replace(ours, cost=None) == theirs, f"tick {k}"
+
+
+@pytest.mark.parametrize("target", ["host", "cortex-m4f"])
+def test_a_damaged_image_is_made_anew(target: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # given an image of which a bit changed
+    monkeypatch.setattr("codegen.cache.cache_folder", lambda: tmp_path)
+    image_of = {"host": host_image, "cortex-m4f": cortex_m4f_image}[target]
+    image = image_of(find_target(target), sources())
+    whole = image.path.read_bytes()
+    image.path.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
+    # when, then
+    again = image_of(find_target(target), sources())
+    assert again == image
+    assert again.path.read_bytes() == whole
 
 
 def test_parameters_as_constants_change_no_bit_on_the_cortex() -> None:

@@ -3,18 +3,19 @@
 import os
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from codegen.firmware.bundle import library, processor_in_the_loop, recorded
-from codegen.firmware.rabbit4000 import rabbit4000_image
+from codegen.firmware.rabbit4000 import program_image, rabbit4000_image
 from codegen.firmware.targets import TARGETS
 from codegen.toolchains.debian import ToolchainError
 from codegen.toolchains.sdcc import home
 from harness.onboard.processors import Processor, ProcessorError, Received, Reply, open_processor
 from harness.onboard.processors.rabbit4000 import Rabbit4000
-from harness.pil.printed_defuzzifier import printed_defuzzifier
+from harness.pil.printed_defuzzifier import SOURCE, printed_defuzzifier
 from tests.harness.onboard.traffic import traffic
 
 TARGET = TARGETS["rabbit4000"]
@@ -103,6 +104,21 @@ def test_a_program_that_does_not_come_back_is_named_and_its_simulator_gone() -> 
     rabbit.close()
     with pytest.raises((ProcessorError, ValueError)):
         rabbit.tick(Received())
+
+
+def test_damaged_objects_and_images_are_made_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # given a program whose objects, image and map lie in the cache, with a bit changed in each
+    monkeypatch.setattr("codegen.cache.cache_folder", lambda: tmp_path)
+    files = {SOURCE.name: SOURCE.read_text()}
+    image = program_image(TARGET, files)
+    entries = [p for p in tmp_path.rglob("*.*") if p.suffix in (".rel", ".ihx", ".map")]
+    whole = {path: path.read_bytes() for path in entries}
+    assert {path.suffix for path in whole} == {".rel", ".ihx", ".map"}
+    for path, content in whole.items():
+        path.write_bytes(content[:-2] + bytes([content[-2] ^ 1]) + content[-1:])
+    # when, then
+    assert program_image(TARGET, files) == image
+    assert {path: path.read_bytes() for path in whole} == whole
 
 
 def test_more_bytes_than_the_mailbox_holds_are_refused(rabbit: Processor) -> None:

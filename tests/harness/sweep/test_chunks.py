@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -18,6 +19,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from codegen.cache import FLOORS
 from harness.sweep import chunks, sweep
 from harness.sweep.chunks import Chunk, ClusterError, Job, Outcomes, Pool, TrialType, cut, run_all, run_chunk
 from harness.sweep.sweep import plan_sweep
@@ -64,6 +66,19 @@ def test_counts_do_not_depend_on_chunks_and_threads(runner: Runner) -> None:
 def test_every_trial_runs_once_with_its_own_seed(runner: Runner) -> None:
     counted(JOB, 13, 2)
     assert Counter(runner.seeds) == dict.fromkeys(range(7, 57), 4)
+
+
+@pytest.mark.parametrize("name", ["models/cmec.py", "codegen/batch/batch.py", "harness/sweep/chunks.py"])
+def test_one_byte_of_the_program_makes_another_program(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for part in ("models", "codegen", "harness/sweep"):
+        shutil.copytree(FLOORS / part, tmp_path / part, ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr("codegen.cache.FLOORS", tmp_path)
+    before = chunks.program.__wrapped__()
+    content = (tmp_path / name).read_bytes()
+    (tmp_path / name).write_bytes(content[:-2] + bytes([content[-2] ^ 1]) + content[-1:])
+    assert chunks.program.__wrapped__() != before
 
 
 def test_a_tick_beyond_16_bits_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
