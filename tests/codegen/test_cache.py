@@ -86,14 +86,14 @@ def test_an_entry_that_its_input_decides_alone_outlives_an_edit(monkeypatch: pyt
     assert cache.stored("a.txt", "asked", fail) == first
 
 
-def test_what_cannot_be_stored_serves_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_stored_serves_this_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(path: Path, content: bytes) -> Path:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(cache, "write_whole", refuse)
     path = cache.kept("room/a.txt", "asked", lambda path: path.write_text("right"))
     assert path.read_text() == "right"
-    assert cache.cache_folder() not in path.parents
+    assert tmp_path not in path.parents
 
 
 def test_entries_unused_for_90_days_go_when_another_is_stored() -> None:
@@ -220,9 +220,11 @@ def test_a_process_whose_models_were_edited_leaves_the_cache_alone(
     assert equation(floors, tmp_path) == ("8", True)
 
 
-def test_an_edit_while_an_entry_is_made_keeps_it_out_of_the_cache(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_edit_while_an_entry_is_made_keeps_it_out_of_the_cache(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     answers = iter([False, True])
     monkeypatch.setattr(cache, "is_edited", lambda floors: next(answers))
     path = cache.kept("a.txt", "asked", lambda path: path.write_text("which?"))
     assert path.read_text() == "which?"
-    assert cache.cache_folder() not in path.parents
+    assert tmp_path not in path.parents
