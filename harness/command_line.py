@@ -184,7 +184,7 @@ def run(
                 try:
                     summary = trial.run(request, ready, place, progress)
                 except KeyboardInterrupt:
-                    _ended(f"the log up to there is {place / trial.LOG}")
+                    _ended(_kept(place))
     if as_json:
         typer.echo(json.dumps(summary, indent=2))
     else:
@@ -266,10 +266,9 @@ def processor_in_the_loop(
     canine pil --target cortex-m4f
     canine pil three_waypoint --target rabbit4000 --seed 7
 
-    It leaves compare.json with what a tick costs, and the trial's files as `canine run` does.
+    It leaves pil.json with what a tick costs, and the trial's files as `canine run` does.
     """
     from harness.pil import compare
-    from harness.trial import trial
     from harness.trial.request import Changes
 
     changes = Changes(settings=settings or [], seed=seed)
@@ -279,7 +278,7 @@ def processor_in_the_loop(
                 target, scenario, changes, folder, constants=constants, built=done, progress=progress
             )
         except KeyboardInterrupt:
-            _ended(f"the log up to there is {(folder or compare.default_folder(target)) / trial.LOG}")
+            _ended(_kept(folder or compare.default_folder(target)))
     if as_json:
         typer.echo(json.dumps(result, indent=2))
     else:
@@ -650,6 +649,13 @@ def _try_out(description: FmuDescription, name: str) -> None:
     alone = FmuSystem(name, {name: FmuComponent(name, description.path)}, ())
     with Simulation(alone) as simulation:
         simulation.run(duration=TRY_OUT_S)
+
+
+def _kept(folder: Path) -> str:
+    """What is left of a trial that the user ended."""
+    from harness.trial import trial
+
+    return f"the log up to there is {folder / trial.LOG}" if trial.has_begun(folder) else "nothing was logged"
 
 
 def _ended(what: str) -> NoReturn:

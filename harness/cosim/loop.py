@@ -28,6 +28,7 @@ from harness.cosim.ssp import FmuSystem
 from harness.cosim.stepping import DURATION, Order
 from harness.cosim.walk import ROWS, Pause, Walk, walk_of
 from harness.cosim.wiring import Wiring, wire
+from harness.interrupts import interrupts_held
 from models.errors import ParameterError, nearest
 from models.kit.link import Values
 
@@ -163,8 +164,9 @@ class Simulation:
             duration: s.
             stop: ends the trial earlier.
             record: is given rows, some at a time: times (n,) in s, and by component (n, columns) of
-                float64 in SI. It gets all rows that were finished, also when the run fails.
-            progress: is told the time now and then.
+                float64 in SI. It gets all rows that were finished, also when the run fails or Ctrl-C ends it,
+                which acts before or after a call.
+            progress: called with the time [s] after each call of `record`.
 
         Raises:
             FmuError: an FMU failed, or gave a value that is not finite.
@@ -196,11 +198,13 @@ class Simulation:
                     if handed + walk.done <= last:
                         calls.carry_out(calls.advance)
                 if walk.done == ROWS:
-                    first, handed = handed, handed + ROWS
-                    walk.clear()
-                    self._hand_over(first, walk.rows, record, progress)
+                    with interrupts_held():
+                        first, handed = handed, handed + ROWS
+                        walk.clear()
+                        self._hand_over(first, walk.rows, record, progress)
         finally:
-            self._hand_over(handed, walk.rows[: walk.done], record, progress)
+            with interrupts_held():
+                self._hand_over(handed, walk.rows[: walk.done], record, progress)
         ticks = handed + walk.done
         return Outcome(ticks, (ticks - 1) * step, reason)
 

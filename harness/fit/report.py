@@ -1,6 +1,5 @@
 """The results of a fit: a table, a picture, parameters for a scenario, and fit.json."""
 
-import io
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -14,7 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 from scipy import stats
 
-from harness.drawing import BELOW, DPI, ESTIMATES, GRID, TRUTH
+from harness.drawing import BELOW, ESTIMATES, GRID, TRUTH, new_figure, png_of
 from harness.files import make_folder, write_whole
 from harness.fit.estimate import reasons, rounded, settled
 from harness.log.log import Array
@@ -56,9 +55,7 @@ def report(result: Mapping[str, Any], out: Path) -> None:
     make_folder(out)
     write_whole(out / "fit.json", (json.dumps(result, indent=2) + "\n").encode())
     write_whole(out / "fit.toml", fragment(result).encode())
-    buffer = io.BytesIO()
-    figure(result).savefig(buffer, format="png")
-    write_whole(out / "fit.png", buffer.getvalue())
+    write_whole(out / "fit.png", png_of(figure(result)))
 
 
 def show(result: Mapping[str, Any], console: Console) -> None:
@@ -106,7 +103,7 @@ def _range(interval: Sequence[float] | None) -> str:
 
 def figure(result: Mapping[str, Any]) -> Figure:
     """A histogram of each statistic, with the fitted normal distribution and that of Table 5.1."""
-    picture = Figure(figsize=(14, 6.6), dpi=DPI, layout="constrained")
+    picture = new_figure(14, 6.6)
     *panels, last = picture.subplots(2, 4).flat
     for axes, (key, row) in zip(panels, result["statistics"].items(), strict=True):
         values = np.array([trial[key] for trial in result["trials"] if key in trial])

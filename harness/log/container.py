@@ -3,14 +3,19 @@
 The file holds the bytes that mcap's `Writer` would write: one message costs that Writer as much as a tick
 costs the FMUs, and each chunk costs it a new compressor. The records are mcap's; only messages and their
 index, thousands a second, are laid out in numpy.
+
+An exception may end any method, between any two lines: what it did counts as a whole or not at all, and the
+container can be used further. Each write ends with one assignment that says so; a write that did not come so
+far is written over by the next.
 """
 
 from __future__ import annotations
 
 import struct
 import zlib
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from typing import IO, Any
+from typing import IO, Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -22,8 +27,18 @@ from mcap.writer import MCAP0_MAGIC
 
 COMPRESSION = "zstd"
 LEVEL = 1  # the third costs a third more time and saves 3 % of space
+T = TypeVar("T")
 Times = npt.NDArray[np.int64]
 Index = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]  # (n,) channels, (n, 2) log times and places
+
+
+class _Part(NamedTuple):
+    """Of a chunk that is not written yet: records, their index if they are messages, the size with them."""
+
+    data: bytes
+    places: Index | None
+    end: int
+
 
 _PREFIX = 9  # bytes before every record: opcode, length of what follows
 _MESSAGE = np.dtype(
@@ -56,30 +71,23 @@ class Container:
         self._compressor = zstandard.ZstdCompressor(level=LEVEL)
         self._schemas: list[records.Schema] = []
         self._channels: list[records.Channel] = []
-        self._chunks: list[records.ChunkIndex] = []
-        self._attachments: list[records.AttachmentIndex] = []
-        self._metadata: list[records.MetadataIndex] = []
-        self._counts: dict[int, int] = {}  # messages by channel
-        self._span: tuple[int, int] | None = None  # first and last log time, ns
-        self._pending: list[bytes] = []
-        self._size = 0  # of what is pending
-        self._index: list[Index] = []
+        # by place in the file: the index of a record, if it has one, and its messages by channel
+        self._written: dict[int, tuple[Any, dict[int, int]]] = {}
+        self._pending: list[_Part] = []
+        self._is_writing = False
         self._write(MCAP0_MAGIC)
         self._write(_encoded(records.Header(profile, profile)))
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write a metadata record."""
         data = _encoded(records.Metadata(name, dict(values)))
-        self._metadata.append(records.MetadataIndex(self._position, len(data), name))
-        self._write(data)
+        self._write(data, records.MetadataIndex(self._position, len(data), name))
 
     def add_attachment(self, name: str, media_type: str, data: bytes) -> None:
         """Write an attachment, dated to time 0."""
         record = _encoded(records.Attachment(0, 0, name, media_type, data))
-        self._attachments.append(
-            records.AttachmentIndex(self._position, len(record), 0, 0, len(data), name, media_type)
-        )
-        self._write(record)
+        index = records.AttachmentIndex(self._position, len(record), 0, 0, len(data), name, media_type)
+        self._write(record, index)
 
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
         """Add a schema to the chunk; its number."""
@@ -117,22 +125,19 @@ class Container:
         headers["channel"] = numbers = np.asarray(channels)[order]
         headers["log_time"] = headers["publish_time"] = entries[:, 0] = np.asarray(times)[order]
         entries[:, 1] = self._size + np.cumsum(lengths) - lengths
-        self._index.append((numbers, entries))
         pieces = [b""] * (2 * len(ordered))
         pieces[::2] = headers.view(f"V{_MESSAGE.itemsize}").tolist()
         pieces[1::2] = ordered
-        self._append(b"".join(pieces))
+        self._append(b"".join(pieces), (numbers, entries))
 
     def flush(self) -> None:
         """Compress the messages so far into a chunk, and hand it to the operating system."""
-        if self._index:
-            pending, index = self._pending, self._index
-            self._pending, self._size, self._index = [], 0, []
-            self._write(self._chunk(b"".join(pending), index))
+        if index := [part.places for part in self._pending if part.places is not None]:
+            self._write_chunk(b"".join(part.data for part in self._pending), index)
         self._file.flush()
 
-    def _chunk(self, data: bytes, index: Sequence[Index]) -> bytes:
-        """A chunk with the index of its messages: for each channel, their times and places in `data`."""
+    def _write_chunk(self, data: bytes, index: Sequence[Index]) -> None:
+        """Write a chunk and the index of its messages: by channel, their times and places in `data`."""
         channels, entries = index[0]
         if len(index) > 1:
             channels = np.concatenate([numbers for numbers, _ in index])
@@ -141,7 +146,7 @@ class Container:
         compressed = self._compressor.compress(data)
         pieces = [_encoded(records.Chunk(COMPRESSION, compressed, last, first, zlib.crc32(data), len(data)))]
         length = end = len(pieces[0])
-        offsets = {}
+        offsets, counts = {}, {}
         by_channel = entries[np.argsort(channels, kind="stable")].tobytes()
         ends = (np.cumsum(np.bincount(channels)) * _INDEX_ENTRY).tolist()
         for number in dict.fromkeys(channels.tolist()):  # in the order in which they come in the chunk
@@ -150,22 +155,19 @@ class Container:
             head = _INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(places), number, len(places))
             pieces += [head, places]
             end += len(head) + len(places)
-            self._counts[number] = self._counts.get(number, 0) + len(places) // _INDEX_ENTRY
-        self._span = (first, last) if self._span is None else (self._span[0], last)
-        self._chunks.append(
-            records.ChunkIndex(
-                chunk_length=length,
-                chunk_start_offset=self._position,
-                compression=COMPRESSION,
-                compressed_size=len(compressed),
-                message_end_time=last,
-                message_index_length=end - length,
-                message_index_offsets=offsets,
-                message_start_time=first,
-                uncompressed_size=len(data),
-            )
+            counts[number] = len(places) // _INDEX_ENTRY
+        noted = records.ChunkIndex(
+            chunk_length=length,
+            chunk_start_offset=self._position,
+            compression=COMPRESSION,
+            compressed_size=len(compressed),
+            message_end_time=last,
+            message_index_length=end - length,
+            message_index_offsets=offsets,
+            message_start_time=first,
+            uncompressed_size=len(data),
         )
-        return b"".join(pieces)
+        self._write(b"".join(pieces), noted, counts, pending=[])
 
     def finish(self) -> None:
         """Write the last chunk and the summary: nothing can be added after it."""
@@ -175,9 +177,9 @@ class Container:
             Opcode.SCHEMA: self._schemas,
             Opcode.CHANNEL: self._channels,
             Opcode.STATISTICS: [self._statistics()],
-            Opcode.CHUNK_INDEX: self._chunks,
-            Opcode.ATTACHMENT_INDEX: self._attachments,
-            Opcode.METADATA_INDEX: self._metadata,
+            Opcode.CHUNK_INDEX: self._indices(records.ChunkIndex),
+            Opcode.ATTACHMENT_INDEX: self._indices(records.AttachmentIndex),
+            Opcode.METADATA_INDEX: self._indices(records.MetadataIndex),
         }
         start = self._position
         summary, offsets = b"", b""
@@ -193,27 +195,53 @@ class Container:
         self._write(_encoded(records.Footer(start, offsets_start, zlib.crc32(footer, zlib.crc32(summary)))))
         self._write(MCAP0_MAGIC)
 
+    def _indices(self, kind: type[T]) -> list[T]:
+        """The index of all records of a kind, in the order of the file."""
+        return [index for index, _ in self._written.values() if isinstance(index, kind)]
+
     def _statistics(self) -> records.Statistics:
-        first, last = self._span or (0, 0)
+        chunks = self._indices(records.ChunkIndex)
+        counts: Counter[int] = Counter()
+        for _, of_record in self._written.values():
+            counts.update(of_record)
         return records.Statistics(
-            attachment_count=len(self._attachments),
+            attachment_count=len(self._indices(records.AttachmentIndex)),
             channel_count=len(self._channels),
-            channel_message_counts=self._counts,
-            chunk_count=len(self._chunks),
-            message_count=sum(self._counts.values()),
-            message_end_time=last,
-            message_start_time=first,
-            metadata_count=len(self._metadata),
+            channel_message_counts=counts,
+            chunk_count=len(chunks),
+            message_count=counts.total(),
+            message_end_time=chunks[-1].message_end_time if chunks else 0,
+            message_start_time=chunks[0].message_start_time if chunks else 0,
+            metadata_count=len(self._indices(records.MetadataIndex)),
             schema_count=len(self._schemas),
         )
 
-    def _append(self, data: bytes) -> None:
-        self._pending.append(data)
-        self._size += len(data)
+    @property
+    def _size(self) -> int:
+        """Bytes of the chunk so far."""
+        return self._pending[-1].end if self._pending else 0
 
-    def _write(self, data: bytes) -> None:
-        self._position += len(data)
+    def _append(self, data: bytes, index: Index | None = None) -> None:
+        self._pending.append(_Part(data, index, self._size + len(data)))
+
+    def _write(
+        self,
+        data: bytes,
+        index: Any = None,
+        counts: dict[int, int] | None = None,
+        pending: list[_Part] | None = None,
+    ) -> None:
+        """Write a record, and note its index and its messages by channel; `pending` is what remains then."""
+        remaining = self._pending if pending is None else pending
+        if self._is_writing:  # the last write did not come to its end
+            self._file.seek(self._position)
+            self._file.truncate()
+        end = self._position + len(data)
+        self._is_writing = True
+        self._written[self._position] = index, counts or {}
         self._file.write(data)
+        # one step: no call in between after which an interrupt could act
+        self._position, self._pending, self._is_writing = end, remaining, False
 
 
 def _encoded(record: Any) -> bytes:

@@ -4,7 +4,8 @@ The first column is `time` in s; the others are the component's signals, inputs 
 unit, type and meaning of each signal by component; in Parquet the metadata of each column has them too.
 
 CSV: one header line; reals with the fewest digits that read back to the same bits; Booleans as 0 and 1; NaN,
-Infinity and -Infinity by these names. Parquet: float64 (NaN stays NaN, nothing is null), int64 and bool.
+Infinity and -Infinity by these names. Parquet: float64 (NaN stays NaN, nothing is null), int64 and bool. As
+in `Log.arrays`, an Integer or Boolean column stays float64 if a value is not finite or too large for int64.
 """
 
 from __future__ import annotations

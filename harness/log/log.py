@@ -126,7 +126,8 @@ class Log:
     def arrays(self) -> dict[str, dict[str, npt.NDArray[Any]]]:
         """All signals, (ticks,) each, by component and name; `time` has the time of the ticks in s.
 
-        Reals are float64, where NaN stays NaN; Integers are int64, Booleans bool.
+        Reals are float64, where NaN stays NaN; Integers are int64, Booleans bool. An Integer with a value
+        that int64 cannot hold, and an Integer or Boolean with one that is not finite, stay float64.
         """
         return {
             channel.component: {
@@ -167,10 +168,12 @@ class Log:
 
 
 def _typed(column: Array, kind: str) -> npt.NDArray[Any]:
-    """A signal, (ticks,), in the type that its channel states."""
+    """A signal, (ticks,), in the type that its channel states, or float64 where that cannot hold it."""
     if kind == "Real" or not np.isfinite(column).all():
         return np.array(column)
-    return column.astype(np.bool_ if kind == "Boolean" else np.int64)
+    if kind == "Boolean":
+        return column.astype(np.bool_)
+    return np.array(column) if (np.abs(column) >= 2.0**63).any() else column.astype(np.int64)
 
 
 class _Whole:
@@ -217,7 +220,7 @@ class _Contents:
         """Keep what a record says.
 
         Raises:
-            McapError, zstandard.ZstdError, ValueError, KeyError: the record is damaged.
+            DAMAGE: the record is damaged.
         """
         match record:
             case records.Metadata():
@@ -230,6 +233,10 @@ class _Contents:
                 component, block = record.metadata["component"], record.metadata["block"]
                 schema = self.schemas[record.schema_id].data
                 self.topics[record.id] = _Topic(Channel.from_schema(component, block, schema))
+            case records.Message():
+                if topic := self.topics.get(record.channel_id):
+                    topic.times.append(record.log_time)
+                    topic.messages.append(record.data)
             case records.Chunk():
                 self._take_chunk(record)
 
@@ -249,10 +256,15 @@ class _Contents:
                 self.take(records.Schema.read(ReadDataStream(BytesIO(data[content:at]))))
             elif opcode == Opcode.CHANNEL:
                 self.take(records.Channel.read(ReadDataStream(BytesIO(data[content:at]))))
+        self.decode()
+
+    def decode(self) -> None:
+        """Turn the messages so far into values."""
         for topic in self.topics.values():
             topic.decode()
 
 
+DAMAGE = (McapError, zstandard.ZstdError, ValueError, KeyError, TypeError, AttributeError, struct.error)
 _RECORD = struct.Struct("<BQ")  # opcode, length of the content
 _MESSAGE = struct.Struct("<HxxxxQxxxxxxxx")  # channel, (sequence,) log time, (publish time)
 
@@ -286,10 +298,17 @@ def read_log(path: Path) -> Log:
                     contents.take(record)
             except EndOfFile:
                 broken = f"the file ends early, at byte {size}"
-            except (McapError, zstandard.ZstdError, ValueError, KeyError):
+            except DAMAGE:
                 broken = f"the file is damaged before byte {size - whole.left}"
     except OSError as error:
         raise LogError(f"log {path}: cannot be read ({error.strerror})") from error
+    own = contents.metadata.pop(OWN_RECORD, {})
+    origin = 0.0, 0.0
+    try:
+        origin = float(own.get("latitude", 0)), float(own.get("longitude", 0))
+        contents.decode()  # messages outside chunks
+    except DAMAGE:
+        broken = broken or "a message or the origin is damaged"
     topics = list(contents.topics.values())
     ticks = min((sum(map(len, topic.values)) for topic in topics), default=0)
     if ticks == 0:
@@ -298,7 +317,6 @@ def read_log(path: Path) -> Log:
     time = np.array(topics[0].times[:ticks], dtype=np.float64) / SECOND
     if broken:
         broken += f": the run was killed or the file was cut; its ticks up to {time[-1]:g} s are kept"
-    own = contents.metadata.pop(OWN_RECORD, {})
     broken = broken or contents.metadata.pop(END_RECORD, {}).get("reason", "")
     return Log(
         path,
@@ -307,7 +325,7 @@ def read_log(path: Path) -> Log:
         contents.attachments,
         time,
         {topic.channel.component: np.concatenate(topic.values)[:ticks] for topic in topics},
-        (float(own.get("latitude", 0)), float(own.get("longitude", 0))),
+        origin,
         broken,
     )
 

@@ -15,6 +15,7 @@ from typing import Self
 import numpy as np
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
+from harness.interrupts import interrupts_held
 from harness.log.container import Container, Times
 from harness.log.log import (
     END_RECORD,
@@ -63,13 +64,11 @@ class LogWriter:
             raise self._failure(error) from error
         try:
             self._begin(channels, origin, metadata, attachments)
-        except OSError as error:
-            with suppress(OSError):
-                self._file.close()
-            with suppress(OSError):
-                if self.path.is_file():  # no device; and nothing of the run is in it yet
-                    self.path.unlink()
-            raise self._failure(error) from error
+        except BaseException as error:
+            self._discard()
+            if isinstance(error, OSError):
+                raise self._failure(error) from error
+            raise
         self._last = np.array([0])  # tick, ns
         self._second = np.array([-1])  # the last one that had a tick
         self._open = True
@@ -146,23 +145,30 @@ class LogWriter:
 
     def close(self) -> None:
         """Write the last chunk and the index. Closing twice does no harm."""
-        if not self._open:
-            return
-        self._open = False
-        try:
-            with self._file:
-                self._container.finish()
-        except OSError as error:
-            raise self._failure(error) from error
+        with interrupts_held():
+            if not self._open:
+                return
+            self._open = False
+            try:
+                with self._file:
+                    self._container.finish()
+            except OSError as error:
+                raise self._failure(error) from error
 
     def abort(self, reason: str) -> None:
-        """Close a log whose run a fault has ended; `reason` is what a reader is told (`Log.broken`)."""
-        if self._open:
-            with suppress(OSError):  # a full disk must not hide the fault that ended the run
-                self._container.flush()
-                self._container.add_metadata(END_RECORD, {"reason": reason})
-        with suppress(LogError):
-            self.close()
+        """Close a log whose run a fault has ended; `Log.broken` gives a reader the `reason`.
+
+        A log without a tick, which nobody could read, is removed.
+        """
+        with interrupts_held():
+            if self._open and self._second[0] < 0:
+                self._discard()
+            if self._open:
+                with suppress(OSError):  # a full disk must not hide the fault that ended the run
+                    self._container.flush()
+                    self._container.add_metadata(END_RECORD, {"reason": reason})
+            with suppress(LogError):
+                self.close()
 
     def __enter__(self) -> Self:
         return self
@@ -174,6 +180,15 @@ class LogWriter:
             self.close()
         else:
             self.abort(str(error) or type(error).__name__)
+
+    def _discard(self) -> None:
+        """Remove the file, in which no tick is yet."""
+        self._open = False
+        with suppress(OSError):
+            self._file.close()
+        with suppress(OSError):
+            if self.path.is_file():  # no device
+                self.path.unlink()
 
     def _failure(self, error: OSError) -> LogError:
         return LogError(

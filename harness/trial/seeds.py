@@ -85,9 +85,10 @@ def run_seeds(
 
 
 def _remove(folder: Path) -> None:
-    """Remove the files of a trial, and its folder if nothing else is in it."""
-    for name in (trial.LOG, trial.SUMMARY, trial.PAGE, trial.PICTURE):
-        (folder / name).unlink(missing_ok=True)
+    """Remove the files of a trial that ended early, and its folder if nothing else is in it."""
+    if trial.has_begun(folder):  # else they are an earlier run's
+        for name in (trial.LOG, trial.PAGE, trial.PICTURE):
+            (folder / name).unlink(missing_ok=True)
     if folder.is_dir() and not any(folder.iterdir()):
         folder.rmdir()
 

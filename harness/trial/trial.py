@@ -41,6 +41,7 @@ def run(
     """Run a trial and write log, summary, page and picture; the summary.
 
     An error, or the user, may end the trial early: the log is kept up to there, and nothing else is written.
+    An earlier trial's files stay until the new log is opened; a log without a tick is removed.
 
     Args:
         out: the folder, made if need be.
@@ -56,11 +57,13 @@ def run(
         raise UsageError(f"--out {out}: holds the log that is read, {request.log}; choose another folder")
     make_folder(out)
     with alone_in(out):
-        for name in (SUMMARY, PAGE, PICTURE):  # an earlier trial's: they would not belong to this log
-            with suppress(FileNotFoundError):
-                (out / name).unlink()
-        real_time_factor = _simulate(request, ready, out / LOG, progress, start)
+        real_time_factor = _simulate(request, ready, out, progress, start)
         return _report(read_log(out / LOG), out, real_time_factor)
+
+
+def has_begun(out: Path) -> bool:
+    """Does the folder hold the log of a trial that was not reported, because it ended early?"""
+    return (out / LOG).exists() and not (out / SUMMARY).exists()
 
 
 @contextmanager
@@ -92,7 +95,7 @@ def open_onboard(request: Request, ready: Prepared, start: OpenProcessor) -> Onb
 def _simulate(
     request: Request,
     ready: Prepared,
-    path: Path,
+    out: Path,
     progress: Callable[[float], None] | None,
     start: OpenProcessor,
 ) -> float:
@@ -112,8 +115,11 @@ def _simulate(
         if onboard is not None:
             onboard.connect(simulation.outputs("sensors"))
         rows = LogRows(simulation, ready, onboard)
+        for name in (SUMMARY, PAGE, PICTURE):  # an earlier trial's: they would not belong to this log
+            with suppress(FileNotFoundError):
+                (out / name).unlink()
         with LogWriter(
-            path,
+            out / LOG,
             rows.channels,
             origin=scenario.origin,
             metadata=metadata(request, ready),

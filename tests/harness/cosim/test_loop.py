@@ -1,6 +1,9 @@
 """The master against plain Python: orders, delays, events, stops, conversions."""
 
+import random
+import signal
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +12,8 @@ import pytest
 from harness.cosim.loop import Array, Event, Simulation, Stop
 from harness.cosim.ssp import FmuComponent, FmuSystem, ScaledLink, StartValue
 from harness.cosim.stepping import Order
+from harness.log.log import Channel, read_log
+from harness.log.writer import LogWriter
 from models.errors import ParameterError
 from tests.harness.cosim.tiny_fmu import V, tiny_fmu
 
@@ -138,3 +143,44 @@ def test_only_free_inputs_can_be_set(fmus: dict[str, Path]) -> None:
         with Simulation(system(fmus)) as simulation, pytest.raises(ParameterError) as caught:
             simulation.run([Event(0.0, "controller", variable, 1.0)])
         assert str(caught.value) == text
+
+
+def test_ctrl_c_at_any_moment_keeps_every_tick_that_was_finished(
+    fmus: dict[str, Path], tmp_path: Path
+) -> None:
+    # given a controller that counts its ticks, and a user who ends runs at random moments
+    path, dice, interrupts = tmp_path / "a.mcap", random.Random(1), 0
+    counts = Channel("controller", "toy", ("n",), ("",), ("Integer",), ("ticks so far",))
+    before = signal.signal(signal.SIGALRM, signal.default_int_handler)
+    try:
+        for _ in range(40):
+            with (
+                suppress(KeyboardInterrupt),
+                Simulation(system(fmus, LINKS[:2])) as simulation,
+                LogWriter(path, [counts], origin=(0, 0), metadata={}, attachments={}) as log,
+            ):
+                column = [q.name for q in simulation.columns("controller")].index("n")
+                (integers,) = [values for names, values in simulation.outputs("controller") if "n" in names]
+
+                def record(times: Array, values: dict[str, Array]) -> None:
+                    log.write_rows(times, {"controller": values["controller"][:, [column]]})  # noqa: B023
+
+                signal.setitimer(signal.ITIMER_REAL, dice.uniform(0.001, 0.03))
+                try:
+                    simulation.run(duration=1e4, record=record)
+                finally:
+                    finished = int(integers[0])
+                pytest.fail("the run was not interrupted")
+            # then the log has each tick once, up to the last one that the controller finished
+            if not path.exists():
+                assert finished <= 1
+                continue
+            interrupts += 1
+            back = read_log(path)
+            assert back["controller.n"].tolist() == list(range(1, len(back.time) + 1))
+            assert np.array_equal(np.rint(back.time / 0.04), np.arange(len(back.time)))
+            assert len(back.time) in (finished - 1, finished)  # a tick may end before its row is copied
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+    assert interrupts > 20

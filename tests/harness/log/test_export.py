@@ -49,6 +49,24 @@ def test_arrays_have_the_types_of_the_signals() -> None:
     assert same_bits(plant["speed"], TRICKY)
 
 
+@pytest.mark.parametrize(
+    ("value", "dtype"),
+    [(2.0**63, "float64"), (1.8e19, "float64"), (-(2.0**64), "float64"), (2.0**63 - 1024, "int64")],
+)
+def test_an_integer_that_int64_cannot_hold_stays_a_real(value: float, dtype: str, tmp_path: Path) -> None:
+    # given FMI 3's UInt64 at and beyond 2^63, and the largest number below it
+    count = Channel("plant", "toy", ("count",), ("",), ("Integer",), ("counts",))
+    values = {"plant": np.array([[1.0], [value]])}
+    large = Log(Path("trial.mcap"), (count,), {}, {}, np.array([0, 0.04]), values)
+    # when
+    column = large.arrays()["plant"]["count"]
+    export(large, "csv", tmp_path)
+    # then
+    assert column.dtype.name == dtype
+    assert column.tolist() == [1, value]
+    assert float((tmp_path / "plant.csv").read_text().splitlines()[-1].split(",")[1]) == value
+
+
 def test_an_array_that_is_changed_leaves_the_log_as_it_was() -> None:
     whole = log()
     whole.arrays()["plant"]["speed"][:] = 9.0

@@ -10,12 +10,15 @@ import subprocess
 import sys
 import tracemalloc
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import numpy as np
 import pytest
+from mcap import records
+from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
-from mcap.writer import Writer
+from mcap.writer import MCAP0_MAGIC, Writer
 from mcap_protobuf.decoder import DecoderFactory
 
 from harness.cosim.loop import ROWS
@@ -205,6 +208,117 @@ def test_a_damaged_byte_is_never_read_as_data(tmp_path: Path) -> None:
             assert "no tick to read" in str(error)  # noqa: PT017 (the first chunk may be what is damaged)
             continue
         assert np.array_equal(log.values["plant"], whole.values["plant"][: len(log.time)])
+
+
+def interrupted_after(lines: int, files: set[str]) -> Any:
+    """A trace function that raises KeyboardInterrupt at a line of these files."""
+    left = lines
+
+    def trace(frame: FrameType, event: str, _: object) -> Any:
+        nonlocal left
+        if event == "call" and Path(frame.f_code.co_filename).name not in files:
+            return None
+        if event == "line":
+            left -= 1
+            if left < 0:
+                raise KeyboardInterrupt
+        return trace
+
+    return trace
+
+
+def test_an_interrupt_at_any_line_of_writing_leaves_a_log_without_gap_or_repeat(tmp_path: Path) -> None:
+    ticks, before, lines, whole = walk(30), 3, 0, False
+    path = tmp_path / "a.mcap"
+    while not whole:
+        # given a log with three ticks, and an interrupt while 27 more are written, some of them to a chunk
+        log = open_writer(path, [PLANT])
+        write_ticks(log, ticks[:before])
+        times = np.arange(before, len(ticks), dtype=np.float64) * TICK
+        rows = {"plant": np.array([row["plant"] for row in ticks[before:]])}
+        outer = sys.gettrace()
+        try:
+            sys.settrace(interrupted_after(lines, {"writer.py", "container.py"}))
+            log.write_rows(times, rows)
+            whole = True
+        except KeyboardInterrupt:
+            pass
+        finally:
+            sys.settrace(outer)
+        # when
+        log.abort("ended by the user")
+        # then both readers see the first ticks, each once
+        with path.open("rb") as file:
+            reader = make_reader(file)
+            summary = reader.get_summary()
+            messages = [message for _, _, message in reader.iter_messages(topics=["/plant"])]
+        assert summary is not None
+        assert summary.statistics is not None
+        assert [message.log_time for message in messages] == [k * 40_000_000 for k in range(len(messages))]
+        assert len(messages) >= before
+        assert sum(summary.statistics.channel_message_counts.values()) == summary.statistics.message_count
+        assert summary.statistics.channel_message_counts[1] == len(messages)
+        back = read_log(path)
+        assert back.broken == "ended by the user"
+        assert back["plant.north"].tolist() == [row["plant"][1] for row in ticks[: len(messages)]]
+        lines += 1
+    assert lines > 50
+
+
+def test_a_run_that_ends_before_its_first_tick_leaves_no_log(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt), open_writer(tmp_path / "a.mcap", [PLANT]):
+        raise KeyboardInterrupt
+    assert not list(tmp_path.iterdir())
+
+
+def other_writer(path: Path, rows: list[bytes], *, chunks: bool = True, latitude: str = "0") -> None:
+    """A log of one signal by mcap's own writer."""
+    with path.open("wb") as file:
+        writer: Any = Writer(file, use_chunking=chunks)
+        writer.start(profile="guided-canine")
+        writer.add_metadata("log", {"format": "1", "latitude": latitude, "longitude": "0"})
+        about = channel("plant", "canine", north="Real")
+        schema = writer.register_schema("canine", "jsonschema", about.schema())
+        number = writer.register_channel("/plant", "json", schema, {"component": "plant", "block": "canine"})
+        for tick, row in enumerate(rows):
+            writer.add_message(number, tick * 40_000_000, row, tick * 40_000_000)
+        writer.finish()
+
+
+@pytest.mark.parametrize("chunks", [False, True])
+def test_messages_are_read_in_chunks_and_outside(chunks: bool, tmp_path: Path) -> None:
+    other_writer(tmp_path / "a.mcap", [b'{"north":1.5}', b'{"north":2.5}'], chunks=chunks)
+    log = read_log(tmp_path / "a.mcap")
+    assert log["plant.north"].tolist() == [1.5, 2.5]
+    assert log.time.tolist() == [0, 0.04]
+    assert not log.broken
+
+
+@pytest.mark.parametrize("chunks", [False, True])
+@pytest.mark.parametrize("row", [b"null", b'{"north":null}', b'{"south":1}', b"{", b"1", b"[]"])
+def test_a_message_that_is_not_a_row_is_an_error(row: bytes, chunks: bool, tmp_path: Path) -> None:
+    other_writer(tmp_path / "a.mcap", [row], chunks=chunks)
+    with pytest.raises(LogError, match=r"no tick to read, .* damaged"):
+        read_log(tmp_path / "a.mcap")
+
+
+def test_an_origin_that_is_not_a_number_marks_the_log(tmp_path: Path) -> None:
+    other_writer(tmp_path / "a.mcap", [b'{"north":1.5}'], latitude="north")
+    log = read_log(tmp_path / "a.mcap")
+    assert log["plant.north"].tolist() == [1.5]
+    assert "damaged" in log.broken
+
+
+def test_a_chunk_that_ends_within_a_record_is_an_error(tmp_path: Path) -> None:
+    # given a chunk, without a check sum, whose data ends within the head of a record
+    path = tmp_path / "a.mcap"
+    builder: Any = RecordBuilder()
+    records.Header("guided-canine", "").write(builder)
+    records.Chunk("", b"\x05\x01", 0, 0, 0, 2).write(builder)
+    path.write_bytes(MCAP0_MAGIC + builder.end())
+    # then
+    with pytest.raises(LogError, match="no tick to read, the file is damaged"):
+        read_log(path)
 
 
 def test_a_fault_ends_the_log_with_its_text(tmp_path: Path) -> None:

@@ -30,7 +30,14 @@ def test_a_scenario_accepts_the_default_and_the_ends_of_the_range(row: Parameter
             planned(row.name, bool(value) if row.type == "Boolean" else value)
 
 
-@pytest.mark.parametrize("row", [r for r in ROWS if not r.size and r.type != "Boolean"], ids=lambda r: r.name)
+LIMITED = [
+    row
+    for row in ROWS
+    if not row.size and row.type != "Boolean" and (row.min is not None or row.max is not None)
+]
+
+
+@pytest.mark.parametrize("row", LIMITED, ids=lambda row: row.name)
 def test_a_scenario_refuses_what_is_beyond_the_range(row: ParameterRow) -> None:
     beyond = [] if row.min is None else [row.min - 1]
     beyond += [] if row.max is None else [row.max + 1]
