@@ -1,46 +1,72 @@
-"""Work that Ctrl-C does not cut in two."""
+"""Work that Ctrl-C does not cut in two.
+
+The handler of a signal runs at once, so that a second Ctrl-C can still end the process; its KeyboardInterrupt
+waits. A mask of signals would not do: any other thread of the process takes the signal, and Python interrupts
+the main thread.
+"""
 
 from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from types import FrameType
+from types import FrameType, TracebackType
 
+Handler = Callable[[int, FrameType | None], object]
 SIGNALS = [s for s in (signal.SIGINT, getattr(signal, "SIGALRM", None)) if s]  # SIGALRM: see main.CtrlC
 
 
-@contextmanager
-def interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C back: its KeyboardInterrupt is raised at the end of the block, not within.
+class Hold:
+    """As a context manager: a KeyboardInterrupt is raised at the end of the block, not within."""
 
-    The handler itself runs at once, so that a second Ctrl-C can still end the process. A mask of signals
-    would not do: any other thread of the process takes the signal, and Python interrupts the main thread.
-    Only the main thread is ever interrupted, so other threads hold nothing.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    handlers = {number: h for number in SIGNALS if callable(h := signal.getsignal(number))}
-    is_held = True
-    interrupts: list[KeyboardInterrupt] = []
+    def __init__(self, handlers: dict[int, Handler]) -> None:
+        self._handlers = handlers
+        self._is_held = False
+        self._interrupts: list[KeyboardInterrupt] = []
 
-    def hold(number: int, frame: FrameType | None) -> None:
+    def handle(self, number: int, frame: FrameType | None) -> None:
+        """In the place of the signal's own handler."""
         try:
-            handlers[signal.Signals(number)](number, frame)
+            self._handlers[number](number, frame)
         except KeyboardInterrupt as interrupt:
-            if not is_held:
+            if not self._is_held:
                 raise
-            interrupts.append(interrupt)
+            self._interrupts.append(interrupt)
 
+    def __enter__(self) -> None:
+        self._is_held = True
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._is_held = False
+        if self._interrupts:
+            raise self._interrupts.pop()
+
+
+@contextmanager
+def holdable_interrupts() -> Iterator[Hold]:
+    """What holds Ctrl-C back, as often as it is entered within this block.
+
+    Only the main thread is ever interrupted, so in other threads it does nothing.
+    """
+    is_main = threading.current_thread() is threading.main_thread()
+    handlers: dict[int, Handler] = {
+        number: handler for number in SIGNALS if is_main and callable(handler := signal.getsignal(number))
+    }
+    hold = Hold(handlers)
     try:
         for number in handlers:
-            signal.signal(number, hold)
-        yield
+            signal.signal(number, hold.handle)
+        yield hold
     finally:
-        is_held = False  # from here on `hold` is as good as the handler
         for number, handler in handlers.items():
             signal.signal(number, handler)
-        if interrupts:
-            raise interrupts[0]
+
+
+@contextmanager
+def held_interrupts() -> Iterator[None]:
+    """Hold Ctrl-C back until the end of the block."""
+    with holdable_interrupts() as hold, hold:
+        yield

@@ -1,6 +1,6 @@
 """The entry of the `canine` command: takes charge of Ctrl-C, then imports and runs the command.
 
-Only `signal` and `os` are imported before Ctrl-C is in hand.
+Only modules of the standard library are imported before Ctrl-C is in hand.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ RETRY_S = 0.005  # s after which an interrupt that had to wait is tried again
 
 class CtrlC:
     """Raises KeyboardInterrupt once, where it can be caught; a second Ctrl-C ends the process at once.
+
+    One within SAME_PRESS_S of the first is taken for the first and ignored.
 
     An interrupt waits for the end of an import under way: libraries catch every exception there, or print it.
     One that is raised where Python drops exceptions (in a destructor or a callback from C) is raised again.

@@ -28,11 +28,11 @@ from harness.cosim.ssp import FmuSystem
 from harness.cosim.stepping import DURATION, Order
 from harness.cosim.walk import ROWS, Pause, Walk, walk_of
 from harness.cosim.wiring import Wiring, wire
-from harness.interrupts import interrupts_held
+from harness.interrupts import holdable_interrupts
 from models.errors import ParameterError, nearest
 from models.kit.link import Values
 
-__all__ = ["DURATION", "ROWS", "Array", "Event", "Instance", "Outcome", "Record", "Simulation", "Stop"]
+__all__ = ["ROWS", "Array", "Event", "Instance", "Outcome", "Record", "Simulation", "Stop"]
 
 Record = Callable[[Array, dict[str, Array]], None]
 Changes = dict[int, dict[str, dict[str, float]]]  # values by tick, component and free input
@@ -183,28 +183,29 @@ class Simulation:
         calls.carry_out(calls.first)
         handed = 0
         reason: int | None = None
-        try:
-            while reason is None and (tick := handed + walk.done) <= last:
-                calls.time.value = tick * step
-                for name, values in changes.pop(tick, {}).items():
-                    self._set(name, values)
-                pause = walk.run(tick, min(last + 1, handed + ROWS, *changes), last)
-                if pause is Pause.NOT_FINITE:
-                    self._report_not_finite()
-                if pause is Pause.CHANGED:
-                    reason = self._stopped(stop, watched)
-                if pause is not Pause.NONE and reason is None:
-                    self._report_ended()
-                    if handed + walk.done <= last:
-                        calls.carry_out(calls.advance)
-                if walk.done == ROWS:
-                    with interrupts_held():
-                        first, handed = handed, handed + ROWS
-                        walk.clear()
-                        self._hand_over(first, walk.rows, record, progress)
-        finally:
-            with interrupts_held():
-                self._hand_over(handed, walk.rows[: walk.done], record, progress)
+        with holdable_interrupts() as hold:
+            try:
+                while reason is None and (tick := handed + walk.done) <= last:
+                    calls.time.value = tick * step
+                    for name, values in changes.pop(tick, {}).items():
+                        self._set(name, values)
+                    pause = walk.run(tick, min(last + 1, handed + ROWS, *changes), last)
+                    if pause is Pause.NOT_FINITE:
+                        self._report_not_finite()
+                    if pause is Pause.CHANGED:
+                        reason = self._stopped(stop, watched)
+                    if pause is not Pause.NONE and reason is None:
+                        self._report_ended()
+                        if handed + walk.done <= last:
+                            calls.carry_out(calls.advance)
+                    if walk.done == ROWS:
+                        with hold:
+                            first, handed = handed, handed + ROWS
+                            walk.clear()
+                            self._hand_over(first, walk.rows, record, progress)
+            finally:
+                with hold:
+                    self._hand_over(handed, walk.rows[: walk.done], record, progress)
         ticks = handed + walk.done
         return Outcome(ticks, (ticks - 1) * step, reason)
 

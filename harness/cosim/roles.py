@@ -192,7 +192,7 @@ def fit(fmu: FmuDescription, role: Role, adapter: Adapter, consumed: Iterable[st
     if absent and not checker.problems:
         checker.note(f"has no output {', '.join(absent)}; taken as zero")
     if ignored and not checker.problems:
-        checker.note(f"has no input {', '.join(ignored)}; what the role is told there is not given to it")
+        checker.note(f"has no input {', '.join(ignored)}; does not receive the role's values of it")
     if role.name == "plant" and fmu.feedthrough and not checker.problems:
         checker.note(
             "says that its outputs depend on its inputs within a step; it is stepped last all the same"

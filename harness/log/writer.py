@@ -15,7 +15,7 @@ from typing import Self
 import numpy as np
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
-from harness.interrupts import interrupts_held
+from harness.interrupts import held_interrupts
 from harness.log.container import Container, Times
 from harness.log.log import (
     END_RECORD,
@@ -145,7 +145,7 @@ class LogWriter:
 
     def close(self) -> None:
         """Write the last chunk and the index. Closing twice does no harm."""
-        with interrupts_held():
+        with held_interrupts():
             if not self._open:
                 return
             self._open = False
@@ -160,7 +160,7 @@ class LogWriter:
 
         A log without a tick, which nobody could read, is removed.
         """
-        with interrupts_held():
+        with held_interrupts():
             if self._open and self._second[0] < 0:
                 self._discard()
             if self._open:

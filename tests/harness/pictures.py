@@ -15,5 +15,5 @@ def size(png: bytes) -> tuple[int, int]:
 
 def line(axes: Axes, label: str) -> np.ndarray:
     """(n, 2): the data of the one line with this label."""
-    [found] = [line for line in axes.lines if line.get_label() == label]
-    return np.asarray(found.get_xydata())
+    [curve] = [line for line in axes.lines if line.get_label() == label]
+    return np.asarray(curve.get_xydata())

@@ -113,10 +113,10 @@ def test_ctrl_c_keeps_the_log(
 
     monkeypatch.setattr(LogRows, "write", interrupted)
     # when
-    status, _, said = canine(capsys, *RUN, "--out", tmp_path)
+    status, _, errors = canine(capsys, *RUN, "--out", tmp_path)
     # then
     assert status == 130
-    assert "ended by Ctrl-C; the log up to there is" in said
+    assert "ended by Ctrl-C; the log up to there is" in errors
     assert len(read_log(tmp_path / "trial.mcap").time) == 25
     assert [p.name for p in tmp_path.iterdir()] == ["trial.mcap"]
 
@@ -305,9 +305,9 @@ def test_two_trials_do_not_write_into_one_folder(tmp_path: Path, capsys: pytest.
     # given a folder into which another trial is writing
     with trial.alone_in(tmp_path):
         # then a second one is refused, and leaves nothing there
-        status, _, said = canine(capsys, *RUN, "--out", tmp_path)
+        status, _, errors = canine(capsys, *RUN, "--out", tmp_path)
     assert status == 2
-    assert f"{tmp_path}: another trial is being written there; choose another folder" in said
+    assert f"{tmp_path}: another trial is being written there; choose another folder" in errors
     assert not list(tmp_path.iterdir())
 
 
@@ -318,9 +318,9 @@ def test_a_log_that_is_cut_is_used_with_a_note(tmp_path: Path, capsys: pytest.Ca
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(whole[: len(whole) * 9 // 10])
     for arguments in (("run", cut, "--out", tmp_path / "b"), ("replay", cut, "--out", tmp_path / "c")):
-        status, _, said = canine(capsys, *arguments)
+        status, _, errors = canine(capsys, *arguments)
         assert status == 0
-        assert f"note: {cut}: the log is not whole, the file ends early" in said.replace("\n", "")
+        assert f"note: {cut}: the log is not whole, the file ends early" in errors.replace("\n", "")
 
 
 def test_a_folder_that_cannot_be_made_is_refused_by_its_name(

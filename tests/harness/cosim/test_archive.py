@@ -102,7 +102,7 @@ def test_a_member_for_which_there_is_no_place_is_named(
     assert refusal(pack(tmp_path / "a.ssp", dict.fromkeys(names, b"x"))) == f"{text}{NO_PLACE}"
 
 
-def test_a_file_of_another_kind_is_no_archive(tmp_path: Path) -> None:
+def test_a_file_of_another_kind_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.ssp"
     path.write_text("hello")
     assert refusal(path) == "not a readable ZIP archive (File is not a zip file); export it again"

@@ -147,7 +147,7 @@ def test_it_takes_the_place_of_the_plant(tmp_path: Path) -> None:
     assert rows == [[[10.0, 0.0, 0.0]]]
     assert fit.notes == (
         "plant dog.fmu: has no output acceleration; taken as zero",
-        "plant dog.fmu: has no input command; what the role is told there is not given to it",
+        "plant dog.fmu: has no input command; does not receive the role's values of it",
     )
 
 

@@ -106,7 +106,7 @@ def test_a_fault_ends_the_trials_with_its_name_and_keeps_its_log(
 
 
 @pytest.mark.parametrize("text", ["5", "5:", ":5", "2:1", "a:b", "-1:2", "1:2147483648", "1:2:3", "1.0:2"])
-def test_seeds_that_are_no_range_are_refused(text: str) -> None:
+def test_seeds_without_a_first_and_a_last_are_refused(text: str) -> None:
     with pytest.raises(UsageError, match=f"--seeds {text}: expected a:b, the first and the last seed"):
         parse_seeds(text)
 
