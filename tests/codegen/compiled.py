@@ -158,7 +158,8 @@ def put(block: type[Block], records: Record, flat_name: str, value: Any) -> None
 def get(block: type[Block], records: Record, flat_name: str) -> Record:
     """A scalar of every instance."""
     array, index = place(block, records, flat_name)
-    return array[index]
+    scalar: Record = array[index]
+    return scalar
 
 
 class CompiledModel:
