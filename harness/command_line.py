@@ -18,6 +18,7 @@ from codegen.firmware.targets import SIMULATED, TARGETS, find_target
 from codegen.toolchains.compiler import PLATFORMS
 from harness.cosim.stepping import DURATION, Order
 from harness.pil import SCENARIO
+from harness.replay import EVERY_S, OUTAGE_S
 from harness.trial import DEFAULT
 from models.errors import CanineError, UsageError
 from models.kit.random import MAX_SEED
@@ -371,9 +372,9 @@ def replay_recording(
     recording: Annotated[Path, typer.Argument(exists=True, metavar="FOLDER|LOG.mcap")],
     *,
     estimator: Annotated[str, typer.Option(help="the block to run")] = "four_state",
-    outage: Annotated[float, typer.Option(min=1, max=600, help="s without GPS")] = 10,
+    outage: Annotated[float, typer.Option(min=OUTAGE_S[0], max=OUTAGE_S[1], help="s without GPS")] = 10,
     every: Annotated[
-        float, typer.Option(min=0.25, max=3600, help="s from one outage's start to the next")
+        float, typer.Option(min=EVERY_S[0], max=EVERY_S[1], help="s from one outage's start to the next")
     ] = 5,
     folder: Annotated[
         Path | None, typer.Option("--out", file_okay=False, help="by default out/replay-<recording>")

@@ -10,15 +10,19 @@ import csv
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from numbers import Integral
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from harness.cosim.stepping import Order
 from harness.log.log import Log, read_log
+from harness.replay import EVERY_S, OUTAGE_S
 from harness.trial import DEFAULT, trial
 from harness.trial.prepare import prepared
 from harness.trial.request import Changes, build_missing, requested
 from harness.trial.scenario import Scenario, Setting, Written, load, shipped, toml_of
+from models.errors import UsageError
+from models.readings import READINGS
 
 __all__ = [
     "Log",
@@ -225,7 +229,12 @@ def run_trial(
         UsageError: a name, a value or a path does not fit.
         CanineError: a fault in what was run; the log is kept up to there.
     """
+    _check_choice("order", order, get_args(Order))
+    _check_choice("fmi", fmi, (2, 3))
     paths = {"plant": plant, "estimator": estimator, "controller": controller}
+    for role, path in paths.items():
+        if path is not None and not Path(path).is_file():
+            raise UsageError(f'{role} is "{path}"; expected the path of an FMU')
     changes = Changes(
         order=order,
         fmi=None if fmi is None else str(fmi),
@@ -289,6 +298,10 @@ def run_sweep(
     """
     from harness.sweep import sweep  # noqa: PLC0415 - compilers and pictures, which trials need not wait for
 
+    _check_type("thresholds", thresholds, str, 'a text, "15:90" or "15:90:5"')
+    _check_type("vary", vary, Mapping, 'a mapping, {"cmec.capture_radius": "3:10:0.5"}')
+    _check_type("trials", trials, Integral, "a whole number")
+    _check_choice("reading", reading, tuple(READINGS))
     planned = sweep.plan_sweep(
         str(target),
         thresholds=thresholds,
@@ -344,6 +357,9 @@ def run_replay(
     from harness.replay import replay  # noqa: PLC0415 - scipy.stats, which trials need not wait for
 
     replay.find_estimator(estimator)
+    for name, value, low, high in (("outage", outage, *OUTAGE_S), ("every", every, *EVERY_S)):
+        if not low <= value <= high:
+            raise UsageError(f"{name} is {value:g} s; expected {low:g} to {high:g}")
     source = replay.open_source(Path(recording))
     outages = replay.replay(source, estimator, source.windows(outage, every), progress)
     folder = source.folder if out is None else Path(out)
@@ -394,6 +410,17 @@ def scenarios() -> list[str]:
     return shipped()
 
 
+def _check_choice(name: str, value: object, choices: Sequence[object]) -> None:
+    if value is not None and value not in choices:
+        raise UsageError(f"{name} is {value!r}; expected one of {', '.join(map(repr, choices))}")
+
+
+def _check_type(name: str, value: object, kind: type, expected: str) -> None:
+    if value is not None and not isinstance(value, kind):
+        raise UsageError(f"{name} is {value!r}; expected {expected}")
+
+
 def _settings(parameters: Mapping[str, Written] | None) -> Sequence[str]:
     """Parameters as `--set` has them."""
+    _check_type("parameters", parameters, Mapping, 'a mapping, {"cmec.moving_deviation": 37}')
     return [f"{name}={toml_of(value, name)}" for name, value in (parameters or {}).items()]

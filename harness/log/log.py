@@ -82,7 +82,7 @@ class Channel:
         )
 
 
-@dataclass
+@dataclass(repr=False)
 class Log:
     """A run that was read back: `values[component]` is (ticks, signals), `time` (ticks,) in s.
 
@@ -105,6 +105,9 @@ class Log:
             for channel in self.channels
             for i, name in enumerate(channel.names)
         }
+
+    def __repr__(self) -> str:
+        return f"Log({str(self.path)!r}, {len(self.time)} ticks of {', '.join(self.values)})"
 
     def __contains__(self, signal: str) -> bool:
         return signal in self._columns

@@ -29,6 +29,7 @@ import tomllib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import takewhile
+from numbers import Integral
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
@@ -97,6 +98,11 @@ class Scenario:
 
     def text(self) -> str:
         """The scenario as TOML. Equal scenarios have equal texts, and a text reads back to its scenario."""
+        for key, value, size in (("start", self.start, 3), ("origin", self.origin, 2)):
+            if len(value) != size:
+                raise ScenarioError(f"{self.name}: {key} is {value!r}; expected {size} numbers")
+        if not all(isinstance(setting, Setting) for setting in self.sets):
+            raise ScenarioError(f"{self.name}: sets is {self.sets!r}; expected `Setting`s")
         north, east, heading = self.start
         lines = [
             f"name = {toml_of(self.name)}",
@@ -122,8 +128,10 @@ class Scenario:
         """The scenario with `block.name=value` settings over its parameters, and another seed.
 
         Raises:
-            ScenarioError: a setting without "=".
+            ScenarioError: a setting without "=", or a seed that no trial can have.
         """
+        if seed is not None and (not isinstance(seed, Integral) or not 0 <= seed <= MAX_SEED):
+            raise ScenarioError(f"seed is {seed!r}; expected a whole number from 0 to {MAX_SEED}")
         parameters = dict(self.parameters)
         for setting in settings:
             name, equals, text = setting.partition("=")

@@ -133,6 +133,9 @@ def test_a_scenario_of_numpy_numbers_runs_as_the_same_in_plain_ones(tmp_path: Pa
         ({}, "leg: waypoints is []; expected 1 to 16 pairs [north, east] in m"),
         ({"waypoints": [(1,)]}, "leg: waypoints is [1]; expected up to 16 pairs"),
         ({"seed": -1}, "leg: seed is -1; expected a whole number from 0 to 2147483647"),
+        ({"start": (0.0, 0.0)}, "leg: start is (0.0, 0.0); expected 3 numbers"),
+        ({"origin": (1.0,)}, "leg: origin is (1.0,); expected 2 numbers"),
+        ({"sets": (("controller.override", "STOP"),)}, "leg: sets is (('controller.override', 'STOP'),)"),
         ({"reading": "litteral"}, 'leg: reading is "litteral"; expected one of calibrated, literal'),
         ({"parameters": {"cmec.max_turns": None}}, "cmec.max_turns is None; expected a number, a bool"),
     ],
@@ -152,6 +155,42 @@ def test_a_trial_that_does_not_exist_or_does_not_fit_is_refused(tmp_path: Path) 
     with pytest.raises(UsageError, match='there is no estimator "three_state"; did you mean "four_state"'):
         harness.run_replay(tmp_path, estimator="three_state")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("function", "keywords", "error"),
+    [
+        ("run_trial", {"seed": 2**40}, "seed is 1099511627776; expected a whole number from 0 to 2147483647"),
+        ("run_trial", {"seed": -1}, "seed is -1; expected a whole number from 0 to 2147483647"),
+        ("run_trial", {"seed": 1.5}, "seed is 1.5; expected a whole number from 0 to 2147483647"),
+        ("run_trial", {"order": "x"}, "order is 'x'; expected one of 'sequential', 'jacobi'"),
+        ("run_trial", {"fmi": 4}, "fmi is 4; expected one of 2, 3"),
+        ("run_trial", {"plant": "x.fmu"}, 'plant is "x.fmu"; expected the path of an FMU'),
+        ("run_trial", {"parameters": ["a"]}, "parameters is ['a']; expected a mapping"),
+        ("run_sweep", {"reading": "x"}, "reading is 'x'; expected one of 'calibrated', 'literal'"),
+        ("run_sweep", {"trials": "5"}, "trials is '5'; expected a whole number"),
+        ("run_sweep", {"thresholds": [20, 30]}, "thresholds is [20, 30]; expected a text"),
+        ("run_sweep", {"vary": "x"}, "vary is 'x'; expected a mapping"),
+        ("run_sweep", {"seed": 2**40}, "seed is 1099511627776; expected a whole number from 0 to 2147483647"),
+        ("run_replay", {"recording": "x", "outage": -1}, "outage is -1 s; expected 1 to 600"),
+        ("run_replay", {"recording": "x", "every": 0}, "every is 0 s; expected 0.25 to 3600"),
+    ],
+)
+def test_wrong_arguments_of_the_front_door_are_named(
+    function: str, keywords: dict[str, object], error: str, tmp_path: Path
+) -> None:
+    with pytest.raises(UsageError) as caught:
+        getattr(harness, function)(**keywords, out=tmp_path / "out")
+    assert str(caught.value).startswith(error)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_log_shows_itself_in_one_line(tmp_path: Path) -> None:
+    log = harness.run_trial("two_waypoint", out=tmp_path).log
+    assert repr(log) == (
+        f"Log({str(tmp_path / 'trial.mcap')!r}, {len(log.time)} ticks of sensors, estimator, controller, "
+        "command_module, plant)"
+    )
 
 
 def test_a_sweep_from_python_has_the_rows_of_its_file(tmp_path: Path) -> None:
