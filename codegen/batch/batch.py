@@ -88,8 +88,8 @@ class Batch:
         self,
         values: Mapping[str, Mapping[str, float]],
         points: Array,
-        point: Counts,
-        seed: Counts,
+        point: Counts | Sequence[int],
+        seed: Counts | Sequence[int],
         ticks: int,
         *,
         changes: Sequence[Change] = (),
@@ -109,7 +109,8 @@ class Batch:
             CompileError: the library cannot be built.
         """
         points = np.ascontiguousarray(points, dtype=np.float64)
-        self._check(points, np.asarray(point), np.asarray(seed), ticks)
+        point, seed = np.asarray(point), np.asarray(seed)
+        self._check(points, point, seed, ticks)
         point, seed = (np.ascontiguousarray(a, dtype=np.int32) for a in (point, seed))
         free = self._free_inputs
         changing = list(dict.fromkeys((change.component, change.variable) for change in changes))

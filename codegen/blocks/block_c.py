@@ -50,10 +50,10 @@ def generate(
 
     Args:
         keep: the states and outputs that matter, all by default; the C leaves the others as they are.
-        constants: values of (scalar) parameters that are no fields of the struct but macros of the header.
+        constants: values of scalar parameters that become macros of the header instead of fields.
 
     Raises:
-        DeclarationError: the block does not come in this precision, or uses what C lacks without a library.
+        DeclarationError: the block does not have this precision, or an operation needs a library function.
     """
     if precision not in block.precisions:
         raise DeclarationError(
@@ -149,13 +149,13 @@ def _enum_prefix(block: type[Block], choices: type[IntEnum]) -> str:
 
 
 def _enums(block: type[Block]) -> list[dict[str, Any]]:
-    found = {v.choices: v for v in block.variables().values() if v.choices}
+    enumerations = dict.fromkeys(v.choices for v in block.variables().values() if v.choices)
     return [
         {
             "doc": first_line(choices),
             "members": [(f"{_enum_prefix(block, choices)}_{c.name}", int(c)) for c in choices],
         }
-        for choices in found
+        for choices in enumerations
         if choices
     ]
 

@@ -95,12 +95,12 @@ def _breaks(line: str, opened: list[int], columns: int) -> list[tuple[int, list[
     """Where the line may be broken, and the parentheses that are open there."""
     symbols = {m.end("after") if m["after"] else m.start("before") for m in SYMBOL.finditer(line)}
     start = len(line) - len(line.lstrip())
-    found = []
+    breaks = []
     for i, c in enumerate(line[: columns + 1]):
         if i in symbols and i > start:
-            found.append((i, opened))
+            breaks.append((i, opened))
         if c in "([":
             opened = [*opened, i + 1]
         elif c in ")]":
             opened = opened[:-1]
-    return found
+    return breaks

@@ -59,7 +59,7 @@ QUICKEST = BUILDS[1] if len(BUILDS) > 1 else BUILDS[0]
 def compile_c(
     build: Build, sources: Sequence[str | Path], folder: Path, output: str, extra: Sequence[str] = ()
 ) -> Path:
-    """Compile in a folder; an error or a warning fails with the compiler's words."""
+    """Compile in a folder; an error or a warning fails with the compiler's message."""
     command = [*build.compiler, *build.flags, *extra, "-I.", "-o", output, *map(str, sources)]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -123,7 +123,7 @@ class Library:
     def records(
         self, block: type[Block], count: int = 1, parameters: Mapping[str, float] | None = None
     ) -> Record:
-        """So many instances of a block's struct, with parameters set and initialized."""
+        """Instances of a block's struct, initialized with these parameters."""
         records = np.zeros(count, dtype=self.types[block])
         self.each("defaults", block, records)
         for name, value in (parameters or {}).items():
@@ -143,7 +143,7 @@ class Library:
 
 
 def place(block: type[Block], records: Record, flat_name: str) -> tuple[Record, Any]:
-    """Where a scalar lies: (array, index)."""
+    """The array that holds a scalar of every instance, and the index into it."""
     name, bracket, index = flat_name.partition("[")
     member = MEMBERS[block.variables()[name].kind]
     return records[member][name], (slice(None), int(index[:-1]) - 1) if bracket else slice(None)
@@ -198,7 +198,7 @@ class CompiledModel:
 
 
 def random_states(block: type[Block], count: int, rng: np.random.Generator) -> dict[str, Any]:
-    """States, inputs and parameters anywhere in their ranges, and of the size that they have in trials."""
+    """States, inputs and parameters from their whole ranges, and as small as they are in trials."""
     drawn: dict[str, Any] = {}
     for kind in ("state", "input", "parameter"):
         for name, v in flatten(block.group(kind)):

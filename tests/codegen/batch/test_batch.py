@@ -1,4 +1,4 @@
-"""The native batch runner: what its results do not depend on, any wired system, errors, vectors."""
+"""The native batch runner: its results depend on nothing but the trial; any wired system; errors; vectors."""
 
 from __future__ import annotations
 
@@ -54,18 +54,18 @@ POINTS = np.array([[0.3, 4.86], [0.9, 4.0], [1.5, 5.5]])
 
 
 def jobs(count: int) -> tuple[Any, Any]:
-    """Points and seeds of some trials."""
+    """Random points and seeds for trials."""
     rng = np.random.default_rng(count)
     return rng.integers(len(POINTS), size=count), rng.integers(2**31, size=count)
 
 
 def same(a: Results, b: Results, of: Any = slice(None)) -> None:
-    """Compare the second with some of the first."""
+    """Compare the second results with these trials of the first."""
     assert a.ticks[of].tobytes() == b.ticks.tobytes()
     assert a.values[of].tobytes() == b.values.tobytes()
 
 
-# What results do not depend on
+# A trial's results depend on nothing but the trial
 
 
 @pytest.fixture(scope="module")
@@ -76,28 +76,30 @@ def thousand(cts: Batch) -> Results:
     return results
 
 
-def test_nor_on_the_order_of_trials(cts: Batch, thousand: Results) -> None:
+def test_results_do_not_depend_on_the_order_of_trials(cts: Batch, thousand: Results) -> None:
     point, seed = jobs(1000)
     order = np.random.default_rng(1).permutation(1000)
     same(thousand, cts.run(VALUES, POINTS, point[order], seed[order], LONGEST), order)
 
 
 @pytest.mark.parametrize("count", [1, 7, 8, 9, 15, 16, 17, 127, 128, 129])
-def test_nor_on_how_many_run_together(cts: Batch, thousand: Results, count: int) -> None:
+def test_results_do_not_depend_on_how_many_trials_run_together(
+    cts: Batch, thousand: Results, count: int
+) -> None:
     point, seed = jobs(1000)
     for start in (0, 1000 - count):
         some = slice(start, start + count)
         same(thousand, cts.run(VALUES, POINTS, point[some], seed[some], LONGEST), some)
 
 
-def test_nor_on_which_other_points_there_are(cts: Batch, thousand: Results) -> None:
+def test_results_do_not_depend_on_the_other_points(cts: Batch, thousand: Results) -> None:
     point, seed = jobs(1000)
     for k in range(len(POINTS)):
         mine = np.flatnonzero(point == k)
         same(thousand, cts.run(VALUES, POINTS[k : k + 1], point[mine] * 0, seed[mine], LONGEST), mine)
 
 
-def test_nor_on_who_runs_at_the_same_time(cts: Batch, thousand: Results) -> None:
+def test_results_do_not_depend_on_other_threads(cts: Batch, thousand: Results) -> None:
     # given the same trials in two threads at once, and halves of them in others
     point, seed = jobs(1000)
     parts = [slice(None), slice(None), slice(0, 500), slice(500, None)] * 2
@@ -111,7 +113,7 @@ def test_nor_on_who_runs_at_the_same_time(cts: Batch, thousand: Results) -> None
 
 
 @pytest.mark.parametrize(("wide", "flights"), [(True, 64), (False, 3)])
-def test_nor_on_how_many_lanes_and_flights_there_are(
+def test_results_do_not_depend_on_the_number_of_lanes_and_flights(
     wide: bool, flights: int, thousand: Results, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(runner, "_is_wide", lambda: wide)
@@ -122,7 +124,7 @@ def test_nor_on_how_many_lanes_and_flights_there_are(
     same(thousand, other.run(VALUES, POINTS, *jobs(1000), LONGEST))
 
 
-def test_nor_on_whether_a_parameter_is_varied_or_common(cts: Batch) -> None:
+def test_results_do_not_depend_on_whether_a_parameter_is_varied_or_common(cts: Batch) -> None:
     point, seed = jobs(40)
     varied = cts.run(VALUES, np.array([[0.7, 4.2]]), point * 0, seed, LONGEST)
     none = Batch(CTS, [], OBSERVED, STOP)
@@ -130,7 +132,7 @@ def test_nor_on_whether_a_parameter_is_varied_or_common(cts: Batch) -> None:
     same(varied, none.run(values, np.zeros((1, 0)), point * 0, seed, LONGEST))
 
 
-def test_nor_on_what_else_is_observed(cts: Batch) -> None:
+def test_results_do_not_depend_on_the_other_observed_variables(cts: Batch) -> None:
     # given the plant's place at the end, observed alone and with all states and outputs of the system
     point, seed = jobs(40)
     expected = cts.run(VALUES, POINTS, point, seed, LONGEST)
@@ -149,14 +151,13 @@ def test_nor_on_what_else_is_observed(cts: Batch) -> None:
             assert a.tobytes() == b.tobytes()
 
 
-def test_a_trial_may_be_without_trials(cts: Batch) -> None:
+def test_a_run_of_no_trials_has_empty_results(cts: Batch) -> None:
     results = cts.run(VALUES, POINTS, [], [], LONGEST)
     assert results.ticks.shape == (0,)
     assert results.values.shape == (0, len(OBSERVED))
 
 
-def test_no_more_than_the_end_may_be_asked_for() -> None:
-    # given a runner that observes nothing
+def test_a_runner_that_observes_nothing_gives_the_last_ticks() -> None:
     ends = Batch(CTS, ["controller.moving_deviation", "plant.cruise_speed"], [], STOP)
     seen = Batch(CTS, ["controller.moving_deviation", "plant.cruise_speed"], OBSERVED, STOP)
     point, seed = jobs(9)
@@ -175,7 +176,7 @@ def stepped(
     seed: int = 1,
     changes: Sequence[Change] = (),
 ) -> tuple[int, list[float]]:
-    """A trial stepped in Python: its last tick, and what is observed."""
+    """A trial stepped in Python: its last tick, and the observed values."""
     system = batch.system
     models = {
         c: Model(block, {"seed": seed} if "seed" in block.flat_names("parameter") else {})
@@ -203,7 +204,7 @@ def stepped(
         ended = batch.stop is not None and models[batch.stop[0][0]][batch.stop[0][1]] in batch.stop[1]
         if ended or tick == ticks:
             return tick, [models[c][name] for c, name in batch.observed]
-        for component in plants:  # all are told before any moves
+        for component in plants:  # all get their inputs before any moves
             feed(component)
         for component in plants:
             models[component].step()
@@ -220,9 +221,9 @@ def compare(
     changes: Sequence[Change] = (),
     seeds: Sequence[int] = (1, 2, 3),
 ) -> list[int]:
-    """Compare the runner with Python, seed by seed; the last ticks."""
+    """Compare the runner with Python, seed by seed; returns the last ticks."""
     batch = Batch(system, [], list(observe), stop)
-    copies = 20  # the last ones with lanes of their own, others with partners that end sooner or later
+    copies = 20  # so that trials share lanes with others that end sooner or later
     done = batch.run(
         values, np.zeros((1, 0)), [0] * len(seeds) * copies, list(seeds) * copies, ticks, changes=changes
     )
@@ -236,14 +237,14 @@ def compare(
 MOTION = ("plant.north", "plant.east", "plant.speed", "plant.heading")
 
 
-def test_a_pedestrian_in_the_trial_simulator() -> None:
+def test_trials_of_a_pedestrian_are_those_of_python() -> None:
     (tick,) = compare(
         trial_simulator(Pedestrian), VALUES, ["controller.status", *MOTION], 7500, stop=STOP, seeds=[1]
     )
     assert 500 < tick < 7500
 
 
-def test_two_command_modules() -> None:
+def test_trials_with_two_command_modules_are_those_of_python() -> None:
     components: dict[str, type[Block]] = {
         "controller": Cmec, "left": CommandModule, "right": CommandModule, "plant": Canine,
     }  # fmt: skip
@@ -255,7 +256,7 @@ def test_two_command_modules() -> None:
         compare(system, values, observe, longest, stop=STOP)
 
 
-def test_a_plant_and_sensors_without_controller_end_by_the_clock() -> None:
+def test_trials_of_plant_and_sensors_without_controller_end_at_the_last_tick() -> None:
     components: dict[str, type[Block]] = {"sensors": Sensors, "plant": Canine}
     system = System("open_loop", components, by_name(components, {"sensors": "plant"}))
     observe = ["sensors.accel_x", "sensors.gps_north", "sensors.mag_y", "plant.pitch", *MOTION]
@@ -266,12 +267,12 @@ def test_a_plant_and_sensors_without_controller_end_by_the_clock() -> None:
 
 
 @pytest.mark.parametrize("observe", [["plant.north", "plant.pitch"], ["plant.stride", "plant.velocity"]])
-def test_a_plant_alone(observe: list[str]) -> None:
+def test_trials_of_a_plant_alone_are_those_of_python(observe: list[str]) -> None:
     system = System("plant_alone", {"plant": Canine}, ())
     compare(system, {"plant": {"command": 1.0}}, observe, 90)
 
 
-def test_an_estimator_fed_by_sensors_at_rest() -> None:
+def test_trials_of_an_estimator_at_rest_are_those_of_python() -> None:
     components: dict[str, type[Block]] = {"sensors": Sensors, "estimator": FourState, "plant": Pedestrian}
     links = {"sensors": "plant", "estimator": "sensors"}
     system = System("at_rest", components, by_name(components, links))
@@ -279,13 +280,13 @@ def test_an_estimator_fed_by_sensors_at_rest() -> None:
     compare(system, {"sensors": {"outage_start[1]": 2.0, "outage_end[1]": 4.0}}, observe, 200)
 
 
-def test_a_system_without_states() -> None:
+def test_trials_of_a_block_without_states_are_those_of_python() -> None:
     system = System("no_states", {"module": CommandModule}, ())
     compare(system, {"module": {"command": 2.0}}, ["module.tone_hz", "module.vibrate_left"], 10)
 
 
 class Walker(Block):
-    """Goes on by what it is given."""
+    """Takes a step on each tick, longer the farther it is pushed."""
 
     source = "none"
     moore = True
@@ -298,20 +299,20 @@ class Walker(Block):
 
     @triggered(lambda m: m.place > 3 * (m.rests + 1), seldom=True)
     def rest(m) -> None:
-        """Now and then."""
+        """Count a rest, once in three metres."""
         m.rests = m.rests + 1
 
     def move(m) -> None:
-        """A step, and a tenth of what it is given."""
+        """Take a step, and a tenth of the push."""
         m.place = m.place + m.pace + 0.1 * m.push
 
     def output(m) -> None:
-        """Where it is."""
+        """Its place."""
         m.at = m.place
 
 
 @pytest.mark.parametrize("names", ["ab", "ba"])
-def test_plants_that_feed_each_other_see_where_the_others_are_now(names: str) -> None:
+def test_a_plant_that_feeds_another_gives_its_output_before_the_tick(names: str) -> None:
     # given two plants, whichever stands first, of which one follows the other
     system = System(
         "followers", dict.fromkeys(names, Walker), (Link("a", "at", "b", "push"),)
@@ -336,15 +337,15 @@ class Beats(Block):
 
     @triggered(lambda m: ca.logic_not(m.count), seldom=True)
     def strike(m) -> None:
-        """A number that is not 0 is no truth: it may be more than 1."""
+        """Its guard is a number, which may be more than 1."""
         m.beats = m.beats + 100
 
     def gather(m) -> None:
-        """Sum up."""
+        """Sum the counts."""
         m.counts = m.counts + m.count
 
     def output(m) -> None:
-        """Both."""
+        """Set the output."""
         m.beat = m.counts + m.beats
 
 
@@ -353,7 +354,7 @@ def test_a_number_used_as_a_condition_keeps_its_value() -> None:
 
 
 class Signs(Block):
-    """Zeros with signs, kept for some ticks."""
+    """Zeros with signs, stored for some ticks."""
 
     source = "none"
 
@@ -371,7 +372,7 @@ class Signs(Block):
     odd = State(Integer, "times that x was not zero")
 
     def move(m) -> None:
-        """Shift."""
+        """Shift the values on, and change the sign of x."""
         m.kept, m.kept_product = m.total, m.product
         m.total, m.product = m.x + m.offset, m.offset * m.factor
         m.x = m.factor * m.x
@@ -379,11 +380,11 @@ class Signs(Block):
 
     @triggered(lambda m: m.x != 0, seldom=True)
     def wonder(m) -> None:
-        """Never."""
+        """Count; this never happens."""
         m.odd = m.odd + 1
 
     def keep(m) -> None:
-        """What is kept goes through the lanes."""
+        """Store x, so that it passes through the lanes."""
         m.kept_kept_x, m.kept_x = m.kept_x, m.x
         m.y = m.kept
 
@@ -399,10 +400,10 @@ def test_zeros_keep_their_signs(ticks: int) -> None:
 
 
 def trial_with(changes: Sequence[Change], longest: int = 600) -> list[int]:
-    """With all free inputs as they start, so that the same runner serves all tests."""
+    """A trial with changes of all four free inputs, so that one runner serves all tests."""
     starts = {"start": 1.0, "override": 0.0, "link_ok": 1.0, "valid": 1.0}
-    given = {c.variable for c in changes if c.tick == 0}
-    first = [change(0, name, value) for name, value in starts.items() if name not in given]
+    changed_at_once = {c.variable for c in changes if c.tick == 0}
+    first = [change(0, name, value) for name, value in starts.items() if name not in changed_at_once]
     return compare(CTS, VALUES, OBSERVED, longest, stop=STOP, changes=[*first, *changes])
 
 
@@ -428,18 +429,18 @@ def change(tick: int, name: str, value: float) -> Change:
     ],
     ids=["override", "link", "several", "withdrawn", "again", "just before the end", "at the end"],
 )
-def test_inputs_change_on_the_tick_for_every_trial(changes: list[Change]) -> None:
+def test_inputs_change_on_their_tick_in_every_trial(changes: list[Change]) -> None:
     trial_with(changes)
 
 
-def test_a_change_after_the_end_does_not_put_it_off() -> None:
-    # given an end while the dogs run, and a change that is due after it
+def test_a_change_after_the_last_tick_does_not_delay_the_end() -> None:
+    # given a last tick while the dogs run, and a change after it
     ticks = trial_with([change(200, "override", 2)], longest=100)
     assert ticks == [100] * 3
 
 
 @pytest.mark.parametrize("values", [(3.0, 0.0), (0.0, 3.0), (5.0, 1.0, 2.0)])
-def test_of_changes_on_one_tick_the_last_one_holds(values: tuple[float, ...]) -> None:
+def test_the_last_of_several_changes_on_one_tick_holds(values: tuple[float, ...]) -> None:
     trial_with([change(50, "override", value) for value in values])
 
 
@@ -478,7 +479,7 @@ def test_unknown_observed_variables_are_refused(name: str, words: str) -> None:
         Batch(CTS, [], [name], STOP)
 
 
-def test_an_unknown_output_to_stop_by_is_refused() -> None:
+def test_an_unknown_output_that_ends_trials_is_refused() -> None:
     with pytest.raises(ParameterError, match=r'no output "statsu"; did you mean "status"'):
         Batch(CTS, [], OBSERVED, ("controller.statsu", ENDS))
 
@@ -493,12 +494,12 @@ def test_an_unknown_output_to_stop_by_is_refused() -> None:
         ({"plant": {"velocity": 1.0}}, "velocity"),  # a state
     ],
 )
-def test_values_of_what_is_not_there_are_refused(cts: Batch, values: Any, words: str) -> None:
+def test_values_of_variables_that_cannot_be_set_are_refused(cts: Batch, values: Any, words: str) -> None:
     with pytest.raises(CanineError, match=words):
         cts.run(values, POINTS, [0], [1], 10)
 
 
-def test_values_of_what_does_not_matter_are_taken(cts: Batch, thousand: Results) -> None:
+def test_values_of_variables_that_are_not_needed_change_nothing(cts: Batch, thousand: Results) -> None:
     point, seed = jobs(1000)
     values = VALUES | {"command_module": {"stop_tone": 1.0}, "plant": {"run_stride": 1.0}}
     same(thousand, cts.run(values, POINTS, point[:50], seed[:50], LONGEST), slice(50))
@@ -513,7 +514,9 @@ def test_values_of_what_does_not_matter_are_taken(cts: Batch, thousand: Results)
         (Change(5, "controller", "moving_deviation", 1.0), "moving_deviation"),  # a parameter
     ],
 )
-def test_changes_of_what_is_no_free_input_are_refused(cts: Batch, change: Change, words: str) -> None:
+def test_changes_of_variables_that_are_not_free_inputs_are_refused(
+    cts: Batch, change: Change, words: str
+) -> None:
     with pytest.raises(CanineError, match=words):
         cts.run(VALUES, POINTS, [0], [1], 10, changes=[change])
 
@@ -543,16 +546,16 @@ def test_wrong_shapes_and_indices_are_refused(cts: Batch, job: Any, words: str) 
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_a_free_input_that_is_no_number_is_refused(cts: Batch, value: float) -> None:
+def test_a_value_that_is_not_finite_is_refused(cts: Batch, value: float) -> None:
     with pytest.raises(ParameterError, match=r"override.*(nan|inf)"):
         cts.run({"controller": MISSION | {"override": value}}, POINTS, [0], [1], 10)
 
 
-# The speed that it is for
+# Vectors, and the cache
 
 
 def test_a_loop_over_lanes_that_stays_scalar_does_not_compile(cts: Batch, tmp_path: Path) -> None:
-    # given the runner's source, and the same with a call for each lane, which no vector can make
+    # given the runner's source, and the same with a call in the loop over lanes
     files = cts.sources((), {("controller", "start"): 1.0, ("controller", "link_ok"): 1.0})
     source = files["batch.c"]
     loop = "        departing[l] = departs ? active[l] : 0;\n"
@@ -566,12 +569,12 @@ def test_a_loop_over_lanes_that_stays_scalar_does_not_compile(cts: Batch, tmp_pa
         build_library(tmp_path, ["batch.c"], tmp_path / "a.so", what="spoiled", flags=runner._flags())
 
 
-def test_what_was_built_is_not_built_again(
+def test_a_runner_in_the_cache_is_not_built_again(
     cts: Batch, thousand: Results, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # given a runner that some process has built on this machine
     def refuse(*_: object, **__: object) -> None:
-        raise AssertionError("it is there already")
+        raise AssertionError("built again")
 
     monkeypatch.setattr(runner, "build_library", refuse)
     runner._load.cache_clear()
@@ -579,7 +582,7 @@ def test_what_was_built_is_not_built_again(
     point, seed = jobs(1000)
     same(thousand, again.run(VALUES, POINTS, point[:9], seed[:9], LONGEST), slice(9))
     # and another system, or the same with other values of inputs, is another runner
-    with pytest.raises(AssertionError, match="it is there already"):
+    with pytest.raises(AssertionError, match="built again"):
         again.run({"controller": MISSION | {"override": 4.0}}, POINTS, [0], [1], 123)
 
 
@@ -608,12 +611,12 @@ print("casadi" in sys.modules, *results.values[:, 0])
         return done.stdout.split()
 
     traced, *north = run()
-    # when it is wanted again
+    # when another process runs it
     again, *same_north = run()
     # then the models are not traced, and the results are the same
     assert (traced, again) == ("True", "False")
     assert same_north == north
-    # and a damaged entry is not used, but made anew
+    # and a damaged entry is made anew
     for path in (tmp_path / "batch").iterdir():
         if path.suffix in (".so", ".json"):
             path.write_bytes(b"damaged")
@@ -621,8 +624,8 @@ print("casadi" in sys.modules, *results.values[:, 0])
     assert (mended, mended_north) == ("True", north)
 
 
-def test_a_block_of_the_same_name_from_elsewhere_has_a_runner_of_its_own() -> None:
-    # given a pedestrian of a user's own, under the name of ours
+def test_another_block_of_the_same_name_has_a_runner_of_its_own() -> None:
+    # given another pedestrian, with the name and the module of ours
     class Elsewhere(Pedestrian):
         """Runs faster."""
 

@@ -1,4 +1,4 @@
-"""The ordinary tick: what the graph folds and what it must not, and what the tick of each mode holds."""
+"""The graph: what it simplifies, and what must stay. The ordinary tick of each mode: what is in it."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def condition(graph: Graph, x: Node, y: Node) -> Node:
 
 
 def is_constant(node: Node, value: float) -> bool:
-    """Is it this very number, 0.0 or -0.0 as it is?"""
+    """Is it this number, with the sign of zero?"""
     return (
         node.op == ca.OP_CONST
         and node.value == value
@@ -55,10 +55,12 @@ def is_constant(node: Node, value: float) -> bool:
     )
 
 
-def test_equal_values_are_one_node(graph: Graph, x: Node, y: Node) -> None:
+def test_the_same_operation_on_the_same_operands_is_one_node(graph: Graph, x: Node, y: Node) -> None:
     assert graph.leaf("x") is x is not y
     assert graph.make(ca.OP_ADD, (x, y)) is graph.make(ca.OP_ADD, (x, y))
-    assert graph.make(ca.OP_ADD, (x, y)) is not graph.make(ca.OP_ADD, (y, x))  # which of two NaNs, say
+    assert graph.make(ca.OP_ADD, (x, y)) is not graph.make(
+        ca.OP_ADD, (y, x)
+    )  # of two NaNs, the first goes on
     assert graph.constant(2.0) is graph.constant(2)
     assert graph.make(ca.OP_ADD, (x, Node(ca.OP_CONST, value=2.0))) is graph.make(
         ca.OP_ADD, (x, graph.constant(2.0))
@@ -80,11 +82,15 @@ def test_zero_and_negative_zero_are_two_constants(graph: Graph) -> None:
         (ca.OP_EQ, 0.0, -0.0, 1.0), (ca.OP_NE, 0.0, -0.0, 0.0), (ca.OP_NE, 1.0, 2.0, 1.0),
     ],
 )  # fmt: skip
-def test_constants_are_computed_as_doubles(graph: Graph, op: int, a: float, b: float, value: float) -> None:
+def test_operations_on_constants_are_computed_as_in_doubles(
+    graph: Graph, op: int, a: float, b: float, value: float
+) -> None:
     assert is_constant(graph.make(op, (graph.constant(a), graph.constant(b))), value)
 
 
-def test_a_known_condition_chooses(graph: Graph, x: Node, y: Node, condition: Node) -> None:
+def test_a_choice_with_a_known_condition_is_what_it_chooses(
+    graph: Graph, x: Node, y: Node, condition: Node
+) -> None:
     assert graph.select(graph.true, x, y) is x
     assert graph.select(graph.false, x, y) is y
     assert graph.select(condition, x, x) is x
@@ -92,24 +98,28 @@ def test_a_known_condition_chooses(graph: Graph, x: Node, y: Node, condition: No
 
 
 def traced(graph: Graph, expression: Any, *leaves: Node) -> Node:
-    """What a CasADi expression of a, b, c, d comes to, given their nodes."""
+    """The node of a CasADi expression of a, b, c, d, given their nodes."""
     function = ca.Function("f", [ca.vertcat(*SYMBOLS[: len(leaves)])], [ca.SX(expression)])
     return graph.known(read(function, lambda _, i: leaves[i], graph.make)[0][0])
 
 
-def test_casadis_choice_is_a_choice(graph: Graph, x: Node, y: Node, condition: Node) -> None:
+def test_a_choice_that_casadi_writes_as_a_sum_is_a_choice_again(
+    graph: Graph, x: Node, y: Node, condition: Node
+) -> None:
     """CasADi writes it as (a ? b : 0) + (!a ? c : 0)."""
     choice = ca.if_else(a, b, c)
     assert "+" in str(choice)
     assert traced(graph, choice, graph.true, x, y) is x
     assert traced(graph, choice, graph.false, x, y) is y
     assert traced(graph, choice, condition, x, y) is graph.select(condition, x, y)
-    graph.assume(condition, 0.0)
+    graph.assume(condition, False)
     assert traced(graph, choice, condition, x, y) is y
 
 
 @pytest.mark.parametrize("conditions", list(product((0.0, 1.0, 3.0), repeat=2)))
-def test_the_sum_of_two_choices_is_no_choice(graph: Graph, conditions: tuple[float, float]) -> None:
+def test_the_sum_of_two_choices_with_different_conditions_stays_a_sum(
+    graph: Graph, conditions: tuple[float, float]
+) -> None:
     # given (a ? x : 0) + (b ? y : 0), where both conditions are known
     total = ca.if_else(a, b, 0) + ca.if_else(c, d, 0)
     first, second = map(graph.constant, conditions)
@@ -120,7 +130,9 @@ def test_the_sum_of_two_choices_is_no_choice(graph: Graph, conditions: tuple[flo
         assert bits(evaluated(node, {"x": x, "y": y})) == bits(expected)
 
 
-def test_logic_with_a_constant(graph: Graph, x: Node, condition: Node) -> None:
+def test_logic_with_a_constant_is_decided_or_its_other_operand(
+    graph: Graph, x: Node, condition: Node
+) -> None:
     for a, b in ((condition, graph.true), (graph.true, condition)):
         assert graph.make(ca.OP_AND, (a, b)) is condition
         assert graph.make(ca.OP_OR, (a, b)) is graph.true
@@ -130,14 +142,14 @@ def test_logic_with_a_constant(graph: Graph, x: Node, condition: Node) -> None:
     assert graph.make(ca.OP_AND, (condition, condition)) is condition
     assert graph.make(ca.OP_NOT, (graph.false,)) is graph.true
     assert graph.make(ca.OP_NOT, (graph.constant(3.0),)) is graph.false
-    # a number becomes a truth, not itself
+    # a number becomes a condition
     assert graph.make(ca.OP_AND, (x, graph.true)).ctype == "bool"
     assert graph.make(ca.OP_AND, (x, x)).ctype == "bool"
     assert graph.all_of() is graph.true
     assert graph.any_of() is graph.false
 
 
-def test_a_truth_in_arithmetic_is_a_choice_of_numbers(graph: Graph, condition: Node) -> None:
+def test_a_condition_in_arithmetic_is_a_choice_of_numbers(graph: Graph, condition: Node) -> None:
     # given 1 - 2 c, as signs are made
     double = graph.make(ca.OP_MUL, (graph.constant(2.0), condition))
     sign = graph.make(ca.OP_SUB, (graph.true, double))
@@ -150,8 +162,10 @@ def test_a_truth_in_arithmetic_is_a_choice_of_numbers(graph: Graph, condition: N
     assert is_constant(minus.operands[2], -0.0)
 
 
-def test_products_and_differences_with_zero_and_one_stay(graph: Graph, x: Node) -> None:
-    """NaN, infinities and -0.0 are why: 0 x is no 0, 0 - x no -x."""
+def test_operations_stay_whose_result_depends_on_nan_infinity_or_the_sign_of_zero(
+    graph: Graph, x: Node
+) -> None:
+    """0 * x may be NaN or -0.0, 0 - x differs from -x for x = 0.0, and x == x is false for NaN."""
     for op, a, b in (
         (ca.OP_MUL, x, graph.false), (ca.OP_MUL, graph.false, x), (ca.OP_SUB, graph.false, x),
         (ca.OP_SUB, x, x), (ca.OP_EQ, x, x), (ca.OP_LE, x, x),
@@ -160,63 +174,67 @@ def test_products_and_differences_with_zero_and_one_stay(graph: Graph, x: Node) 
 
 
 def test_a_sum_with_zero_is_not_its_other_term(graph: Graph, x: Node) -> None:
-    """-0.0 + 0.0 is 0.0; -0.0 + -0.0 is -0.0, but nobody writes that."""
+    """-0.0 + 0.0 is 0.0."""
     assert graph.make(ca.OP_ADD, (x, graph.constant(0.0))) is not x
     assert graph.make(ca.OP_ADD, (graph.constant(0.0), x)) is not x
 
 
-# What follows from what is assumed
+# What follows from assumptions
 
 
-def test_what_is_assumed_is_known(graph: Graph, x: Node, y: Node, condition: Node) -> None:
-    graph.assume(condition, 1.0)
+def test_an_assumed_condition_is_known(graph: Graph, x: Node, y: Node, condition: Node) -> None:
+    graph.assume(condition, True)
     assert graph.known(condition) is graph.true
     assert graph.make(ca.OP_LT, (x, y)) is graph.true
     assert graph.select(condition, x, y) is x
     assert graph.known(x) is x
 
 
-def test_of_a_conjunction_that_holds_each_holds(graph: Graph, x: Node, y: Node) -> None:
+def test_both_operands_of_a_true_and_are_true(graph: Graph, x: Node, y: Node) -> None:
     a, b = graph.make(ca.OP_LT, (x, y)), graph.make(ca.OP_LE, (y, graph.constant(3.0)))
-    graph.assume(graph.all_of(a, b), 1.0)
+    graph.assume(graph.all_of(a, b), True)
     assert graph.known(a) is graph.known(b) is graph.true
 
 
-def test_of_a_disjunction_that_does_not_none_does(graph: Graph, x: Node, y: Node) -> None:
+def test_both_operands_of_a_false_or_are_false(graph: Graph, x: Node, y: Node) -> None:
     a, b = graph.make(ca.OP_LT, (x, y)), graph.make(ca.OP_LE, (y, graph.constant(3.0)))
-    graph.assume(graph.any_of(a, b), 0.0)
+    graph.assume(graph.any_of(a, b), False)
     assert graph.known(a) is graph.known(b) is graph.false
 
 
-@pytest.mark.parametrize(("join", "value"), [(Graph.all_of, 0.0), (Graph.any_of, 1.0)])
-def test_which_of_two_it_is_stays_open(graph: Graph, x: Node, y: Node, join: Any, value: float) -> None:
+@pytest.mark.parametrize(("join", "holds"), [(Graph.all_of, False), (Graph.any_of, True)])
+def test_a_false_and_or_a_true_or_decides_neither_operand(
+    graph: Graph, x: Node, y: Node, join: Any, holds: bool
+) -> None:
     a, b = graph.make(ca.OP_LT, (x, y)), graph.make(ca.OP_LE, (y, graph.constant(3.0)))
-    graph.assume(join(graph, a, b), value)
+    graph.assume(join(graph, a, b), holds)
     assert graph.known(a) is a
     assert graph.known(b) is b
 
 
-def test_the_negation_of_what_does_not_hold_does(graph: Graph, condition: Node) -> None:
-    graph.assume(graph.make(ca.OP_NOT, (condition,)), 0.0)
+def test_the_operand_of_a_false_not_is_true(graph: Graph, condition: Node) -> None:
+    graph.assume(graph.make(ca.OP_NOT, (condition,)), False)
     assert graph.known(condition) is graph.true
 
 
-@pytest.mark.parametrize(("op", "value"), [(ca.OP_EQ, 1.0), (ca.OP_NE, 0.0)])
-def test_what_equals_a_number_is_that_number(graph: Graph, x: Node, y: Node, op: int, value: float) -> None:
-    graph.assume(graph.make(op, (x, graph.constant(3.0))), value)
-    graph.assume(graph.make(op, (graph.constant(4.0), y)), value)
+@pytest.mark.parametrize(("op", "holds"), [(ca.OP_EQ, True), (ca.OP_NE, False)])
+def test_a_node_that_equals_a_number_is_that_number(
+    graph: Graph, x: Node, y: Node, op: int, holds: bool
+) -> None:
+    graph.assume(graph.make(op, (x, graph.constant(3.0))), holds)
+    graph.assume(graph.make(op, (graph.constant(4.0), y)), holds)
     assert is_constant(graph.known(x), 3.0)
     assert is_constant(graph.known(y), 4.0)
 
 
-@pytest.mark.parametrize(("op", "value"), [(ca.OP_EQ, 0.0), (ca.OP_NE, 1.0)])
-def test_what_differs_from_a_number_stays_open(graph: Graph, x: Node, op: int, value: float) -> None:
-    graph.assume(graph.make(op, (x, graph.constant(3.0))), value)
+@pytest.mark.parametrize(("op", "holds"), [(ca.OP_EQ, False), (ca.OP_NE, True)])
+def test_a_node_that_differs_from_a_number_stays_unknown(graph: Graph, x: Node, op: int, holds: bool) -> None:
+    graph.assume(graph.make(op, (x, graph.constant(3.0))), holds)
     assert graph.known(x) is x
 
 
 @pytest.mark.parametrize("taken", [0, 1])
-def test_a_choice_that_is_not_the_other_number_is_the_one(
+def test_a_choice_that_cannot_be_the_one_number_is_the_other_operand(
     graph: Graph, x: Node, condition: Node, taken: int
 ) -> None:
     # given c ? x : 2, or c ? 2 : x
@@ -226,13 +244,13 @@ def test_a_choice_that_is_not_the_other_number_is_the_one(
     assert is_constant(graph.known(x), 5.0)
 
 
-def test_a_choice_that_may_be_either_stays_open(graph: Graph, x: Node, condition: Node) -> None:
+def test_a_choice_that_may_be_either_operand_stays_unknown(graph: Graph, x: Node, condition: Node) -> None:
     graph.assume_value(graph.select(condition, x, graph.constant(2.0)), 2.0)
     assert graph.known(condition) is condition
     assert graph.known(x) is x
 
 
-# Whatever is folded or assumed: the value stays
+# No simplification changes a value
 
 POSITIVE = [0.0, 1.0, 2.0, math.inf, math.nan]
 NUMBERS = [-2.0, -0.0, *POSITIVE]
@@ -258,8 +276,8 @@ def bits(value: float) -> str:
     return "nan" if math.isnan(value) else value.hex()
 
 
-def test_no_operation_changes_its_value(graph: Graph, x: Node, y: Node, condition: Node) -> None:
-    """All operations on leaves, constants, truths and choices, at all numbers, zeros with signs and NaN."""
+def test_simplified_operations_have_their_value(graph: Graph, x: Node, y: Node, condition: Node) -> None:
+    """All operations on leaves, constants, conditions and choices, for numbers, signed zeros and NaN."""
     atoms = [x, y, condition, graph.select(condition, graph.constant(-0.0), graph.constant(2.0))]
     atoms += [graph.constant(v) for v in (-1.0, -0.0, 0.0, 1.0, 3.0)]
     wrong = []
@@ -274,9 +292,9 @@ def test_no_operation_changes_its_value(graph: Graph, x: Node, y: Node, conditio
     assert wrong == []
 
 
-@pytest.mark.parametrize("value", [0.0, 1.0])
-def test_no_assumption_changes_a_value_where_it_holds(value: float) -> None:
-    """Of conditions two operations deep: what is then known is what it is. Leaves in logic are truths."""
+@pytest.mark.parametrize("holds", [False, True])
+def test_an_assumption_that_holds_changes_no_value(holds: bool) -> None:
+    """For all conditions two operations deep; the leaves of logic are 0 or 1."""
     comparisons, logic = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE), (ca.OP_AND, ca.OP_OR)
     wrong = []
     for op, *inner in product((*comparisons, *logic), (SELECT, *comparisons), range(4), range(4), range(4)):
@@ -290,19 +308,19 @@ def test_no_assumption_changes_a_value_where_it_holds(value: float) -> None:
         node = graph.make(op, (outer, operand))
         if node.op == ca.OP_CONST or node.ctype != "bool":
             continue
-        graph.assume(node, value)
+        graph.assume(node, holds)
         for a, b in product((0.0, 1.0) if op in logic else POSITIVE, repeat=2):
             leaves = {"x": a, "y": b}
-            if evaluated(node, leaves) == value:
+            if evaluated(node, leaves) == float(holds):
                 for known in (x, y, condition, operand):
                     if bits(evaluated(graph.known(known), leaves)) != bits(evaluated(known, leaves)):
                         wrong.append((op, inner, a, b))
     assert wrong == []
 
 
-def test_what_equals_zero_may_be_negative_zero(graph: Graph, x: Node) -> None:
-    """So x may not be taken for 0.0, where its bits would matter: in y + x, or where it is kept."""
-    graph.assume(graph.equal(x, 0.0), 1.0)
+def test_a_node_that_equals_zero_is_not_replaced_since_it_may_be_negative_zero(graph: Graph, x: Node) -> None:
+    """The sign would matter in y + x, or where x is stored."""
+    graph.assume(graph.equal(x, 0.0), True)
     assert graph.known(x) is x
 
 
@@ -311,25 +329,25 @@ def test_what_equals_zero_may_be_negative_zero(graph: Graph, x: Node) -> None:
 
 @pytest.fixture(scope="module")
 def ticks() -> dict[Mode, Tick]:
-    """The trial simulator's, by mode, for the outcome of trials at different thresholds."""
+    """The trial simulator's ticks by mode, if the status is observed and the threshold varied."""
     batch = Batch(SYSTEMS["cts"], ["controller.moving_deviation"], ["controller.status"], STOP)
-    found = batch.ticks((), RUNNING | STILL)
-    return {Mode(int(tick.held["controller", "now"])): tick for tick in found}
+    by_mode = batch.ticks((), RUNNING | STILL)
+    return {Mode(int(tick.held["controller", "now"])): tick for tick in by_mode}
 
 
-def test_modes_that_last_have_a_tick_of_their_own(ticks: dict[Mode, Tick]) -> None:
-    # in which a trial neither has not begun nor has ended
-    ended = {Mode.IDLE, Mode.FAILURE_RECALL, Mode.SUCCESS, Mode.FAILED, Mode.STOPPED}
-    assert set(ticks) == set(Mode) - ended
+def test_each_mode_of_a_running_trial_has_a_tick(ticks: dict[Mode, Tick]) -> None:
+    # the others are those before the start and those after the end
+    not_running = {Mode.IDLE, Mode.FAILURE_RECALL, Mode.SUCCESS, Mode.FAILED, Mode.STOPPED}
+    assert set(ticks) == set(Mode) - not_running
 
 
-def test_a_mode_fixes_the_command(ticks: dict[Mode, Tick]) -> None:
+def test_the_command_is_held_throughout_a_mode(ticks: dict[Mode, Tick]) -> None:
     for mode, tick in ticks.items():
         assert tick.held["controller", "overruled"] == Anomaly.NONE
         assert tick.held["plant", "past_command"] == COMMANDS.get(mode, Command.NONE), mode
 
 
-def test_what_a_tick_holds_it_neither_reads_nor_writes(ticks: dict[Mode, Tick]) -> None:
+def test_a_tick_neither_reads_nor_writes_held_states(ticks: dict[Mode, Tick]) -> None:
     for tick in ticks.values():
         assert not tick.held.keys() & (tick.reads | tick.writes)
         assert not tick.always_departs
@@ -340,11 +358,11 @@ def test_a_tick_reads_and_writes_what_its_mode_needs(ticks: dict[Mode, Tick]) ->
     for mode, tick in ticks.items():
         assert ("controller", "ticks") in tick.writes
         assert motion - {("plant", "body_heading")} <= tick.writes, mode
-    # the threshold is each trial's own, and matters while the animal runs
+    # the threshold differs between trials, and matters while the animal runs
     threshold = ("controller", "moving_deviation")
     assert threshold in ticks[Mode.FORWARD].reads
     assert threshold not in ticks[Mode.RECALL].reads
-    # a turn takes its side's rate alone
+    # a turn reads the rate of its side only
     right, left = ("plant", "trial_right_rate"), ("plant", "trial_left_rate")
     assert (right in ticks[Mode.RIGHT].reads, left in ticks[Mode.RIGHT].reads) == (True, False)
     assert (right in ticks[Mode.LEFT].reads, left in ticks[Mode.LEFT].reads) == (False, True)
@@ -353,7 +371,7 @@ def test_a_tick_reads_and_writes_what_its_mode_needs(ticks: dict[Mode, Tick]) ->
         assert (("plant", "start_north") in tick.reads | tick.common) is (mode is Mode.RECALL)
 
 
-def test_what_happens_seldom_is_not_in_it(ticks: dict[Mode, Tick]) -> None:
+def test_an_ordinary_tick_sets_nothing_that_changes_seldom(ticks: dict[Mode, Tick]) -> None:
     # no draw, no count of waypoints or turns, no latch
     seldom = {"obeys_right", "right_stream[1]", "reached", "turns", "issued", "now", "route_north[1]", "told"}
     for tick in ticks.values():
@@ -361,29 +379,29 @@ def test_what_happens_seldom_is_not_in_it(ticks: dict[Mode, Tick]) -> None:
         assert tick.lines[-len(tick.writes) - 1].startswith("const bool departs = ")
 
 
-def test_a_mode_takes_less_than_all_modes(ticks: dict[Mode, Tick]) -> None:
+def test_a_tick_by_mode_takes_fewer_operations_than_the_tick_of_all_modes(ticks: dict[Mode, Tick]) -> None:
     batch = Batch(SYSTEMS["cts"], ["controller.moving_deviation"], ["controller.status"], STOP)
-    own = frozenset({("controller", "moving_deviation")})
+    varying = frozenset({("controller", "moving_deviation")})
     keep = {c: batch.keep.get(c, frozenset()) for c in SYSTEMS["cts"].components}
     whole = ordinary_tick(
         BatchSystem(
-            SYSTEMS["cts"], keep, own, RUNNING | STILL, (("controller", "status"), frozenset(STOP[1]))
+            SYSTEMS["cts"], keep, varying, RUNNING | STILL, (("controller", "status"), frozenset(STOP[1]))
         ),
         {},
     )
     assert max(tick.operations for tick in ticks.values()) < whole.operations
-    # all modes at once hold nothing
+    # in the tick of all modes no state is held
     assert not whole.held
     assert ("plant", "past_command") in whole.writes
 
 
-def test_a_trial_that_has_not_begun_waits_in_an_ordinary_tick_of_its_own() -> None:
-    # given no start signal: nothing happens in mode IDLE
+def test_a_trial_without_a_start_signal_has_ordinary_ticks_in_mode_idle() -> None:
+    # given no start signal
     batch = Batch(SYSTEMS["cts"], ["controller.moving_deviation"], ["controller.status"], STOP)
     idle = RUNNING | STILL | {("controller", "start"): 0.0}
-    found = {int(tick.held["controller", "now"]): tick for tick in batch.ticks((), idle)}
-    assert Mode.IDLE in found
-    assert Mode.FORWARD not in found  # the mission ends there at once
+    modes = {int(tick.held["controller", "now"]) for tick in batch.ticks((), idle)}
+    assert Mode.IDLE in modes
+    assert Mode.FORWARD not in modes  # the mission ends there at once
 
 
 def test_fields_are_named_by_component_and_variable() -> None:

@@ -28,28 +28,28 @@ ANY = [
 
 
 def stems(names: frozenset[str]) -> set[str]:
-    """Names without their index."""
+    """The names of variables, without indices."""
     return {name.partition("[")[0] for name in names}
 
 
-def test_how_the_pack_shakes_does_not_matter_where_the_true_state_is_known() -> None:
-    # given the trial simulator, of which the outcome alone is wanted
+def test_shaking_is_not_needed_where_the_controller_sees_the_true_state() -> None:
+    # given the trial simulator, of which the status is observed
     keep = needed(SYSTEMS["cts"], [STATUS])
-    # then gait, jerks and the motion of the pack are left out, and what the animal is played
+    # then gait, jerks and the motion of the pack are left out, and the tones and vibrations of the vest
     assert not stems(keep["plant"]) & {
         "stride", "jerk", "jerk_due", "jerk_stream", "acceleration", "pitch", "roll", "yaw_rate",
         "past_heading",
     }  # fmt: skip
     assert not keep["command_module"]
     assert not stems(keep["controller"]) & {"anomaly", "anomalies", "issued", "waypoint", "mode"}
-    # and not: where the animal is, what it obeys, what it drew, and what the table needs
+    # but not: position, obedience, random draws, and the states that the table reads
     assert {"north", "east", "speed", "heading", "right_stream", "left_stream", "temper_stream"} <= stems(
         keep["plant"]
     )
     assert {"now", "ticks", "turns", "planned", "route_north", "base_east"} <= stems(keep["controller"])
 
 
-def test_what_the_estimator_does_not_take_is_not_sensed() -> None:
+def test_sensor_outputs_that_no_link_reads_are_not_needed() -> None:
     keep = needed(SYSTEMS["full"], [STATUS])
     assert {"accel_x", "pitch_meas", "heading_meas", "gps_fix", "gps_north", "gps_speed"} <= keep["sensors"]
     assert not keep["sensors"] & {"accel_y", "accel_z", "gyro_z", "mag_x", "roll_meas", "gps_course"}
@@ -58,34 +58,34 @@ def test_what_the_estimator_does_not_take_is_not_sensed() -> None:
     assert not keep["estimator"] & {"north_sd", "accel_bias", "sigma_accel", "bad_samples", "bad_fixes"}
 
 
-def test_a_trigger_needs_what_its_guard_reads() -> None:
-    # given a jerk: it is drawn on the ticks on which a stride begins, by the speed
+def test_a_triggered_update_needs_what_its_guard_reads() -> None:
+    # given a jerk, which is drawn when a stride begins; that depends on the speed
     keep = needed(SYSTEMS["cts"], [("plant", "jerk")])
     assert {"jerk", "jerk_due", "jerk_stream", "stride", "velocity"} <= stems(keep["plant"])
-    # and the loop through the controller is closed
+    # and through the loop, on the command
     assert "command" in keep["controller"]
 
 
-def test_a_table_needs_its_mode_and_the_rows_that_come_first() -> None:
+def test_a_table_needs_its_mode_and_the_guards_of_all_rows() -> None:
     keep = needed(SYSTEMS["cts"], [("controller", "issue_north")])
     assert {"now", "turns", "deviation", "distance"} <= keep["controller"]
 
 
-def test_nothing_wanted_nothing_needed() -> None:
+def test_nothing_is_needed_if_nothing_is_observed() -> None:
     assert needed(SYSTEMS["full"], []) == {c: frozenset() for c in SYSTEMS["full"].components}
 
 
 @settings(max_examples=15, deadline=None)
 @given(st.sets(st.sampled_from(ANY), max_size=4), st.sets(st.sampled_from(ANY), max_size=4))
-def test_wanting_more_needs_what_each_needs(one: set[Any], other: set[Any]) -> None:
-    a, b, both = (needed(SYSTEMS["cts"], wanted) for wanted in (one, other, one | other))
+def test_two_sets_of_variables_need_what_each_of_them_needs(one: set[Any], other: set[Any]) -> None:
+    a, b, both = (needed(SYSTEMS["cts"], observed) for observed in (one, other, one | other))
     assert both == {c: a[c] | b[c] for c in a}
     assert all(name in a[c] for c, name in one)
-    # and what is needed needs no more
+    # and the needed variables need no others
     assert needed(SYSTEMS["cts"], [(c, name) for c in a for name in a[c]]) == a
 
 
-WANTED = {
+OBSERVED = {
     "outcome": [STATUS],
     "estimate": [("estimator", "north_sd"), ("sensors", "mag_x"), ("controller", "anomalies[2]")],
     "tone": [("command_module", "tone_hz"), ("plant", "roll"), ("sensors", "gyro_y")],
@@ -94,17 +94,17 @@ WANTED = {
 
 @pytest.fixture(scope="module")
 def whole(libraries: Any) -> Library:
-    """The blocks with all that they do."""
+    """The blocks with all their states and outputs."""
     library: Library = libraries(QUICKEST, "double")
     return library
 
 
-@pytest.mark.parametrize("wanted", WANTED.values(), ids=list(WANTED))
+@pytest.mark.parametrize("observed", OBSERVED.values(), ids=list(OBSERVED))
 def test_a_pruned_tick_from_any_state_keeps_its_bits(
-    wanted: list[tuple[str, str]], whole: Library, tmp_path: Path
+    observed: list[tuple[str, str]], whole: Library, tmp_path: Path
 ) -> None:
-    # given the C of the full system's blocks with what matters, and states, inputs, parameters at random
-    keep = needed(full_system(), wanted)
+    # given the C of the full system's blocks without the others, and random states, inputs and parameters
+    keep = needed(full_system(), observed)
     pruned = compile_pruned(keep, tmp_path)
     rng = np.random.default_rng(5)
     for component, block in full_system().components.items():
@@ -125,7 +125,7 @@ def test_a_pruned_tick_from_any_state_keeps_its_bits(
                         put(block, instances, name, column)
                 whole.step(block, records[0])
                 pruned(block, records[1])
-                # then what is kept is the same, and -0.0 is -0.0
+                # then the needed variables have the same bits, the signs of zeros among them
                 for name in keep[component]:
                     full, part = (np.asarray(get(block, r, name), dtype=np.float64) for r in records)
                     assert np.array_equal(full, part, equal_nan=True), f"{component}.{name}"
@@ -160,12 +160,12 @@ def compile_pruned(keep: Any, folder: Path) -> Any:
     return step
 
 
-def test_what_is_left_out_keeps_its_value() -> None:
-    # given the plant's C with what the true state needs
+def test_states_that_are_not_needed_are_declared_and_initialized_but_not_computed() -> None:
+    # given the plant's C for the status, with and without pruning
     keep = needed(SYSTEMS["cts"], [STATUS])["plant"]
     block = SYSTEMS["cts"].components["plant"]
     text, all_of_it = (generate(block, keep=k)["canine.c"] for k in (keep, None))
-    # then it neither draws jerks nor starts their stream, and still declares and initializes them
+    # then the pruned C neither draws jerks nor starts their stream, and it sets the jerk to its start value
     assert "canine_shake" in all_of_it
     assert "canine_shake" not in text
     assert "mrg32k3a_substream(stream, 3U" in all_of_it

@@ -70,7 +70,8 @@ class Lanes:
 
     def __getitem__(self, name: str) -> Array:
         kind, i = self.index[name]
-        return self.values[kind][i]
+        values: Array = self.values[kind][i]
+        return values
 
     def __setitem__(self, name: str, value: Any) -> None:
         self[name][:] = value
@@ -86,7 +87,7 @@ class Lanes:
                     self._run(phase, holds)
 
     def _choose(self, table: Table, holds: Array) -> None:
-        """The first row of each instance's mode whose guard holds; all see what stood before."""
+        """Carry out the first row of each instance's mode whose guard holds; all rows read the old values."""
         before = {kind: values.copy() for kind, values in self.values.items()}
         undecided = holds
         mode = before[self.index[table.mode][0]][self.index[table.mode][1]]
@@ -133,5 +134,5 @@ def _instructions(function: Any) -> list[tuple[int, list[int], list[int], float]
             op = function.instruction_id(k)
             constant = function.instruction_constant(k) if op == ca.OP_CONST else 0.0
             rows.append((op, function.instruction_output(k), function.instruction_input(k), constant))
-        _READ[key] = function, rows  # the function is kept, lest its hash be given to another
+        _READ[key] = function, rows  # the function is kept, so that no other gets its hash
     return _READ[key][1]

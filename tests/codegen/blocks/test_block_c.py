@@ -17,7 +17,8 @@ from models.command_module import CommandModule
 from models.kit.block import Block
 from models.kit.declaration import Input, Output, Type
 from models.kit.tracing import GROUPS
-from tests.codegen.compiled import BLOCKS, struct_members
+from models.system import BLOCKS
+from tests.codegen.compiled import struct_members
 
 Golden = Callable[[str, str], None]
 each = pytest.mark.parametrize(

@@ -24,7 +24,7 @@ from models.kit.tracing import GROUPS
 
 
 class Colour(enum.IntEnum):
-    """What it looks like."""
+    """Its colour."""
 
     RED = 0
     GREEN = 1
@@ -83,7 +83,7 @@ def printed(expression: Any, precision: Any = "double", target: str = "y") -> li
         (1e-45, "float", "1e-45f"),
     ],
 )
-def test_literals(value: float, precision: Any, text: str) -> None:
+def test_a_literal_is_the_shortest_of_its_precision(value: float, precision: Any, text: str) -> None:
     assert literal(value, precision) == text
 
 
@@ -123,7 +123,7 @@ def test_sums_that_only_look_like_if_else_stay_sums() -> None:
     assert "+" in line
 
 
-def test_integers_stay_integers() -> None:
+def test_integers_are_computed_as_integers() -> None:
     assert printed(lambda m: m.count + 1, target="count") == ["m->state.count = m->state.count + 1;"]
     (line,) = printed(lambda m: m.n * 0.5)
     assert line == "m->out.y = 0.5 * (double)m->in.n;"
@@ -136,12 +136,12 @@ def test_an_integer_compared_with_a_fraction_is_compared_as_a_real() -> None:
     assert "((double)m->in.n < 2.5)" in line
 
 
-def test_booleans_and_float_suffixes() -> None:
+def test_conditions_in_float_have_suffixed_literals_and_calls() -> None:
     (line,) = printed(lambda m: ca.if_else(ca.logic_and(m.on, m.x < 0.1), ca.sqrt(m.x), 0), "float")
     assert line == "m->out.y = (m->in.on && (m->in.x < 0.1f)) ? sqrtf(m->in.x) : 0.0f;"
 
 
-def test_calls_by_precision() -> None:
+def test_library_calls_are_those_of_the_precision() -> None:
     assert printed(lambda m: ca.floor(m.x)) == ["m->out.y = floor(m->in.x);"]
     assert printed(lambda m: ca.fabs(m.x), "float") == ["m->out.y = fabsf(m->in.x);"]
 
@@ -154,7 +154,9 @@ def test_enumerations_are_compared_and_assigned_by_name() -> None:
 
 
 @pytest.mark.parametrize("value", [7, -1, 0.5])
-def test_an_enumeration_compared_with_no_value_of_it_is_compared_with_the_number(value: float) -> None:
+def test_an_enumeration_compared_with_a_number_outside_of_it_is_compared_with_the_number(
+    value: float,
+) -> None:
     (line,) = printed(lambda m: ca.if_else(m.colour > value, m.x, 0))
     assert "COLOUR" not in line
     assert str(value).lstrip("-") in line
@@ -179,7 +181,7 @@ def test_a_result_that_reads_a_field_stored_before_it_gets_a_local() -> None:
     ]
 
 
-def test_a_value_used_twice_has_one_name() -> None:
+def test_a_value_used_twice_gets_one_local() -> None:
     lines = printed(lambda m: ca.sqrt(m.x + 1) * ca.fabs(ca.sqrt(m.x + 1)))
     assert sum("sqrt(" in line for line in lines) == 1
 
@@ -208,7 +210,7 @@ def test_a_chain_of_operations_may_be_longer_than_python_calls_are_deep(links: i
     assert values["y"] == float(function(*blank))
 
 
-def test_a_chain_of_choices_may_be_as_long() -> None:
+def test_a_chain_of_choices_may_be_longer_than_python_calls_are_deep() -> None:
     def chain(m: Any) -> Any:
         value = ca.SX(Colour.RED)
         for limit in range(1500):
@@ -216,12 +218,12 @@ def test_a_chain_of_choices_may_be_as_long() -> None:
         return value
 
     lines = printed(chain, target="shown")
-    # the first choice is between RED and RED, which is none
+    # the first choice is between RED and RED, so it is left out
     assert sum(line.count("?") for line in lines) == 1499
     assert sum(line.count("COLOUR_GREEN") for line in lines) == 750
 
 
-def test_operations_are_counted() -> None:
+def test_a_product_and_a_sum_are_two_operations() -> None:
     assert read(traced(lambda m: m.x * 3 + 1), fields(Sample))[1] == 2
 
 
@@ -242,13 +244,13 @@ def test_a_constant_that_c_cannot_write_is_refused(value: float) -> None:
         printed(lambda m: ca.if_else(m.on, m.x, value))
 
 
-def test_a_constant_beyond_float_is_refused_in_float_alone() -> None:
+def test_a_constant_too_large_for_float_is_refused_in_float_and_printed_in_double() -> None:
     assert "1e+300" in printed(lambda m: m.x * 1e300)[0]
     with pytest.raises(DeclarationError, match=r"1e\+300"):
         printed(lambda m: m.x * 1e300, "float")
 
 
-def test_sample_generates() -> None:
+def test_the_sample_blocks_output_is_in_its_c() -> None:
     assert "m->out.y = m->in.x;" in generate(Sample)["sample.c"]
 
 

@@ -9,7 +9,7 @@ import pytest
 from codegen.blocks.block_c import generate
 from codegen.blocks.layout import COLUMNS, fit
 from models.kit.block import Block
-from tests.codegen.compiled import BLOCKS
+from models.system import BLOCKS
 
 
 @pytest.mark.parametrize("block", BLOCKS, ids=lambda block: block.title())

@@ -1,7 +1,7 @@
 """Python model = our C (three builds) = CasADi's own C, bit for bit in double; C float = its float program.
 
-Two things count as the same: NaN and NaN, and in single steps -0.0 and 0.0 (CasADi computes a select as a sum
-with zero, C does not).
+NaN counts as equal to NaN. In single steps, -0.0 counts as equal to 0.0: CasADi computes a choice as a sum
+with zero, C does not.
 """
 
 from __future__ import annotations
@@ -34,10 +34,9 @@ from models.kit.random import start_state
 from models.local_plane import LocalPlane
 from models.pedestrian import Pedestrian
 from models.sensors import Sensors
-from models.system import System, full_system, trial_simulator
+from models.system import BLOCKS, System, full_system, trial_simulator
 from tests.codegen.blocks.float32 import Lanes
 from tests.codegen.compiled import (
-    BLOCKS,
     BUILDS,
     QUICKEST,
     Build,
@@ -169,7 +168,7 @@ def test_whole_trial_in_c_has_the_bits_of_the_python_models(
     assert rows.tobytes() == expected.tobytes()
 
 
-def test_trials_exercise_every_triggered_update(reference: Reference) -> None:
+def test_the_compared_trials_run_every_triggered_update(reference: Reference) -> None:
     # given the trials above, when their triggers are recorded
     for name in TRIALS:
         reference(name)
@@ -215,15 +214,15 @@ def test_whole_trial_in_casadis_own_c_has_the_same_bits(
 
 
 def values(variable: Any, wild: bool) -> st.SearchStrategy[float]:
-    """What an input may be given: its declared range, and what lies outside of it."""
+    """Values for an input: from its declared range, and from outside of it if `wild`."""
     if variable.type is Type.BOOLEAN:
         return st.sampled_from([0.0, 1.0])
     if variable.type is Type.INTEGER:
         low, high = int(variable.min), int(variable.max)
         return st.integers(low - 3 * wild, high + 3 * wild).map(float)
-    low = -1e3 if variable.min is None else variable.min
-    high = 1e3 if variable.max is None else variable.max
-    inside = st.floats(low, high)
+    inside = st.floats(
+        -1e3 if variable.min is None else variable.min, 1e3 if variable.max is None else variable.max
+    )
     return inside | st.sampled_from(REAL_CHOICES) if wild else inside
 
 
@@ -242,17 +241,18 @@ def test_steps_with_any_input_have_the_same_bits(
     model = python(block, seed)
     casadi = Model(block, seed, replace=casadi_c(block))
     casadi.initialize()
-    machines = [CompiledModel(libraries(build, "double"), block, seed) for build in BUILDS]
+    machines: list[Model | CompiledModel] = [casadi]
+    machines += [CompiledModel(libraries(build, "double"), block, seed) for build in BUILDS]
     # when all are given the same inputs, NaN, infinities and values out of range among them
     for _ in range(data.draw(st.integers(1, 4))):
         for name, variable in flatten(block.group("input")):
             value = data.draw(values(variable, wild=True), label=name)
-            for machine in (model, casadi, *machines):
+            for machine in (model, *machines):
                 machine[name] = value
-        for machine in (model, casadi, *machines):
+        for machine in (model, *machines):
             machine.step()
         # then all have the same states and outputs
-        for machine in (casadi, *machines):
+        for machine in machines:
             assert same(vector(machine), vector(model))
 
 
@@ -283,7 +283,7 @@ def test_a_tick_from_any_state_has_the_same_bits(
         assert same(np.asarray(get(block, records, name), dtype=np.float64), column), name
 
 
-# not the local plane: the reference keeps integers in float32, where its 32 bits have no room
+# not the local plane: the reference keeps integers in float32, which has no room for its 32 bits
 FLOAT = [b for b in BLOCKS if "float" in b.precisions and b is not LocalPlane]
 
 
@@ -314,7 +314,7 @@ def test_float_c_is_the_float_program_operation_by_operation(
             assert same(np.asarray(get(block, records, name), dtype=np.float32), lanes[name]), (step, name)
 
 
-def test_float_controller_and_estimator_over_a_whole_trial(
+def test_float_controller_and_estimator_have_the_float_programs_bits_over_a_whole_trial(
     libraries: Libraries, reference: Reference
 ) -> None:
     # given the sensors' outputs of a trial
@@ -353,7 +353,8 @@ def test_float_controller_and_estimator_over_a_whole_trial(
 def test_blocks_streams_start_in_c_where_they_start_in_python(libraries: Libraries) -> None:
     for seed in (0, 1, 77, 2**31 - 1):
         model = CompiledModel(libraries(QUICKEST, "double"), Canine, {"seed": seed})
-        for stream in (Canine.right_stream, Canine.left_stream, Canine.jerk_stream, Canine.search_stream):
+        undrawn = [s for s in Canine.streams() if s.name != "temper_stream"]  # drawn from at the start
+        for stream in undrawn:
             state = tuple(int(model[name]) for name in stream.flat_names)
             assert state == start_state(seed, stream.substream)
 
@@ -380,7 +381,7 @@ def test_any_stream_starts_in_c_where_it_starts_in_python(libraries: Libraries) 
     [(b, p) for b in BLOCKS for p in b.precisions],
     ids=lambda x: getattr(x, "__name__", x),
 )
-def test_objects_need_nothing_of_libm_but_sqrt_floor_fabs(
+def test_objects_call_sqrt_floor_fabs_and_nothing_else_of_libm(
     block: type[Block], precision: Any, tmp_path: Path
 ) -> None:
     files = generate(block, precision)
@@ -402,7 +403,7 @@ def test_another_process_generates_the_same_bytes() -> None:
     # given the C of every block here, when a process with another hash seed generates it
     program = (
         f"import sys; sys.path[:0] = [{str(Path(__file__).parents[3])!r}]\n"
-        "from tests.codegen.compiled import BLOCKS; from codegen.blocks.block_c import generate\n"
+        "from models.system import BLOCKS; from codegen.blocks.block_c import generate\n"
         "for b in BLOCKS:\n  for p in b.precisions: print(generate(b, p))\n"
     )
     other = subprocess.run(
@@ -416,6 +417,6 @@ def test_another_process_generates_the_same_bytes() -> None:
     assert other.stdout.splitlines() == [str(generate(b, p)) for b in BLOCKS for p in b.precisions]
 
 
-def test_modes_of_the_random_states_are_all_modes() -> None:
+def test_random_states_contain_every_mode() -> None:
     # the ticks from any state are to pass through every row of the controller's table
     assert set(random_states(Cmec, 1500, np.random.default_rng(7))["now"]) == {int(m) for m in Mode}

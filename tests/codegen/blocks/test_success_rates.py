@@ -1,7 +1,7 @@
 """How often the dog succeeds in the four trials of Figure 4.8 at h' = 49 deg, calibrated reading.
 
-Expected are the rates of an independent implementation (right 90 71 %, left 90 41 %, right 45 75 %, left 45
-80 %; 50,000 trials each, so exact to 0.2 %).
+The expected rates are those of an independent implementation (right 90 71 %, left 90 41 %, right 45 75 %,
+left 45 80 %; 50,000 trials each, so exact to 0.2 %).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Outcomes = np.ndarray[Any, Any]
 
 
 def parameters(scenario: str, reading: str = "calibrated") -> dict[type[Block], dict[str, float]]:
-    """What a shipped scenario and a reading set, by block."""
+    """The values that a shipped scenario and a reading set, by block."""
     written = tomllib.loads((SCENARIOS / f"{scenario}.toml").read_text())
     assert written["reading"] == "calibrated"
     waypoints = written["waypoints"]
@@ -52,9 +52,9 @@ def parameters(scenario: str, reading: str = "calibrated") -> dict[type[Block], 
 def run(library: Library, wiring: str, scenario: str, seeds: range, shaking: bool) -> Outcomes:
     """Trials in C: (seeds, 3) of status, ticks, directional commands."""
     blocks = {"cts": (Canine, Cmec), "full": (Canine, Sensors, FourState, Cmec)}[wiring]
-    given = parameters(scenario)
-    given[Canine] = given[Canine] | {"shaking": shaking}
-    records = [library.records(block, 1, given[block]) for block in blocks]
+    values = parameters(scenario)
+    values[Canine] = values[Canine] | {"shaking": shaking}
+    records = [library.records(block, 1, values[block]) for block in blocks]
     outcomes = np.zeros((len(seeds), 3), dtype=np.int32)
     pointers = [ctypes.c_void_p(r.ctypes.data) for r in records]
     for i, seed in enumerate(seeds):
@@ -106,14 +106,14 @@ def test_success_rate_through_sensors_and_estimator(
 
 
 @pytest.mark.parametrize("scenario", EXPECTED)
-def test_seed_by_seed_c_ends_as_the_python_models_do(
+def test_a_trial_in_c_ends_as_the_same_seed_does_in_python(
     scenario: str, simulated: Mapping[str, Outcomes]
 ) -> None:
     for seed in (1, 2, 3) if scenario != "right_90" else (1,):
         # given a trial stepped in Python
-        given = parameters(scenario)
-        plant = Model(Canine, given[Canine] | {"seed": seed, "shaking": 0})
-        controller = Model(Cmec, given[Cmec])
+        values = parameters(scenario)
+        plant = Model(Canine, values[Canine] | {"seed": seed, "shaking": 0})
+        controller = Model(Cmec, values[Cmec])
         for model in (plant, controller):
             model.initialize()
         controller["start"] = 1
