@@ -58,30 +58,31 @@ def run_seeds(
         note: called with what the user should know, once.
 
     Raises:
-        UsageError: a folder cannot be made.
+        UsageError: a folder cannot be made, or others write into it.
         CanineError: a fault in what was run; the log of that trial is kept up to there.
         KeyboardInterrupt: the user ended it.
     """
     make_folder(out)
-    (out / SEEDS).unlink(missing_ok=True)  # an earlier run's
-    summaries: list[dict[str, Any]] = []
-    try:
-        for seed in seeds:
-            folder = out / str(seed)
-            one = replace(request, scenario=replace(request.scenario, seed=seed))
-            with prepared(one) as ready:
-                if not summaries:
-                    for text in (*request.notes, *ready.notes):
-                        note(text)
-                try:
-                    summaries.append(trial.run(one, ready, folder))
-                except KeyboardInterrupt:
-                    _remove(folder)
-                    raise
-            yield summaries[-1]
-    finally:
-        if summaries:
-            write_whole(out / SEEDS, csv_of(summaries))
+    with trial.alone_in(out):
+        (out / SEEDS).unlink(missing_ok=True)  # an earlier run's
+        summaries: list[dict[str, Any]] = []
+        try:
+            for seed in seeds:
+                folder = out / str(seed)
+                one = replace(request, scenario=replace(request.scenario, seed=seed))
+                with prepared(one) as ready:
+                    if not summaries:
+                        for text in (*request.notes, *ready.notes):
+                            note(text)
+                    try:
+                        summaries.append(trial.run(one, ready, folder))
+                    except KeyboardInterrupt:
+                        _remove(folder)
+                        raise
+                yield summaries[-1]
+        finally:
+            if summaries:
+                write_whole(out / SEEDS, csv_of(summaries))
 
 
 def _remove(folder: Path) -> None:

@@ -85,6 +85,41 @@ def test_ctrl_c_leaves_whole_trials_and_their_table(
     assert seeds_in(tmp_path / "seeds.csv") == ["1", "2"]
 
 
+def test_ctrl_c_before_the_new_log_is_opened_keeps_an_earlier_runs_trial(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given a trial of an earlier run, and a user who has enough while FMUs are loaded
+    earlier = {"trial.mcap", "summary.json", "trial.html", "trial.png"}
+    (tmp_path / "1").mkdir()
+    for name in earlier:
+        (tmp_path / "1" / name).write_text("of an earlier run")
+
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(trial, "Simulation", interrupted)
+    # when
+    status, _, _ = canine(capsys, *RUN, "--seeds", "1:9", "--out", tmp_path)
+    alone, _, errors = canine(capsys, *RUN, "--seed", 1, "--out", tmp_path / "1")
+    # then
+    assert (status, alone) == (130, 130)
+    assert {p.name for p in (tmp_path / "1").iterdir()} == earlier
+    assert errors == "canine: ended by Ctrl-C; nothing was logged\n"
+
+
+def test_two_runs_with_seeds_do_not_write_into_one_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # given a folder into which another run writes, with its table
+    (tmp_path / "seeds.csv").write_text("of the other run")
+    with trial.alone_in(tmp_path):
+        status, _, errors = canine(capsys, *RUN, "--seeds", "1:9", "--out", tmp_path)
+    # then
+    assert status == 2
+    assert f"{tmp_path}: another trial is being written there" in errors
+    assert [p.name for p in tmp_path.iterdir()] == ["seeds.csv"]
+
+
 def test_a_fault_ends_the_trials_with_its_name_and_keeps_its_log(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
