@@ -151,7 +151,7 @@ def altered(folder: Path, old: str, new: str, version: int = 2) -> Path:
 
 @pytest.mark.parametrize("text", ["1e-300", "9.9e-7", "0", "-0.04", "nan", "inf", "abc", ""])
 @pytest.mark.parametrize("version", [2, 3])
-def test_a_step_that_is_none_is_refused(tmp_path: Path, version: int, text: str) -> None:
+def test_a_step_size_that_cannot_be_is_refused(tmp_path: Path, version: int, text: str) -> None:
     expected = "expected a finite number of seconds, 1e-06 or more; export it with one"
     wished = altered(tmp_path, 'stepSize="0.04"', f'stepSize="{text}"', version)
     with pytest.raises(FmuError) as caught:
@@ -170,7 +170,7 @@ def test_the_fixed_step_comes_before_the_wished_one(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("reference", [-1, 2**32])
-def test_a_value_reference_that_is_none_is_refused(tmp_path: Path, reference: int) -> None:
+def test_a_wrong_value_reference_is_refused(tmp_path: Path, reference: int) -> None:
     path = altered(tmp_path, 'name="k" valueReference="1"', f'name="k" valueReference="{reference}"')
     with pytest.raises(FmuError) as caught:
         describe(path)

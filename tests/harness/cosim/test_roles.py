@@ -151,7 +151,7 @@ def test_it_takes_the_place_of_the_plant(tmp_path: Path) -> None:
     )
 
 
-def test_a_role_that_is_none_is_missed_by_name() -> None:
+def test_an_unknown_role_is_refused_with_the_nearest_name() -> None:
     with pytest.raises(UsageError, match=r'there is no role "plnt"; did you mean "plant"\?'):
         find_role("plnt")
 
