@@ -1,7 +1,7 @@
 """A log as files that other tools read: for each component a CSV or a Parquet file, and units.json.
 
-The first column is `time` in s; the others are the component's signals, inputs then outputs. units.json has
-unit, type and meaning of each signal by component; in Parquet the metadata of each column has them too.
+The first column is `time` in s; the others are the component's signals, inputs then outputs. A signal `time`
+of the component's own is in the column `<component>.time`, as in `telemetry.time`. units.json has unit, type and meaning of each signal by component; in Parquet the metadata of each column has them too.
 
 CSV: one header line; reals with the fewest digits that read back to the same bits; Booleans as 0 and 1; NaN,
 Infinity and -Infinity by these names. Parquet: float64 (NaN stays NaN, nothing is null), int64 and bool. As
@@ -48,21 +48,27 @@ def export(log: Log, to: str, out: Path) -> list[Path]:
     arrays = log.arrays()
     contents: dict[str, bytes] = {}
     for channel in log.channels:
-        columns = [("time", log.time), *arrays[channel.component].items()]
+        signals = arrays[channel.component].items()
+        columns = [("time", log.time), *((_column(channel, name), values) for name, values in signals)]
         # a foreign package may call a component anything, "a/b" too
         contents[f"{quote(channel.component, safe=' ')}.{to}"] = FORMATS[to](channel, columns)
-    signals = {channel.component: _signals(channel) for channel in log.channels}
-    contents[UNITS] = (json.dumps(signals, indent=2) + "\n").encode()
+    units = {channel.component: _signals(channel) for channel in log.channels}
+    contents[UNITS] = (json.dumps(units, indent=2) + "\n").encode()
     make_folder(out)
     for name, content in contents.items():
         write_whole(out / name, content)
     return [out / name for name in contents]
 
 
+def _column(channel: Channel, name: str) -> str:
+    """A signal's column; `time` is taken by that of the ticks."""
+    return f"{channel.component}.{name}" if name == "time" else name
+
+
 def _signals(channel: Channel) -> dict[str, dict[str, str]]:
     """Unit, type and meaning of each signal."""
     return {
-        name: {"unit": unit, "type": kind, "meaning": meaning}
+        _column(channel, name): {"unit": unit, "type": kind, "meaning": meaning}
         for name, unit, kind, meaning in zip(
             channel.names, channel.units, channel.types, channel.meanings, strict=True
         )

@@ -48,7 +48,14 @@ def test_flags_are_the_bits_of_one_byte_each_once() -> None:
 
 @pytest.mark.parametrize(
     ("unit", "value"),
-    [("ms", 0.001), ("1e-7 deg", 1.7453292519943295e-09), ("cm/s", 0.01), ("dm", 0.1), ("1e-4 rad", 1e-4)],
+    [
+        ("ms", 0.001),
+        ("1e-7 deg", 1.7453292519943295e-09),
+        ("cm/s", 0.01),
+        ("cm", 0.01),
+        ("dm", 0.1),
+        ("1e-4 rad", 1e-4),
+    ],
 )
 def test_a_unit_by_radio_has_its_factor_to_si(unit: str, value: float) -> None:
     assert UNITS[unit][1] == pytest.approx(value, rel=1e-15)
@@ -62,6 +69,7 @@ def test_log_has_each_field_in_si_and_counts_as_whole_numbers() -> None:
     assert kinds["time"] == ("s", "Real")
     assert kinds["latitude"] == ("rad", "Real")
     assert kinds["distance"] == ("m", "Real")
+    assert (FIELDS["distance"].unit, FIELDS["position_sd"].unit) == ("dm", "cm")  # what `report` sends
     assert kinds["command"] == kinds["gps_frames"] == ("", "Integer")
 
 

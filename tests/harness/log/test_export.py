@@ -96,7 +96,7 @@ def test_csv_reads_back_to_the_same_bits(tmp_path: Path) -> None:
     frame = pd.read_csv(paths[0])
     assert same_bits(frame["speed"], TRICKY)
     assert same_bits(frame["time"], log().time)
-    assert paths[1].read_text().splitlines()[:2] == ["time,time", "0.0,7.0"]
+    assert paths[1].read_text().splitlines()[:2] == ["time,a/b.time", "0.0,7.0"]
 
 
 def test_parquet_reads_back_to_the_same_bits_with_units(tmp_path: Path) -> None:
@@ -112,6 +112,8 @@ def test_parquet_reads_back_to_the_same_bits_with_units(tmp_path: Path) -> None:
         b"unit": b"m/s", b"type": b"Real", b"meaning": b"ground speed, m/s"
     }  # fmt: skip
     assert table.schema.field("time").metadata[b"unit"] == b"s"
+    # and a component's own time does not take the place of the ticks'
+    assert parquet.read_table(tmp_path / "a%2Fb.parquet").column_names == ["time", "a/b.time"]
 
 
 @pytest.mark.parametrize("to", ["csv", "parquet"])
