@@ -1,7 +1,8 @@
 """A log as files that other tools read: for each component a CSV or a Parquet file, and units.json.
 
 The first column is `time` in s; the others are the component's signals, inputs then outputs. A signal `time`
-of the component's own is in the column `<component>.time`, as in `telemetry.time`. units.json has unit, type and meaning of each signal by component; in Parquet the metadata of each column has them too.
+of the component's own is in the column `<component>.time`, as in `telemetry.time`. units.json has unit, type
+and meaning of each signal by component; in Parquet the metadata of each column has them too.
 
 CSV: one header line; reals with the fewest digits that read back to the same bits; Booleans as 0 and 1; NaN,
 Infinity and -Infinity by these names. Parquet: float64 (NaN stays NaN, nothing is null), int64 and bool. As

@@ -473,7 +473,7 @@ def test_direction_switch_counts_in_both_readings() -> None:
 
 def test_direction_switch_after_a_reissue_counts() -> None:
     # given a RIGHT that was issued again after TURN FAILURE, which does not count
-    trial = turning(30, **CALIBRATED)
+    trial = turning(60, **CALIBRATED)
     fail_turns(trial, 1)
     assert (trial.commands[-1], trial.model["turns"]) == (Command.RIGHT, 1)
     # when the animal turns too far, so that LEFT follows, then the LEFT counts
@@ -484,13 +484,13 @@ def test_direction_switch_after_a_reissue_counts() -> None:
 
 def test_a_second_trial_counts_its_directional_commands_anew() -> None:
     # given a trial with a directional command, ended by the operator
-    trial = turning(30)
+    trial = turning(60)
     assert trial.model["directional_commands"] == 1
     trial.tick(start=0)
     trial.tick(50)
     assert trial.mode is Mode.IDLE
     # when the next one begins
-    trial.tick(start=1)
+    trial.tick(start=1, h=0)
     assert (trial.mode, trial.model["directional_commands"]) == (Mode.FORWARD, 0)
 
 
