@@ -125,14 +125,21 @@ def sources(floors: Iterable[str], packages: Iterable[str]) -> str:
         floors: folders and files, relative to the root of the project.
         packages: names of distributions, or `python`.
     """
-    from importlib.metadata import version  # noqa: PLC0415 - 30 ms that a start without caches need not wait for
-
-    versions = [f"{p} {platform.python_version() if p == 'python' else version(p)}" for p in packages]
+    versions = [f"{p} {platform.python_version() if p == 'python' else _version(p)}" for p in packages]
     digest = hashlib.sha256(" ".join(versions).encode())
     for path in _files(floors):
         content = path.read_bytes()
         digest.update(f"\n{path.relative_to(FLOORS).as_posix()} {len(content)}\n".encode() + content)
     return digest.hexdigest()
+
+
+def _version(package: str) -> str:
+    """The installed version, from the first lines of the metadata: to parse all of it takes milliseconds."""
+    from importlib.metadata import distribution, version  # noqa: PLC0415 - not every start needs the caches
+
+    text = distribution(package).read_text("METADATA") or ""
+    line = next((line for line in text.splitlines() if line.startswith("Version: ")), None)
+    return line.removeprefix("Version: ") if line else version(package)
 
 
 def is_edited(floors: Iterable[str]) -> bool:

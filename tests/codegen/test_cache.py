@@ -168,9 +168,7 @@ def test_the_version_of_a_tool_decides(package: str, monkeypatch: pytest.MonkeyP
     if package == "python":
         monkeypatch.setattr("platform.python_version", lambda: "3.99.0")
     else:
-        from importlib import metadata  # noqa: PLC0415 - its `version` is replaced
-
-        monkeypatch.setattr(metadata, "version", changed(metadata.version))
+        monkeypatch.setattr(cache, "_version", changed(cache._version))
     assert cache.sources(cache.TRACED, cache.TOOLS) != before
 
 

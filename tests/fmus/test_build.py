@@ -11,13 +11,13 @@ import threading
 import xml.etree.ElementTree as ET
 import zipfile
 from collections.abc import Callable
-from importlib import metadata
 from pathlib import Path
 
 import fmpy
 import pytest
 from fmpy.validation import validate_fmu
 
+from codegen import cache
 from codegen.blocks.block_c import generate
 from codegen.cache import FLOORS
 from codegen.toolchains.compiler import FLAGS, PLATFORMS, CompileError, this_platform
@@ -281,8 +281,8 @@ def test_the_version_of_a_tool_decides_what_is_current(package: str, monkeypatch
     if package == "python":
         monkeypatch.setattr("platform.python_version", lambda: "3.99.0")
     else:
-        version = metadata.version
-        monkeypatch.setattr(metadata, "version", lambda name: "0.0.1" if name == package else version(name))
+        version = cache._version
+        monkeypatch.setattr(cache, "_version", lambda name: "0.0.1" if name == package else version(name))
     assert origin() != before
 
 
