@@ -6,6 +6,7 @@ import csv
 import json
 import math
 import os
+import threading
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -366,7 +367,10 @@ def test_an_interrupted_sweep_goes_on_from_its_journal(
         content = path.read_bytes()
         path.write_bytes(content[:-25])
         kept = len(content.splitlines()) - 2
-    # when it goes on, in other chunks
+    # when it goes on, in other chunks, once those that were under way at the interruption have ended
+    for thread in threading.enumerate():
+        if thread.name.startswith("ThreadPoolExecutor"):
+            thread.join(60)
     monkeypatch.setitem(chunks.LARGEST, "cts", 17)
     runner.seeds.clear()
     notes: list[str] = []
