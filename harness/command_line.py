@@ -548,8 +548,8 @@ def list_scenarios(
 ) -> None:
     """List the scenarios that come with the project; each runs by its name."""
     from rich.markup import escape
-    from rich.table import Table
 
+    from harness.terminal import new_table, print_table
     from harness.trial.scenario import about, load, shipped
 
     scenarios = {name: load(name) for name in shipped()}
@@ -561,12 +561,12 @@ def list_scenarios(
         ]
         typer.echo(json.dumps(entries, indent=2))
         return
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    table = new_table()
     for heading in ("\nscenario", "waypoints\nafter the start", "\nsystem", "\nwhat it is"):
         table.add_column(heading, justify="right" if "waypoints" in heading else "left")
     for name, scenario in scenarios.items():
         table.add_row(name, str(len(scenario.waypoints)), scenario.system, escape(about(name)))
-    out().print(table)
+    print_table(table, out())
 
 
 @app.command("parameters")
@@ -624,17 +624,17 @@ def c_of_block(
 @cache
 def out() -> Console:
     """Standard output, with tables and colours on a terminal."""
-    from rich.console import Console
+    from harness.terminal import console_of
 
-    return Console()
+    return console_of()
 
 
 @cache
 def err() -> Console:
     """Standard error, for notes and progress."""
-    from rich.console import Console
+    from harness.terminal import console_of
 
-    return Console(stderr=True)
+    return console_of(stderr=True)
 
 
 def _note(text: str) -> None:

@@ -10,13 +10,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 from scipy import stats
 
 from harness.drawing import BELOW, ESTIMATES, GRID, TRUTH, new_figure, png_of
 from harness.files import make_folder, write_whole
 from harness.fit.estimate import reasons, rounded, settled
 from harness.log.log import Array
+from harness.terminal import new_table, print_table
 
 FOLDER = Path("out/fit")
 
@@ -60,7 +60,7 @@ def report(result: Mapping[str, Any], out: Path) -> None:
 
 def show(result: Mapping[str, Any], console: Console) -> None:
     """Print the statistics beside Table 5.1, the stretches left out, and the notes."""
-    table = Table(box=None, padding=(0, 1, 0, 0), header_style="bold")
+    table = new_table(gap=1)
     table.add_column(f"{_trials(result)} ({', '.join(result['sources'])})")
     for heading in ("n", "mean ± sd", "mean, 95 %", "sd, 95 %", "Table 5.1", "n"):
         table.add_column(heading, justify="right", no_wrap=True)
@@ -79,7 +79,7 @@ def show(result: Mapping[str, Any], console: Console) -> None:
         published = (f"{row['published']['rate']:g}", str(row["published"]["n"]))
         rate, interval = _number(row["rate"]), _range(row["interval"])
         table.add_row(row["label"], str(row["n"]), rate, interval, "", *published)
-    console.print(table)
+    print_table(table, console)
     for row in (*result["statistics"].values(), *result["responses"].values()):
         if row["left_out"]:
             text = f"left out, {row['label']}: {reasons(row['left_out'])}"

@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from codegen.firmware.bundle import recorded
 from codegen.firmware.targets import SIMULATED, find_target
 from harness.onboard.processors import Cost, Processor, ProcessorError, Received, Reply, open_processor
 from harness.pil import SCENARIO
 from harness.pil.printed_defuzzifier import printed_defuzzifier_clocks
+from harness.terminal import new_table, print_table
 from harness.trial import trial
 from harness.trial.prepare import prepared
 from harness.trial.request import Changes, build_missing, requested
@@ -211,7 +211,7 @@ def show(result: Mapping[str, Any], console: Console) -> None:
         f"fixes as {result['receiver']}",
         soft_wrap=True,
     )
-    table = Table("", "worst", "mean", box=None, padding=(0, 2, 0, 0), header_style="bold")
+    table = new_table("", "worst", "mean")
     for key, label in (("without_fix", "tick without a fix"), ("with_fix", "tick with a fix")):
         for kind in ("clocks", "accesses", "instructions"):
             if kind in result[key]:
@@ -226,7 +226,7 @@ def show(result: Mapping[str, Any], console: Console) -> None:
     for key in ("code_bytes", "constants_bytes", "ram_bytes", "stack_bytes"):
         if result.get(key) is not None:
             table.add_row(key.replace("_", ", "), f"{result[key]:,}", "")
-    console.print(table)
+    print_table(table, console)
 
 
 def costs(target: str, out: Path) -> dict[str, Any]:

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 from scipy import stats
 
 from fmus.build import build_fmu
@@ -27,6 +26,7 @@ from harness.log.log import read_log
 from harness.replay.attitude import TICK_S, Array
 from harness.replay.plots import replay_picture
 from harness.replay.recording import MOVING_M_S, RecordingError, SensorSignals, read_recording, sensor_signals
+from harness.terminal import new_table, print_table
 from models.errors import UsageError, nearest
 from models.four_state import FourState
 from models.kit.block import Block
@@ -355,7 +355,7 @@ def _joined(outages: Sequence[Outage], name: str) -> tuple[Array, Array, Array]:
 
 def show(result: Mapping[str, Any], console: Console) -> None:
     """Print the table of errors at the ends of the outages, and the t-tests."""
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    table = new_table()
     table.add_column("error at the end of the outage")
     for heading in ("n", "position [m]\nmean", "\nsd", "\nmedian", "\np90"):
         table.add_column(heading, justify="right")
@@ -364,7 +364,7 @@ def show(result: Mapping[str, Any], console: Console) -> None:
     for name, values in result["configurations"].items():
         cells = [values[column][key] for column in COLUMNS for key in ("mean", "sd", "median", "p90")]
         table.add_row(name, str(values["n"]), *("-" if cell is None else f"{cell:.2f}" for cell in cells))
-    console.print(table)
+    print_table(table, console)
     for pair in result["paired_t_tests"]:
         test = pair[COLUMNS[0]]
         if test and test["t"] is not None:

@@ -19,7 +19,6 @@ from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from codegen.batch.batch import Change
 from harness.files import write_whole
@@ -27,6 +26,7 @@ from harness.sweep.chunks import Job, Outcomes, Progress, TrialType, pool_at, pr
 from harness.sweep.journal import open_journal
 from harness.sweep.recommend import number, recommend
 from harness.sweep.table import TICK_S, Point, csv_of, plain, table_of
+from harness.terminal import new_table, print_table
 from harness.trial.plan import Interface, interfaces_of_system, is_angular, plan, si_value
 from harness.trial.scenario import Scenario, ScenarioError, load
 from models.errors import UsageError, nearest
@@ -422,7 +422,7 @@ def report(sweep: Sweep, outcomes: Outcomes, folder: Path) -> tuple[list[Point],
 
 def show(sweep: Sweep, table: Sequence[Point], result: Mapping[str, Any], console: Console) -> None:
     """Print some rows of the table, and the recommendation in words."""
-    printed = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    printed = new_table()
     for axis in sweep.axes:
         printed.add_column(escape(axis.column), justify="right", no_wrap=True)
     for heading in ("success", "95 % interval", "time [s]", "sd", "commands", "timeouts"):
@@ -438,7 +438,7 @@ def show(sweep: Sweep, table: Sequence[Point], result: Mapping[str, Any], consol
             *("-" if mean is None else f"{mean:.2f}" for mean in means),
             str(point.timeouts),
         )
-    console.print(printed)
+    print_table(printed, console)
     if step > 1:
         console.print(f"1 in {step} of {len(table)} points", style="dim")
     for key in ("success", "time", "both", "pareto"):

@@ -9,13 +9,11 @@ from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
+from harness.terminal import new_table, print_table
 from harness.trial.plan import is_angular
 from models.kit.block import Block
 from models.kit.declaration import Type, Variable
-
-LINE = 250  # columns
 
 Number = bool | int | float
 
@@ -85,7 +83,7 @@ def as_json(rows: Sequence[ParameterRow]) -> list[dict[str, Any]]:
 
 def show(rows: Sequence[ParameterRow], console: Console) -> None:
     """Print the rows as a table."""
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    table = new_table()
     table.add_column("parameter", no_wrap=True)
     table.add_column("unit")
     table.add_column("range", no_wrap=True)
@@ -95,9 +93,7 @@ def show(rows: Sequence[ParameterRow], console: Console) -> None:
         size = "" if row.size is None else f"[1..{row.size}]"
         cells = (f"{row.name}{size}", row.unit, _range(row), _text(row.default), row.meaning)
         table.add_row(*map(escape, cells))
-    if not console.is_terminal:  # a file or a pipe: a line for each parameter
-        console = Console(file=console.file, width=LINE)
-    console.print(table)
+    print_table(table, console)
 
 
 def _range(row: ParameterRow) -> str:

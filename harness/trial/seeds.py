@@ -11,9 +11,9 @@ from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from harness.files import make_folder, write_whole
+from harness.terminal import new_table, print_table
 from harness.trial import trial
 from harness.trial.prepare import prepared
 from harness.trial.request import Request
@@ -107,7 +107,7 @@ def csv_of(summaries: Sequence[Mapping[str, Any]]) -> bytes:
 
 def show(summaries: Sequence[Mapping[str, Any]], console: Console) -> None:
     """Print the table, and how many trials succeeded."""
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    table = new_table()
     for heading in ("seed", "outcome", "time [s]", "waypoints", "commands", "position error [m]"):
         table.add_column(escape(heading), justify="left" if heading == "outcome" else "right")
     for summary in summaries:
@@ -120,6 +120,6 @@ def show(summaries: Sequence[Mapping[str, Any]], console: Console) -> None:
             str(summary["directional_commands"]),
             f"{error['mean']:.2f}" if error else "-",
         )
-    console.print(table)
+    print_table(table, console)
     successes = sum(summary["outcome"] == "success" for summary in summaries)
     console.print(f"{successes} of {len(summaries)} trials succeeded ({successes / len(summaries):.0%})")

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from codegen.templating import environment
 from harness.files import write_whole
 from harness.log.log import Array, Log, named
+from harness.terminal import console_of, new_table, print_table
 from models.cmec import Anomaly
 from models.commands import Status
 
@@ -134,10 +134,10 @@ def words(summary: Mapping[str, Any]) -> dict[str, str]:
 def show(summary: Mapping[str, Any], console: Console | None = None) -> None:
     """Print the summary as a table."""
     colour = {"success": "green", "failed": "red"}.get(summary["outcome"], "yellow")
-    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    table = new_table(header=False)
     for label, text in words(summary).items():
         table.add_row(label, f"[bold {colour}]{text}[/]" if label == "outcome" else escape(text))
-    (console or Console()).print(table)
+    print_table(table, console or console_of())
 
 
 def write_page(log: Log, summary: Mapping[str, Any], picture: bytes, path: Path) -> None:
