@@ -50,7 +50,8 @@ GREEN, ORANGE = Color(r=0.0, g=0.62, b=0.45, a=1.0), Color(r=0.90, g=0.62, b=0.0
 MAGENTA, YELLOW = Color(r=0.80, g=0.20, b=0.60, a=1.0), Color(r=0.94, g=0.78, b=0.10, a=1.0)
 
 Times = npt.NDArray[np.int64]
-Rows = Mapping[str, Sequence[Sequence[float]]]  # by component, for some ticks
+Ticks = npt.NDArray[np.intp]  # (n,) rows of a batch
+Moments = Sequence[tuple[int, int, int]]  # log time in ns; the same in whole seconds and ns
 Message = tuple[int, int, bytes]  # channel, log time in ns, protobuf
 
 
@@ -67,31 +68,29 @@ class _Fixes:
     def __init__(self, channel: int, component: str, columns: Sequence[int], plane: TangentPlane) -> None:
         self.channel, self.component, self.columns, self.plane = channel, component, columns, plane
         self.message = LocationFix(frame_id="map")
-        self.timestamp = self.message.timestamp
         self.message.timestamp.SetInParent()
         self.h_acc = math.nan  # m, what the covariance is made from
 
-    def encode(self, times: Sequence[int], rows: Rows) -> list[Message]:
+    def encode(self, moments: Moments, values: Mapping[str, Array], ticks: Ticks) -> list[Message]:
         """A fix for each tick, save where it has no finite position, which a map cannot show."""
+        message, timestamp, channel = self.message, self.message.timestamp, self.channel
         messages = []
-        for time, row in zip(times, rows[self.component], strict=True):
-            north, east, *h_acc = [row[column] for column in self.columns]
+        rows = values[self.component][ticks].take(self.columns, axis=1).tolist()
+        for (time, seconds, nanos), (north, east, *h_acc) in zip(moments, rows, strict=True):
             if math.isfinite(north) and math.isfinite(east):
-                messages.append((self.channel, time, self._fix(time, north, east, *h_acc)))
+                latitude, longitude = self.plane.from_plane(north, east)
+                timestamp.seconds, timestamp.nanos = seconds, nanos
+                message.latitude, message.longitude = math.degrees(latitude), math.degrees(longitude)
+                if h_acc and h_acc[0] != self.h_acc:
+                    self._state_accuracy(h_acc[0])
+                messages.append((channel, time, message.SerializeToString()))
         return messages
 
-    def _fix(self, time: int, north: float, east: float, h_acc: float | None = None) -> bytes:
-        message, timestamp = self.message, self.timestamp
-        timestamp.seconds, timestamp.nanos = divmod(time, SECOND)
-        latitude, longitude = self.plane.from_plane(north, east)
-        message.latitude, message.longitude = math.degrees(latitude), math.degrees(longitude)
-        if h_acc is not None and h_acc != self.h_acc:
-            self.h_acc = h_acc
-            variance = (h_acc / 2) ** 2  # eq. 3.15 in m
-            message.position_covariance[:] = [variance, 0, 0, 0, variance, 0, 0, 0, 0]
-            message.position_covariance_type = LocationFix.APPROXIMATED
-        data: bytes = message.SerializeToString()
-        return data
+    def _state_accuracy(self, h_acc: float) -> None:
+        self.h_acc = h_acc
+        variance = (h_acc / 2) ** 2  # eq. 3.15 in m
+        self.message.position_covariance[:] = [variance, 0, 0, 0, variance, 0, 0, 0, 0]
+        self.message.position_covariance_type = LocationFix.APPROXIMATED
 
 
 class _Frames:
@@ -103,16 +102,14 @@ class _Frames:
         transforms = [self.message.transforms.add(parent_frame_id="map", child_frame_id=f) for f in tracks]
         self.parts = [(t.timestamp, t.translation, t.rotation) for t in transforms]
 
-    def encode(self, times: Sequence[int], rows: Rows) -> list[Message]:
+    def encode(self, moments: Moments, values: Mapping[str, Array], ticks: Ticks) -> list[Message]:
         """All frames for each tick."""
+        poses = [values[component][ticks].take(columns, axis=1).tolist() for component, columns in self.tracks]
         messages = []
-        for tick, time in enumerate(times):
-            seconds, nanoseconds = divmod(time, SECOND)
-            for (component, columns), parts in zip(self.tracks, self.parts, strict=True):
+        for (time, seconds, nanos), of_frames in zip(moments, zip(*poses, strict=True), strict=True):
+            for (north, east, heading), parts in zip(of_frames, self.parts, strict=True):
                 timestamp, translation, rotation = parts
-                row = rows[component][tick]
-                north, east, heading = [row[column] for column in columns]
-                timestamp.seconds, timestamp.nanos = seconds, nanoseconds
+                timestamp.seconds, timestamp.nanos = seconds, nanos
                 translation.x, translation.y = east, north
                 # a heading is clockwise from north, a rotation counterclockwise from east
                 half = (math.pi / 2 - heading) / 2 if math.isfinite(heading) else 0.0
@@ -132,7 +129,10 @@ class _Events:
 
     def encode(self, times: Times, values: Mapping[str, Array]) -> list[Message]:
         """An event for each change, and for the anomaly on every tick that reports one."""
-        rows = np.concatenate([self.before, values["controller"][:, self.columns]])
+        now = values["controller"].take(self.columns, axis=1)
+        if self.names[-1] == "anomaly" and not now[:, -1].any() and (now == self.before).all():
+            return []
+        rows = np.concatenate([self.before, now])
         self.before = rows[-1:]
         happens = rows[1:] != rows[:-1]
         if self.names[-1] == "anomaly":
@@ -186,7 +186,6 @@ class Views:
             return [places[name] for name in names] if places.keys() >= set(names) else []
 
         self.regular: list[_Fixes | _Frames] = []
-        self.shown = [role for role in ("plant", "estimator") if find(role, "north", "east")]
         frames: dict[str, tuple[str, Sequence[int]]] = {}
         for topic, role, frame in (("truth", "plant", "dog"), ("estimate", "estimator", "estimate")):
             if position := find(role, "north", "east"):
@@ -228,16 +227,19 @@ class Views:
         self.period = periods[-1:]
         due = np.flatnonzero(periods[1:] > periods[:-1])
         if len(due):
-            moments = times[due].tolist()
-            rows = {name: values[name][due].tolist() for name in self.shown}
+            moments = _moments(times[due])
             for view in self.regular:
-                messages += view.encode(moments, rows)
+                messages += view.encode(moments, values, due)
         if self.gps and self.fix:
             fixes = np.flatnonzero(values["sensors"][:, self.fix[0]])
-            messages += self.gps.encode(times[fixes].tolist(), {"sensors": values["sensors"][fixes].tolist()})
+            messages += self.gps.encode(_moments(times[fixes]), values, fixes)
         if self.events:
             messages += self.events.encode(times, values)
         return messages
+
+
+def _moments(times: Times) -> Moments:
+    return [(time, *divmod(time, SECOND)) for time in times.tolist()]
 
 
 def _arrow(frame: str) -> SceneEntity:
