@@ -7,6 +7,8 @@ functions themselves with arguments that are prepared once (a `Call`). FMI 2.0 a
 from __future__ import annotations
 
 import ctypes
+import hashlib
+import json
 import math
 import shutil
 import tempfile
@@ -27,6 +29,7 @@ import numpy as np
 import numpy.typing as npt
 from fmpy.model_description import ValidationError
 
+from codegen.cache import stored
 from harness.cosim.archive import parse_xml, read_member, unpack
 from models.errors import CanineError, nearest
 from models.kit.declaration import Type
@@ -190,13 +193,9 @@ def describe(path: Path) -> FmuDescription:
     if root.find("CoSimulation") is None:
         raise FmuError(f"{path}: is not for co-simulation; export it as a co-simulation FMU")
     step = _step(path, root)
-    warnings: list[str] = []
     try:
-        try:
-            read = fmpy.read_model_description(path, validate_model_structure=True)
-        except ValidationError as problems:
-            warnings = [" ".join(str(problem).split()) for problem in problems.problems]
-            read = fmpy.read_model_description(path, validate=False)
+        read = fmpy.read_model_description(path, validate=False)
+        warnings = _findings(path, xml)
     except Exception as reason:  # fmpy raises plain Exception, and what lxml and its own slips raise
         raise FmuError(f"{path}: modelDescription.xml cannot be read: {_one_line(reason)}") from None
     quantities, refused = {}, {}
@@ -216,9 +215,26 @@ def describe(path: Path) -> FmuDescription:
         feedthrough=_feedthrough(read),
         step=step,
         fixed=not _true(read.coSimulation.canHandleVariableCommunicationStepSize),
-        warnings=tuple(warnings),
+        warnings=warnings,
         fmpy=read,
     )
+
+
+def _findings(path: Path, description: bytes) -> tuple[str, ...]:
+    """What fmpy's validation finds, a line each; kept in the cache: it loads the schemas of the standard."""
+
+    def validate(file: Path) -> None:
+        problems: Sequence[object] = ()
+        try:
+            fmpy.read_model_description(path, validate_model_structure=True)
+        except ValidationError as error:
+            problems = error.problems
+        file.write_text(json.dumps([_one_line(problem) for problem in problems]))
+
+    members = description, read_member(path, "sources/buildDescription.xml")
+    contents = [hashlib.sha256(content or b"").hexdigest() for content in members]
+    entry = stored("cosim/validation.json", (contents, fmpy.__version__), validate)
+    return tuple(json.loads(entry.read_text()))
 
 
 def _step(path: Path, root: Element) -> float | None:

@@ -104,7 +104,9 @@ class _Frames:
 
     def encode(self, moments: Moments, values: Mapping[str, Array], ticks: Ticks) -> list[Message]:
         """All frames for each tick."""
-        poses = [values[component][ticks].take(columns, axis=1).tolist() for component, columns in self.tracks]
+        poses = [
+            values[component][ticks].take(columns, axis=1).tolist() for component, columns in self.tracks
+        ]
         messages = []
         for (time, seconds, nanos), of_frames in zip(moments, zip(*poses, strict=True), strict=True):
             for (north, east, heading), parts in zip(of_frames, self.parts, strict=True):

@@ -3,10 +3,13 @@
 import tempfile
 import zipfile
 from pathlib import Path
+from typing import Any
 
+import fmpy
 import numpy as np
 import pytest
 
+from codegen import cache
 from harness.cosim.fmu import FmuError, FmuInstance, describe
 from harness.cosim.loop import Array, Simulation
 from harness.cosim.ssp import FmuComponent, FmuSystem
@@ -42,6 +45,42 @@ def test_describes_variables_units_and_dependencies(tmp_path: Path, version: int
     assert unit is not None
     assert unit.name == "m"
     assert fmu.warnings == ()
+
+
+def test_an_fmu_is_validated_once_until_its_description_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given an FMU whose output has a unit that it does not define, and an empty cache
+    monkeypatch.setattr(cache, "cache_folder", lambda: tmp_path / "cache")
+    path = tiny_fmu(tmp_path / "odd.fmu", GAIN)
+    with zipfile.ZipFile(path) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+
+    def write(description: bytes) -> None:
+        with zipfile.ZipFile(path, "w") as archive:
+            for name, content in (members | {"modelDescription.xml": description}).items():
+                archive.writestr(name, content)
+
+    sound = members["modelDescription.xml"]
+    odd = sound.replace(b"<ModelStructure>", b'<ModelStructure oddity="1">')
+    assert odd != sound
+    validated = []
+    read = fmpy.read_model_description
+
+    def reading(*args: Any, **options: Any) -> Any:
+        validated.append(options.get("validate", True))
+        return read(*args, **options)
+
+    monkeypatch.setattr(fmpy, "read_model_description", reading)
+    # when it is described twice, mended, and described again
+    write(odd)
+    first, second = describe(path), describe(path)
+    write(sound)
+    mended = describe(path)
+    # then the warning is the same from the cache, and goes with the fault
+    assert "oddity" in " ".join(first.warnings)
+    assert (second.warnings, mended.warnings) == (first.warnings, ())
+    assert validated == [False, True, False, False, True]
 
 
 def test_a_plant_is_known_by_its_model_structure(tmp_path: Path) -> None:
