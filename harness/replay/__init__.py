@@ -2,9 +2,8 @@
 
 In: the folder of a recording (u-blox, IMU, time tags), or a trial's log. Out: outages.json and replay.png.
 
-`recording` reads the folder and turns it into the estimator's sensor signals at 25 Hz. `attitude` filters the
-inertial samples and finds roll, pitch and heading. `replay` runs the estimator through outages and compares
-it with the withheld fixes. `plots` draws the paths.
+`harness.recording` reads the folder and turns it into the estimator's sensor signals at 25 Hz. `replay` runs
+the estimator through outages and compares it with the withheld fixes. `plots` draws the paths.
 """
 
 OUTAGE_S = (1.0, 600.0)  # s without GPS: the least and the most

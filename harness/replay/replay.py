@@ -23,9 +23,11 @@ from fmus.folder import build_folder
 from harness.cosim.fmu import FmuError, FmuInstance
 from harness.files import make_folder, write_whole
 from harness.log.log import read_log
-from harness.replay.attitude import TICK_S, Array
+from harness.recording.attitude import TICK_S, Array
+from harness.recording.read import read_recording
+from harness.recording.recording import RecordingError
+from harness.recording.signals import MOVING_M_S, SensorSignals, sensor_signals
 from harness.replay.plots import replay_picture
-from harness.replay.recording import MOVING_M_S, RecordingError, SensorSignals, read_recording, sensor_signals
 from harness.terminal import new_table, print_table
 from models.errors import UsageError, nearest
 from models.four_state import FourState
@@ -103,7 +105,7 @@ def open_source(path: Path) -> ReplaySource:
     if path.suffix == ".mcap":
         return _of_log(path)
     recording = read_recording(path)
-    return ReplaySource(path.resolve().name, lambda windows: sensor_signals(recording, windows))
+    return ReplaySource(recording.name, lambda windows: sensor_signals(recording, windows))
 
 
 def _of_log(path: Path) -> ReplaySource:

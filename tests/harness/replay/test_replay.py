@@ -15,7 +15,8 @@ from rich.console import Console
 from fmus.build import build_fmu
 from fmus.folder import build_folder
 from harness.log.log import read_log
-from harness.replay.recording import RecordingError, SensorSignals
+from harness.recording.recording import RecordingError
+from harness.recording.signals import SensorSignals
 from harness.replay.replay import (
     HELD,
     Outage,

@@ -10,15 +10,10 @@ import numpy as np
 import pytest
 from pyubx2 import GET, UBXMessage
 
-from harness.replay.recording import (
-    GPS_EPOCH_S,
-    WEEK_S,
-    Recording,
-    RecordingError,
-    SensorSignals,
-    read_recording,
-    sensor_signals,
-)
+from harness.recording.read import read_recording
+from harness.recording.recording import WEEK_S, Recording, RecordingError
+from harness.recording.signals import SensorSignals, sensor_signals
+from harness.recording.tags import GPS_EPOCH_S
 
 PROJECT = Path(__file__).resolve().parents[3]
 DATA = Path(os.environ.get("CANINE_DATA", PROJECT.parent / "shared" / "data"))
@@ -46,7 +41,7 @@ def whole(walk: Recording) -> SensorSignals:
 def test_walk_has_536_fixes_at_4_hz_and_no_checksum_error(walk: Recording) -> None:
     assert len(walk.fixes.t) == 536
     np.testing.assert_allclose(np.diff(walk.fixes.t), 0.25, atol=1e-9)
-    assert walk.checksum_errors == 0
+    assert walk.dropped == {}
 
 
 def test_walk_has_its_whole_imu_at_152_hz(walk: Recording) -> None:
@@ -257,7 +252,7 @@ def test_a_corrupt_frame_is_dropped_and_counted(folder: Path) -> None:
     content[150] ^= 0xFF  # inside the payload of the second message of 100 bytes
     (folder / "gnss.ubx").write_bytes(content)
     recording = read_recording(folder)
-    assert recording.checksum_errors == 1
+    assert recording.dropped == {"UBX frames with a wrong checksum": 1}
     assert len(recording.fixes.t) == 119
 
 

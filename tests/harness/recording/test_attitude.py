@@ -8,7 +8,7 @@ import pytest
 from scipy import signal
 from scipy.spatial.transform import Rotation
 
-from harness.replay.attitude import CUTOFF_HZ, align_heading, anti_alias, euler_angles
+from harness.recording.attitude import CUTOFF_HZ, align_heading, anti_alias, euler_angles
 
 TICK_S = 0.04
 G = 9.81
