@@ -388,16 +388,17 @@ def replay_recording(
     canine replay out/demo/trial.mcap --outage 5  the log of a trial
     """
     from harness.replay import replay
+    from harness.replay.source import open_source
 
     replay.find_estimator(estimator)
-    source = replay.open_source(recording)
+    source = open_source(recording)
     if source.broken:
         _note(f"{recording}: the log is not whole, {source.broken}")
-    chosen = source.windows(outage, every)
-    with _bar("outages", len(chosen), quiet=as_json) as progress:
+    chosen = source.outages(outage, every)
+    with _bar("outages", len(chosen.windows), quiet=as_json) as progress:
         outages = replay.replay(source, estimator, chosen, progress)
     place = folder or source.folder
-    result = replay.report(source, estimator, outages, place)
+    result = replay.report(source, estimator, chosen, outages, place)
     if as_json:
         typer.echo(json.dumps(result, indent=2))
     else:

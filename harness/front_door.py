@@ -170,6 +170,16 @@ class ReplayResult:
         return dict(self.report["configurations"])
 
     @property
+    def dropped(self) -> dict[str, int]:
+        """What of the recording was not used: cause -> number."""
+        return dict(self.report["dropped"])
+
+    @property
+    def left_out(self) -> dict[str, int]:
+        """Outages that could not be judged: cause -> number."""
+        return dict(self.report["left_out"])
+
+    @property
     def paired_t_tests(self) -> list[dict[str, Any]]:
         """The tests of each pair of configurations, over outages that do not overlap."""
         return list(self.report["paired_t_tests"])
@@ -355,15 +365,17 @@ def run_replay(
         CanineError: the recording cannot be read or is too short, or the FMU fails.
     """
     from harness.replay import replay  # noqa: PLC0415 - scipy.stats, which trials need not wait for
+    from harness.replay.source import open_source  # noqa: PLC0415
 
     replay.find_estimator(estimator)
     for name, value, low, high in (("outage", outage, *OUTAGE_S), ("every", every, *EVERY_S)):
         if not low <= value <= high:
             raise UsageError(f"{name} is {value:g} s; expected {low:g} to {high:g}")
-    source = replay.open_source(Path(recording))
-    outages = replay.replay(source, estimator, source.windows(outage, every), progress)
+    source = open_source(Path(recording))
+    chosen = source.outages(outage, every)
+    outages = replay.replay(source, estimator, chosen, progress)
     folder = source.folder if out is None else Path(out)
-    return ReplayResult(folder, replay.report(source, estimator, outages, folder))
+    return ReplayResult(folder, replay.report(source, estimator, chosen, outages, folder))
 
 
 def open_log(path: StrPath) -> Log:

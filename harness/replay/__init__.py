@@ -2,8 +2,9 @@
 
 In: the folder of a recording (u-blox, IMU, time tags), or a trial's log. Out: outages.json and replay.png.
 
-`harness.recording` reads the folder and turns it into the estimator's sensor signals at 25 Hz. `replay` runs
-the estimator through outages and compares it with the withheld fixes. `plots` draws the paths.
+`source` makes sensor signals of a recording (`harness.recording`) or of a log, and `windows` chooses the
+outages that can be judged. `replay` runs the estimator through them and compares it with the withheld fixes.
+`plots` draws paths and errors.
 """
 
 OUTAGE_S = (1.0, 600.0)  # s without GPS: the least and the most

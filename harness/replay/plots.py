@@ -1,77 +1,155 @@
-"""The picture of a replay: the receiver's path, and the estimates during outages."""
+"""The picture of a replay: for each configuration the paths and errors of its estimates in the outages."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import textwrap
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from harness.drawing import BELOW, CIRCLE_EDGE, CIRCLE_FACE, ESTIMATES, GPS, GRID, new_figure, png_of
+from harness.drawing import BELOW, ESTIMATES, GPS, GRID, TRUTH, new_figure, png_of
 from harness.files import write_whole
 from harness.log.log import Array
+
+SMALL, LARGE = 11, 14  # pt
+WRAP = 130  # characters of LARGE on a line
+
+
+class Track(NamedTuple):
+    """A path over time, (n,) each: s, m, m."""
+
+    time: Array
+    north: Array
+    east: Array
 
 
 def replay_picture(
     path: Path,
-    gps: tuple[Array, Array, Array],
-    estimates: Sequence[tuple[str, Array, Array, Array]],
-    outages: Sequence[tuple[float, float]],
+    gps: Track,
+    estimates: Mapping[str, Sequence[Track]],
+    errors: Mapping[str, Mapping[str, float | None]],
+    *,
+    on_map: Sequence[int],
     title: str = "",
+    not_used: str = "",
 ) -> None:
-    """Write the picture of a replay: the receiver's path, and the estimates during outages.
+    """Write the picture of a replay.
 
     Args:
         path: the PNG.
-        gps: time [s], north and east [m] of all fixes, the withheld ones too, (f,) each.
-        estimates: label, time [s], north and east [m] of each configuration, (n,) each; NaN breaks the line
-            between outages.
-        outages: start and end [s] of each; they are shaded.
+        gps: all fixes, the withheld ones too.
+        estimates: each configuration's, by name, in each outage.
+        errors: of each configuration, the `mean`, `median` and `p90` of the position's error [m].
+        on_map: the outages to draw on the maps; those that overlap would hide each other there.
         title: above the picture.
+        not_used: below the title, what was left out or dropped, in a line each.
 
     Raises:
         FileError: the file cannot be written.
     """
-    write_whole(path, png_of(replay_figure(gps, estimates, outages, title)))
+    write_whole(
+        path, png_of(replay_figure(gps, estimates, errors, on_map=on_map, title=title, not_used=not_used))
+    )
 
 
 def replay_figure(
-    gps: tuple[Array, Array, Array],
-    estimates: Sequence[tuple[str, Array, Array, Array]],
-    outages: Sequence[tuple[float, float]],
+    gps: Track,
+    estimates: Mapping[str, Sequence[Track]],
+    errors: Mapping[str, Mapping[str, float | None]],
+    *,
+    on_map: Sequence[int],
     title: str = "",
+    not_used: str = "",
 ) -> Figure:
-    """The figure of `replay_picture`: paths on the left, distance from the GPS over time on the right."""
-    figure = new_figure(14, 6.4)
-    paths, errors = figure.subplots(1, 2, width_ratios=(1, 1.15))
-    time, north, east = gps
-    paths.plot(east, north, ".-", color=GPS, markersize=3, linewidth=0.8, label="GPS", zorder=2)
-    for number, (start, end) in enumerate(outages):
-        during = (time >= start) & (time <= end)
-        label = "" if number else "outage"
-        paths.plot(
-            east[during], north[during], color=CIRCLE_EDGE, alpha=0.45, linewidth=8, label=label, zorder=1
-        )
-        errors.axvspan(start, end, color=CIRCLE_FACE, label=label, zorder=0)
-    for number, (label, at, estimate_north, estimate_east) in enumerate(estimates):
+    """The figure of `replay_picture`: a column for each configuration, its map above its errors.
+
+    All maps have one scale, and so have all errors.
+    """
+    figure = new_figure(4.2 * len(estimates), 9)
+    grid = figure.subplots(2, len(estimates), squeeze=False)
+    top = 1.05 * max(_error(gps, track).max() for tracks in estimates.values() for track in tracks)
+    shown = [gps, *(tracks[i] for tracks in estimates.values() for i in on_map)]
+    middle, half = _square(shown)
+    for number, (name, tracks) in enumerate(estimates.items()):
         color = ESTIMATES[number % len(ESTIMATES)]
-        paths.plot(estimate_east, estimate_north, color=color, linewidth=1.6, label=label, zorder=3)
-        error = np.hypot(
-            estimate_north - np.interp(at, time, north), estimate_east - np.interp(at, time, east)
-        )
-        errors.plot(at, error, color=color, linewidth=1.4, label=label, zorder=3)
-    paths.set_aspect("equal", adjustable="datalim")
-    paths.set_xlabel("east [m]")
-    paths.set_ylabel("north [m]")
-    errors.set_xlabel("time [s]")
-    errors.set_ylabel("distance from GPS [m]")
-    errors.set_xlim(time[0], time[-1])
-    errors.set_ylim(bottom=0)
-    for axes in (paths, errors):
+        above, below = grid[:, number]
+        _map(above, gps, [tracks[i] for i in on_map], color)
+        above.set_title(name, fontsize=LARGE, fontweight="bold", color=color)
+        _errors(below, gps, tracks, color)
+        above.set_xlim(middle[1] - half, middle[1] + half)
+        above.set_ylim(middle[0] - half, middle[0] + half)
+        below.set_ylim(0, top)
+        below.set_title(_in_words(errors[name], len(tracks)), fontsize=SMALL)
+    grid[0, 0].set_ylabel("north [m]", fontsize=SMALL)
+    grid[1, 0].set_ylabel("distance from GPS [m]", fontsize=SMALL)
+    for axes in grid.flat:
         axes.grid(**GRID)
-    handles, labels = paths.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), **BELOW)
-    if title:
-        figure.suptitle(title, fontsize=13)
+        axes.tick_params(labelsize=SMALL, labelbottom=True, labelleft=True)
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=SMALL, **BELOW)
+    lines = [title, *(part for line in not_used.splitlines() for part in textwrap.wrap(line, WRAP))]
+    figure.suptitle("\n".join(lines), fontsize=LARGE)
     return figure
+
+
+def _map(axes: Axes, gps: Track, tracks: Sequence[Track], color: str) -> None:
+    """The receiver's path, and from each outage's estimate at its end a line to where the receiver was."""
+    axes.plot(gps.east, gps.north, color=GPS, linewidth=1.2, label="GPS", zorder=2)
+    for number, track in enumerate(tracks):
+        first = number == 0
+        axes.plot(
+            track.east, track.north, color=color, linewidth=1.6, label="estimate" if first else "", zorder=3
+        )
+        ends = _at(gps, track.time[-1:])
+        axes.plot(
+            [track.east[-1], ends.east[0]],
+            [track.north[-1], ends.north[0]],
+            color=TRUTH,
+            linewidth=0.7,
+            linestyle=":",
+            marker="o",
+            markersize=3,
+            label="estimate and GPS at an outage's end" if first else "",
+            zorder=4,
+        )
+    axes.set_aspect("equal")
+    axes.set_xlabel("east [m]", fontsize=SMALL)
+
+
+def _errors(axes: Axes, gps: Track, tracks: Sequence[Track], color: str) -> None:
+    """Distance of the estimates from the receiver since the start of each outage."""
+    for track in tracks:
+        axes.plot(track.time - track.time[0], _error(gps, track), color=color, linewidth=1.2, alpha=0.7)
+    axes.set_xlabel("time since the outage began [s]", fontsize=SMALL)
+    axes.set_xlim(left=0)
+
+
+def _error(gps: Track, track: Track) -> Array:
+    """Distance of an estimate from the receiver's path, (n,) m."""
+    there = _at(gps, track.time)
+    return np.asarray(np.hypot(track.north - there.north, track.east - there.east))
+
+
+def _square(tracks: Sequence[Track]) -> tuple[tuple[float, float], float]:
+    """North and east of the middle of all tracks, and half the side of the square that holds them [m]."""
+    spans = [(min(part.min() for part in parts), max(part.max() for part in parts))
+             for parts in ([t.north for t in tracks], [t.east for t in tracks])]  # fmt: skip
+    (south, north), (west, east) = spans
+    half = 0.53 * max(north - south, east - west, 1.0)
+    return (float(south + north) / 2, float(west + east) / 2), float(half)
+
+
+def _at(gps: Track, time: Array) -> Track:
+    """The receiver's path at some times, on straight lines between fixes."""
+    return Track(time, np.interp(time, gps.time, gps.north), np.interp(time, gps.time, gps.east))
+
+
+def _in_words(error: Mapping[str, float | None], number: int) -> str:
+    return (
+        f"at the end of {number} outage{'s' * (number != 1)}:\n"
+        f"mean {error['mean']:.2f} m, median {error['median']:.2f} m, p90 {error['p90']:.2f} m"
+    )

@@ -22,22 +22,17 @@ from fmus.build import build_fmu
 from fmus.folder import build_folder
 from harness.cosim.fmu import FmuError, FmuInstance
 from harness.files import make_folder, write_whole
-from harness.log.log import read_log
 from harness.recording.attitude import TICK_S, Array
-from harness.recording.read import read_recording
 from harness.recording.recording import RecordingError
-from harness.recording.signals import MOVING_M_S, SensorSignals, sensor_signals
-from harness.replay.plots import replay_picture
+from harness.recording.signals import SensorSignals
+from harness.replay.plots import Track, replay_picture
+from harness.replay.source import ESTIMATORS, ReplaySource
+from harness.replay.windows import SETTLE, Outages
 from harness.terminal import new_table, print_table
 from models.errors import UsageError, nearest
-from models.four_state import FourState
 from models.kit.block import Block
 
-Window = tuple[float, float]  # s, start and end of an outage
-
 HELD = "speed held"
-SETTLE = 10.0  # s of motion before the first outage, for the estimator to settle
-ESTIMATORS: dict[str, type[Block]] = {block.title(): block for block in (FourState,)}
 CONFIGURATIONS: dict[str, dict[str, dict[str, float]]] = {
     "four_state": {
         "no pitch": {"use_pitch": 0, "fuzzy": 0},
@@ -46,43 +41,6 @@ CONFIGURATIONS: dict[str, dict[str, dict[str, float]]] = {
     }
 }
 COLUMNS = ("position_error_m", "velocity_error_m_s")
-
-
-@dataclass(frozen=True)
-class ReplaySource:
-    """A recording of real sensors, or the log of a trial, as a source of sensor signals.
-
-    Attributes:
-        name: of the recording or trial, for the results.
-        signals: gives the estimator's inputs with the fixes in some windows withheld.
-        broken: why the recording is incomplete; "" if it is complete.
-    """
-
-    name: str
-    signals: Callable[[Sequence[Window]], SensorSignals]
-    broken: str = ""
-
-    @property
-    def folder(self) -> Path:
-        """The folder of the results by default."""
-        return Path("out") / f"replay-{self.name}"
-
-    def windows(self, length: float, every: float, settle: float = SETTLE) -> list[Window]:
-        """Outages of `length` [s], one every `every` [s], from `settle` [s] after the first moving fix on.
-
-        A window without a fix is left out: the error could not be measured there.
-        """
-        signals = self.signals([])
-        moving = signals.t[signals.reference_fix & (signals.reference_speed > MOVING_M_S)]
-        if not len(moving):
-            return []
-        fixes = signals.t[signals.reference_fix]
-        starts = np.arange(np.ceil(moving[0] + settle), fixes[-1] - length + 1e-9, every)
-        return [
-            (float(start), float(start + length))
-            for start in starts
-            if ((fixes >= start) & (fixes <= start + length)).any()
-        ]
 
 
 def find_estimator(name: str) -> type[Block]:
@@ -96,56 +54,13 @@ def find_estimator(name: str) -> type[Block]:
     return ESTIMATORS[name]
 
 
-def open_source(path: Path) -> ReplaySource:
-    """Open the folder of a recording, or a trial.mcap.
-
-    Raises:
-        RecordingError, LogError: the path is neither, or is damaged.
-    """
-    if path.suffix == ".mcap":
-        return _of_log(path)
-    recording = read_recording(path)
-    return ReplaySource(recording.name, lambda windows: sensor_signals(recording, windows))
-
-
-def _of_log(path: Path) -> ReplaySource:
-    log = read_log(path)
-    needed = {name for block in ESTIMATORS.values() for name in block.flat_names("input")} | {"gps_course"}
-    missing = [s for s in (f"sensors.{name}" for name in sorted(needed)) if s not in log]
-    if missing:
-        raise RecordingError(
-            f'{path}: the log has no signal "{missing[0]}"; expected a trial with sensors, such as '
-            "`canine run three_waypoint` makes"
-        )
-    received = log["sensors.gps_fix"] > 0
-
-    def signals_without(windows: Sequence[Window]) -> SensorSignals:
-        used = received.copy()
-        for start, end in windows:
-            used &= (log.time < start) | (log.time > end)
-        latest = np.maximum.accumulate(np.where(used, np.arange(len(used)), 0))  # tick of the held fix
-        columns: dict[str, Any] = {}
-        for name in (f.name for f in fields(SensorSignals)):
-            logged = log[f"sensors.{name}"] if f"sensors.{name}" in log else np.zeros(len(used))
-            columns[name] = logged[latest] if name.startswith("gps_") else logged
-        for name in ("north", "east", "speed", "course"):
-            columns[f"reference_{name}"] = log[f"sensors.gps_{name}"]
-        columns |= {"t": log.time, "gps_fix": used, "reference_fix": received}
-        columns |= {"origin_latitude": log.origin[0], "origin_longitude": log.origin[1]}
-        return SensorSignals(**columns)
-
-    scenario = log.metadata.get("scenario", {})
-    name = f"{scenario.get('name', path.stem)}-{scenario.get('seed', '')}".strip("-")
-    return ReplaySource(name, signals_without, log.broken)
-
-
 def run_fmu(
     path: Path, signals: SensorSignals, ticks: int, parameters: Mapping[str, float]
 ) -> dict[str, Array]:
     """Run an estimator's FMU over the first `ticks` ticks; its outputs by name, (ticks,) each.
 
     Raises:
-        FmuError: the FMU fails, or has an input that is not a sensor signal.
+        FmuError: the FMU fails, has an input that is not a sensor signal, or answers no finite number.
     """
     with FmuInstance("estimator", path) as component:
         inputs, outputs = component.description.inputs.values(), component.description.outputs.values()
@@ -180,16 +95,27 @@ def run_fmu(
             for call, now, table, what in getters:
                 component.call(call, what, time.value)
                 table[tick] = now
+    for name, values in estimate.items():
+        for tick in np.flatnonzero(~np.isfinite(values))[:1]:
+            raise FmuError(
+                f'{path}: output "{name}" is {values[tick]} at t = {tick * TICK_S:.10g} s; '
+                "expected a finite number"
+            )
     return estimate
 
 
 def hold_speed(signals: SensorSignals, ticks: int) -> dict[str, Array]:
-    """Dead reckoning without a filter, (ticks,) each: after the last fix its speed along the heading."""
+    """Dead reckoning without a filter, (ticks,) each: after the last fix its speed along the heading.
+
+    A heading that is not finite is bridged by the one before it, as the estimators do.
+    """
     north, east, speed = (
         getattr(signals, f"gps_{name}")[:ticks].copy() for name in ("north", "east", "speed")
     )
     last = int(np.flatnonzero(signals.gps_fix[:ticks])[-1])
-    steps = speed[last] * TICK_S * np.exp(1j * signals.heading_meas[last + 1 : ticks])
+    finite = np.isfinite(signals.heading_meas[:ticks])
+    latest = np.maximum.accumulate(np.where(finite, np.arange(ticks), 0))
+    steps = speed[last] * TICK_S * np.exp(1j * signals.heading_meas[latest][last + 1 :])
     way = np.cumsum(steps)
     north[last + 1 :], east[last + 1 :] = north[last] + way.real, east[last] + way.imag
     speed[last + 1 :] = speed[last]
@@ -211,7 +137,7 @@ class Outage:
 def replay(
     source: ReplaySource,
     estimator: str,
-    windows: Sequence[Window],
+    chosen: Outages,
     progress: Callable[[int], None] | None = None,
 ) -> list[Outage]:
     """Run every configuration of an estimator through every outage.
@@ -220,20 +146,22 @@ def replay(
         progress: called with the number of outages done.
 
     Raises:
-        FmuError: the FMU fails.
-        RecordingError: there are no windows.
+        FmuError: the FMU fails, or answers no finite number.
+        RecordingError: there are no outages to judge.
     """
-    if not windows:
+    if not chosen.windows:
+        left_out = f", left out: {counts(chosen.left_out)}" if chosen.left_out else ""
         raise RecordingError(
-            f"{source.name}: no outage fits; expected fixes, {SETTLE:g} s of motion before the first outage, "
-            "and its length after that; record longer or take shorter outages"
+            f"{source.name}: no outage of {chosen.length:g} s can be judged{left_out}; {chosen.reach}; "
+            f"expected {SETTLE:g} s of motion, and {chosen.length:g} s after that with IMU samples and with "
+            "fixes at both ends; record longer or take shorter outages"
         )
     path = build_fmu(find_estimator(estimator), build_folder() / "fmi2", 2)
     outages = []
-    for number, window in enumerate(windows):
+    for number, window in enumerate(chosen.windows):
         signals = source.signals([window])
         inside = np.flatnonzero((signals.t >= window[0]) & (signals.t <= window[1]))
-        withheld = inside[signals.reference_fix[inside]]
+        withheld = inside[(signals.reference_fix & ~signals.gps_fix)[inside]]
         last = int(withheld[-1])  # where the errors are measured
         ticks = last + 1
         runs = {HELD: hold_speed(signals, ticks)}
@@ -309,7 +237,14 @@ def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def report(source: ReplaySource, estimator: str, outages: Sequence[Outage], out: Path) -> dict[str, Any]:
+def counts(causes: Mapping[str, int]) -> str:
+    """Causes and their numbers, in words."""
+    return ", ".join(f"{cause} ({number})" for cause, number in causes.items())
+
+
+def report(
+    source: ReplaySource, estimator: str, chosen: Outages, outages: Sequence[Outage], out: Path
+) -> dict[str, Any]:
     """Write outages.json and replay.png; returns the content of the JSON.
 
     Raises:
@@ -320,6 +255,9 @@ def report(source: ReplaySource, estimator: str, outages: Sequence[Outage], out:
     result = {
         "recording": source.name,
         "estimator": estimator,
+        "dropped": dict(source.dropped),
+        "left_out": dict(chosen.left_out),
+        "broken": source.broken,
         **statistics(outages),
         "outages": [
             {
@@ -336,23 +274,29 @@ def report(source: ReplaySource, estimator: str, outages: Sequence[Outage], out:
     write_whole(out / "outages.json", (json.dumps(result, indent=2) + "\n").encode())
     signals = source.signals([])
     fixes = signals.reference_fix
-    drawn = disjoint(outages)  # overlapping ones would hide each other
     replay_picture(
         out / "replay.png",
-        (signals.t[fixes], signals.reference_north[fixes], signals.reference_east[fixes]),
-        [(name, *_joined(drawn, name)) for name in outages[0].errors],
-        [(outage.start, outage.end) for outage in drawn],
-        f"{source.name}: {estimator} through outages of {outages[0].end - outages[0].start:g} s",
+        Track(signals.t[fixes], signals.reference_north[fixes], signals.reference_east[fixes]),
+        {name: [Track(o.time, *o.estimates[name]) for o in outages] for name in outages[0].errors},
+        {name: values[COLUMNS[0]] for name, values in result["configurations"].items()},
+        on_map=[outages.index(outage) for outage in disjoint(outages)],
+        title=f"{source.name}: {estimator} through outages of {chosen.length:g} s",
+        not_used=not_used(result),
     )
     return result
 
 
-def _joined(outages: Sequence[Outage], name: str) -> tuple[Array, Array, Array]:
-    """Time, north and east of a configuration over the outages, with NaN between them."""
-    gap = np.array([np.nan])
-    parts = [np.stack([o.time, *o.estimates[name]]) for o in outages]
-    time, north, east = np.hstack([np.hstack([part, np.tile(gap, (3, 1))]) for part in parts])
-    return time, north, east
+def not_used(result: Mapping[str, Any]) -> str:
+    """What was left out or dropped, in a line each; "" if all was used."""
+    lines = []
+    if result["left_out"]:
+        number = sum(result["left_out"].values())
+        lines.append(f"left out: {number} outage{'s' * (number != 1)}: {counts(result['left_out'])}")
+    if result["dropped"]:
+        lines.append(f"dropped: {counts(result['dropped'])}")
+    if result["broken"]:
+        lines.append(f"not whole: {result['broken']}")
+    return "\n".join(lines)
 
 
 def show(result: Mapping[str, Any], console: Console) -> None:
@@ -367,6 +311,8 @@ def show(result: Mapping[str, Any], console: Console) -> None:
         cells = [values[column][key] for column in COLUMNS for key in ("mean", "sd", "median", "p90")]
         table.add_row(name, str(values["n"]), *("-" if cell is None else f"{cell:.2f}" for cell in cells))
     print_table(table, console)
+    if lines := not_used(result):
+        console.print(lines, markup=False, highlight=False)
     for pair in result["paired_t_tests"]:
         test = pair[COLUMNS[0]]
         if test and test["t"] is not None:

@@ -5,22 +5,72 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from harness.replay import plots
+from harness.replay.plots import Track
 from tests.harness.pictures import line, size
 
+# a receiver that goes east at 1 m/s; a filter that stays at 2 m in two outages, and another that is right
+TIME = np.arange(10.0)
+GPS = Track(TIME, np.zeros(10), TIME)
+OUTAGES = [np.array([2.0, 3.0, 4.0]), np.array([5.0, 6.0, 7.0])]
+ESTIMATES = {
+    "stays": [Track(at, np.zeros(3), np.full(3, 2.0)) for at in OUTAGES],
+    "right": [Track(at, np.zeros(3), at) for at in OUTAGES],
+}
+ERRORS = {
+    "stays": {"mean": 3.5, "median": 3.5, "p90": 4.7},
+    "right": {"mean": 0.0, "median": 0.0, "p90": 0.0},
+}
+COUNTS = "left out: 3 outages: IMU samples missing (3)\ndropped: UBX frames with a wrong checksum (12)"
 
-def test_a_replay_shows_estimates_and_shades_outages(tmp_path: Path) -> None:
-    # given a receiver that goes east at 1 m/s and an estimate that stays, during one outage of two
-    time = np.arange(10.0)
-    at = np.array([2.0, 3.0, 4.0])
-    estimates = [("EKF", at, np.zeros(3), np.full(3, 2.0))]
-    args = ((time, np.zeros(10), time), estimates, [(2.0, 4.0), (7.0, 9.0)], "a drive")
-    paths, errors = plots.replay_figure(*args).axes
-    # then its error grows by a metre a second
-    assert line(errors, "EKF").tolist() == [[2, 0], [3, 1], [4, 2]]
-    assert line(paths, "EKF").tolist() == [[2, 0]] * 3
-    assert line(paths, "outage").tolist() == [[2, 0], [3, 0], [4, 0]]
-    assert [(p.get_x(), p.get_width()) for p in errors.patches] == [(2.0, 2.0), (7.0, 2.0)]  # type: ignore[attr-defined]
-    plots.replay_picture(tmp_path / "replay.png", *args)
-    assert size((tmp_path / "replay.png").read_bytes()) == (2100, 960)
+
+def curves(axes: Axes) -> list[list[list[float]]]:
+    return [np.asarray(curve.get_xydata()).tolist() for curve in axes.lines]
+
+
+def test_each_configuration_has_its_own_panels() -> None:
+    figure = plots.replay_figure(GPS, ESTIMATES, ERRORS, on_map=[0], title="a drive")
+    stays, right, stays_errors, right_errors = figure.axes
+    # then the map shows the receiver's path and the outages chosen for it
+    assert [stays.get_title(), right.get_title()] == ["stays", "right"]
+    assert line(stays, "GPS").tolist() == [[t, 0] for t in TIME]
+    assert line(stays, "estimate").tolist() == [[2, 0]] * 3
+    assert line(right, "estimate").tolist() == [[2, 0], [3, 0], [4, 0]]
+    assert line(stays, "estimate and GPS at an outage's end").tolist() == [[2, 0], [4, 0]]
+    # and the errors of all outages are counted from their starts: 0, 1, 2 m and 3, 4, 5 m
+    assert curves(stays_errors) == [[[0, 0], [1, 1], [2, 2]], [[0, 3], [1, 4], [2, 5]]]
+    assert curves(right_errors) == [[[0, 0], [1, 0], [2, 0]]] * 2
+
+
+def test_panels_can_be_compared_by_eye() -> None:
+    figure = plots.replay_figure(GPS, ESTIMATES, ERRORS, on_map=[0], title="a drive")
+    maps, errors = figure.axes[:2], figure.axes[2:]
+    for row in (maps, errors):
+        assert row[0].get_xlim() == row[1].get_xlim()
+        assert row[0].get_ylim() == row[1].get_ylim()
+        assert not any(axes.patches for axes in row)  # nothing shades them
+    assert [axes.get_xlabel() for axes in figure.axes] == ["east [m]"] * 2 + [
+        "time since the outage began [s]"
+    ] * 2
+    assert [maps[0].get_ylabel(), errors[0].get_ylabel()] == ["north [m]", "distance from GPS [m]"]
+    assert errors[0].get_title() == "at the end of 2 outages:\nmean 3.50 m, median 3.50 m, p90 4.70 m"
+
+
+def test_what_was_not_used_stands_on_the_picture() -> None:
+    figure = plots.replay_figure(GPS, ESTIMATES, ERRORS, on_map=[0], title="a drive", not_used=COUNTS)
+    assert figure.get_suptitle() == "a drive\n" + COUNTS
+
+
+def test_a_long_list_of_causes_is_broken_into_lines_that_fit() -> None:
+    long = "dropped: " + ", ".join(f"cause number {i} ({i})" for i in range(40))
+    figure = plots.replay_figure(GPS, ESTIMATES, ERRORS, on_map=[0], title="a drive", not_used=long)
+    title = figure.get_suptitle()
+    assert max(map(len, title.splitlines())) <= plots.WRAP
+    assert " ".join(title.split("\n")) == "a drive " + long
+
+
+def test_the_picture_of_a_replay_is_written(tmp_path: Path) -> None:
+    plots.replay_picture(tmp_path / "replay.png", GPS, ESTIMATES, ERRORS, on_map=[0, 1], title="a drive")
+    assert size((tmp_path / "replay.png").read_bytes()) == (1260, 1350)

@@ -14,27 +14,22 @@ from rich.console import Console
 
 from fmus.build import build_fmu
 from fmus.folder import build_folder
+from harness.cosim.fmu import FmuError
 from harness.log.log import read_log
 from harness.recording.recording import RecordingError
 from harness.recording.signals import SensorSignals
-from harness.replay.replay import (
-    HELD,
-    Outage,
-    ReplaySource,
-    hold_speed,
-    open_source,
-    replay,
-    report,
-    run_fmu,
-    show,
-    statistics,
-)
+from harness.replay.replay import HELD, Outage, hold_speed, replay, report, run_fmu, show, statistics
+from harness.replay.source import ReplaySource, open_source
+from harness.replay.windows import Outages
 from harness.trial import trial
 from harness.trial.prepare import prepared
 from harness.trial.request import Request, build_missing
 from harness.trial.scenario import load
 from models.four_state import FourState
 from models.kit.model import Model
+from tests.harness.cosim.tiny_fmu import V, tiny_fmu
+from tests.harness.replay.logs import walk as walk_of_log
+from tests.harness.replay.logs import write
 
 PROJECT = Path(__file__).resolve().parents[3]
 WALK = Path(os.environ.get("CANINE_DATA", PROJECT.parent / "shared" / "data")) / "walk_ublox_imu"
@@ -52,10 +47,12 @@ def outage(errors: dict[str, tuple[float, float]], start: float = 0.0) -> Outage
 
 @walk_is_there
 def test_outages_fit_between_settling_and_the_last_fix(walk: ReplaySource) -> None:
-    windows = walk.windows(10, 5)
+    chosen = walk.outages(10, 5)
+    windows = chosen.windows
     assert windows[0] == (22.0, 32.0)  # the walk begins at 11.5 s
     assert windows[-1] == (122.0, 132.0)  # the last fix is at 132.5 s
     assert len(windows) == 21
+    assert chosen.left_out == {} == walk.dropped
 
 
 @walk_is_there
@@ -97,9 +94,10 @@ def test_a_fix_inside_an_outage_does_not_reach_the_estimator(walk: ReplaySource)
 
 @walk_is_there
 def test_every_configuration_is_compared_with_the_same_fix(walk: ReplaySource, tmp_path: Path) -> None:
-    outages = replay(walk, "four_state", walk.windows(10, 40))
+    chosen = walk.outages(10, 40)
+    outages = replay(walk, "four_state", chosen)
     assert len(outages) == 3
-    result = report(walk, "four_state", outages, tmp_path)
+    result = report(walk, "four_state", chosen, outages, tmp_path)
     assert list(result["configurations"]) == [HELD, "no pitch", "pitch", "fuzzy"]
     written = json.loads((tmp_path / "outages.json").read_text())
     assert written == result
@@ -138,13 +136,13 @@ def test_the_log_of_a_trial_gives_the_trials_estimate_again(tmp_path: Path) -> N
     # then it gives the trial's estimate to the bit, and another one with an outage
     for name in ("north", "east", "speed", "accel_bias"):
         np.testing.assert_array_equal(again[name], log[f"estimator.{name}"], err_msg=name)
-    (window,) = source.windows(5, 20)
+    (window,) = source.outages(5, 20).windows
     without = run_fmu(
         build_fmu(FourState, build_folder() / "fmi2", 2), source.signals([window]), len(log.time), {}
     )
     assert not np.array_equal(without["north"], again["north"])
     # and the baseline, which holds the speed of the last fix, errs by the change of the dog's speed
-    (replayed,) = replay(source, "four_state", [(10.0, 14.0)])
+    (replayed,) = replay(source, "four_state", Outages(4, [(10.0, 14.0)], {}, ""))
     signals = source.signals([(10.0, 14.0)])
     before = signals.gps_speed[np.flatnonzero(signals.gps_fix & (signals.t < 10.0))[-1]]
     at_end = signals.reference_speed[np.flatnonzero(signals.reference_fix & (signals.t <= 14.0))[-1]]
@@ -159,9 +157,8 @@ def test_a_log_without_fixes_has_no_outages(tmp_path: Path) -> None:
     with prepared(request) as ready:
         trial.run(request, ready, tmp_path)
     source = open_source(tmp_path / "trial.mcap")
-    assert source.windows(1, 1) == []
-    with pytest.raises(RecordingError, match="no outage fits"):
-        replay(source, "four_state", [])
+    with pytest.raises(RecordingError, match="no outage of 1 s can be judged; it has no fix"):
+        replay(source, "four_state", source.outages(1, 1))
 
 
 def test_the_log_of_a_trial_without_sensors_is_refused(tmp_path: Path) -> None:
@@ -171,6 +168,42 @@ def test_the_log_of_a_trial_without_sensors_is_refused(tmp_path: Path) -> None:
         trial.run(request, ready, tmp_path)
     with pytest.raises(RecordingError, match=r'no signal "sensors.accel_x"; expected a trial with sensors'):
         open_source(tmp_path / "trial.mcap")
+
+
+@pytest.mark.parametrize(("value", "name"), [("NAN", "nan"), ("-INFINITY", "-inf")])
+def test_an_estimate_that_is_not_finite_is_refused_with_its_time(
+    tmp_path: Path, value: str, name: str
+) -> None:
+    # given an estimator that answers no number from 0.08 s on
+    variables = [V("accel_x", "input"), V("north"), V("east"), V("speed")]
+    path = tiny_fmu(tmp_path / "filter.fmu", variables, f"v[2] = t > 0.05 ? {value} : 1;")
+    source = open_source(write(tmp_path / "trial.mcap", walk_of_log(1)))
+    # then no error is averaged over it
+    with pytest.raises(
+        FmuError, match=rf'filter.fmu: output "east" is {name} at t = 0.08 s; expected a finite'
+    ):
+        run_fmu(path, source.signals([]), 25, {})
+
+
+def test_what_was_left_out_or_dropped_is_told_in_all_places(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # given a walk with a bad fix and a hole of fixes
+    signals = walk_of_log(40)
+    signals["gps_north"][round(7 / 0.04)] = np.nan
+    signals["gps_fix"][round(24 / 0.04) : round(26 / 0.04)] = 0
+    source = open_source(write(tmp_path / "trial.mcap", signals))
+    chosen = source.outages(5, 5)
+    # when
+    result = report(source, "four_state", chosen, replay(source, "four_state", chosen), tmp_path)
+    show(result, Console(width=120))
+    # then the file and the terminal have the numbers by cause
+    written = json.loads((tmp_path / "outages.json").read_text())
+    assert written["dropped"] == {"fixes with a value that is not finite": 1}
+    assert written["left_out"] == {"no fix near the end": 1, "fixes missing before the start": 1}
+    out = capsys.readouterr().out
+    assert "left out: 2 outages: no fix near the end (1), fixes missing before the start (1)\n" in out
+    assert "dropped: fixes with a value that is not finite (1)\n" in out
 
 
 def test_statistics_of_two_outages_are_those_found_by_hand() -> None:
@@ -204,7 +237,7 @@ def test_outages_that_overlap_an_earlier_one_are_left_out_of_the_t_test() -> Non
 def test_a_single_outage_has_no_spread_and_no_test(capsys: pytest.CaptureFixture[str]) -> None:
     result = statistics([outage({"a": (1.0, 0.5), "b": (2.0, 0.5)})])
     assert result["configurations"]["a"]["position_error_m"]["sd"] is None
-    show(result, Console())
+    show(result | {"dropped": {}, "left_out": {}, "broken": ""}, Console())
     assert "-" in capsys.readouterr().out
 
 

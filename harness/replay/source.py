@@ -1,0 +1,126 @@
+"""Where the sensor signals of a replay come from: the folder of a recording, or the log of a trial."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from harness.log.log import Log, read_log
+from harness.recording.attitude import TICK_S
+from harness.recording.read import read_recording
+from harness.recording.recording import RecordingError
+from harness.recording.signals import MOVING_M_S, SensorSignals, sensor_signals
+from harness.replay.windows import HOLE_OF_IMU_S, Outages, Window, choose, holes, holes_of_imu
+from models.four_state import FourState
+from models.kit.block import Block
+
+ESTIMATORS: dict[str, type[Block]] = {block.title(): block for block in (FourState,)}
+
+
+@dataclass(frozen=True)
+class ReplaySource:
+    """A recording of real sensors, or the log of a trial, as a source of sensor signals.
+
+    Attributes:
+        name: of the recording or trial, for the results.
+        signals: gives the estimator's inputs with the fixes in some windows withheld.
+        imu_holes: start and end [s] of each time without inertial samples.
+        dropped: what was not used, cause -> number.
+        broken: why the recording is incomplete; "" if it is complete.
+    """
+
+    name: str
+    signals: Callable[[Sequence[Window]], SensorSignals]
+    imu_holes: Sequence[Window] = ()
+    dropped: Mapping[str, int] = field(default_factory=dict)
+    broken: str = ""
+
+    @property
+    def folder(self) -> Path:
+        """The folder of the results by default."""
+        return Path("out") / f"replay-{self.name}"
+
+    def outages(self, length: float, every: float) -> Outages:
+        """Outages of `length` [s], one every `every` [s], from the first motion on."""
+        signals = self.signals([])
+        fixes = signals.t[signals.reference_fix]
+        moving = signals.t[signals.reference_fix & (signals.reference_speed > MOVING_M_S)]
+        return choose(fixes, moving, self.imu_holes, length=length, every=every)
+
+
+def open_source(path: Path) -> ReplaySource:
+    """Open the folder of a recording, or a trial.mcap.
+
+    Raises:
+        RecordingError, LogError: the path is neither, or is damaged.
+    """
+    return _of_log(path) if path.suffix == ".mcap" else _of_recording(path)
+
+
+def _of_recording(folder: Path) -> ReplaySource:
+    recording = read_recording(folder)
+    return ReplaySource(
+        recording.name,
+        lambda windows: sensor_signals(recording, windows),
+        holes_of_imu(recording.imu_t),
+        recording.dropped,
+    )
+
+
+def _of_log(path: Path) -> ReplaySource:
+    log = read_log(path)
+    inputs = {name for block in ESTIMATORS.values() for name in block.flat_names("input")}
+    missing = [s for s in (f"sensors.{name}" for name in sorted(inputs | {"gps_course"})) if s not in log]
+    if missing:
+        raise RecordingError(
+            f'{path}: the log has no signal "{missing[0]}"; expected a trial with sensors, such as '
+            "`canine run three_waypoint` makes"
+        )
+    _require_ticks(path, log)
+    gps = [f"sensors.{f.name}" for f in fields(SensorSignals) if f.name.startswith("gps_")]
+    finite_fix = np.all([np.isfinite(log[name]) for name in gps if name in log], axis=0)
+    imu = [f"sensors.{name}" for name in inputs if not name.startswith("gps_")]
+    finite_sample = np.all([np.isfinite(log[name]) for name in imu], axis=0)
+    arrived = log["sensors.gps_fix"] > 0
+    received = arrived & finite_fix
+
+    def signals_without(windows: Sequence[Window]) -> SensorSignals:
+        used = received.copy()
+        for start, end in windows:
+            used &= (log.time < start) | (log.time > end)
+        latest = np.maximum.accumulate(np.where(used, np.arange(len(used)), 0))  # tick of the held fix
+        columns: dict[str, Any] = {}
+        for name in (f.name for f in fields(SensorSignals)):
+            logged = log[f"sensors.{name}"] if f"sensors.{name}" in log else np.zeros(len(used))
+            columns[name] = logged[latest] if name.startswith("gps_") else logged
+        for name in ("north", "east", "speed", "course"):
+            columns[f"reference_{name}"] = log[f"sensors.gps_{name}"]
+        columns |= {"t": log.time, "gps_fix": used, "reference_fix": received}
+        columns |= {"origin_latitude": log.origin[0], "origin_longitude": log.origin[1]}
+        return SensorSignals(**columns)
+
+    dropped = {
+        "fixes with a value that is not finite": int((arrived & ~finite_fix).sum()),
+        "IMU samples with a value that is not finite": int((~finite_sample).sum()),
+    }
+    scenario = log.metadata.get("scenario", {})
+    return ReplaySource(
+        f"{scenario.get('name', path.stem)}-{scenario.get('seed', '')}".strip("-"),
+        signals_without,
+        holes(np.array([-TICK_S, *log.time[finite_sample], len(log.time) * TICK_S]), HOLE_OF_IMU_S),
+        {cause: number for cause, number in dropped.items() if number},
+        log.broken,
+    )
+
+
+def _require_ticks(path: Path, log: Log) -> None:
+    """The estimator steps from tick to tick: a row that is missing would shift all that follow."""
+    for tick in np.flatnonzero(np.abs(log.time - np.arange(len(log.time)) * TICK_S) > TICK_S / 2)[:1]:
+        raise RecordingError(
+            f"{path}: row {tick + 1} is of {log.time[tick]:g} s, expected {tick * TICK_S:g} s: a row for "
+            f"each tick of {TICK_S:g} s from 0 s on; run the trial again"
+        )

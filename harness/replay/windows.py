@@ -1,0 +1,102 @@
+"""The outages of a recording that can be judged; the others are left out and counted by cause.
+
+An outage is judged at its last withheld fix. That measures the outage only if this fix is near its end, if
+the estimator had fixes up to its start, and if it had inertial samples all along. A *hole* is a time without
+fixes or samples that is longer than their rate explains.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness.log.log import Array
+
+Window = tuple[float, float]  # s, start and end of an outage, or of a hole
+
+SETTLE = 10.0  # s of motion for the estimator to settle: before the first outage, and after a hole of the IMU
+NEAR_END = 1.5  # intervals between fixes from the last fix in an outage to its end, at most
+HOLE_OF_FIXES = 2.5  # intervals: two or more fixes in a row are missing
+HOLE_OF_SAMPLES = 3.0  # intervals between inertial samples
+HOLE_OF_IMU_S = 0.1  # s; a shorter gap of the IMU is bridged by holding its last sample
+
+NO_FIX_AT_THE_END = "no fix near the end"
+NO_FIXES_BEFORE = "fixes missing before the start"
+NO_SAMPLES = "IMU samples missing"
+
+
+@dataclass(frozen=True)
+class Outages:
+    """The simulated outages of a replay: those to judge, and how many were left out by cause.
+
+    Attributes:
+        length: of each [s].
+        windows: to be judged, in the order of time.
+        left_out: cause -> number; empty where none was left out.
+        reach: when the recording moves first and when it has its last fix, in words.
+    """
+
+    length: float
+    windows: Sequence[Window]
+    left_out: Mapping[str, int]
+    reach: str
+
+
+def holes(times: Array, longest: float) -> list[Window]:
+    """Start and end [s] of each gap between ascending times (n,) that is longer than `longest` [s]."""
+    before = np.flatnonzero(np.diff(times) > longest)
+    return [(float(times[i]), float(times[i + 1])) for i in before]
+
+
+def holes_of_imu(times: Array) -> list[Window]:
+    """The holes between inertial samples at the ascending times (n,) s."""
+    return holes(times, max(HOLE_OF_IMU_S, HOLE_OF_SAMPLES * float(np.median(np.diff(times)))))
+
+
+def choose(
+    fixes: Array,
+    moving: Array,
+    imu_holes: Sequence[Window],
+    *,
+    length: float,
+    every: float,
+    settle: float = SETTLE,
+) -> Outages:
+    """Outages of `length` [s], one every `every` [s], from `settle` [s] after the first moving fix on.
+
+    Args:
+        fixes: times [s] of the fixes to judge by (f,), ascending.
+        moving: those at which the receiver moves (m,).
+        imu_holes: start and end of the times without inertial samples.
+    """
+    if len(moving) == 0:
+        return Outages(length, (), {}, "it never moves" if len(fixes) else "it has no fix")
+    reach = f"it moves from {moving[0]:.1f} s on and has its last fix at {fixes[-1]:.1f} s"
+    starts = np.arange(np.ceil(moving[0] + settle), fixes[-1] - length + 1e-9, every)
+    interval = float(np.median(np.diff(fixes))) if len(fixes) > 1 else 0.0
+    windows: list[Window] = []
+    left_out: Counter[str] = Counter()
+
+    def settled(hole: Window) -> float:
+        """When the estimator has settled after a hole of the IMU: its heading is found by moving anew."""
+        after = moving[moving >= hole[1]]
+        return float(after[0]) + settle if len(after) else np.inf
+
+    blind = [(start, settled((start, end))) for start, end in imu_holes]
+    # after a hole of fixes the estimator settles for as long as it was on its own, as after its start at most
+    alone = [(a, b + min(b - a, settle)) for a, b in holes(fixes, HOLE_OF_FIXES * interval)]
+    for start in map(float, starts):
+        end = start + length
+        inside = fixes[(fixes >= start) & (fixes <= end)]
+        if not len(inside) or end - inside[-1] > NEAR_END * interval:
+            left_out[NO_FIX_AT_THE_END] += 1
+        elif any(a < start - NEAR_END * interval and start < b for a, b in alone):
+            left_out[NO_FIXES_BEFORE] += 1
+        elif any(a < end and start < b for a, b in blind):
+            left_out[NO_SAMPLES] += 1
+        else:
+            windows.append((start, end))
+    return Outages(length, tuple(windows), dict(left_out), reach)

@@ -1,0 +1,116 @@
+"""Logs as sources of a replay: what they lack is named or counted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from harness.recording.recording import RecordingError
+from harness.replay.replay import HELD, replay
+from harness.replay.source import open_source
+from harness.replay.windows import NO_FIX_AT_THE_END, NO_FIXES_BEFORE, NO_SAMPLES
+from tests.harness.replay.logs import TICK_S, walk, write
+
+
+def tick(seconds: float) -> int:
+    return round(seconds / TICK_S)
+
+
+def test_a_walk_of_a_log_has_outages_and_nothing_dropped(tmp_path: Path) -> None:
+    source = open_source(write(tmp_path / "trial.mcap", walk()))
+    chosen = source.outages(5, 5)
+    assert chosen.windows == ((15, 20), (20, 25))
+    assert chosen.left_out == {} == source.dropped
+
+
+def test_a_hole_of_fixes_in_a_log_leaves_outages_out(tmp_path: Path) -> None:
+    # given no fix from 24 s to the one at 26 s: a simulated outage up to 25 s would end in it
+    signals = walk(40)
+    signals["gps_fix"][tick(24) : tick(26)] = 0
+    chosen = open_source(write(tmp_path / "trial.mcap", signals)).outages(5, 5)
+    assert chosen.windows == ((15, 20), (30, 35))
+    assert chosen.left_out == {NO_FIX_AT_THE_END: 1, NO_FIXES_BEFORE: 1}
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("name", ["gps_north", "gps_speed", "gps_course", "gps_h_acc"])
+def test_a_fix_that_is_not_finite_is_dropped_and_counted(tmp_path: Path, name: str, value: float) -> None:
+    # given one bad fix at the end of the first outage
+    signals = walk()
+    signals[name][tick(20)] = value
+    source = open_source(write(tmp_path / "trial.mcap", signals))
+    # then the outage is judged at the fix before it, 0.2 s earlier
+    assert source.dropped == {"fixes with a value that is not finite": 1}
+    outages = replay(source, "four_state", source.outages(5, 5))
+    assert len(outages) == 2
+    assert np.isfinite(list(outages[0].errors.values())).all()
+    assert outages[0].time[-1] == pytest.approx(19.8)
+
+
+def test_a_sample_that_is_not_finite_is_counted_and_bridged(tmp_path: Path) -> None:
+    # given one heading that is not a number in the first outage of a walk straight north
+    signals = walk()
+    signals["heading_meas"][tick(17)] = np.nan
+    source = open_source(write(tmp_path / "trial.mcap", signals))
+    assert source.dropped == {"IMU samples with a value that is not finite": 1}
+    # then holding the speed goes on with the heading before it, and errs by nothing
+    outages = replay(source, "four_state", source.outages(5, 5))
+    assert outages[0].errors[HELD] == pytest.approx((0, 0), abs=1e-9)
+    assert np.isfinite(list(outages[0].errors.values())).all()
+
+
+def test_samples_that_are_not_finite_for_long_leave_outages_out(tmp_path: Path) -> None:
+    # given no specific force for 0.2 s at 17 s
+    signals = walk(40)
+    signals["accel_x"][tick(17) : tick(17.2)] = np.nan
+    source = open_source(write(tmp_path / "trial.mcap", signals))
+    # then the outages over it and within ten seconds after it are not judged
+    assert source.dropped == {"IMU samples with a value that is not finite": 5}
+    chosen = source.outages(5, 5)
+    assert chosen.windows == ((30, 35),)
+    assert chosen.left_out == {NO_SAMPLES: 3}
+
+
+@pytest.mark.parametrize("name", ["gps_course", "gps_fix", "heading_meas", "gps_s_acc"])
+def test_a_log_without_a_signal_is_refused_by_the_signals_name(tmp_path: Path, name: str) -> None:
+    signals = walk()
+    del signals[name]
+    with pytest.raises(RecordingError, match=f'no signal "sensors.{name}"'):
+        open_source(write(tmp_path / "trial.mcap", signals))
+
+
+def test_a_log_with_a_row_missing_is_refused_by_the_row(tmp_path: Path) -> None:
+    # given a log whose row of 4 s is missing
+    signals = walk(8)
+    times = np.delete(np.arange(200) * TICK_S, 100)
+    path = write(tmp_path / "trial.mcap", {n: v[:-1] for n, v in signals.items()}, times)
+    # then its estimator would step over the gap as over one tick
+    with pytest.raises(
+        RecordingError, match=r"row 101 is of 4.04 s, expected 4 s: a row for each tick of 0.04 s"
+    ):
+        open_source(path)
+
+
+def test_an_outage_longer_than_the_log_is_refused(tmp_path: Path) -> None:
+    source = open_source(write(tmp_path / "trial.mcap", walk()))
+    with pytest.raises(
+        RecordingError,
+        match=r"no outage of 60 s can be judged; it moves from 4.2 s on and has its last fix at 29.8 s; ",
+    ):
+        replay(source, "four_state", source.outages(60, 5))
+
+
+def test_a_log_of_one_tick_has_no_outages(tmp_path: Path) -> None:
+    source = open_source(write(tmp_path / "trial.mcap", walk(0.04)))
+    with pytest.raises(RecordingError, match="no outage of 5 s can be judged; it never moves"):
+        replay(source, "four_state", source.outages(5, 5))
+
+
+def test_a_refusal_counts_the_outages_that_were_left_out(tmp_path: Path) -> None:
+    signals = walk(21)
+    signals["accel_x"][tick(16) : tick(17)] = np.nan
+    source = open_source(write(tmp_path / "trial.mcap", signals))
+    with pytest.raises(RecordingError, match=r"can be judged, left out: IMU samples missing \(1\); "):
+        replay(source, "four_state", source.outages(5, 5))
