@@ -16,6 +16,7 @@ from harness.files import write_whole
 from harness.log.log import Array
 
 SMALL, LARGE = 11, 14  # pt
+SHOWN = "estimate, in outages that do not overlap"
 WRAP = 130  # characters of LARGE on a line
 
 
@@ -101,9 +102,7 @@ def _map(axes: Axes, gps: Track, tracks: Sequence[Track], color: str) -> None:
     axes.plot(gps.east, gps.north, color=GPS, linewidth=1.2, label="GPS", zorder=2)
     for number, track in enumerate(tracks):
         first = number == 0
-        axes.plot(
-            track.east, track.north, color=color, linewidth=1.6, label="estimate" if first else "", zorder=3
-        )
+        axes.plot(track.east, track.north, color=color, linewidth=1.6, label=SHOWN if first else "", zorder=3)
         ends = _at(gps, track.time[-1:])
         axes.plot(
             [track.east[-1], ends.east[0]],

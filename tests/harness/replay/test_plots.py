@@ -36,8 +36,8 @@ def test_each_configuration_has_its_own_panels() -> None:
     # then the map shows the receiver's path and the outages chosen for it
     assert [stays.get_title(), right.get_title()] == ["stays", "right"]
     assert line(stays, "GPS").tolist() == [[t, 0] for t in TIME]
-    assert line(stays, "estimate").tolist() == [[2, 0]] * 3
-    assert line(right, "estimate").tolist() == [[2, 0], [3, 0], [4, 0]]
+    assert line(stays, plots.SHOWN).tolist() == [[2, 0]] * 3
+    assert line(right, plots.SHOWN).tolist() == [[2, 0], [3, 0], [4, 0]]
     assert line(stays, "estimate and GPS at an outage's end").tolist() == [[2, 0], [4, 0]]
     # and the errors of all outages are counted from their starts: 0, 1, 2 m and 3, 4, 5 m
     assert curves(stays_errors) == [[[0, 0], [1, 1], [2, 2]], [[0, 3], [1, 4], [2, 5]]]
