@@ -5,12 +5,15 @@ computer. Body axes are forward, right, down; roll, pitch (nose up positive) and
 north) are the aerospace Euler angles, in rad.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 from ahrs.common.orientation import acc2q
 from ahrs.filters import Madgwick
 from scipy.signal import butter, sosfilt, sosfilt_zi
 
+from harness.recording.holes import holes_of_imu
 from models.kit.block import Block
 
 Array = npt.NDArray[np.float64]
@@ -42,13 +45,17 @@ def euler_angles(t: Array, specific_force: Array, rate: Array) -> Array:
     gradient filter (Madgwick, Harrison, Vaidyanathan, ICORR 2011) at the library's gain of 0.033 rad/s. Its
     step has a fixed length, so the centripetal acceleration of a long turn tilts it slowly; unlike Mahony's
     filter it has no bias state that winds up in a turn. Its vertical is gravity (minus the specific force),
-    so its earth frame is north, east, down, turned by the unknown heading.
+    so its earth frame is north, east, down, turned by the unknown heading. Over a hole of the samples the
+    angles stay: what the body did meanwhile is unknown, and one step of seconds would turn and tilt them far.
     """
+    elapsed = np.diff(t)
+    for start, _ in holes_of_imu(t):
+        elapsed[np.searchsorted(t, start)] = 0.0
     madgwick = Madgwick()
     q = np.empty((len(t), 4))
     q[0] = acc2q(-specific_force[0])
     for i in range(1, len(t)):
-        q[i] = madgwick.updateIMU(q[i - 1], rate[i], -specific_force[i], dt=t[i] - t[i - 1])
+        q[i] = madgwick.updateIMU(q[i - 1], rate[i], -specific_force[i], dt=elapsed[i - 1])
     w, x, y, z = q.T
     roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1, 1))
@@ -57,17 +64,23 @@ def euler_angles(t: Array, specific_force: Array, rate: Array) -> Array:
 
 
 def align_heading(
-    heading: Array, fix_tick: npt.NDArray[np.int64], course: Array, time_constant_s: float
+    heading: Array,
+    fix_tick: npt.NDArray[np.int64],
+    course: Array,
+    time_constant_s: float,
+    lost: Sequence[int] = (),
 ) -> Array:
     """Turn a heading from an arbitrary zero (ticks,) into one clockwise from north, by courses over ground.
 
     `course` (f,) rad became known at the ascending ticks `fix_tick` (f,). The offset is the mean of
     course - heading over the fixes so far, which later forgets older ones with `time_constant_s`; before the
-    first fix it is zero. Returns (ticks,) rad in (-pi, pi].
+    first fix it is zero. From the ticks `lost` on the zero is another one, and the mean begins anew. Returns
+    (ticks,) rad in (-pi, pi].
     """
     offset = np.zeros_like(heading)
-    mean, last = 0j, 0
-    for n, (k, course_at_fix) in enumerate(zip(fix_tick, course, strict=True), start=1):
+    mean, last, n = 0j, 0, 0
+    for k, course_at_fix in zip(fix_tick, course, strict=True):
+        n = 1 if any(last < lost_at <= k for lost_at in lost) else n + 1
         forgetting = 1 - np.exp(-(k - last) * TICK_S / time_constant_s)
         mean += max(1 / n, forgetting) * (np.exp(1j * (course_at_fix - heading[k])) - mean)
         offset[k:] = np.angle(mean)

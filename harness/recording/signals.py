@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from harness.log.geodesy import TangentPlane
 from harness.recording.attitude import TICK_S, Array, align_heading
+from harness.recording.holes import holes_of_imu
 from harness.recording.recording import Recording, RecordingError
 
 Mask = npt.NDArray[np.bool_]
@@ -86,6 +87,7 @@ def sensor_signals(recording: Recording, outages: Sequence[tuple[float, float]] 
 
     accel_x, accel_y, accel_z, gyro_x, gyro_y, gyro_z, roll, pitch, heading = recording.on_ticks.T
     aligning = used & (speed > MOVING_M_S)
+    lost = [int(np.ceil(end / TICK_S)) for _, end in holes_of_imu(recording.imu_t)]
     zeros = np.zeros(recording.ticks)
     return SensorSignals(
         t=np.asarray(clock * TICK_S),
@@ -100,7 +102,7 @@ def sensor_signals(recording: Recording, outages: Sequence[tuple[float, float]] 
         mag_z=zeros,
         roll_meas=roll,
         pitch_meas=pitch,
-        heading_meas=align_heading(heading, tick[aligning], course[aligning], ALIGNING_S),
+        heading_meas=align_heading(heading, tick[aligning], course[aligning], ALIGNING_S, lost),
         gps_fix=np.isin(clock, tick[used]),
         gps_north=held(used, north),
         gps_east=held(used, east),

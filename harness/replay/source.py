@@ -11,10 +11,11 @@ import numpy as np
 
 from harness.log.log import Log, read_log
 from harness.recording.attitude import TICK_S
+from harness.recording.holes import HOLE_OF_IMU_S, Hole, holes, holes_of_imu
 from harness.recording.read import read_recording
 from harness.recording.recording import RecordingError
 from harness.recording.signals import MOVING_M_S, SensorSignals, sensor_signals
-from harness.replay.windows import HOLE_OF_IMU_S, Outages, Window, choose, holes, holes_of_imu
+from harness.replay.windows import Outages, Window, choose
 from models.four_state import FourState
 from models.kit.block import Block
 
@@ -35,7 +36,7 @@ class ReplaySource:
 
     name: str
     signals: Callable[[Sequence[Window]], SensorSignals]
-    imu_holes: Sequence[Window] = ()
+    imu_holes: Sequence[Hole] = ()
     dropped: Mapping[str, int] = field(default_factory=dict)
     broken: str = ""
 

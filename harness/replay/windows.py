@@ -14,14 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.log.log import Array
+from harness.recording.holes import Hole, holes
 
-Window = tuple[float, float]  # s, start and end of an outage, or of a hole
+Window = tuple[float, float]  # s, start and end of an outage
 
 SETTLE = 10.0  # s of motion for the estimator to settle: before the first outage, and after a hole of the IMU
 NEAR_END = 1.5  # intervals between fixes from the last fix in an outage to its end, at most
 HOLE_OF_FIXES = 2.5  # intervals: two or more fixes in a row are missing
-HOLE_OF_SAMPLES = 3.0  # intervals between inertial samples
-HOLE_OF_IMU_S = 0.1  # s; a shorter gap of the IMU is bridged by holding its last sample
 
 NO_FIX_AT_THE_END = "no fix near the end"
 NO_FIXES_BEFORE = "fixes missing before the start"
@@ -45,21 +44,10 @@ class Outages:
     reach: str
 
 
-def holes(times: Array, longest: float) -> list[Window]:
-    """Start and end [s] of each gap between ascending times (n,) that is longer than `longest` [s]."""
-    before = np.flatnonzero(np.diff(times) > longest)
-    return [(float(times[i]), float(times[i + 1])) for i in before]
-
-
-def holes_of_imu(times: Array) -> list[Window]:
-    """The holes between inertial samples at the ascending times (n,) s."""
-    return holes(times, max(HOLE_OF_IMU_S, HOLE_OF_SAMPLES * float(np.median(np.diff(times)))))
-
-
 def choose(
     fixes: Array,
     moving: Array,
-    imu_holes: Sequence[Window],
+    imu_holes: Sequence[Hole],
     *,
     length: float,
     every: float,
@@ -80,7 +68,7 @@ def choose(
     windows: list[Window] = []
     left_out: Counter[str] = Counter()
 
-    def settled(hole: Window) -> float:
+    def settled(hole: Hole) -> float:
         """When the estimator has settled after a hole of the IMU: its heading is found by moving anew."""
         after = moving[moving >= hole[1]]
         return float(after[0]) + settle if len(after) else np.inf

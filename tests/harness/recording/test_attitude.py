@@ -113,6 +113,19 @@ def test_a_roll_beyond_half_a_turn_goes_on() -> None:
     np.testing.assert_allclose(angles[:, 0], 2.0 * t, atol=0.02)
 
 
+def test_angles_stay_over_a_hole_of_the_samples() -> None:
+    # given a level turn at 0.2 rad/s whose samples are missing from 2 to 8 s, and a knock at the end of that
+    t = np.arange(0, 10, 0.01)
+    t = t[(t < 2) | (t > 8)]
+    force = np.outer(np.ones_like(t), [0, 0, -G])
+    rate = np.outer(np.ones_like(t), [0, 0, 0.2])
+    force[200] = [3.0, 3.0, 3.0]
+    angles = euler_angles(t, force, rate)
+    # then it goes on from where it was, and has turned for four of the ten seconds
+    np.testing.assert_allclose(angles[:, :2], 0, atol=2e-3)
+    assert angles[-1, 2] - angles[0, 2] == pytest.approx(0.2 * 4, abs=0.01)
+
+
 # the heading
 
 
@@ -142,3 +155,12 @@ def test_the_offset_forgets_older_courses_with_its_time_constant() -> None:
     later = ticks[ticks >= 1500]
     elapsed = (later - 1494) * TICK_S
     np.testing.assert_allclose(aligned[later], 0.1 * (1 - np.exp(-elapsed / 5.0)), atol=1e-4)
+
+
+def test_after_a_hole_the_offset_is_found_anew() -> None:
+    # given courses of 0 up to tick 40 and, after a hole that ends at tick 50, of 1 rad
+    ticks = np.arange(0, 100, 5)
+    courses = np.where(ticks < 50, 0.0, 1.0)
+    aligned = align_heading(np.zeros(100), ticks, courses, time_constant_s=10, lost=[50])
+    assert aligned[49] == 0
+    np.testing.assert_allclose(aligned[50:], 1.0, atol=1e-12)

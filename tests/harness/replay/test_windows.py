@@ -13,8 +13,6 @@ from harness.replay.windows import (
     Outages,
     Window,
     choose,
-    holes,
-    holes_of_imu,
 )
 
 FIXES = np.arange(0, 60.1, 0.25)  # s; it moves from 4 s on, so outages of 5 s start at 14, 19, .. 54 s
@@ -100,18 +98,3 @@ def test_a_recording_without_room_for_an_outage_says_why(
     assert chosen.windows == ()
     assert chosen.left_out == {}
     assert chosen.reach == reach
-
-
-def test_a_gap_of_the_imu_is_a_hole_if_it_is_longer_than_a_tenth_of_a_second_and_three_samples() -> None:
-    fast, slow = np.arange(0, 10, 0.01), np.arange(0, 10, 0.1)
-    assert holes_of_imu(np.delete(fast, range(100, 108))) == []  # from 0.99 to 1.08 s
-    [(start, end)] = holes_of_imu(np.delete(fast, range(100, 110)))
-    assert start == pytest.approx(0.99)
-    assert end == pytest.approx(1.10)
-    assert holes_of_imu(np.delete(slow, [50, 51])) == []
-    assert len(holes_of_imu(np.delete(slow, [50, 51, 52]))) == 1
-
-
-def test_times_without_a_gap_have_no_holes() -> None:
-    assert holes(np.array([0.0, 1.0, 2.0]), 1.0) == []
-    assert holes(np.zeros(0), 1.0) == []
