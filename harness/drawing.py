@@ -3,19 +3,35 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Iterable
+from functools import cache
 from typing import Any
 
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties, findfont, get_font
+from matplotlib.patches import Patch
+from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
+from rich.cells import cell_len, set_cell_size
 
 DPI = 150
 MAGENTA, CIRCLE_EDGE, CIRCLE_FACE = "#C2338F", "#D9AE00", "#FFF6C9"
-TRUTH, GPS, ESTIMATE = "#111111", "#7A7A7A", "#7B3FB5"
+TRUTH, GPS, ESTIMATE = "#111111", "#7A7A7A", "#9B51E0"
 ESTIMATES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#7B3FB5")
 Style = dict[str, Any]
 GRID: Style = {"color": "#E3E6EA", "linewidth": 0.8}
 BESIDE: Style = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.03), "frameon": False, "borderaxespad": 0.0}
 BELOW: Style = {"frameon": False, "columnspacing": 1.6, "handletextpad": 0.6}
+ABOVE: Style = {"loc": "lower left", "bbox_to_anchor": (-0.01, 0.99), "borderaxespad": 0.0, **BELOW}
+# bands over time, told apart by hatching too
+OUTAGE: Style = {"facecolor": "#D3D7DD", "edgecolor": "#8A929C", "hatch": ""}
+ORDER: Style = {"facecolor": "#D2E6F7", "edgecolor": "#4C8FC4", "hatch": "\\\\\\"}
+LOST_RADIO: Style = {"facecolor": "#FCE0CB", "edgecolor": "#D9772B", "hatch": "///"}
+DEVIATION_THRESHOLD = "orientation deviation threshold h'"  # what a reader calls cmec.moving_deviation
+LONGEST = 72  # columns of a name in a title
+UNKNOWN = "\u25a1"  # stands for a character that the font lacks
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -25,8 +41,74 @@ def new_figure(width: float, height: float) -> Figure:
     return figure
 
 
+def freeze_layout(figure: Figure) -> None:
+    """Lay out a figure for good: what is drawn in it later keeps its place, and moves nothing."""
+    layout = figure.get_layout_engine()
+    if layout is not None:
+        layout.execute(figure)
+    for axes in figure.axes:
+        axes.apply_aspect()
+    figure.set_layout_engine("none")
+
+
 def png_of(figure: Figure, dpi: float = DPI) -> bytes:
     """A figure as a PNG; the same figure gives the same bytes."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=dpi)
     return buffer.getvalue()
+
+
+def drawable(name: str, columns: int = LONGEST) -> str:
+    """A user's name as a picture's text: one line, cut at some columns, the font's characters, no maths."""
+    printable = " ".join("".join(c if c.isprintable() else " " for c in name).split())
+    if cell_len(printable) > columns:
+        printable = set_cell_size(printable, columns - 1).rstrip(" ,") + "\u2026"
+    return "".join(c if ord(c) in _characters() else UNKNOWN for c in printable).replace("$", r"\$")
+
+
+def set_title(figure: Figure, text: str, size: float = 12.0) -> None:
+    """Write a title over the figure, at most as large [points] as the figure's width lets it be."""
+    title = figure.suptitle(text, fontsize=size)
+    share = title.get_window_extent().width / figure.bbox.width
+    title.set_fontsize(size * min(1.0, 0.98 / share))
+
+
+@cache
+def _characters() -> frozenset[int]:
+    """The characters of the font of all pictures."""
+    return frozenset(get_font(findfont(FontProperties())).get_charmap())
+
+
+def shade(axes: Axes, spans: Iterable[tuple[float, float]], style: Style) -> None:
+    """Draw bands over time behind the curves; the border keeps the shortest one visible."""
+    for start, end in spans:
+        axes.axvspan(start, end, linewidth=0.8, zorder=0.5, **style)
+
+
+def band_handle(label: str, style: Style) -> Patch:
+    """A band's entry in a legend."""
+    return Patch(label=label, linewidth=0.8, **style)
+
+
+def add_scale_bar(axes: Axes, share: float = 0.25) -> AnchoredSizeBar:
+    """Draw a scale bar of a round length in m above the right corner of a map, where it covers nothing.
+
+    Args:
+        axes: a map in m with its limits as they stay.
+        share: the most of the map's width that the bar takes.
+    """
+    length = round_below(share * abs(float(np.diff(axes.get_xlim())[0])))
+    text = f"{length / 1000:g} km" if length >= 1000 else f"{length:g} m"
+    bar = AnchoredSizeBar(
+        axes.transData, length, text, "lower right", frameon=False, pad=0.0, borderpad=0.3, sep=3,
+        label_top=True, bbox_to_anchor=(1.0, 1.0), bbox_transform=axes.transAxes,
+    )  # fmt: skip
+    bar.size_bar.get_children()[0].set(linewidth=2.0)
+    axes.add_artist(bar)
+    return bar
+
+
+def round_below(value: float) -> float:
+    """The greatest 1, 2 or 5 times a power of ten that is at most a value above 0."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(power * max(digit for digit in (1, 2, 5) if digit * power <= value * (1 + 1e-9)))

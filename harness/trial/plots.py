@@ -1,8 +1,8 @@
 """Pictures of a trial from its log, in the manner of Figures 4.9-4.13, 5.1 and 5.2.
 
 Colours are the dissertation's, in hues that the colour-blind can tell apart: forward green, stop red, recall
-black, no command blue, directional commands cyan, waypoints magenta, their circles yellow. Line widths and
-markers tell the commands apart too.
+black, no command blue, directional commands cyan, waypoints magenta, their circles yellow. Line widths,
+beads and markers tell the commands apart too. What disturbed the trial is shaded over time and on the path.
 """
 
 from __future__ import annotations
@@ -14,26 +14,43 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.markers import MarkerStyle
 from matplotlib.patches import Circle, Patch
+from matplotlib.path import Path
+from matplotlib.patheffects import withStroke
+from matplotlib.transforms import Affine2D
 
 from harness.drawing import (
+    ABOVE,
     BELOW,
-    BESIDE,
     CIRCLE_EDGE,
     CIRCLE_FACE,
     ESTIMATE,
     GPS,
     GRID,
+    LOST_RADIO,
     MAGENTA,
+    ORDER,
+    OUTAGE,
     TRUTH,
     Style,
+    add_scale_bar,
+    band_handle,
+    drawable,
+    freeze_layout,
     new_figure,
     png_of,
+    set_title,
+    shade,
 )
 from harness.log.log import Array, Log, named
+from harness.trial import disturbances as kinds
+from harness.trial.disturbances import disturbances
+from harness.trial.labels import place_labels
 from harness.trial.summary import summarize
 from models.cmec import Anomaly
 from models.commands import Command
+from models.kit.timing import TICK
 
 COLOURS = {
     Command.NONE: "#0072B2",
@@ -43,24 +60,53 @@ COLOURS = {
     Command.LEFT: "#35C0E8",
     Command.RIGHT: "#35C0E8",
 }
-WIDTHS = {Command.STOP: 3.6, Command.RECALL: 1.8, Command.NONE: 3.0}  # points; the others 2.6
-ANOMALY_MARKERS = "vs^DXPo*"
+WIDTHS = {Command.STOP: 4.2, Command.RECALL: 1.8, Command.NONE: 3.0}  # points; the others 2.6
+DASHES = {Command.STOP: (0, (0.01, 1.25))}  # beads; the others are solid
 TRIANGLES = {Command.LEFT: "<", Command.RIGHT: ">"}
-ESTIMATE_STYLE: Style = {"label": "estimate", "linewidth": 1.2, "color": ESTIMATE, "linestyle": (0, (4, 1.5))}
+TRIANGLE_EDGE: Style = {"markeredgecolor": "#0B5F78", "markeredgewidth": 1.0}
+ANOMALY_MARKERS = "vs^DXPo*"
+ANOMALY: Style = {
+    "linestyle": "", "color": "#8A5A00", "markerfacecolor": "none", "markeredgewidth": 1.7, "clip_on": False,
+    "path_effects": [withStroke(linewidth=3.2, foreground="white")], "zorder": 8,
+}  # fmt: skip
+MANY = 24  # markers of a kind from which they shrink
+TRUTH_STYLE: Style = {"label": "truth", "linewidth": 1.6, "color": TRUTH, "zorder": 4}
+ESTIMATE_STYLE: Style = {"label": "estimate", "linewidth": 0.9, "color": ESTIMATE, "alpha": 0.55, "zorder": 2}
+PLACE: Style = {
+    "color": MAGENTA,
+    "markersize": 7,
+    "markeredgecolor": "white",
+    "markeredgewidth": 0.8,
+}
+FIX_STYLE: Style = {"label": "GPS fix", "marker": ".", "color": GPS, "markersize": 4, "linestyle": ""}
+BANDS = {kinds.GPS_OUTAGE: OUTAGE, kinds.ORDER: ORDER, kinds.LOST_RADIO: LOST_RADIO}
+TRAILS = {  # along the path: colour, and points wide
+    kinds.GPS_OUTAGE: ("#C3C9D1", 26.0),
+    kinds.ORDER: ("#9CC7EA", 21.0),
+    kinds.LOST_RADIO: ("#F8BA8B", 16.0),
+}
+LEAST_VIEW = 10.0  # m, so that an animal that stands still is no magnified point
+ARROW = [(-0.05, 0), (0.05, 0), (0.05, 0.5), (0.22, 0.5), (0, 1), (-0.22, 0.5), (-0.05, 0.5), (-0.05, 0)]
+ARROW_LENGTH = 26.0  # points
 
 
 def trial_figure(log: Log) -> Figure:
     """The whole trial: its path on the left, speed, deviation and commands over time on the right."""
-    figure = new_figure(14, 7.6)
-    grid = figure.add_gridspec(3, 2, width_ratios=(1, 1.15), height_ratios=(1, 1, 1.1))
-    handles = draw_path(figure.add_subplot(grid[:, 0]), log)
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), **BELOW)
-    _draw_over_time(figure, [figure.add_subplot(grid[row, 1]) for row in range(3)], log)
+    figure = new_figure(11, 7.4)
+    grid = figure.add_gridspec(3, 2, width_ratios=(1, 1.1), height_ratios=(1, 1, 1.15))
+    path = figure.add_subplot(grid[:, 0])
+    handles = draw_path(path, log)
+    bands = disturbances(log)
+    _draw_over_time(figure, [figure.add_subplot(grid[row, 1]) for row in range(3)], log, bands)
+    handles += [band_handle(kind, BANDS[kind]) for kind in bands]
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 8), **BELOW)
     summary = summarize(log)
-    name = summary["scenario"] or log.path.name
-    figure.suptitle(
-        f"{name}, seed {summary['seed']}: {summary['outcome']} after {summary['time_s']:.1f} s", fontsize=13
-    )
+    name = drawable(summary["scenario"] or log.path.name)
+    outcome = f"{summary['outcome']} after {summary['time_s']:.1f} s"
+    set_title(figure, f"{name}, seed {drawable(str(summary['seed']))}: {outcome}")
+    freeze_layout(figure)
+    _draw_names(path, log)
+    add_scale_bar(path)
     return figure
 
 
@@ -82,38 +128,113 @@ def draw_path(axes: Axes, log: Log) -> list[Line2D | Patch]:
             circle: Style = {
                 "facecolor": CIRCLE_FACE,
                 "edgecolor": CIRCLE_EDGE,
-                "linewidth": 1.6,
+                "linewidth": 1.4,
                 "zorder": 1,
             }
             axes.add_patch(Circle((east, north), log.route.radius, **circle))
-        for label, north, east in waypoints:
-            axes.plot(east, north, "D", color=MAGENTA, markersize=8, zorder=6)
-            _label(axes, label.removeprefix("waypoint "), east, north)
-        axes.plot(home_east, home_north, "s", color=MAGENTA, markersize=8, zorder=6)
-        _label(axes, "home", home_east, home_north)
+        for _, north, east in waypoints:
+            axes.plot(east, north, "D", zorder=7.5, **PLACE)
+        axes.plot(home_east, home_north, "s", zorder=7.5, **PLACE)
         handles += [
-            Line2D([], [], marker="D", color=MAGENTA, linestyle="", label="waypoint"),
-            Line2D([], [], marker="s", color=MAGENTA, linestyle="", label="home"),
+            Line2D([], [], marker="D", linestyle="", label="waypoint", **PLACE),
+            Line2D([], [], marker="s", linestyle="", label="home", **PLACE),
             Patch(facecolor=CIRCLE_FACE, edgecolor=CIRCLE_EDGE, label=f"within {log.route.radius:g} m"),
         ]
     if "sensors.gps_fix" in log:
         fixes = log["sensors.gps_fix"] > 0
-        style: Style = {"marker": ".", "color": GPS, "markersize": 4, "linestyle": ""}
-        axes.plot(log["sensors.gps_east"][fixes], log["sensors.gps_north"][fixes], **style, zorder=3)
-        handles.append(Line2D([], [], **style, label="GPS fix"))
+        axes.plot(log["sensors.gps_east"][fixes], log["sensors.gps_north"][fixes], **FIX_STYLE, zorder=3)
+        handles.append(Line2D([], [], **FIX_STYLE))
     if "estimator.north" in log:
-        axes.plot(log["estimator.east"], log["estimator.north"], **ESTIMATE_STYLE, zorder=5)
-        handles.append(Line2D([], [], **ESTIMATE_STYLE))
+        style = ESTIMATE_STYLE | {"linewidth": 1.3, "alpha": 0.8}
+        axes.plot(log["estimator.east"], log["estimator.north"], **style)
+        handles.append(Line2D([], [], **style))
     if "plant.north" in log:
+        _draw_trails(axes, log)
         handles += _draw_commanded_path(axes, log)
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.autoscale_view()
-    axes.margins(0.06)
+        handles += _draw_start(axes, log)
+        _draw_anomalies(axes, log, log["plant.east"], log["plant.north"])
+    _set_view(axes)
+    axes.set_title("true path, in the colour of the command", loc="left", fontsize=10)
     axes.set_xlabel("east [m]")
     axes.set_ylabel("north [m]")
+    axes.ticklabel_format(useOffset=False, style="plain")
     axes.set_axisbelow(True)
     axes.grid(**GRID)
     return handles
+
+
+def _set_view(axes: Axes) -> None:
+    """Both axes in one scale, with all that is drawn and at least `LEAST_VIEW`."""
+    x, y = (axes.dataLim.x0 + axes.dataLim.x1) / 2, (axes.dataLim.y0 + axes.dataLim.y1) / 2
+    if np.isfinite([x, y]).all():
+        half = LEAST_VIEW / 2
+        axes.update_datalim([(x - half, y - half), (x + half, y + half)])
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.08)
+    axes.autoscale_view()
+
+
+def _draw_trails(axes: Axes, log: Log) -> None:
+    """Lay what disturbed the trial under the path, as broad as its kind, so that all of several show."""
+    place = np.column_stack([log["plant.east"], log["plant.north"]])
+    for kind, spans in disturbances(log).items():
+        color, width = TRAILS[kind]
+        during = [place[(log.time >= start) & (log.time <= end)] for start, end in spans]
+        trails = LineCollection(
+            during, colors=color, linewidths=width, capstyle="round", zorder=1.5, label=kind
+        )
+        axes.add_collection(trails)
+        begin = np.array([trail[0] for trail in during])  # shows where the animal stood
+        dot: Style = {"color": color, "markersize": width, "markeredgewidth": 0, "linestyle": ""}
+        axes.plot(begin[:, 0], begin[:, 1], "o", zorder=1.5, **dot)
+
+
+def _draw_start(axes: Axes, log: Log) -> list[Line2D | Patch]:
+    """Draw an arrow where the animal begins, as it looks; a dot if the plant tells no heading."""
+    style: Style = {"linestyle": "", "color": TRUTH, "markeredgecolor": "white", "markeredgewidth": 0.8}
+    heading = _start_heading(log)
+    if heading is None:
+        here: Style = {"marker": "o", "markersize": 10}
+        entry = Line2D([], [], label="start", **here, **style)
+    else:
+        turned = Affine2D().rotate(-heading)
+        # a marker's path is scaled to reach half its size from the centre
+        here = {"marker": MarkerStyle(Path(ARROW), transform=turned), "markersize": 2 * ARROW_LENGTH}
+        upright = Path([(x, y - 0.5) for x, y in ARROW])
+        entry = Line2D([], [], label="start, looking ahead", marker=upright, markersize=16, **style)
+    axes.plot(log["plant.east"][0], log["plant.north"][0], label="start", zorder=5.5, **here, **style)
+    return [entry]
+
+
+def _start_heading(log: Log) -> float | None:
+    """Where the animal looks at first, rad; None if the plant does not tell."""
+    heading = log["plant.heading"][0] if "plant.heading" in log else np.nan
+    return float(heading) if np.isfinite(heading) else None
+
+
+def _draw_names(axes: Axes, log: Log) -> None:
+    """Number the waypoints, off the paths."""
+    if not log.route:
+        return
+    places = [(label.removeprefix("waypoint "), east, north) for label, north, east in log.route.places]
+    lines = [
+        np.column_stack([log[f"{component}.east"], log[f"{component}.north"]])
+        for component in ("plant", "estimator")
+        if f"{component}.north" in log
+    ]
+    place_labels(axes, places, lines, _marked(axes, log), MAGENTA)
+
+
+def _marked(axes: Axes, log: Log) -> Array:
+    """Centres of the markers on the path, (n, 2): east, north; several along the arrow of the start."""
+    points = [np.asarray(line.get_xydata()) for line in axes.lines if line.get_marker() != "None"]
+    heading = _start_heading(log) if "plant.north" in log else None
+    if heading is not None:
+        begin = axes.transData.transform((log["plant.east"][0], log["plant.north"][0]))
+        ahead = np.array([np.sin(heading), np.cos(heading)]) * axes.figure.get_dpi() / 72
+        along = begin + np.linspace(0, ARROW_LENGTH, 5)[:, np.newaxis] * ahead
+        points.append(axes.transData.inverted().transform(along))
+    return np.concatenate(points) if points else np.empty((0, 2))
 
 
 def _draw_commanded_path(axes: Axes, log: Log) -> list[Line2D | Patch]:
@@ -129,28 +250,32 @@ def _draw_commanded_path(axes: Axes, log: Log) -> list[Line2D | Patch]:
         ]
         if not stretches:
             continue
-        width = WIDTHS.get(code, 2.6)
+        line: Style = {"linewidth": WIDTHS.get(code, 2.6), "linestyle": DASHES.get(code, "-")}
         if code in TRIANGLES:
             starts = np.array([stretch[0] for stretch in stretches])
-            marker: Style = {"marker": TRIANGLES[code], "color": color, "markersize": 11, "linestyle": ""}
-            edge: Style = {"markeredgecolor": "#0B5F78", "markeredgewidth": 1.0}
-            axes.plot(starts[:, 0], starts[:, 1], **marker, **edge, zorder=7)
-            handles.append(Line2D([], [], **marker, **edge, label=code.name.lower()))
+            marker: Style = {"marker": TRIANGLES[code], "color": color, "linestyle": ""}
+            marker["markersize"] = _size(11, len(starts))
+            axes.plot(starts[:, 0], starts[:, 1], **marker, **TRIANGLE_EDGE, zorder=7)
+            handles.append(Line2D([], [], **marker, **TRIANGLE_EDGE, label=code.name.lower()))
         else:
-            handles.append(Line2D([], [], color=color, linewidth=width, label=_name(code)))
-        lines = LineCollection(stretches, colors=color, linewidths=width, capstyle="round", zorder=4)
+            handles.append(Line2D([], [], color=color, dash_capstyle="round", label=_name(code), **line))
+        lines = LineCollection(stretches, colors=color, capstyle="round", zorder=4, **line)
         lines.set_label(code.name)
         axes.add_collection(lines)
     return handles
 
 
-def _draw_over_time(figure: Figure, stack: Sequence[Axes], log: Log) -> None:
+def _draw_over_time(
+    figure: Figure, stack: Sequence[Axes], log: Log, bands: dict[str, list[kinds.Span]]
+) -> None:
     draw_speed(stack[0], log)
     draw_deviation(stack[1], log)
     draw_commands(stack[2], log)
     for axes in stack:
-        axes.set_xlim(log.time[0], max(log.time[-1], log.time[0] + 1e-3))
+        axes.set_xlim(log.time[0], max(log.time[-1], log.time[0] + TICK))
         axes.grid(**GRID)
+        for kind, spans in bands.items():
+            shade(axes, spans, BANDS[kind])
         for time in _reached(log):
             axes.axvline(time, color=MAGENTA, linewidth=1.0, linestyle=":", zorder=1)
     for axes in stack[:-1]:
@@ -161,13 +286,12 @@ def _draw_over_time(figure: Figure, stack: Sequence[Axes], log: Log) -> None:
 
 
 def draw_speed(axes: Axes, log: Log) -> None:
-    """Draw the speed of the dog, of the GPS fixes and of the estimate, and V'."""
+    """Draw the speed of the dog over that of the GPS fixes and of the estimate, and V'."""
     if "sensors.gps_speed" in log:
         fixes = log["sensors.gps_fix"] > 0
-        speed = log["sensors.gps_speed"][fixes]
-        axes.plot(log.time[fixes], speed, ".", color=GPS, markersize=4, label="GPS")
+        axes.plot(log.time[fixes], log["sensors.gps_speed"][fixes], **FIX_STYLE, zorder=3)
     if "plant.speed" in log:
-        axes.plot(log.time, log["plant.speed"], color=TRUTH, linewidth=1.4, label="truth")
+        axes.plot(log.time, log["plant.speed"], **TRUTH_STYLE)
     if "estimator.speed" in log:
         axes.plot(log.time, log["estimator.speed"], **ESTIMATE_STYLE)
     _threshold(axes, "V'", log.parameter("controller.stopped_speed"), "m/s", both=False)
@@ -180,19 +304,19 @@ def draw_deviation(axes: Axes, log: Log) -> None:
     if "controller.deviation" in log:
         deviation = np.degrees(log["controller.deviation"])
         wrapped = np.abs(np.diff(deviation, prepend=deviation[0])) > 180
-        axes.plot(log.time, np.where(wrapped, np.nan, deviation), color=TRUTH, linewidth=1.4, label="h")
-    for label, name, style in (("h'", "moving_deviation", "--"), ("h''", "stop_deviation", ":")):
+        axes.plot(log.time, np.where(wrapped, np.nan, deviation), **TRUTH_STYLE | {"label": "h"})
+    for label, name, style in (("threshold h'", "moving_deviation", "--"), ("h''", "stop_deviation", ":")):
         value = log.parameter(f"controller.{name}")
         degrees = None if value is None else float(np.degrees(value))
         _threshold(axes, label, degrees, "deg", both=True, style=style)
-    axes.set_ylabel("deviation [deg]")
+    axes.set_ylabel("deviation h [deg]")
     axes.set_yticks([-180, -90, 0, 90, 180])
     axes.set_ylim(-190, 190)
     _legend(axes)
 
 
 def draw_commands(axes: Axes, log: Log) -> None:
-    """Draw the commands as steps, and above them a mark for each tick that reported an anomaly."""
+    """Draw the commands as steps, the operator's round them, and above a mark for each anomaly reported."""
     command = _command(log)
     axes.step(log.time, command, where="post", color="#B4BAC1", linewidth=1.0, zorder=2)
     for code, color in COLOURS.items():
@@ -202,22 +326,38 @@ def draw_commands(axes: Axes, log: Log) -> None:
             if value == code
         ]
         axes.add_collection(LineCollection(held, colors=color, linewidths=5, zorder=3, label=code.name))
-    if "controller.anomaly" in log:
-        anomaly = log["controller.anomaly"]
-        for code in np.unique(anomaly[anomaly != 0]):
-            times = log.time[anomaly == code]
-            label = named(Anomaly, code).lower().replace("_", " ")
-            marker = ANOMALY_MARKERS[int(code) % len(ANOMALY_MARKERS)]
-            axes.plot(times, np.full(times.size, 5.65), marker, color="#8A5A00", markersize=6, label=label)
+    if "controller.override" in log:
+        ordered = [
+            [(log.time[first], value), (log.time[last], value)]
+            for first, last, value in equal_stretches(log["controller.override"])
+            if value != Command.NONE
+        ]
+        style: Style = {"color": ORDER["edgecolor"], "linewidths": 10, "zorder": 2.5, "label": kinds.ORDER}
+        axes.add_collection(LineCollection(ordered, **style), autolim=False)
+    _draw_anomalies(axes, log, log.time, np.full(len(log.time), 5.65))
     for time in _reached(log)[:1]:
-        axes.plot([time], [np.nan], color=MAGENTA, linewidth=1.0, linestyle=":", label="waypoint\nreached")
+        axes.plot([time], [np.nan], color=MAGENTA, linewidth=1.0, linestyle=":", label="waypoint reached")
     axes.set_yticks([code.value for code in Command], [code.name.lower() for code in Command])
     axes.set_ylim(-0.6, 6.2)
-    axes.set_ylabel("controller output")
-    handles, labels = axes.get_legend_handles_labels()
-    kept = [(h, t) for h, t in zip(handles, labels, strict=True) if not isinstance(h, LineCollection)]
-    if kept:
-        axes.legend(*zip(*kept, strict=True), **BESIDE)
+    axes.set_ylabel("command")
+    _legend(axes)
+
+
+def _draw_anomalies(axes: Axes, log: Log, x: Array, y: Array) -> None:
+    """Mark the ticks that reported an anomaly at x and y, (ticks,) each; every kind has its marker."""
+    if "controller.anomaly" not in log:
+        return
+    anomaly = log["controller.anomaly"]
+    for code in np.unique(anomaly[np.isfinite(anomaly) & (anomaly != 0)]):
+        on = anomaly == code
+        marker = ANOMALY_MARKERS[int(code) % len(ANOMALY_MARKERS)]
+        label = named(Anomaly, code).lower().replace("_", " ")
+        axes.plot(x[on], y[on], marker=marker, label=label, markersize=_size(10, on.sum()), **ANOMALY)
+
+
+def _size(points: float, count: int) -> float:
+    """The size of a marker, points: smaller the more there are."""
+    return float(points * np.clip(np.sqrt(MANY / count), 0.4, 1.0))
 
 
 def _command(log: Log) -> Array:
@@ -253,14 +393,11 @@ def _threshold(
 
 
 def _legend(axes: Axes) -> None:
-    if axes.get_legend_handles_labels()[0]:
-        axes.legend(**BESIDE)
-
-
-def _label(axes: Axes, text: str, east: float, north: float) -> None:
-    axes.annotate(
-        text, (east, north), (8, 8), textcoords="offset points", color=MAGENTA, fontweight="bold", zorder=8
-    )
+    """Name the curves above the panel; the colours of commands have their names on the axis."""
+    handles, labels = axes.get_legend_handles_labels()
+    kept = [(h, t) for h, t in zip(handles, labels, strict=True) if not isinstance(h, LineCollection)]
+    if kept:
+        axes.legend(*zip(*kept, strict=True), ncols=min(len(kept), 5), **ABOVE)
 
 
 def _name(code: Command) -> str:

@@ -17,6 +17,7 @@ from codegen.templating import environment
 from harness.files import write_whole
 from harness.log.log import Array, Log, named
 from harness.terminal import console_of, new_table, print_table
+from harness.trial.disturbances import disturbances
 from models.cmec import Anomaly
 from models.commands import Status
 
@@ -152,6 +153,7 @@ def write_page(log: Log, summary: Mapping[str, Any], picture: bytes, path: Path)
         title=summary["scenario"] or log.path.name,
         seed=summary["seed"],
         broken=log.broken,
+        disturbances=disturbances(log),
         picture=base64.b64encode(picture).decode(),
         records=log.metadata,
         channels=log.channels,

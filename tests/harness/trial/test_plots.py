@@ -5,15 +5,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
-from matplotlib.colors import to_hex
-from matplotlib.patches import Circle
+from matplotlib.colors import to_hex, to_rgb
+from matplotlib.patches import Circle, Rectangle
+from matplotlib.path import Path as MplPath
+from matplotlib.text import Text
+from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
+from numpy.typing import ArrayLike
 
-from harness.drawing import MAGENTA
+from harness.drawing import ESTIMATE, LOST_RADIO, MAGENTA, ORDER, OUTAGE, png_of
 from harness.log.log import Channel, Log
 from harness.trial import plots
+from models.commands import Command
 from tests.harness.pictures import line, size
 
+WIDTH, HEIGHT = 11 * 150, 7.4 * 150  # pixels
 COMMANDS = [1, 1, 1, 2, 2, 4, 4, 0, 0, 5, 5, 1, 1, 3, 3]
 TICKS = len(COMMANDS)
 
@@ -24,17 +31,26 @@ def channel(component: str, *names: str) -> Channel:
 
 
 def trial(*, sensors: bool = True) -> Log:
-    """A walk north-east at 1 m a tick of 1 s, with one of every command, a waypoint and a turn failure."""
+    """A walk north-east at 1 m a tick of 1 s, with one of every command, a waypoint and a turn failure.
+
+    The operator orders STOP from 3 to 5 s; the radio is lost from 6 to 9 s; fixes come at 0, 5 and 10 s.
+    """
     steps = np.arange(TICKS, dtype=float)
     deviation, anomaly = np.linspace(-1, 1, TICKS), (steps == 7) * 2
     controller = [COMMANDS, [1] * 14 + [2], steps >= 10, deviation, anomaly, 0 * steps]
+    controller += [steps >= 0, 2 * ((steps >= 3) & (steps < 5)), (steps < 6) | (steps > 8)]
     channels = [
-        channel("plant", "north", "east", "speed"),
+        channel("plant", "north", "east", "speed", "heading"),
         channel(
-            "controller", "command", "status", "waypoint", "deviation", "anomaly", "directional_commands"
+            "controller", "command", "status", "waypoint", "deviation", "anomaly", "directional_commands",
+            "start", "override", "link_ok",
         ),
-    ]
-    values = {"plant": np.column_stack([steps, 2 * steps, steps]), "controller": np.column_stack(controller)}
+    ]  # fmt: skip
+    heading = np.full(TICKS, np.arctan2(2, 1))
+    values = {
+        "plant": np.column_stack([steps, 2 * steps, steps, heading]),
+        "controller": np.column_stack(controller),
+    }
     if sensors:
         channels += [
             channel("sensors", "gps_fix", "gps_north", "gps_east", "gps_speed"),
@@ -52,7 +68,28 @@ def trial(*, sensors: bool = True) -> Log:
         "scenario": {"name": "three", "seed": "1"},
         "parameters": {f"controller.{name}": value for name, value in parameters.items()},
     }
+    metadata["parameters"]["sensors.gps_period"] = "5.0"
     return Log(Path("trial.mcap"), tuple(channels), metadata, {}, steps, values)
+
+
+def with_signal(log: Log, signal: str, values: ArrayLike) -> Log:
+    """The log with other values of a signal, one or (ticks,)."""
+    component, name = signal.split(".")
+    [column] = [c.names.index(name) for c in log.channels if c.component == component]
+    log.values[component][:, column] = np.asarray(values)
+    return log
+
+
+def without_signal(log: Log, signal: str) -> Log:
+    """The log as a component that lacks the signal would leave it."""
+    component, name = signal.split(".")
+    [column] = [c.names.index(name) for c in log.channels if c.component == component]
+    channels = tuple(
+        channel(component, *(n for n in c.names if n != name)) if c.component == component else c
+        for c in log.channels
+    )
+    values = log.values | {component: np.delete(log.values[component], column, axis=1)}
+    return Log(log.path, channels, log.metadata, {}, log.time, values)
 
 
 def segments(axes: Axes, label: str) -> tuple[str, list[list[list[float]]]]:
@@ -63,9 +100,39 @@ def segments(axes: Axes, label: str) -> tuple[str, list[list[list[float]]]]:
     ]
 
 
+def names(axes: Axes) -> list[str]:
+    return [text.get_text() for text in axes.texts if text.get_text()]
+
+
+def bands(axes: Axes, face: str) -> list[tuple[float, float]]:
+    """From and until of the bands of a colour over time."""
+    spans = [
+        p for p in axes.patches if isinstance(p, Rectangle) and to_hex(p.get_facecolor()) == face.lower()
+    ]
+    return [(span.get_x(), span.get_x() + span.get_width()) for span in spans]
+
+
+def crossed(axes: Axes) -> list[str]:
+    """The names of places that a path on the map runs through, as the renderer places both."""
+    canvas = axes.figure.canvas
+    assert isinstance(canvas, FigureCanvasAgg)
+    renderer = canvas.get_renderer()  # type: ignore[no-untyped-call]
+    lines = [line.get_xydata() for line in axes.lines if line.get_label() == "estimate"]
+    for pieces in axes.collections:
+        if isinstance(pieces, LineCollection) and pieces.get_label() in Command.__members__:
+            lines += pieces.get_segments()
+    paths = [MplPath(axes.transData.transform(np.asarray(line))) for line in lines]
+    return [
+        text.get_text()
+        for text in axes.texts
+        if text.get_text()
+        and any(path.intersects_bbox(Text.get_window_extent(text, renderer), filled=False) for path in paths)
+    ]
+
+
 def test_the_same_log_gives_the_same_png() -> None:
     png = plots.trial_png(trial())
-    assert size(png) == (14 * 150, 7.6 * 150)
+    assert size(png) == (WIDTH, HEIGHT)
     assert png == plots.trial_png(trial())
 
 
@@ -94,7 +161,7 @@ def test_waypoints_have_circles_of_the_capture_radius() -> None:
     axes, *_ = plots.trial_figure(trial()).axes
     circles = [(p.center, p.radius) for p in axes.patches if isinstance(p, Circle)]
     assert circles == [((20.0, 10.0), 7.0), ((30.0, 0.0), 7.0), ((1.0, 0.0), 7.0)]
-    assert [text.get_text() for text in axes.texts] == ["1", "2", "home"]
+    assert names(axes) == ["1", "2", "home"]
     # and they are within view
     assert axes.get_xlim()[0] < -6
     assert axes.get_xlim()[1] > 37
@@ -104,16 +171,16 @@ def test_over_time_there_are_speed_deviation_and_commands() -> None:
     _, speed, deviation, commands = plots.trial_figure(trial()).axes
     assert [axes.get_ylabel() for axes in (speed, deviation, commands)] == [
         "speed [m/s]",
-        "deviation [deg]",
-        "controller output",
+        "deviation h [deg]",
+        "command",
     ]
     assert commands.get_xlabel() == "time [s]"
     # GPS on the fixes alone, at ticks 0, 5 and 10
-    assert line(speed, "GPS").tolist() == [[0, 0], [5, 5], [10, 10]]
+    assert line(speed, "GPS fix").tolist() == [[0, 0], [5, 5], [10, 10]]
     assert len(line(speed, "truth")) == len(line(speed, "estimate")) == TICKS
     # deviation from rad, thresholds of 49 and 20 degrees
     assert line(deviation, "h")[-1] == pytest.approx([14, 57.29578])
-    assert line(deviation, "h' = 49 deg")[:, 1] == pytest.approx([49, 49])
+    assert line(deviation, "threshold h' = 49 deg")[:, 1] == pytest.approx([49, 49])
     assert line(deviation, "h'' = 20 deg")[:, 1] == pytest.approx([20, 20])
     # commands by name, the anomaly on its tick, the waypoint when it was counted
     assert [t.get_text() for t in commands.get_yticklabels()] == [
@@ -128,7 +195,7 @@ def test_over_time_there_are_speed_deviation_and_commands() -> None:
 def test_a_trial_without_sensors_is_drawn_without_an_estimate() -> None:
     axes, *_ = plots.trial_figure(trial(sensors=False)).axes
     assert "estimate" not in [text.get_label() for text in axes.lines]
-    assert size(plots.trial_png(trial(sensors=False))) == (2100, 1140)
+    assert size(plots.trial_png(trial(sensors=False))) == (WIDTH, HEIGHT)
 
 
 def test_a_deviation_that_wraps_round_leaves_a_gap() -> None:
@@ -142,4 +209,266 @@ def test_a_log_of_one_tick_without_a_route_can_be_drawn() -> None:
     log = trial()
     values = {name: rows[:1] for name, rows in log.values.items()}
     short = Log(log.path, log.channels, {}, {}, log.time[:1], values)
-    assert size(plots.trial_png(short)) == (2100, 1140)
+    assert size(plots.trial_png(short)) == (WIDTH, HEIGHT)
+
+
+# what disturbed the trial
+
+
+def test_outages_orders_and_lost_radio_are_bands_with_a_legend() -> None:
+    figure = plots.trial_figure(without_fix(trial(), at=5))
+    for axes in figure.axes[1:]:
+        assert bands(axes, OUTAGE["facecolor"]) == [(5, 10)]
+        assert bands(axes, ORDER["facecolor"]) == [(3, 5)]
+        assert bands(axes, LOST_RADIO["facecolor"]) == [(6, 9)]
+    (legend,) = figure.legends
+    shown = [text.get_text() for text in legend.get_texts()]
+    assert shown[-3:] == ["GPS outage", "operator's order", "lost radio"]
+
+
+def without_fix(log: Log, at: int) -> Log:
+    log.values["sensors"][at, 0] = 0
+    return log
+
+
+def test_bands_lie_under_the_path_too() -> None:
+    axes, *_ = plots.trial_figure(without_fix(trial(), at=5)).axes
+    trails = {
+        str(c.get_label()): c
+        for c in axes.collections
+        if isinstance(c, LineCollection) and c.get_label() in plots.BANDS
+    }
+    # (east, north) of ticks 5 to 10, 3 to 5 and 6 to 9
+    ends = {
+        label: [segment[[0, -1]].tolist() for segment in trail.get_segments()]
+        for label, trail in trails.items()
+    }
+    assert ends == {
+        "GPS outage": [[[10, 5], [20, 10]]],
+        "operator's order": [[[6, 3], [10, 5]]],
+        "lost radio": [[[12, 6], [18, 9]]],
+    }
+    # the later are narrower, so that the earlier show beside them
+    widths = [np.atleast_1d(trail.get_linewidth())[0] for trail in trails.values()]
+    assert widths == sorted(widths, reverse=True)
+    assert all(trail.get_zorder() < 2 for trail in trails.values())
+
+
+def test_an_undisturbed_trial_has_no_band_and_no_entry() -> None:
+    log = with_signal(with_signal(trial(), "controller.override", 0), "controller.link_ok", 1)
+    figure = plots.trial_figure(log)
+    assert all(not isinstance(patch, Rectangle) for axes in figure.axes for patch in axes.patches)
+    assert not set(plots.BANDS) & {text.get_text() for text in figure.legends[0].get_texts()}
+
+
+def test_an_order_is_drawn_round_the_command_that_it_asks_for() -> None:
+    commands = plots.trial_figure(trial()).axes[3]
+    assert segments(commands, "operator's order") == (ORDER["edgecolor"].lower(), [[[3, 2], [5, 2]]])
+
+
+def test_an_order_of_one_tick_is_still_a_line() -> None:
+    log = with_signal(trial(), "controller.override", np.arange(TICKS) == TICKS - 1)
+    axes = plots.trial_figure(log).axes[1]
+    assert bands(axes, ORDER["facecolor"]) == [(14, 14)]
+    assert all(p.get_linewidth() > 0.5 for p in axes.patches if isinstance(p, Rectangle))
+
+
+# the path
+
+
+def test_the_start_is_an_arrow_that_looks_where_the_dog_looks() -> None:
+    axes, *_ = plots.trial_figure(with_signal(trial(), "plant.heading", np.radians(120))).axes
+    [arrow] = [mark for mark in axes.lines if mark.get_label() == "start"]
+    assert np.asarray(arrow.get_xydata()).tolist() == [[0, 0]]
+    marker = arrow._marker  # type: ignore[attr-defined]
+    tip = marker.get_transform().transform(marker.get_path().vertices)[plots.ARROW.index((0, 1))]
+    assert np.degrees(np.arctan2(*tip)) == pytest.approx(120)  # from north to east
+
+
+def test_a_plant_without_a_heading_starts_at_a_dot() -> None:
+    axes, *_ = plots.trial_figure(without_signal(trial(), "plant.heading")).axes
+    [dot] = [mark for mark in axes.lines if mark.get_label() == "start"]
+    assert dot.get_marker() == "o"
+
+
+def test_the_estimate_lies_under_the_truth() -> None:
+    path, speed, *_ = plots.trial_figure(trial()).axes
+    level = {line.get_label(): line.get_zorder() for line in (*speed.lines, *path.collections, *path.lines)}
+    assert level["estimate"] < level["GPS fix"] < min(level["truth"], level["FORWARD"], level["STOP"])
+
+
+def test_anomalies_are_marked_on_the_path_by_the_marker_that_they_have_over_time() -> None:
+    path, _, _, commands = plots.trial_figure(trial()).axes
+    assert line(path, "turn failure").tolist() == [[14, 7]]
+    markers = [mark.get_marker() for axes in (path, commands) for mark in axes.lines
+               if mark.get_label() == "turn failure"]  # fmt: skip
+    assert len(markers) == 2
+    assert markers[0] == markers[1]
+
+
+@pytest.mark.parametrize("count", [1, 16])
+@pytest.mark.parametrize("reach", [3.0, 40.0, 5000.0])
+def test_no_path_runs_through_a_name(count: int, reach: float) -> None:
+    # given waypoints round a circle, each left by a path towards where its name would stand first
+    turn = 2 * np.pi * np.arange(count) / count
+    north, east = reach * np.cos(turn), reach * np.sin(turn)
+    out = 0.15 * reach
+    legs = [
+        [(n, e), (n + out, e + out), (n, e), (n, e + out), (n, e)] for n, e in zip(north, east, strict=True)
+    ]
+    corners = np.array([(0.0, 0.0), *(corner for leg in legs for corner in leg), (0.0, 0.0)])
+    time = np.arange(len(corners), dtype=float)
+    controller = np.column_stack([1 + 0 * time, 1 + 0 * time])
+    parameters = {"controller.waypoint_count": str(count), "controller.home_north": "0",
+                  "controller.home_east": "0", "controller.capture_radius": "7"}  # fmt: skip
+    for i in range(count):
+        parameters |= {f"controller.waypoint_north[{i + 1}]": str(north[i]),
+                       f"controller.waypoint_east[{i + 1}]": str(east[i])}  # fmt: skip
+    log = Log(
+        Path("trial.mcap"), (channel("plant", "north", "east"), channel("controller", "command", "status")),
+        {"parameters": parameters}, {}, time, {"plant": corners, "controller": controller},
+    )  # fmt: skip
+    # when
+    axes, *_ = plots.trial_figure(log).axes
+    # then each name is there, within the map, off the path and off the others
+    assert names(axes) == [*map(str, range(1, count + 1)), "home"]
+    assert crossed(axes) == []
+    boxes = [Text.get_window_extent(text) for text in axes.texts if text.get_text()]
+    assert all(axes.bbox.contains(*box.min) and axes.bbox.contains(*box.max) for box in boxes)
+    assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
+
+
+def test_the_scale_bar_is_a_round_length_and_covers_nothing() -> None:
+    axes, *_ = plots.trial_figure(trial()).axes
+    [bar] = [artist for artist in axes.artists if isinstance(artist, AnchoredSizeBar)]
+    assert bar.txt_label.get_text() == "10 m"
+    [stroke] = bar.size_bar.get_children()
+    left, right = axes.transData.transform([(0, 0), (10, 0)])[:, 0]
+    assert stroke.get_window_extent().width == pytest.approx(right - left, abs=3)
+    assert bar.get_window_extent().y0 >= axes.bbox.y1
+
+
+def test_a_map_has_one_scale_and_plain_numbers() -> None:
+    log = with_signal(trial(), "plant.north", 99_000 + np.arange(TICKS))
+    figure = plots.trial_figure(log)
+    axes = figure.axes[0]
+    east, north = axes.transData.transform([(1, 0), (0, 1)]) - axes.transData.transform((0, 0))
+    assert east[0] == pytest.approx(north[1])
+    assert [tick.get_text() for tick in axes.get_yticklabels() if "+" in tick.get_text()] == []
+    assert axes.yaxis.get_offset_text().get_text() == ""
+
+
+# unusual trials
+
+
+def test_a_plant_that_never_moves_is_no_magnified_point() -> None:
+    log = with_signal(
+        with_signal(with_signal(trial(sensors=False), "plant.north", 0), "plant.east", 0), "plant.speed", 0
+    )
+    axes, *_ = plots.trial_figure(Log(log.path, log.channels, {}, {}, log.time, log.values)).axes
+    for low, high in (axes.get_xlim(), axes.get_ylim()):
+        assert high - low >= 10
+        assert low < 0 < high
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "Zürich-犬",
+        "犬" * 300,
+        "a name of many words " * 30,
+        "W" * 300,
+        "x^$ $",
+        r"\$\frac",
+        "lines\nand\tand \x1b",
+    ],
+    ids=["foreign", "long and wide", "long words", "long and no blank", "maths", "TeX", "control characters"],
+)
+def test_a_title_fits_whatever_the_name_is(name: str, recwarn: pytest.WarningsRecorder) -> None:
+    log = trial()
+    log.metadata["scenario"]["name"] = name
+    figure = plots.trial_figure(log)
+    assert size(png_of(figure)) == (WIDTH, HEIGHT)
+    title = figure.get_suptitle()
+    assert title.endswith(", seed 1: success after 14.0 s")
+    [text] = [text for text in figure.texts if text.get_text() == title]
+    extent = text.get_window_extent()
+    assert extent.x0 >= 0
+    assert extent.x1 <= WIDTH
+    assert extent.height < 60  # one line
+    assert [str(warning.message) for warning in recwarn] == []
+
+
+def test_many_disobediences_get_smaller_marks() -> None:
+    log = with_signal(trial(), "controller.anomaly", 2)
+    sizes = [
+        next(
+            m.get_markersize()
+            for m in plots.trial_figure(log).axes[0].lines
+            if m.get_label() == "turn failure"
+        )
+        for log in (trial(), longer(log, 40))
+    ]
+    assert sizes[1] < sizes[0]
+
+
+def longer(log: Log, times: int) -> Log:
+    """The log's rows over and over."""
+    values = {name: np.tile(rows, (times, 1)) for name, rows in log.values.items()}
+    return Log(log.path, log.channels, log.metadata, {}, np.arange(TICKS * times, dtype=float), values)
+
+
+def test_text_is_as_large_as_the_page_s_at_readme_width() -> None:
+    figure = plots.trial_figure(trial())
+    shrunk = 830 / WIDTH  # pixels of a README on GitHub over those of the picture
+    texts = [text for text in figure.findobj(Text) if text.get_text()]
+    pixels = [float(text.get_fontsize()) * 150 / 72 * shrunk for text in texts]
+    assert min(pixels) >= 10
+
+
+# colours
+
+
+# Machado, Oliveira and Fernandes 2009, severity 1.0, on linear RGB
+BLINDNESS = {
+    "protanopia": [
+        [0.152286, 1.052583, -0.204868],
+        [0.114503, 0.786281, 0.099216],
+        [-0.003882, -0.048116, 1.051998],
+    ],
+    "deuteranopia": [
+        [0.367322, 0.860646, -0.227968],
+        [0.280085, 0.672501, 0.047413],
+        [-0.011820, 0.042940, 0.968881],
+    ],
+    "tritanopia": [
+        [1.255528, -0.076749, -0.178779],
+        [-0.078411, 0.930809, 0.147602],
+        [0.004733, 0.691367, 0.303900],
+    ],
+}
+TO_XYZ = np.array(
+    [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
+)
+
+
+def lab(color: str, blindness: str) -> np.ndarray:
+    """CIELAB of a colour as the colour-blind see it."""
+    rgb = np.array(to_rgb(color))
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    seen = np.clip(np.array(BLINDNESS[blindness]) @ linear, 0, 1)
+    x, y, z = np.cbrt(np.maximum(TO_XYZ @ seen / [0.95047, 1.0, 1.08883], 0.008856))
+    return np.array([116 * y - 16, 500 * (x - y), 200 * (y - z)])
+
+
+@pytest.mark.parametrize("blindness", BLINDNESS)
+def test_colours_that_share_a_shape_keep_apart_for_the_colour_blind(blindness: str) -> None:
+    shaded = [band["facecolor"] for band in (OUTAGE, ORDER, LOST_RADIO)]
+    trails = [color for color, _ in plots.TRAILS.values()]
+    solid = [
+        plots.COLOURS[code] for code in Command if code not in plots.DASHES and code is not Command.RIGHT
+    ]
+    for colours, least in ((shaded, 7), (trails, 10), ([*solid, ESTIMATE], 15)):
+        seen = [lab(color, blindness) for color in colours]
+        distances = [np.linalg.norm(a - b) for i, a in enumerate(seen) for b in seen[:i]]
+        assert min(distances) > least, (colours, distances)

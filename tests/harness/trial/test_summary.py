@@ -181,3 +181,17 @@ def test_the_page_refers_to_no_other_file(tmp_path: Path) -> None:
     assert page.sources == ["data:image/png;base64,iVBORyBwaWN0dXJl"]
     for text in ("<three>, seed 7", "failed", "the file ends early", "canine.seed", "controller.status"):
         assert text in page.text
+
+
+def test_the_page_says_when_the_trial_was_disturbed(tmp_path: Path) -> None:
+    # given a radio that is lost from 0.5 to 1 s and on the last tick, at 1.5 s
+    log = little(status=[1, 1, 1, 3])
+    link = Channel("controller", "controller", ("status", "link_ok"), ("", ""), ("Real", "Real"), ("", ""))
+    rows = {"controller": np.array([[1, 1], [1, 0], [1, 1], [3, 0]], dtype=float)}
+    lost = Log(log.path, (link,), log.metadata, {}, log.time, rows)
+    # when
+    write_page(lost, summarize(lost), b"", tmp_path / "trial.html")
+    write_page(log, summarize(log), b"", tmp_path / "undisturbed.html")
+    # then
+    assert "lost radio: 0.50 to 1.00 s, 1.50 to 1.50 s" in (tmp_path / "trial.html").read_text()
+    assert "<ul>" not in (tmp_path / "undisturbed.html").read_text()
