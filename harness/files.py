@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
+from difflib import get_close_matches
 from pathlib import Path
 
 from codegen import files
 from models.errors import CanineError, UsageError
+
+SHOWN_FILES = 5  # at most, in a hint
 
 
 class FileError(CanineError):
@@ -16,7 +20,7 @@ def make_folder(out: Path) -> None:
     """Make the folder for results.
 
     Raises:
-        UsageError: it cannot be made.
+        UsageError: it cannot be made, or written into.
     """
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -24,6 +28,8 @@ def make_folder(out: Path) -> None:
         raise UsageError(
             f"--out {out}: the folder cannot be made ({error.strerror}); choose another folder"
         ) from error
+    if not os.access(out, os.W_OK | os.X_OK):
+        raise UsageError(f"--out {out}: the folder cannot be written into; choose another folder")
 
 
 def write_whole(path: Path, data: bytes) -> None:
@@ -38,3 +44,18 @@ def write_whole(path: Path, data: bytes) -> None:
         raise FileError(
             f"{path}: cannot be written ({error.strerror}); make room, or choose another folder"
         ) from error
+
+
+def nearest_file(path: Path) -> str:
+    """A hint at the files of a missing one's kind that are in its folder; "" if none is."""
+    if not path.parent.is_dir():
+        return f'; there is no folder "{path.parent}"'
+    try:
+        names = sorted(p.name for p in path.parent.iterdir() if p.suffix == path.suffix)
+    except OSError:
+        return ""
+    close = get_close_matches(path.name, names, n=1) or (names if len(names) == 1 else [])
+    if close:
+        return f'; did you mean "{path.with_name(close[0])}"?'
+    more = ", ..." if len(names) > SHOWN_FILES else ""
+    return f"; there are {', '.join(names[:SHOWN_FILES])}{more}" if names and path.suffix else ""

@@ -82,7 +82,12 @@ def run(arguments: Sequence[str]) -> int:
         return status or 0
     except Exception as error:
         if hasattr(error, "show"):  # typer's own, of usage
-            error.show()
+            if [a for a in arguments if a != "--debug"]:
+                from harness.usage import line_of
+
+                print(f"canine: {line_of(error, app, arguments)}", file=sys.stderr)
+            else:
+                error.show()  # the help
             return USAGE
         from models.errors import CanineError, UsageError
 

@@ -27,6 +27,7 @@ from mcap.opcode import Opcode
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 
+from harness.files import nearest_file
 from harness.log.route import Route
 from models.errors import CanineError, UsageError, nearest
 
@@ -46,6 +47,10 @@ Array = npt.NDArray[np.float64]
 
 class LogError(CanineError):
     """A log cannot be written, or a file cannot be read as a log."""
+
+
+class NoLogError(LogError, UsageError):
+    """There is no file of this name that can be opened."""
 
 
 @dataclass(frozen=True)
@@ -276,7 +281,8 @@ def read_log(path: Path) -> Log:
     """Read a log; of one that was cut short or damaged, everything up to there, and `broken` says so.
 
     Raises:
-        LogError: the file is not there, no MCAP, not one of ours, or ends before its first tick.
+        NoLogError: there is no such file, or it cannot be opened.
+        LogError: the file is no MCAP, not one of ours, or ends before its first tick.
     """
     contents = _Contents()
     broken = ""
@@ -303,6 +309,9 @@ def read_log(path: Path) -> Log:
                 broken = f"the file ends early, at byte {size}"
             except DAMAGE:
                 broken = f"the file is damaged before byte {size - whole.left}"
+    except (FileNotFoundError, NotADirectoryError, IsADirectoryError, PermissionError) as error:
+        hint = "" if path.exists() else nearest_file(path)
+        raise NoLogError(f"log {path}: cannot be read ({error.strerror}){hint}") from error
     except OSError as error:
         raise LogError(f"log {path}: cannot be read ({error.strerror})") from error
     own = contents.metadata.pop(OWN_RECORD, {})

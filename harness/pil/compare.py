@@ -17,6 +17,7 @@ from rich.console import Console
 
 from codegen.firmware.bundle import recorded
 from codegen.firmware.targets import SIMULATED, find_target
+from harness.files import make_folder
 from harness.onboard.processors import Cost, Processor, ProcessorError, Received, Reply, open_processor
 from harness.pil import SCENARIO
 from harness.pil.printed_defuzzifier import printed_defuzzifier_clocks
@@ -149,6 +150,7 @@ def run(
         build_missing(request, built)
         with prepared(request) as ready:
             place = out or default_folder(target)
+            make_folder(place)
             (place / REPORT).unlink(missing_ok=True)  # of an earlier run
             summary = trial.run(request, ready, place, progress, start)
     result = report(target, watched[0]) | {"trial": summary}

@@ -153,7 +153,8 @@ def open_journal(folder: Path, job: Job, fingerprint: str, about: str) -> Iterat
         about: the job in words, for error messages about its journal.
 
     Raises:
-        UsageError: the file is another job's journal or not a journal, or another process is writing it.
+        UsageError: the file is another job's journal or not a journal, another process is writing it, or the
+            folder cannot be made or written into.
         JournalError: the file cannot be written.
     """
     path = folder / JOURNAL
@@ -173,7 +174,7 @@ def _locked(path: Path) -> int:
             path.parent.mkdir(parents=True, exist_ok=True)
             handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
         except OSError as reason:
-            raise JournalError(
+            raise UsageError(
                 f"{path}: cannot be written ({reason.strerror}); choose another folder with --out"
             ) from reason
         try:

@@ -241,7 +241,7 @@ def test_no_file_stays_open_whatever_happens(tmp_path: Path, monkeypatch: pytest
 
 def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(JournalError) as caught, open_journal(tmp_path / "file" / "b", JOB, "f", "a"):
+    with pytest.raises(UsageError) as caught, open_journal(tmp_path / "file" / "b", JOB, "f", "a"):
         pass
     assert str(caught.value) == (
         f"{tmp_path}/file/b/sweep.journal: cannot be written (Not a directory); choose another folder with "
