@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from harness.recording.attitude import TICK_S, Array, anti_alias, euler_angles
+from harness.recording.order import Mask, late_run, longest_rise, repeats
 from models.errors import CanineError
 
 Index = npt.NDArray[np.int64]
 
 WEEK_S = 604_800
 MIN_OVERLAP_S = 20.0  # s with both sensors: one outage of 10 s and 10 s before it
+MAX_OVERLAP_S = 4 * 3600.0  # s with both sensors: what a laptop's memory holds at 1 kHz
+MAX_FORCE, MAX_RATE = 200.0, 100.0  # m/s2 and rad/s on an axis: more than any such IMU measures
+MAX_LATE_S = 1.0  # s by which several records in a row may be late; above it the clock was set
 
 
 class RecordingError(CanineError):
@@ -39,6 +44,27 @@ class FixStream:
     ends: Index
     dropped: Mapping[str, int] = field(default_factory=dict)
 
+    def only(self, kept: Mask, cause: str) -> FixStream:
+        """The fixes in a mask (f,); the others are counted as dropped for a cause."""
+        dropped = added(self.dropped, {cause: int((~kept).sum())})
+        return replace(self, rows=self.rows[kept], ends=self.ends[kept], dropped=dropped)
+
+    def in_order(self) -> FixStream:
+        """Without fixes that are out of range, repeated or late; the time goes on at the end of a week.
+
+        Raises:
+            RecordingError: no fix is left, or the clock was set amid the recording.
+        """
+        greatest = (WEEK_S, np.pi / 2, 2 * np.pi, *[np.finfo(np.float64).max] * 5)
+        stream = self.only(_within(self.rows, greatest), "fixes out of range")
+        stream = stream.only(~repeats(stream.rows), "fixes repeated")
+        if not len(stream.rows):
+            raise RecordingError(f"{self.file}: got no fixes, expected some; record under open sky")
+        rows = stream.rows.copy()
+        rows[:, 0] = np.unwrap(rows[:, 0], period=WEEK_S)
+        rising = _require_one_clock(self.file, rows[:, 0], longest_rise(rows[:, 0], strict=True))
+        return replace(stream, rows=rows).only(rising, "fixes out of order")
+
 
 @dataclass(frozen=True)
 class SampleStream:
@@ -59,6 +85,36 @@ class SampleStream:
     rate: Array
     ends: Index
     dropped: Mapping[str, int] = field(default_factory=dict)
+
+    def only(self, kept: Mask, cause: str) -> SampleStream:
+        """The samples in a mask (n,); the others are counted as dropped for a cause."""
+        return replace(
+            self,
+            clock=self.clock[kept],
+            specific_force=self.specific_force[kept],
+            rate=self.rate[kept],
+            ends=self.ends[kept],
+            dropped=added(self.dropped, {cause: int((~kept).sum())}),
+        )
+
+    def in_order(self) -> SampleStream:
+        """Without samples that are out of range, repeated or late. Two may have the same time.
+
+        Raises:
+            RecordingError: no sample is left, or the clock was set amid the recording.
+        """
+        values = np.column_stack([self.clock, self.specific_force, self.rate])
+        greatest = (np.finfo(np.float64).max, *[MAX_FORCE] * 3, *[MAX_RATE] * 3)
+        possible = _within(values, greatest)
+        stream, values = self.only(possible, "IMU samples out of range"), values[possible]
+        stream = stream.only(~repeats(values), "IMU samples repeated")
+        if not len(stream.clock):
+            raise RecordingError(
+                f"{self.file}: got no samples, expected some of at most {MAX_FORCE:g} m/s2 and "
+                f"{MAX_RATE:g} rad/s on an axis; are the units right?"
+            )
+        rising = longest_rise(stream.clock, strict=False)
+        return stream.only(_require_one_clock(self.file, stream.clock, rising), "IMU samples out of order")
 
 
 @dataclass(frozen=True)
@@ -99,7 +155,7 @@ class Recording:
 
 
 def join(name: str, fixes: FixStream, samples: SampleStream, offset: float, mounting: Array) -> Recording:
-    """Put both sensors' data on one clock.
+    """Put both sensors' data in order and on one clock.
 
     Args:
         name: of the recording.
@@ -107,17 +163,22 @@ def join(name: str, fixes: FixStream, samples: SampleStream, offset: float, moun
         mounting: (3, 3), turns vectors in the axes of the IMU into forward, right, down.
 
     Raises:
-        RecordingError: a clock goes back, or both sensors hardly overlap.
+        RecordingError: a clock was set amid the recording, or both sensors overlap too little or too long.
     """
-    fix_t = np.unwrap(fixes.rows[:, 0], period=WEEK_S)
-    require_increasing(fixes.file, fix_t)
-    require_increasing(samples.file, samples.clock)
-    imu_t = fix_t[0] + wrap_week(samples.clock + offset - fix_t[0])
+    fixes, samples = fixes.in_order(), samples.in_order()
+    fix_t = fixes.rows[:, 0]
+    apart = samples.clock + offset - fix_t[0]
+    imu_t = fix_t[0] + apart - WEEK_S * np.round(np.median(apart) / WEEK_S)
     overlap = min(fix_t[-1], imu_t[-1]) - max(fix_t[0], imu_t[0])
-    if overlap < MIN_OVERLAP_S:
+    if not MIN_OVERLAP_S <= overlap <= MAX_OVERLAP_S:
+        expected, advice = (
+            (f"at least {MIN_OVERLAP_S}", "record both together and longer")
+            if overlap < MIN_OVERLAP_S
+            else (f"at most {MAX_OVERLAP_S:.0f}", "cut the recording into parts")
+        )
         raise RecordingError(
-            f"{name}: {fixes.file} and {samples.file} overlap by {overlap:.1f} s, expected at least "
-            f"{MIN_OVERLAP_S} s; record both together and longer"
+            f"{name}: {fixes.file} and {samples.file} overlap by {overlap:.1f} s, expected {expected} s; "
+            f"{advice}"
         )
     zero = fix_t[fix_t >= imu_t[0]][0]
     return Recording(
@@ -139,17 +200,42 @@ def added(*counts: Mapping[str, int]) -> dict[str, int]:
     return {cause: number for cause, number in total.items() if number}
 
 
-def require_increasing(file: str, clock: Array) -> None:
-    """Refuse a clock that stands or goes back.
+def _within(rows: Array, greatest: tuple[float, ...]) -> Mask:
+    """Which rows (n, m) have no value greater than `greatest` (m,), or NaN."""
+    return np.asarray((np.abs(rows) <= greatest).all(axis=1))
+
+
+def _require_one_clock(file: str, clock: Array, rising: Mask) -> Mask:
+    """The mask itself, if what it leaves out was late and the clock was not set.
 
     Raises:
-        RecordingError: it does, naming the record.
+        RecordingError: several records in a row are late by more than MAX_LATE_S, between others.
     """
-    for i in np.flatnonzero(~(np.diff(clock) > 0))[:1]:
-        raise RecordingError(
-            f"{file}: the clock goes from {clock[i]:.3f} to {clock[i + 1]:.3f} s at record {i + 2}, expected "
-            "an increase; cut the recording there"
-        )
+    run = late_run(clock, rising)
+    if run and run[1] > run[0]:
+        first, last = run
+        back = float(max(clock[first - 1] - clock[first], clock[last] - clock[last + 1]))
+        if back > MAX_LATE_S:
+            raise RecordingError(
+                f"{file}: the clock goes back by {back:.3f} s near record {first + 1}, and on from there; "
+                "expected one clock; cut the recording there"
+            )
+    return rising
+
+
+def read_file(path: Path) -> bytes:
+    """The content of a file of a recording.
+
+    Raises:
+        RecordingError: it cannot be read, or is empty.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as reason:
+        raise RecordingError(f"{path}: cannot be read ({reason.strerror or reason})") from None
+    if not content:
+        raise RecordingError(f"{path}: got an empty file, expected a recording; copy it again")
+    return content
 
 
 def wrap_week(seconds: Array) -> Array:

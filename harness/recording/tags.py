@@ -18,7 +18,18 @@ import numpy as np
 
 from harness.recording.attitude import Array
 from harness.recording.imu_csv import read_imu_csv
-from harness.recording.recording import WEEK_S, Index, Recording, RecordingError, join, wrap_week
+from harness.recording.order import longest_rise
+from harness.recording.recording import (
+    WEEK_S,
+    FixStream,
+    Index,
+    Recording,
+    RecordingError,
+    SampleStream,
+    join,
+    read_file,
+    wrap_week,
+)
 from harness.recording.ubx import read_ubx
 
 GPS_EPOCH_S = 315_964_800  # 1980-01-06 from 1970-01-01: the tags count GPS time from the latter
@@ -26,7 +37,11 @@ GPS_EPOCH_S = 315_964_800  # 1980-01-06 from 1970-01-01: the tags count GPS time
 # Forward, right and down in the axes of the IMU: roll, pitch, yaw = 180, 0, -90 deg.
 MOUNTING = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
+HEADER = 76  # bytes of a tag
+PAIRS = tuple(np.dtype([("ms", "<u4"), ("size", size)]) for size in ("<u4", "<u8"))
+
 MAX_RECEIVER_LATENCY_S = 0.5  # s from the epoch of a fix to its arrival
+MAX_EARLY_S = 0.5  # s of a sample's arrival before the usual one: transport cannot, its tick is wrong
 MAX_CLOCK_DRIFT_S = 0.05  # s, of the IMU's clock against the computer's over the recording
 
 
@@ -37,23 +52,47 @@ def read_tagged(folder: Path) -> Recording:
         RecordingError: a file is missing, damaged, or does not fit the others.
     """
     ubx, imu = _only_file(folder, "*.ubx"), _only_file(folder, "imu*.csv")
-    fixes, samples = read_ubx(ubx), read_imu_csv(imu)
-    latency = float(np.median(wrap_week(arrival(ubx, fixes.ends) - fixes.rows[:, 0])))
-    if not 0 <= latency <= MAX_RECEIVER_LATENCY_S:
+    fixes, samples = timely_fixes(ubx, read_ubx(ubx)), read_imu_csv(imu)
+    samples, offset = timed_samples(imu, samples)
+    return join(folder.resolve().name, fixes, samples, offset, MOUNTING)
+
+
+def timely_fixes(path: Path, fixes: FixStream) -> FixStream:
+    """The fixes whose time agrees with that of their arrival; the receiver had set the others' clock wrong.
+
+    Raises:
+        RecordingError: most do not, or the tag does not fit the file.
+    """
+    latency = wrap_week(arrival(path, fixes.ends) - fixes.rows[:, 0])
+    middle = float(np.median(latency))
+    if not 0 <= middle <= MAX_RECEIVER_LATENCY_S:
         raise RecordingError(
-            f"{ubx}.tag: fixes arrive {latency:.3f} s after their epoch, expected 0 to "
+            f"{path}.tag: fixes arrive {middle:.3f} s after their epoch, expected 0 to "
             f"{MAX_RECEIVER_LATENCY_S} s; the logging computer's clock must keep GPS time"
         )
-    delay = arrival(imu, samples.ends) - samples.clock
+    timely = np.abs(latency - middle) <= MAX_RECEIVER_LATENCY_S
+    return fixes.only(timely, "fixes whose time is not that of their arrival")
+
+
+def timed_samples(path: Path, samples: SampleStream) -> tuple[SampleStream, float]:
+    """The samples in order, and GPS time of week minus the clock of the IMU [s].
+
+    Raises:
+        RecordingError: the clock drifts, or the tag does not fit the file.
+    """
+    samples = samples.in_order()
+    delay = arrival(path, samples.ends) - samples.clock
     early, late = (
         float(np.median(part)) for part in (delay[: len(delay) // 2 + 1], delay[len(delay) // 2 :])
     )
-    if abs(late - early) > MAX_CLOCK_DRIFT_S:
+    if not abs(late - early) <= MAX_CLOCK_DRIFT_S:
         raise RecordingError(
-            f"{imu}.tag: from the first half to the second the IMU's clock drifts {late - early:.3f} s "
+            f"{path}.tag: from the first half to the second the IMU's clock drifts {late - early:.3f} s "
             f"against the computer's, expected at most {MAX_CLOCK_DRIFT_S} s; is it the tag of this file?"
         )
-    return join(folder.resolve().name, fixes, samples, float(delay.min()), MOUNTING)
+    timely = delay >= np.median(delay) - MAX_EARLY_S
+    samples = samples.only(timely, "IMU samples with a time after their arrival")
+    return samples, float(delay[timely].min())
 
 
 def _only_file(folder: Path, pattern: str) -> Path:
@@ -80,24 +119,40 @@ def _tag(path: Path) -> Path:
 def arrival(path: Path, ends: Index) -> Array:
     """GPS time of week [s] at which the computer had received the file up to each position in `ends`.
 
-    A tag has 64 bytes of header, the start as GPS time since 1970 (uint32 s and float64 s), then pairs of
-    uint32: ms since the start, and the size of the file at that time.
+    A tag has 64 bytes of header, the start as GPS time since 1970 (uint32 s and float64 s), then pairs: ms
+    since the start (uint32), and the size of the file at that time (uint32, in newer versions uint64). Pairs
+    out of order are passed over.
+
+    Raises:
+        RecordingError: it is no such tag, or not the tag of this file.
     """
-    tag = _tag(path).read_bytes()
-    if not tag.startswith(b"TIMETAG RTKLIB") or len(tag) < 84 or (len(tag) - 76) % 8:
-        raise RecordingError(
-            f"{_tag(path)}: got {len(tag)} bytes, expected TIMETAG RTKLIB, a header of 76 and pairs of 8; "
-            "it is truncated or not a time tag, copy it again"
-        )
-    seconds, fraction = struct.unpack_from("<Id", tag, 64)
-    ms, received = np.frombuffer(tag, "<u4", offset=76).reshape(-1, 2).astype(np.int64).T
-    excess = int(received[-1]) - path.stat().st_size
-    if excess == len(ends) + 1:  # a copy turned CR LF into LF: each line is a byte shorter than when received
-        ends = ends + np.arange(2, len(ends) + 2)
-    elif excess != 0:
-        raise RecordingError(
-            f"{path}: got {path.stat().st_size} bytes, expected {received[-1]} by its tag; one of the two is "
-            "truncated or from another recording"
-        )
-    started = (seconds - GPS_EPOCH_S) % WEEK_S + fraction
-    return np.asarray(started + ms[np.searchsorted(received, ends)] / 1000)
+    tag, content = read_file(_tag(path)), read_file(path)
+    newlines = np.flatnonzero(np.frombuffer(content, np.uint8) == ord("\n")) + 1
+    sizes = {
+        len(content): ends,
+        len(content) + len(newlines): ends + np.searchsorted(newlines, ends, "right"),
+    }
+    if len(tag) >= HEADER and tag.startswith(b"TIMETAG RTKLIB"):
+        seconds, fraction = struct.unpack_from("<Id", tag, HEADER - 12)
+        for pair in PAIRS:
+            if (len(tag) - HEADER) % pair.itemsize or not 0 <= fraction < 1:
+                continue
+            pairs = np.frombuffer(tag, pair, offset=HEADER)
+            received = pairs["size"].astype(np.float64)
+            if len(pairs) and received[-1] in sizes:
+                rising = longest_rise(received, strict=False) & (received <= received[-1])
+                rising[rising] = longest_rise(pairs["ms"][rising].astype(np.float64), strict=False)
+                rising[-1] = True
+                at = np.searchsorted(received[rising], sizes[int(received[-1])])
+                started = (seconds - GPS_EPOCH_S) % WEEK_S + fraction
+                return np.asarray(started + pairs["ms"][rising][at] / 1000)
+        if len(tag) >= HEADER + 8 and (len(tag) - HEADER) % 8 == 0:
+            got = np.frombuffer(tag, PAIRS[0], offset=HEADER)["size"][-1]
+            raise RecordingError(
+                f"{path}: got {len(content)} bytes, expected {got} by its tag; one of the two is truncated "
+                "or from another recording"
+            )
+    raise RecordingError(
+        f"{_tag(path)}: got {len(tag)} bytes, expected TIMETAG RTKLIB, a header of {HEADER} and pairs of 8 "
+        "or 12; it is truncated or not a time tag, copy it again"
+    )

@@ -1,51 +1,157 @@
-"""Finds the fixes in the byte stream of a u-blox receiver."""
+"""Finds the fixes in the byte stream of a u-blox receiver, by the rules of the program on board.
+
+What makes a fix is stated in codegen/firmware/fixes.py for both. Frames are found as the scanner on board
+finds them (codegen/firmware/onboard/scanner.h): one with a wrong checksum or an impossible length is searched
+again from its second byte on and never swallows the good one behind it; other messages are searched as well.
+"""
 
 from __future__ import annotations
 
+import struct
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping
+from itertools import accumulate
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
-from pyubx2 import UBX_PROTOCOL, UBXReader, calc_checksum
 
-from harness.recording.recording import FixStream, RecordingError
+from codegen.firmware.fixes import MESSAGES, OUT_OF_RANGE, in_range
+from harness.recording.recording import FixStream, RecordingError, added, read_file
 
-NAV_PVT, NAV_POSLLH, NAV_VELNED = b"\x01\x07", b"\x01\x02", b"\x01\x12"
-MAX_H_ACC_M = 100.0  # m; NAV-POSLLH has no fix flag, and without a fix its accuracy is far worse
+SYNC = b"\xb5\x62"
+NAV = 0x01
+HEADER, CHECKSUM = 6, 2  # bytes before and behind the payload
+
+POSLLH, SOL, PVT, VELNED = (bytes([NAV, MESSAGES[name].id]) for name in ("posllh", "sol", "pvt", "velned"))
+LENGTHS = {bytes([NAV, message.id]): message.lengths for message in MESSAGES.values()}
+MAX_H_ACC_MM = 100_000  # without NAV-SOL no message tells of a fix; without one hAcc is far worse than this
+
+
+class Frame(NamedTuple):
+    """A whole frame: class and number of its message, payload, and the position in the stream behind it."""
+
+    kind: bytes
+    payload: bytes
+    end: int
+
+
+def find_frames(content: bytes, lengths: Mapping[bytes, Collection[int]]) -> tuple[list[Frame], Counter[str]]:
+    """The frames of some kinds in a stream, and how many damaged ones were dropped, by cause.
+
+    Args:
+        lengths: of the payload that each kind can have.
+    """
+    frames: list[Frame] = []
+    dropped: Counter[str] = Counter()
+    at = content.find(SYNC)
+    while 0 <= at <= len(content) - HEADER:
+        kind, length = content[at + 2 : at + 4], int.from_bytes(content[at + 4 : at + 6], "little")
+        end, behind = at + HEADER + length + CHECKSUM, at + 1
+        if kind in lengths:
+            if length not in lengths[kind]:
+                dropped["UBX frames of an impossible length"] += length > 0  # without payload: a poll
+            elif end > len(content):
+                dropped["UBX frames cut off by the end of the file"] += 1
+            elif checksum(content[at + 2 : end - CHECKSUM]) == content[end - CHECKSUM : end]:
+                frames.append(Frame(kind, content[at + HEADER : end - CHECKSUM], end))
+                behind = end
+            else:
+                dropped["UBX frames with a wrong checksum"] += 1
+        at = content.find(SYNC, behind)
+    return frames, dropped
+
+
+def checksum(body: bytes) -> bytes:
+    """Fletcher's checksum of class, number, length and payload."""
+    return bytes([sum(body) % 256, sum(accumulate(body)) % 256])
+
+
+class Fix(NamedTuple):
+    """What a receiver says of an epoch, in its own units."""
+
+    values: Mapping[str, int]  # of a ubx_fix on board
+    height: int  # mm above the ellipsoid
+    velocity_north: int  # mm/s
+    velocity_east: int
+    whole: bool  # by NAV-PVT; else of several messages
+
+    @property
+    def row(self) -> tuple[float, ...]:
+        """As in a `FixStream`."""
+        v = self.values
+        return (
+            v["time_ms"] / 1e3, np.radians(v["latitude"] * 1e-7), np.radians(v["longitude"] * 1e-7),
+            self.height / 1e3, self.velocity_north / 1e3, self.velocity_east / 1e3,
+            v["h_acc"] / 1e3, v["s_acc"] / 1e3,
+        )  # fmt: skip
 
 
 def read_ubx(path: Path) -> FixStream:
-    """The valid fixes in a stream: of NAV-PVT, or else of NAV-POSLLH with NAV-VELNED.
+    """The valid fixes in a stream: NAV-PVT, or NAV-POSLLH and NAV-VELNED, with NAV-SOL where there is any.
 
     Raises:
         RecordingError: it has none.
     """
-    pvt: list[tuple[float, ...]] = []
-    pairs: list[tuple[float, ...]] = []
-    errors, posllh = 0, None
-    with path.open("rb") as stream:
-        for frame, _ in UBXReader(stream, protfilter=UBX_PROTOCOL, parsing=False):
-            kind, end = frame[2:4], stream.tell()
-            if calc_checksum(frame[2:-2]) != frame[-2:]:
-                errors += 1
-            elif kind in (NAV_PVT, NAV_POSLLH, NAV_VELNED):
-                m: Any = UBXReader.parse(frame)
-                if kind == NAV_PVT and m.gnssFixOk and m.fixType in (2, 3, 4):
-                    pvt.append((end, *_position(m), m.velN / 1e3, m.velE / 1e3, m.hAcc / 1e3, m.sAcc / 1e3))
-                elif kind == NAV_POSLLH:
-                    posllh = m if m.hAcc / 1e3 < MAX_H_ACC_M else None
-                elif kind == NAV_VELNED and posllh is not None and posllh.iTOW == m.iTOW:
-                    velocity = m.velN / 1e2, m.velE / 1e2
-                    pairs.append((end, *_position(posllh), *velocity, posllh.hAcc / 1e3, m.sAcc / 1e2))
-    rows = np.array(pvt or pairs)
-    if not len(rows):
+    frames, damaged = find_frames(read_file(path), LENGTHS)
+    rows, ends, refused = [], [], Counter[str]()
+    last: Fix | None = None
+    for fix, cause, end in _epochs(frames):
+        if cause:
+            refused[cause] += 1
+        elif not in_range(fix.values):
+            refused[OUT_OF_RANGE] += 1
+        elif not (last and last.values["time_ms"] == fix.values["time_ms"] and last.whole != fix.whole):
+            rows.append(fix.row)  # an epoch that is sent both ways counts once
+            ends.append(end)
+            last = fix
+    if not rows:
+        seen = ", ".join(f"{number} {cause}" for cause, number in added(damaged, refused).items())
         raise RecordingError(
-            f"{path}: got no fixes, expected NAV-PVT or NAV-POSLLH with NAV-VELNED; "
-            "enable them in the receiver and record under open sky"
+            f"{path}: got no fixes ({seen or 'no such messages'}), expected NAV-PVT or NAV-POSLLH with "
+            "NAV-VELNED; enable them in the receiver and record under open sky"
         )
-    dropped = {"UBX frames with a wrong checksum": errors} if errors else {}
-    return FixStream(path.name, rows[:, 1:], rows[:, 0].astype(np.int64), dropped)
+    return FixStream(path.name, np.array(rows), np.array(ends, np.int64), added(damaged, refused))
 
 
-def _position(m: Any) -> tuple[float, float, float, float]:
-    return m.iTOW / 1e3, np.radians(m.lat), np.radians(m.lon), m.height / 1e3
+def _epochs(frames: Collection[Frame]) -> Iterator[tuple[Fix, str, int]]:
+    """The epochs with position and velocity: the fix, why it is refused or "", the position behind it."""
+    kinds = {frame.kind for frame in frames}
+    parts: dict[bytes, bytes] = {}
+    needed = {POSLLH, VELNED, SOL} if SOL in kinds else {POSLLH, VELNED}
+    for kind, payload, end in frames:
+        if kind == PVT:
+            yield _of_pvt(payload), MESSAGES["pvt"].refused(payload), end
+            continue
+        if any(part[:4] != payload[:4] for part in parts.values()):  # another time of week
+            parts.clear()
+        parts[kind] = payload
+        if parts.keys() >= needed:
+            fix = _of_parts(parts[POSLLH], parts[VELNED])
+            if SOL in parts:
+                yield fix, MESSAGES["sol"].refused(parts[SOL]), end
+            elif PVT not in kinds:
+                bad = fix.values["h_acc"] >= MAX_H_ACC_MM
+                yield fix, "positions too inaccurate to be a fix" if bad else "", end
+            parts.clear()
+
+
+def _of_pvt(payload: bytes) -> Fix:
+    (time_ms,) = struct.unpack_from("<I", payload, 0)
+    longitude, latitude, height, _, h_acc = struct.unpack_from("<iiiiI", payload, 24)
+    north, east, _, speed, course, s_acc = struct.unpack_from("<iiiiiI", payload, 48)
+    values = {
+        "time_ms": time_ms, "latitude": latitude, "longitude": longitude, "h_acc": h_acc,
+        "speed": speed, "course": course, "s_acc": s_acc,
+    }  # fmt: skip
+    return Fix(values, height, north, east, whole=True)
+
+
+def _of_parts(posllh: bytes, velned: bytes) -> Fix:
+    time_ms, longitude, latitude, height, _, h_acc = struct.unpack_from("<IiiiiI", posllh, 0)
+    north, east, _, _, speed, course, s_acc = struct.unpack_from("<iiiIIiI", velned, 4)  # cm/s
+    values = {
+        "time_ms": time_ms, "latitude": latitude, "longitude": longitude, "h_acc": h_acc,
+        "speed": 10 * speed, "course": course, "s_acc": min(10 * s_acc, 2**32 - 1),
+    }  # fmt: skip
+    return Fix(values, height, 10 * north, 10 * east, whole=False)
