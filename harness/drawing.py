@@ -24,12 +24,13 @@ Style = dict[str, Any]
 GRID: Style = {"color": "#E3E6EA", "linewidth": 0.8}
 BESIDE: Style = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.03), "frameon": False, "borderaxespad": 0.0}
 BELOW: Style = {"frameon": False, "columnspacing": 1.6, "handletextpad": 0.6}
-ABOVE: Style = {"loc": "lower left", "bbox_to_anchor": (-0.01, 0.99), "borderaxespad": 0.0, **BELOW}
+ABOVE: Style = {"loc": "lower left", "bbox_to_anchor": (-0.01, 1.005), "borderaxespad": 0.0, **BELOW}
+ABOVE |= {"columnspacing": 1.2, "handlelength": 1.6}
 # bands over time, told apart by hatching too
 OUTAGE: Style = {"facecolor": "#D3D7DD", "edgecolor": "#8A929C", "hatch": ""}
 ORDER: Style = {"facecolor": "#D2E6F7", "edgecolor": "#4C8FC4", "hatch": "\\\\\\"}
 LOST_RADIO: Style = {"facecolor": "#FCE0CB", "edgecolor": "#D9772B", "hatch": "///"}
-DEVIATION_THRESHOLD = "orientation deviation threshold h'"  # what a reader calls cmec.moving_deviation
+DEVIATION_THRESHOLD = "deviation threshold h'"  # what a reader calls cmec.moving_deviation
 LONGEST = 72  # columns of a name in a title
 UNKNOWN = "\u25a1"  # stands for a character that the font lacks
 

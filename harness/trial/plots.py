@@ -7,7 +7,8 @@ beads and markers tell the commands apart too. What disturbed the trial is shade
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -25,6 +26,7 @@ from harness.drawing import (
     BELOW,
     CIRCLE_EDGE,
     CIRCLE_FACE,
+    DEVIATION_THRESHOLD,
     ESTIMATE,
     GPS,
     GRID,
@@ -45,7 +47,7 @@ from harness.drawing import (
 )
 from harness.log.log import Array, Log, named
 from harness.trial import disturbances as kinds
-from harness.trial.disturbances import disturbances
+from harness.trial.disturbances import Span, disturbances
 from harness.trial.labels import place_labels
 from harness.trial.summary import summarize
 from models.cmec import Anomaly
@@ -80,6 +82,7 @@ PLACE: Style = {
 }
 FIX_STYLE: Style = {"label": "GPS fix", "marker": ".", "color": GPS, "markersize": 4, "linestyle": ""}
 BANDS = {kinds.GPS_OUTAGE: OUTAGE, kinds.ORDER: ORDER, kinds.LOST_RADIO: LOST_RADIO}
+NOTHING: Mapping[str, tuple[Style, Sequence[Span]]] = MappingProxyType({})
 TRAILS = {  # along the path: colour, and points wide
     kinds.GPS_OUTAGE: ("#C3C9D1", 26.0),
     kinds.ORDER: ("#9CC7EA", 21.0),
@@ -90,24 +93,34 @@ ARROW = [(-0.05, 0), (0.05, 0), (0.05, 0.5), (0.22, 0.5), (0, 1), (-0.22, 0.5), 
 ARROW_LENGTH = 26.0  # points
 
 
-def trial_figure(log: Log) -> Figure:
-    """The whole trial: its path on the left, speed, deviation and commands over time on the right."""
+def trial_figure(
+    log: Log, title: str = "", more: Mapping[str, tuple[Style, Sequence[Span]]] = NOTHING
+) -> Figure:
+    """The whole trial: its path on the left, speed, deviation and commands over time on the right.
+
+    Args:
+        title: instead of the trial's name and outcome.
+        more: further bands over time, by label: style, from and until [s].
+    """
     figure = new_figure(11, 7.4)
     grid = figure.add_gridspec(3, 2, width_ratios=(1, 1.1), height_ratios=(1, 1, 1.15))
     path = figure.add_subplot(grid[:, 0])
     handles = draw_path(path, log)
-    bands = disturbances(log)
+    bands = {kind: (BANDS[kind], spans) for kind, spans in disturbances(log).items()} | dict(more)
     _draw_over_time(figure, [figure.add_subplot(grid[row, 1]) for row in range(3)], log, bands)
-    handles += [band_handle(kind, BANDS[kind]) for kind in bands]
+    handles += [band_handle(label, style) for label, (style, _) in bands.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 8), **BELOW)
-    summary = summarize(log)
-    name = drawable(summary["scenario"] or log.path.name)
-    outcome = f"{summary['outcome']} after {summary['time_s']:.1f} s"
-    set_title(figure, f"{name}, seed {drawable(str(summary['seed']))}: {outcome}")
+    set_title(figure, title or _title(log))
     freeze_layout(figure)
     _draw_names(path, log)
     add_scale_bar(path)
     return figure
+
+
+def _title(log: Log) -> str:
+    summary = summarize(log)
+    name, seed = (drawable(str(text)) for text in (summary["scenario"] or log.path.name, summary["seed"]))
+    return f"{name}, seed {seed}: {summary['outcome']} after {summary['time_s']:.1f} s"
 
 
 def trial_png(log: Log) -> bytes:
@@ -266,7 +279,7 @@ def _draw_commanded_path(axes: Axes, log: Log) -> list[Line2D | Patch]:
 
 
 def _draw_over_time(
-    figure: Figure, stack: Sequence[Axes], log: Log, bands: dict[str, list[kinds.Span]]
+    figure: Figure, stack: Sequence[Axes], log: Log, bands: Mapping[str, tuple[Style, Sequence[Span]]]
 ) -> None:
     draw_speed(stack[0], log)
     draw_deviation(stack[1], log)
@@ -274,8 +287,8 @@ def _draw_over_time(
     for axes in stack:
         axes.set_xlim(log.time[0], max(log.time[-1], log.time[0] + TICK))
         axes.grid(**GRID)
-        for kind, spans in bands.items():
-            shade(axes, spans, BANDS[kind])
+        for style, spans in bands.values():
+            shade(axes, spans, style)
         for time in _reached(log):
             axes.axvline(time, color=MAGENTA, linewidth=1.0, linestyle=":", zorder=1)
     for axes in stack[:-1]:
@@ -305,7 +318,10 @@ def draw_deviation(axes: Axes, log: Log) -> None:
         deviation = np.degrees(log["controller.deviation"])
         wrapped = np.abs(np.diff(deviation, prepend=deviation[0])) > 180
         axes.plot(log.time, np.where(wrapped, np.nan, deviation), **TRUTH_STYLE | {"label": "h"})
-    for label, name, style in (("threshold h'", "moving_deviation", "--"), ("h''", "stop_deviation", ":")):
+    for label, name, style in (
+        (DEVIATION_THRESHOLD, "moving_deviation", "--"),
+        ("h''", "stop_deviation", ":"),
+    ):
         value = log.parameter(f"controller.{name}")
         degrees = None if value is None else float(np.degrees(value))
         _threshold(axes, label, degrees, "deg", both=True, style=style)
@@ -340,7 +356,7 @@ def draw_commands(axes: Axes, log: Log) -> None:
     axes.set_yticks([code.value for code in Command], [code.name.lower() for code in Command])
     axes.set_ylim(-0.6, 6.2)
     axes.set_ylabel("command")
-    _legend(axes)
+    _legend(axes, columns=3)
 
 
 def _draw_anomalies(axes: Axes, log: Log, x: Array, y: Array) -> None:
@@ -388,16 +404,16 @@ def _threshold(
     if value is None:
         return
     for sign in (1, -1) if both else (1,):
-        text = f"{label} = {value:g} {unit}" if sign == 1 else None
+        text = f"{label} = {value:.4g} {unit}" if sign == 1 else None
         axes.axhline(sign * value, color="#D55E00", linewidth=1.0, linestyle=style, label=text, zorder=1)
 
 
-def _legend(axes: Axes) -> None:
+def _legend(axes: Axes, columns: int = 4) -> None:
     """Name the curves above the panel; the colours of commands have their names on the axis."""
     handles, labels = axes.get_legend_handles_labels()
     kept = [(h, t) for h, t in zip(handles, labels, strict=True) if not isinstance(h, LineCollection)]
     if kept:
-        axes.legend(*zip(*kept, strict=True), ncols=min(len(kept), 5), **ABOVE)
+        axes.legend(*zip(*kept, strict=True), ncols=min(len(kept), columns), **ABOVE)
 
 
 def _name(code: Command) -> str:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter
 
-from harness.drawing import BELOW, BESIDE, GRID, new_figure
+from harness.drawing import BELOW, BESIDE, DEVIATION_THRESHOLD, GRID, Style, new_figure
 from harness.sweep.plots import TYPE_COLOURS
 from harness.sweep.sweep import TRIAL_TYPES
 from harness.trial.plots import trial_figure
@@ -28,21 +27,27 @@ from harness.verification.tables import TYPES, percent
 
 COLOURS = {"calibrated": "#0072B2", "literal": "#D55E00"}
 THEIRS, FIELD_COLOUR = "#C2338F", "#111111"
+INTERVAL: Style = {"alpha": 0.18, "linewidth": 0}
+INTERVAL_LABEL, FIELD_LABEL = "95 % intervals", "field, 95 % interval"
+THE_TEXT = "dissertation:"
+IGNORED: Style = {"facecolor": "#F5E9D3", "edgecolor": "#B98A3A", "hatch": "..."}
+WIDTH = 10.5  # in
+ABSCISSA = f"{DEVIATION_THRESHOLD} [deg]"
+SUCCESS_RATE, MEAN_TIME = "success rate", "mean time of successful trials [s]"
 
 
 def two_figure(size: Size) -> Figure:
     """Figure 5.3."""
     figure, success, _ = _curves("two", "15:90", size.curve)
-    style: dict[str, Any] = {"color": THEIRS, "linestyle": "", "zorder": 6}
+    style: Style = {"color": THEIRS, "linestyle": "", "zorder": 6}
+    success.plot([], [], label=THE_TEXT, **style)
     success.plot([15], [AT_15_ABOVE], marker="^", markersize=9, label="above 85 % at 15 deg", **style)
     success.plot([23], [TREND_AT_23], marker="D", markersize=6, label="95 % at 23 deg (trend)", **style)
     success.plot([ALL_FROM, 90], [1, 1], color=THEIRS, alpha=0.3, linewidth=6, label="100 % from 23 deg on")
     label = f"by trend from 26 deg on;\n$R^2$ = {percent(R_SQUARED['two'])}"
     success.plot([ALL_FROM_BY_TREND], [1], marker="|", markersize=16, markeredgewidth=2, label=label, **style)
     success.legend(**BESIDE)
-    figure.suptitle(
-        "Two waypoints, as Figure 5.3: ours in both readings; pink: the dissertation's statements"
-    )
+    figure.suptitle("Two waypoints, as Figure 5.3: ours in both readings, and the dissertation's statements")
     return figure
 
 
@@ -54,6 +59,7 @@ def three_figure(size: Size) -> Figure:
             _draw_field(success, field.threshold, field)
     success.plot([], [], linestyle="", label=f"dissertation: $R^2$ = {percent(R_SQUARED['three'])}")
     success.legend(**BESIDE)
+    success.set_ylim(0, 1)
     time.set_ylim(28, 42)
     time.text(20.3, 41.5, "literal, 15 to 19 deg: off the scale (see the text)", va="top", fontsize=9)
     figure.suptitle("Three waypoints, as Figure 5.5: ours in both readings, and the field trials")
@@ -62,13 +68,13 @@ def three_figure(size: Size) -> Figure:
 
 def _curves(target: str, thresholds: str, trials: int) -> tuple[Figure, Axes, Axes]:
     """Success rate above, mean time below, over h', in both readings."""
-    figure = new_figure(12, 7.5)
+    figure = new_figure(WIDTH, 7.5)
     success, time = figure.subplots(2, 1, sharex=True, height_ratios=(1.4, 1))
     for reading, colour in COLOURS.items():
         simulated = simulate(target, thresholds, trials, reading)
         x, table = simulated.thresholds, simulated.table
         low, high = np.array([point.interval for point in table]).T
-        success.fill_between(x, low, high, color=colour, alpha=0.18, linewidth=0)
+        success.fill_between(x, low, high, color=colour, **INTERVAL)
         success.plot(x, simulated.rates, "o", color=colour, markersize=3.5, label=f"ours, {reading}")
         line, r_squared = simulated.trend
         fine = np.linspace(x[0], x[-1], 400)
@@ -76,12 +82,14 @@ def _curves(target: str, thresholds: str, trials: int) -> tuple[Figure, Axes, Ax
         success.plot(fine, line(fine), color=colour, linewidth=1.2, linestyle=(0, (5, 2)), label=label)
         mean = np.array([point.mean_time or np.nan for point in table])
         error = np.array([mean_time_error(point) for point in table])
-        time.fill_between(x, mean - error, mean + error, color=colour, alpha=0.18, linewidth=0)
+        time.fill_between(x, mean - error, mean + error, color=colour, **INTERVAL)
         time.plot(x, mean, "o-", color=colour, markersize=3.5, linewidth=1.0, label=f"ours, {reading}")
     _percents(success)
-    time.set_ylabel("mean time of successful trials [s]")
-    time.set_xlabel("orientation deviation threshold h' [deg]")
+    time.set_ylabel(MEAN_TIME)
+    time.set_xlabel(ABSCISSA)
     time.set_xlim(x[0] - 1, x[-1] + 1)
+    for axes in (success, time):
+        axes.fill_between([], [], color=FIELD_COLOUR, label=INTERVAL_LABEL, **INTERVAL)
     time.legend(**BESIDE)
     for axes in (success, time):
         axes.grid(**GRID)
@@ -92,21 +100,27 @@ def _curves(target: str, thresholds: str, trials: int) -> tuple[Figure, Axes, Ax
 
 def _percents(axes: Axes) -> None:
     axes.yaxis.set_major_formatter(FuncFormatter(lambda rate, _: f"{100 * rate:.4g} %"))
-    axes.set_ylabel("success rate")
+    axes.set_ylabel(SUCCESS_RATE)
 
 
 def _draw_field(axes: Axes, x: float, field: Field) -> None:
-    """Draw a field rate with its interval."""
+    """Draw a field rate with its interval, and its count beside it."""
     rate, (low, high) = field.successes / field.trials, field.interval
+    label = "" if FIELD_LABEL in axes.get_legend_handles_labels()[1] else FIELD_LABEL
     axes.errorbar(
         x, rate, [[rate - low], [high - rate]], color=FIELD_COLOUR, marker="s", markersize=6, capsize=4,
-        linestyle="", zorder=5, label=f"field, {field.threshold} deg: {field.successes}/{field.trials}",
+        linestyle="", zorder=5, label=label,
+    )  # fmt: skip
+    axes.annotate(
+        f"{field.successes}/{field.trials}", (x, rate), (8, -3), textcoords="offset points", va="top",
+        zorder=7,
+        path_effects=[withStroke(linewidth=2.5, foreground="white")],
     )  # fmt: skip
 
 
 def two_field_figure(size: Size) -> Figure:
     """Figures 5.6 and 5.7."""
-    figure = new_figure(12, 5)
+    figure = new_figure(WIDTH, 5)
     success, time = figure.subplots(1, 2)
     thresholds = np.array([23.0, 30.0, 37.0])
     for shift, (reading, colour) in zip((-0.7, 0.7), COLOURS.items(), strict=True):
@@ -130,13 +144,14 @@ def two_field_figure(size: Size) -> Figure:
         _draw_field(success, field.threshold, field)
     success.plot(thresholds, [1, 1, 1], "_", color=THEIRS, markersize=22, markeredgewidth=3,
                  label="dissertation's simulation")  # fmt: skip
-    success.plot([23], [TREND_AT_23], "D", color=THEIRS, label="its trend")
+    ring: Style = {"markerfacecolor": "none", "markersize": 11, "markeredgewidth": 2}  # round the field's
+    success.plot([23], [TREND_AT_23], "D", color=THEIRS, label="dissertation's trend", zorder=6, **ring)
     _percents(success)
-    time.set_ylabel("mean time of successful trials [s]")
+    time.set_ylabel(MEAN_TIME)
     for axes in (success, time):
         axes.set_xticks(thresholds)
         axes.set_xlim(20, 40)
-        axes.set_xlabel("h' [deg]")
+        axes.set_xlabel(ABSCISSA)
         axes.grid(**GRID)
         axes.set_axisbelow(True)
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2, **BELOW)
@@ -146,7 +161,7 @@ def two_field_figure(size: Size) -> Figure:
 
 def three_field_figure(size: Size) -> Figure:
     """Figure 5.8, and beside it each type of trial, which the figure does not show."""
-    figure = new_figure(12, 5)
+    figure = new_figure(WIDTH, 5)
     whole, types = figure.subplots(1, 2, sharey=True, width_ratios=(1, 1.6))
     names = list(TRIAL_TYPES["three"])
     for shift, (reading, colour) in zip((-0.2, 0.2), COLOURS.items(), strict=True):
@@ -163,10 +178,12 @@ def three_field_figure(size: Size) -> Figure:
             types.text(x, rate + 0.01, percent(rate), ha="center", fontsize=9)
     for x, field in enumerate(field for field in FIELD if field.waypoints == "three"):
         _draw_field(whole, x, field)
-    whole.set_xticks([0, 1], ["37 deg,\nfield non-structured", "49 deg,\nfield structured (Figure 5.8)"])
+    whole.set_xticks([0, 1], ["37\nfield not structured", "49\nfield structured"])
     whole.set_xlim(-0.6, 1.6)
     types.set_xticks(np.arange(4), TYPES)
-    types.set_title("by type at 49 deg; full: calibrated, hatched: literal", fontsize=10)
+    types.set_title("by type at h' = 49 deg; full: calibrated, hatched: literal", fontsize=10)
+    types.set_xlabel("type of trial (turn and its angle [deg])")
+    whole.set_xlabel(ABSCISSA)
     _percents(whole)
     whole.set_ylim(0, 1)
     for axes in (whole, types):
@@ -179,10 +196,6 @@ def three_field_figure(size: Size) -> Figure:
 
 def example_figure(example: Example) -> Figure:
     """Figures 5.1 and 5.2."""
-    figure = trial_figure(example.log)
-    for axes in figure.axes[1:]:
-        axes.axvspan(example.commanded, example.silenced, color=THEIRS, alpha=0.15, linewidth=0, zorder=0)
-    figure.suptitle(
-        f"right_90, seed {example.seed}, as Figures 5.1 and 5.2; pink: the right command is ignored"
-    )
-    return figure
+    title = f"right_90, seed {example.seed}, as Figures 5.1 and 5.2: a right command is ignored"
+    ignored = (IGNORED, [(example.commanded, example.silenced)])
+    return trial_figure(example.log, title, {"right command ignored": ignored})

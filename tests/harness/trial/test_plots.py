@@ -180,7 +180,7 @@ def test_over_time_there_are_speed_deviation_and_commands() -> None:
     assert len(line(speed, "truth")) == len(line(speed, "estimate")) == TICKS
     # deviation from rad, thresholds of 49 and 20 degrees
     assert line(deviation, "h")[-1] == pytest.approx([14, 57.29578])
-    assert line(deviation, "threshold h' = 49 deg")[:, 1] == pytest.approx([49, 49])
+    assert line(deviation, "deviation threshold h' = 49 deg")[:, 1] == pytest.approx([49, 49])
     assert line(deviation, "h'' = 20 deg")[:, 1] == pytest.approx([20, 20])
     # commands by name, the anomaly on its tick, the waypoint when it was counted
     assert [t.get_text() for t in commands.get_yticklabels()] == [
@@ -416,6 +416,23 @@ def longer(log: Log, times: int) -> Log:
     """The log's rows over and over."""
     values = {name: np.tile(rows, (times, 1)) for name, rows in log.values.items()}
     return Log(log.path, log.channels, log.metadata, {}, np.arange(TICKS * times, dtype=float), values)
+
+
+def test_legends_stay_within_the_picture_and_off_each_other() -> None:
+    # given thresholds with many digits, all anomalies, and all that can disturb a trial
+    log = with_signal(without_fix(trial(), at=5), "controller.anomaly", np.arange(TICKS) % 9)
+    limits = ("moving_deviation", "stop_deviation", "stopped_speed")
+    log.metadata["parameters"] |= {f"controller.{name}": "0.8123456" for name in limits}
+    # when
+    figure = plots.trial_figure(log)
+    # then
+    legends = [*figure.legends, *(axes.get_legend() for axes in figure.axes[1:])]
+    boxes = [legend.get_window_extent() for legend in legends if legend is not None]
+    assert len(boxes) == 4
+    assert all(box.x0 >= 0 and box.x1 <= WIDTH and box.y0 >= 0 and box.y1 <= HEIGHT for box in boxes)
+    others = [axes.bbox for axes in figure.axes]
+    assert not any(box.overlaps(other) for box in boxes for other in others)
+    assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
 
 
 def test_text_is_as_large_as_the_page_s_at_readme_width() -> None:
