@@ -33,3 +33,8 @@ def nearest(name: str, known: Iterable[str]) -> str:
     if close:
         return f'; did you mean "{close[0]}"?'
     return f"; known: {', '.join(sorted(known))}" if known else ""
+
+
+def printable(text: object) -> str:
+    """A text that a file gave, on one line: what cannot be printed is escaped."""
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in str(text))

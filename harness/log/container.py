@@ -68,6 +68,7 @@ class Container:
     def __init__(self, file: IO[bytes], profile: str) -> None:
         self._file = file
         self._position = 0
+        self._checksum = 0  # CRC-32 of what is before the position
         self._compressor = zstandard.ZstdCompressor(level=LEVEL)
         self._schemas: list[records.Schema] = []
         self._channels: list[records.Channel] = []
@@ -172,7 +173,7 @@ class Container:
     def finish(self) -> None:
         """Write the last chunk and the summary: nothing can be added after it."""
         self.flush()
-        self._write(_encoded(records.DataEnd(0)))
+        self._write(_encoded(records.DataEnd(self._checksum)))
         groups: dict[Opcode, Iterable[Any]] = {
             Opcode.SCHEMA: self._schemas,
             Opcode.CHANNEL: self._channels,
@@ -236,12 +237,12 @@ class Container:
         if self._is_writing:  # the last write did not come to its end
             self._file.seek(self._position)
             self._file.truncate()
-        end = self._position + len(data)
+        end, checksum = self._position + len(data), zlib.crc32(data, self._checksum)
         self._is_writing = True
         self._written[self._position] = index, counts or {}
         self._file.write(data)
         # one step: no call in between after which an interrupt could act
-        self._position, self._pending, self._is_writing = end, remaining, False
+        self._position, self._checksum, self._pending, self._is_writing = end, checksum, remaining, False
 
 
 def _encoded(record: Any) -> bytes:

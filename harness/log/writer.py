@@ -18,6 +18,7 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from harness.interrupts import held_interrupts
 from harness.log.container import Container, Times
 from harness.log.log import (
+    CHECK_RECORD,
     END_RECORD,
     FORMAT,
     OWN_RECORD,
@@ -26,6 +27,7 @@ from harness.log.log import (
     Array,
     Channel,
     LogError,
+    checksums,
 )
 from harness.log.route import Route
 from harness.log.rows import Rows
@@ -85,7 +87,8 @@ class LogWriter:
 
         self._container = Container(self._file, PROFILE)
         own = {"format": FORMAT, "latitude": repr(origin[0]), "longitude": repr(origin[1])}
-        for name, values in {OWN_RECORD: own, **metadata}.items():
+        records = {OWN_RECORD: own, **metadata}
+        for name, values in {**records, CHECK_RECORD: checksums(records, attachments)}.items():
             self._container.add_metadata(name, values)
         for name, data in attachments.items():
             self._container.add_attachment(name, MEDIA_TYPE, data)

@@ -34,7 +34,7 @@ def test_a_file_is_byte_for_byte_that_of_mcaps_writer(seconds: int, monkeypatch:
     monkeypatch.setattr(zstandard, "compress", zstandard.ZstdCompressor(level=LEVEL).compress)
     chunks = drawn(seconds, seconds)
     expected = io.BytesIO()
-    writer: Any = Writer(expected, chunk_size=2**30)
+    writer: Any = Writer(expected, chunk_size=2**30, enable_data_crcs=True)
     writer.start("guided-canine", "guided-canine")
     writer.add_metadata("scenario", {"name": "little", "seed": "3"})
     writer.add_attachment(0, 0, "full.ssp", "application/zip", b"PK\0\1")
