@@ -31,6 +31,7 @@ struct Instance {
 
 enum { VARIABLES = sizeof variables / sizeof variables[0], ANY = 15 };
 static const double step_tolerance = 1e-6; /* of the sample time */
+static const double most_ticks = 1e9; /* in one step: longer ones are no multiple within the tolerance */
 static const double point_tolerance = 1e-3; /* of the sample time: masters that add up steps drift */
 
 static bool complain(const Instance *m, const char *format, ...)
@@ -185,16 +186,20 @@ bool shim_step(Instance *m, const char *function, double point, double size)
     if (size >= 0 && size <= step_tolerance * BLOCK_SAMPLE_TIME) {
         return true; /* some masters end a run, or an event, with a step of nothing */
     }
-    if (!(fabs(size - BLOCK_SAMPLE_TIME) <= step_tolerance * BLOCK_SAMPLE_TIME)) {
-        return complain(m, "%s: communication step size: expected %.16g, got %.16g", function, BLOCK_SAMPLE_TIME,
-                        size);
+    const double ticks = floor(size / BLOCK_SAMPLE_TIME + 0.5);
+    if (!(ticks >= 1 && ticks <= most_ticks
+          && fabs(size - ticks * BLOCK_SAMPLE_TIME) <= step_tolerance * BLOCK_SAMPLE_TIME)) {
+        return complain(m, "%s: communication step size: expected a multiple of %.16g, got %.16g", function,
+                        BLOCK_SAMPLE_TIME, size);
     }
     if (point + size > m->stop + point_tolerance * BLOCK_SAMPLE_TIME) {
         return complain(m, "%s: communication step to %.16g; expected none beyond the stop time %.16g", function,
                         point + size, m->stop);
     }
-    block_step(&m->now.block);
-    m->now.tick++;
+    const int64_t last = m->now.tick + (int64_t)ticks;
+    for (; m->now.tick < last; m->now.tick++) {
+        block_step(&m->now.block); /* with the same inputs */
+    }
     m->now.time = m->now.start + (double)m->now.tick * BLOCK_SAMPLE_TIME; /* never summed */
     return true;
 }
