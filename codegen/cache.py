@@ -7,19 +7,17 @@ entry that nobody has used for UNUSED_DAYS goes when another is stored beside it
 
 from __future__ import annotations
 
-import atexit
 import contextlib
 import hashlib
 import os
 import platform
-import shutil
-import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
 
 from codegen.files import write_whole
+from codegen.scratch import Scratch
 from codegen.toolchains.compiler import cache_folder
 from models import IMPORTED_AT
 
@@ -30,6 +28,8 @@ SUFFIXES = (".py", ".c", ".h", ".jinja")
 UNUSED_DAYS = 90
 DAY = 86_400.0  # s
 GRAIN = 0.02  # s; a file's time may lag behind the clock by a tick of the system
+
+_made_here: dict[Path, Scratch] = {}  # what holds the files of this process alone
 
 
 def kept(name: str, asked: object, make: Callable[[Path], object]) -> Path:
@@ -77,17 +77,17 @@ def _entry(name: str, asked: object, make: Callable[[Path], object], is_valid: C
         write_whole(mark, _hash_of(content))
     except OSError:  # a full disk, say: what was made serves this process
         return made
-    shutil.rmtree(made.parent, ignore_errors=True)
+    _made_here.pop(made).close()
     _remove_unused(path.parent)
     return path
 
 
 def _made(name: str, make: Callable[[Path], object]) -> Path:
     """A file of this process alone, removed at its end."""
-    folder = tempfile.mkdtemp(prefix="guided-canine-")
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    path = Path(folder, Path(name).name)
+    scratch = Scratch()
+    path = scratch.path / Path(name).name
     make(path)
+    _made_here[path] = scratch
     return path
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 import uuid
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -14,6 +13,7 @@ from pathlib import Path
 from codegen.blocks.block_c import generate
 from codegen.cache import is_edited
 from codegen.files import write_whole
+from codegen.scratch import Scratch
 from codegen.toolchains.compiler import (
     FLAGS,
     PLATFORMS,
@@ -178,14 +178,14 @@ def _prepare(
 def _binary(
     block: type[Block], version: FmiVersion, platform: Platform, files: Mapping[str, bytes]
 ) -> dict[str, bytes]:
-    with tempfile.TemporaryDirectory(prefix="fmu-") as scratch:
-        sources = Path(scratch) / "sources"
+    with Scratch() as scratch:
+        sources = scratch / "sources"
         sources.mkdir()
         for name, content in files.items():
             if name.startswith("sources/"):
-                (Path(scratch) / name).write_bytes(content)
+                (scratch / name).write_bytes(content)
         library = build_library(
-            sources, _sources(files), Path(scratch) / f"{block.title()}{platform.suffix}",
+            sources, _sources(files), scratch / f"{block.title()}{platform.suffix}",
             what=f"{block.title()} (FMI {version}.0, {platform.fmi3})", target=platform.target,
         )  # fmt: skip
         return {f"binaries/{_folder_of(platform, version)}/{library.name}": library.read_bytes()}

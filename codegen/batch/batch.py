@@ -6,7 +6,6 @@ import ctypes
 import json
 import math
 import sys
-import tempfile
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -18,7 +17,9 @@ import numpy.typing as npt
 
 from codegen.cache import kept
 from codegen.files import write_whole
+from codegen.scratch import Scratch
 from codegen.toolchains.compiler import FLAGS, build_library, processor
+from codegen.toolchains.library import load_library
 from models.errors import ParameterError, WiringError, nearest
 from models.system import System
 
@@ -282,10 +283,10 @@ class Batch:
     def _build(self, files: dict[str, str], library: Path) -> None:
         from codegen.blocks.block_c import write_files  # noqa: PLC0415 - imports CasADi
 
-        with tempfile.TemporaryDirectory(prefix="canine-") as folder:
-            write_files(files, Path(folder))
+        with Scratch() as folder:
+            write_files(files, folder)
             what = f"batch runner of {self.system.name}"
-            build_library(Path(folder), ["batch.c"], library, what=what, flags=_flags())
+            build_library(folder, ["batch.c"], library, what=what, flags=_flags())
 
 
 def _is_wide() -> bool:
@@ -307,4 +308,4 @@ class _Job(ctypes.Structure):
 
 @cache
 def _load(library: Path) -> ctypes.CDLL:
-    return ctypes.CDLL(str(library))
+    return load_library(library, "batch runner")

@@ -6,7 +6,6 @@ and the linker script. The compiler is pip's; arm-none-eabi-gcc takes the same s
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from codegen.blocks.block_c import write_files
 from codegen.cache import stored
 from codegen.firmware.image import BOARD, Footprint, Image, own_files
 from codegen.firmware.targets import Target
+from codegen.scratch import Scratch
 from codegen.toolchains.compiler import WARNINGS, compiler_version, zig
 
 TRIPLE = ("-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m4+vfp4d16sp")  # `cortex_m4` has no FPU
@@ -46,8 +46,8 @@ def cortex_m4f_image(target: Target, files: Mapping[str, str]) -> Image:
     files = own_files(target) | dict(files)
 
     def make(path: Path) -> None:
-        with tempfile.TemporaryDirectory(dir=path.parent, prefix=".build-") as scratch:
-            folder = Path(scratch).resolve()
+        with Scratch(path.parent) as scratch:
+            folder = scratch.resolve()
             write_files(files, folder)
             sources = sorted(n for n in files if n.endswith(".c") and n not in BOARD)
             prefix = f"-ffile-prefix-map={folder}=."

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from codegen.blocks.block_c import write_files
 from codegen.cache import stored
 from codegen.firmware.bundle import SOURCES
 from codegen.firmware.targets import Target
+from codegen.scratch import Scratch
 from codegen.toolchains.compiler import (
     NUMERICS,
     WARNINGS,
@@ -67,10 +67,10 @@ def host_image(target: Target, files: Mapping[str, str]) -> Image:
     flags = (*NUMERICS, *WARNINGS, "-fno-sanitize=all", "-g0")
 
     def make(path: Path) -> None:
-        with tempfile.TemporaryDirectory() as scratch:
-            write_files(dict(files), Path(scratch))
+        with Scratch() as scratch:
+            write_files(dict(files), scratch)
             sources = [n for n in files if n.endswith(".c") and n not in (*BOARD, "pil_main.c")]
-            build_library(Path(scratch), sources, path, what="onboard", flags=flags)
+            build_library(scratch, sources, path, what="onboard", flags=flags)
 
     asked = (compiler_version(), this_platform(), flags, sorted(files.items()))
     return Image(stored(f"firmware/{target.name}/onboard.so", asked, make), {})

@@ -6,7 +6,6 @@ Objects are kept: SDCC takes half a minute for all of them, and other parameters
 from __future__ import annotations
 
 import re
-import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -15,6 +14,7 @@ from codegen.blocks.block_c import write_files
 from codegen.cache import stored
 from codegen.firmware.image import BOARD, Footprint, Image, own_files
 from codegen.firmware.targets import Target
+from codegen.scratch import Scratch
 from codegen.toolchains.compiler import CompileError
 from codegen.toolchains.sdcc import LANGUAGE, VERSION, assemble, home, sdcc
 
@@ -97,8 +97,7 @@ def build_object(name: str, target: Target, files: Mapping[str, str]) -> Path:
     stem = Path(name).stem
 
     def make(path: Path) -> None:
-        with tempfile.TemporaryDirectory(dir=path.parent, prefix=".build-") as scratch:
-            folder = Path(scratch)
+        with Scratch(path.parent) as folder:
             write_files({name: files[name], **headers}, folder)
             assembly = folder / name
             if name.endswith(".c"):
@@ -124,8 +123,7 @@ def link(objects: Sequence[Path], output: Path) -> Path:
         CompileError: a symbol is missing, or the program does not fit.
     """
     path = output / "onboard.ihx"
-    with tempfile.TemporaryDirectory(dir=output, prefix=".link-") as scratch:
-        folder = Path(scratch)
+    with Scratch(output) as folder:
         library = [f"-L{home() / 'share' / 'sdcc' / 'lib' / 'r3ka'}", "-lr3ka"]
         messages = sdcc([*LINKING, *library, "-o", path.name, *map(str, objects)], path.stem, folder)
         if messages:

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from codegen.scratch import Scratch
 from models.errors import CanineError, UsageError, nearest
 
 
@@ -150,8 +151,8 @@ def build_library(
     folder = folder.resolve()
     output.parent.mkdir(parents=True, exist_ok=True)
     # a folder of its own, since the linker leaves .pdb and .lib beside a library for Windows
-    with tempfile.TemporaryDirectory(dir=output.parent, prefix=".link-") as scratch:
-        library = Path(scratch).resolve() / output.name
+    with Scratch(output.parent) as scratch:
+        library = scratch.resolve() / output.name
         arguments = ["cc", "-target", target, "-shared", "-fPIC", *flags, f"-ffile-prefix-map={folder}=."]
         arguments += ["-s", "-o", str(library), *sources]
         if "windows" in target:
@@ -179,4 +180,9 @@ def cache_folder() -> Path:
                 return candidate
         except OSError:
             continue
-    return Path(tempfile.mkdtemp(prefix="guided-canine-"))
+    return _own_cache().path
+
+
+@cache
+def _own_cache() -> Scratch:
+    return Scratch()  # kept until the process ends

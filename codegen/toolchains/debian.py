@@ -10,11 +10,11 @@ import os
 import shutil
 import subprocess
 import sysconfig
-import tempfile
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from codegen.scratch import Scratch
 from codegen.toolchains.compiler import CompileError, cache_folder
 
 SUITE = "trixie"
@@ -48,8 +48,8 @@ def unpack(name: str, packages: Sequence[str], programs: Sequence[str]) -> Path:
         wrong = f"lacks {' and '.join(missing)}" if missing else f"is {os.uname().machine}"
         raise ToolchainError(f"{name} is fetched from Debian for x86_64; this machine {wrong}")
     target = cache_folder() / name
-    with tempfile.TemporaryDirectory(prefix=".debian-", dir=cache_folder()) as scratch:
-        part = Path(scratch).resolve()
+    with Scratch(cache_folder()) as scratch:
+        part = scratch.resolve()
         _download(name, [*packages, *RUNTIME], part)
         root = part / "root"
         for package in sorted(part.glob("*.deb")):

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import lzma
+import os
 import stat
 import zipfile
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from xml.etree import ElementTree
 from xml.parsers import expat
@@ -57,6 +60,16 @@ def read_member(path: Path, name: str) -> bytes | None:
             return archive.read(name) if name in archive.namelist() else None
     except UNREADABLE as reason:
         raise _unreadable(path, reason) from None
+
+
+@contextmanager
+def naming(folder: Path, package: object) -> Iterator[None]:
+    """Errors from within name the package in the place of the folder that it is unpacked in."""
+    try:
+        yield
+    except CanineError as error:
+        error.args = tuple(str(part).replace(f"{folder}{os.sep}", f"{package}: ") for part in error.args)
+        raise
 
 
 def _unreadable(path: Path, reason: Exception) -> ArchiveError:

@@ -10,11 +10,10 @@ import ctypes
 import hashlib
 import json
 import math
-import shutil
-import tempfile
+import os
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import chdir, suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -30,6 +29,8 @@ import numpy.typing as npt
 from fmpy.model_description import ValidationError
 
 from codegen.cache import stored
+from codegen.scratch import Scratch
+from codegen.toolchains.library import why_not_loaded
 from harness.cosim.archive import parse_xml, read_member, unpack
 from models.errors import CanineError, nearest
 from models.kit.declaration import Type
@@ -332,6 +333,12 @@ def _feedthrough(read: Any) -> bool:
     )
 
 
+def _names(folder: Path) -> str:
+    """What is in a folder."""
+    names = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
+    return ", ".join(names) or "none"
+
+
 _messages: dict[str, deque[tuple[int, str]]] = {}
 
 
@@ -367,13 +374,13 @@ class FmuInstance:
     def __init__(self, name: str, path: Path, label: str = "") -> None:
         self.name = name
         self.label = label or f"{name} {path.name}"
-        self._folder = Path(tempfile.mkdtemp(prefix="canine-"))
+        self._scratch = Scratch()
         self._slave: Any = None
         self._dead = False
         self._keep: list[Any] = []  # what C holds addresses of
         self._functions: dict[str, Callable[..., int]] = {}
         try:
-            unpack(path, self._folder)
+            unpack(path, self._scratch.path)
             self.description = describe(path)
             self._instantiate()
         except BaseException:
@@ -391,28 +398,42 @@ class FmuInstance:
         _messages[self.name] = deque(maxlen=4)
         arguments = {
             "guid": description.fmpy.guid,
-            "unzipDirectory": str(self._folder),
+            "unzipDirectory": str(self._scratch.path),
             "modelIdentifier": description.fmpy.coSimulation.modelIdentifier,
             "instanceName": self.name,
         }
         try:
-            if description.version == 2:
-                self._slave = fmpy.fmi2.FMU2Slave(**arguments)
-                self._slave.instantiate(callbacks=_callbacks, loggingOn=True)
-            else:
-                self._slave = fmpy.fmi3.FMU3Slave(**arguments)
-                self._slave.instantiate(loggingOn=True, logMessage=self._log3)
+            with chdir(Path.cwd()):  # fmpy stays in the folder of a library that it cannot load
+                if description.version == 2:
+                    self._slave = fmpy.fmi2.FMU2Slave(**arguments)
+                    self._slave.instantiate(callbacks=_callbacks, loggingOn=True)
+                else:
+                    self._slave = fmpy.fmi3.FMU3Slave(**arguments)
+                    self._slave.instantiate(loggingOn=True, logMessage=self._log3)
         except Exception as reason:  # fmpy raises plain Exception
-            text = _one_line(reason)
-            if "Cannot find shared library" in text:
-                text = f"it has no binary for this machine ({fmpy.platform}); it has {self._platforms()}"
+            text = self._why_not_loaded() or _one_line(reason).replace(f"{self._scratch.path}{os.sep}", "")
             raise FmuError(f"{self.label}: cannot be instantiated: {text}{self._last_message()}") from None
         self._handle = ctypes.c_void_p(self._slave.component)
         self._quieten()
 
-    def _platforms(self) -> str:
-        folder = self._folder / "binaries"
-        return ", ".join(sorted(p.name for p in folder.iterdir())) if folder.is_dir() else "none"
+    def _why_not_loaded(self) -> str:
+        """What is wrong with the binary; empty if the system loads it."""
+        platform = fmpy.platform if self.description.version == 2 else fmpy.platform_tuple
+        binaries = self._scratch.path / "binaries"
+        identifier = self.description.fmpy.coSimulation.modelIdentifier
+        library = binaries / platform / f"{identifier}{fmpy.sharedLibraryExtension}"
+        if not library.parent.is_dir():
+            return f"it has no binary for this machine ({platform}); it has {_names(binaries)}"
+        if not library.is_file():
+            return (
+                f'binaries/{platform} lacks {library.name}, which modelIdentifier="{identifier}" names; '
+                f"it holds {_names(library.parent)}; give the binary that name, or export again"
+            )
+        try:
+            ctypes.CDLL(str(library))
+        except OSError as reason:
+            return why_not_loaded(library, reason)
+        return ""
 
     def _log3(self, environment: Any, status: int, category: bytes, message: bytes) -> None:
         if status >= WARNING:
@@ -538,4 +559,4 @@ class FmuInstance:
             with suppress(Exception):
                 slave.freeInstance()
         _messages.pop(self.name, None)
-        shutil.rmtree(self._folder, ignore_errors=True)
+        self._scratch.close()

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import math
 import posixpath
-import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
-from harness.cosim.archive import parse_xml, unpack
+from codegen.scratch import Scratch
+from harness.cosim.archive import naming, parse_xml, unpack
 from models.errors import CanineError, nearest
 from models.kit.link import Link
 
@@ -92,8 +92,8 @@ def open_ssp(path: Path) -> Iterator[FmuSystem]:
     Raises:
         SspError, ArchiveError, XmlError: naming the file and the element.
     """
-    with tempfile.TemporaryDirectory(prefix="canine-") as temporary:
-        folder = Path(temporary)
+    with Scratch() as temporary, naming(temporary, path):
+        folder = temporary
         if path.is_dir():
             folder = path
         elif path.suffix == ".ssd":

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
-from pathlib import Path
 
 import numpy as np
 
+from codegen.scratch import Scratch
 from fmus.archive import pack
 from harness.cosim.fmu import Quantity
 from harness.cosim.loop import Array, Simulation
@@ -119,5 +118,5 @@ def _package(request: Request, ready: Prepared) -> bytes:
     if request.ssp.is_file() and request.ssp.suffix == ".ssp":
         return request.ssp.read_bytes()
     files = {name: path.read_bytes() for name, path in ready.system.files.items()}
-    with tempfile.TemporaryDirectory(prefix="canine-") as folder:
-        return pack(Path(folder) / PACKAGE, files).read_bytes()
+    with Scratch() as folder:
+        return pack(folder / PACKAGE, files).read_bytes()

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from codegen.firmware.targets import TARGETS
+from codegen.scratch import Scratch
 from fmus.folder import build_folder, is_current
+from harness.cosim.archive import naming
 from harness.cosim.stepping import Order
 from harness.onboard import ROLES
 from harness.trial import DEFAULT
@@ -87,8 +88,8 @@ def requested(target: str | Scenario, changes: Changes) -> Iterator[Request]:
     Raises:
         UsageError, LogError: the target cannot be read, or a change does not fit it.
     """
-    with tempfile.TemporaryDirectory(prefix="canine-") as folder:
-        request = _request_of(target, Path(folder))
+    with Scratch() as folder, naming(folder, target):
+        request = _request_of(target, folder)
         if changes.fmi and request.scenario.system not in SYSTEMS:
             raise UsageError(
                 f"--fmi {changes.fmi}: {request.scenario.system} is run with the FMUs that it holds; "

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 
+from codegen.scratch import Scratch
 from harness.log.log import Array, Log, read_log
 from harness.sweep.chunks import ANOMALIES, Outcomes, batch_of, pool_at, run_all
 from harness.sweep.plots import trend
@@ -201,6 +200,6 @@ def _run_trial(name: str, seed: int) -> Log:
     """A trial through the FMUs, the true state into the controller."""
     request = Request(replace(load(name), system="cts", seed=seed))
     build_missing(request)
-    with prepared(request) as ready, tempfile.TemporaryDirectory(prefix="canine-") as folder:
-        trial.run(request, ready, Path(folder))
-        return read_log(Path(folder) / trial.LOG)
+    with prepared(request) as ready, Scratch() as folder:
+        trial.run(request, ready, folder)
+        return read_log(folder / trial.LOG)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import _ctypes
 import ctypes
 import shutil
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,8 @@ from typing import Any
 from codegen.firmware.bundle import recorded
 from codegen.firmware.image import Image, host_image
 from codegen.firmware.targets import Target
+from codegen.scratch import Scratch
+from codegen.toolchains.library import LoadError, load_library
 from harness.onboard.processors.processor import MAX_BYTES, SOURCES, Mailbox, ProcessorError, Received, Reply
 
 
@@ -21,13 +22,16 @@ class Host:
 
     def __init__(self, image: Image) -> None:
         self.image, self.mailbox = image, Mailbox()
-        self._folder = Path(tempfile.mkdtemp(prefix="canine-"))
+        self._scratch = Scratch()
         try:
-            copy = shutil.copy(image.path, self._folder / image.path.name)
-            self._library = ctypes.CDLL(str(copy))
+            copy = shutil.copy(image.path, self._scratch.path / image.path.name)
+            self._library = load_library(Path(copy), "host: the onboard program")
         except OSError as reason:
-            shutil.rmtree(self._folder, ignore_errors=True)
-            raise ProcessorError(f"host: the onboard program cannot be loaded: {reason}") from None
+            self._scratch.close()
+            raise ProcessorError(f"host: the onboard program cannot be copied: {reason}") from None
+        except LoadError:
+            self._scratch.close()
+            raise
         self._received = self._variable("pil_received", ctypes.c_uint8 * MAX_BYTES * len(SOURCES))
         self._counts = self._variable("pil_counts", ctypes.c_uint16 * len(SOURCES))
         self._sent = self._variable("pil_sent", ctypes.c_uint8 * MAX_BYTES)
@@ -63,7 +67,7 @@ class Host:
     def close(self) -> None:
         """Unload the library."""
         _ctypes.dlclose(self._library._handle)
-        shutil.rmtree(self._folder, ignore_errors=True)
+        self._scratch.close()
 
 
 def start(target: Target, files: Mapping[str, str]) -> Host:

@@ -1,5 +1,8 @@
 """Loading FMUs, and what is said when one goes wrong."""
 
+import shutil
+import subprocess
+import sys
 import tempfile
 import zipfile
 from pathlib import Path
@@ -10,9 +13,11 @@ import numpy as np
 import pytest
 
 from codegen import cache
+from codegen.toolchains.compiler import build_library, find_platform, this_platform
 from harness.cosim.fmu import FmuError, FmuInstance, describe
 from harness.cosim.loop import Array, Simulation
-from harness.cosim.ssp import FmuComponent, FmuSystem
+from harness.cosim.ssp import FmuComponent, FmuSystem, open_ssp
+from models.errors import CanineError
 from models.kit.declaration import Type
 from tests.harness.cosim.tiny_fmu import V, tiny_fmu
 
@@ -236,3 +241,127 @@ def test_an_fmu_for_another_machine_is_named_as_such(tmp_path: Path) -> None:
         FmuError, match=r"plant other.fmu: .* no binary for this machine \(\w+\); it has amiga"
     ):
         FmuInstance("plant", other)
+
+
+def folder_here(version: int) -> str:
+    """The folder of this machine's binaries."""
+    here = find_platform(this_platform())
+    return here.fmi2 if version == 2 else here.fmi3
+
+
+def repacked(path: Path, binaries: dict[str, bytes], into: Path) -> Path:
+    """An FMU with other binaries."""
+    with zipfile.ZipFile(path) as packed, zipfile.ZipFile(into, "w") as archive:
+        archive.writestr("modelDescription.xml", packed.read("modelDescription.xml"))
+        for name, content in binaries.items():
+            archive.writestr(name, content)
+    return into
+
+
+def refusal(path: Path) -> str:
+    """What is said when an FMU is loaded."""
+    with pytest.raises(FmuError) as caught:
+        FmuInstance("plant", path)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_binary_whose_name_differs_from_the_model_identifier_is_named(tmp_path: Path, version: int) -> None:
+    path = tiny_fmu(tmp_path / "dog.fmu", GAIN, version=version)
+    folder = folder_here(version)
+    other = repacked(path, {f"binaries/{folder}/small.so": b"x"}, tmp_path / "other.fmu")
+    assert refusal(other) == (
+        f"plant other.fmu: cannot be instantiated: binaries/{folder} lacks tiny.so, which "
+        'modelIdentifier="tiny" names; it holds small.so; give the binary that name, or export again'
+    )
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize(
+    ("target", "kind"),
+    [
+        ("aarch64-linux", "an ELF library for aarch64"),
+        ("win64", "a Windows library"),
+        ("", "no library, or a damaged one"),
+    ],
+)
+def test_a_binary_that_this_machine_does_not_run_is_named_by_what_it_is(
+    tmp_path: Path, version: int, target: str, kind: str
+) -> None:
+    # given an FMU whose binary in this machine's folder was made for another, or is damaged
+    path = tiny_fmu(tmp_path / "dog.fmu", GAIN, version=version)
+    content = b""
+    if target == "aarch64-linux":
+        (tmp_path / "e.c").write_text("int e(void) { return 0; }")
+        content = build_library(tmp_path, ["e.c"], tmp_path / "e.so", what="e", target=target).read_bytes()
+    elif target:
+        content = b"MZ" + bytes(100)
+    other = repacked(path, {f"binaries/{folder_here(version)}/tiny.so": content}, tmp_path / "other.fmu")
+    here = Path.cwd()
+    # when, then
+    said = f"plant other.fmu: cannot be instantiated: tiny.so is {kind}, this machine is "
+    assert refusal(other).startswith(said)
+    assert Path.cwd() == here
+
+
+def test_a_binary_that_lacks_another_library_names_it(tmp_path: Path) -> None:
+    # given an FMU that is linked to libleash.so
+    path = tiny_fmu(tmp_path / "dog.fmu", GAIN)
+    (tmp_path / "e.c").write_text("int leash(void) { return 0; }")
+    (tmp_path / "f.c").write_text("int leash(void); int f(void) { return leash(); }")
+    build_library(tmp_path, ["e.c"], tmp_path / "libleash.so", what="e", flags=("-fvisibility=default",))
+    library = build_library(
+        tmp_path, ["f.c", "libleash.so"], tmp_path / "f.so", what="f", flags=("-fvisibility=default",)
+    ).read_bytes()
+    other = repacked(path, {f"binaries/{folder_here(2)}/tiny.so": library}, tmp_path / "other.fmu")
+    assert refusal(other) == (
+        "plant other.fmu: cannot be instantiated: tiny.so needs libleash.so, which this machine lacks; "
+        "install it, or export without it"
+    )
+
+
+def test_errors_of_an_fmu_in_a_package_name_the_package_not_a_temporary_folder(tmp_path: Path) -> None:
+    # given a package whose FMU has no description
+    with zipfile.ZipFile(tmp_path / "dog.fmu", "w") as packed:
+        packed.writestr("modelDescription.xml", "<a>")
+    ssd = """<SystemStructureDescription xmlns="http://ssp-standard.org/SSP1/SystemStructureDescription"
+        version="1.0" name="toy"><System name="toy"><Elements><Component name="plant" source="dog.fmu"/>
+        </Elements></System></SystemStructureDescription>"""
+    package = tmp_path / "toy.ssp"
+    with zipfile.ZipFile(package, "w") as archive:
+        archive.writestr("SystemStructure.ssd", ssd)
+        archive.write(tmp_path / "dog.fmu", "dog.fmu")
+    # when
+    with pytest.raises(CanineError) as caught, open_ssp(package) as system:
+        describe(system.components["plant"].fmu)
+    # then
+    assert str(caught.value).startswith(f"{package}: dog.fmu: modelDescription.xml: malformed XML")
+
+
+NOEXEC = """
+mount -t tmpfs -o noexec tmpfs {folder} || exit 77
+TMPDIR={folder} {python} -m harness.main check {fmu}
+"""
+
+
+def test_a_temporary_folder_that_runs_no_programs_is_said(tmp_path: Path) -> None:
+    # given TMPDIR on a file system mounted noexec, which takes a namespace of its own
+    path = tiny_fmu(tmp_path / "dog.fmu", GAIN)
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    script = NOEXEC.format(folder=folder, python=sys.executable, fmu=path)
+    if shutil.which("unshare") is None:
+        pytest.skip("left out: this machine has no unshare")
+    done = subprocess.run(
+        ["unshare", "-rm", "sh", "-c", script], capture_output=True, text=True, check=False,
+        cwd=Path(__file__).parents[3],
+    )  # fmt: skip
+    if done.returncode == 77 or "unshare" in done.stderr:
+        pytest.skip(f"left out: no file system can be mounted here: {done.stderr}")
+    # then
+    assert done.returncode == 1
+    assert done.stderr == (
+        "canine: fmu dog.fmu: cannot be instantiated: tiny.so is unpacked below a folder that is mounted "
+        f"noexec, from where no program runs: {folder}; set TMPDIR to a folder elsewhere (and "
+        "XDG_CACHE_HOME, if the cache lies there)\n"
+    )
