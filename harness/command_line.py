@@ -18,6 +18,7 @@ from codegen.firmware.targets import SIMULATED, TARGETS, find_target
 from codegen.toolchains.compiler import PLATFORMS
 from harness.cosim.stepping import DURATION, Order
 from harness.pil import SCENARIO
+from harness.recording import STREAMS
 from harness.replay import EVERY_S, OUTAGE_S
 from harness.trial import DEFAULT
 from models.errors import CanineError, UsageError
@@ -336,14 +337,31 @@ def wiring(
 
 @app.command()
 def check(
-    fmu: Annotated[Path, typer.Argument(exists=True, dir_okay=False, metavar="X.fmu")],
+    fmu: Annotated[Path, typer.Argument(exists=True, metavar="X.fmu|RECORDING")],
     role: Annotated[str | None, typer.Option(help="does it fit this role of the system?")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print what is in a recording as JSON")] = False,
 ) -> None:
-    """Does an FMU fit, and what is wrong if not.
+    """Does an FMU fit, or what is in a recording; and what is wrong with it.
 
     \b
     canine check dog.fmu --role plant             (dog.toml beside it may map names and units)
+    canine check ../walk                          rates, holes, fixes, drops, mounting, clocks
+    canine check field                            every recording below a folder
     """
+    if fmu.is_dir() or fmu.suffix.lower() in STREAMS:
+        if role is not None:
+            raise UsageError(f"--role {role}: {fmu} is a recording; a role is for an FMU")
+        from harness.recording import check as recordings
+
+        results = recordings.check_all(fmu)
+        if as_json:
+            typer.echo(json.dumps(results, indent=2))
+        else:
+            recordings.show_all(results, out())
+        recordings.raise_problems(fmu, results)
+        return
+    if as_json:
+        raise UsageError(f"--json: {fmu} is an FMU; --json is for a recording")
     from harness.cosim.fmu import describe
 
     if role is not None:

@@ -37,12 +37,14 @@ class FixStream:
             velocity north and east [m/s], accuracy of the position [m] and of the speed [m/s], as in `Fixes`.
         ends: (f,) position in the file behind each.
         dropped: how many fixes or frames were dropped, by cause.
+        kinds: how many fixes there are of each kind.
     """
 
     file: str
     rows: Array
     ends: Index
     dropped: Mapping[str, int] = field(default_factory=dict)
+    kinds: Mapping[str, int] = field(default_factory=dict)
 
     def only(self, kept: Mask, cause: str) -> FixStream:
         """The fixes in a mask (f,); the others are counted as dropped for a cause."""

@@ -1,9 +1,6 @@
-"""Reads a u-blox stream and a csv of inertial samples whose clocks are tied by RTKLIB's time tags.
+"""Ties the clock of an IMU to GPS time by RTKLIB's time tags, `*.tag` beside each file.
 
-A folder holds one `*.ubx` (u-blox binary stream), one `imu*.csv` (ax, ay, az [g], gx, gy, gz [deg/s],
-tick [ms since power-up]), and beside each file its RTKLIB time tag, `*.tag`.
-
-Clocks: a fix carries GPS time of week, an IMU line only the IMU's own tick. The tag of the IMU's file gives
+A fix carries GPS time of week, a sample only the IMU's own tick. The tag of the IMU's file gives
 the time when the logging computer, whose clock keeps GPS time, received each line. Transport only delays, so
 the smallest (arrival - tick) of the recording is the offset between the clocks. The receiver's tag shows that
 the computer's clock is right.
@@ -17,25 +14,18 @@ from pathlib import Path
 import numpy as np
 
 from harness.recording.attitude import Array
-from harness.recording.imu_csv import read_imu_csv
 from harness.recording.order import longest_rise
 from harness.recording.recording import (
     WEEK_S,
     FixStream,
     Index,
-    Recording,
     RecordingError,
     SampleStream,
-    join,
     read_file,
     wrap_week,
 )
-from harness.recording.ubx import read_ubx
 
 GPS_EPOCH_S = 315_964_800  # 1980-01-06 from 1970-01-01: the tags count GPS time from the latter
-
-# Forward, right and down in the axes of the IMU: roll, pitch, yaw = 180, 0, -90 deg.
-MOUNTING = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
 HEADER = 76  # bytes of a tag
 PAIRS = tuple(np.dtype([("ms", "<u4"), ("size", size)]) for size in ("<u4", "<u8"))
@@ -43,18 +33,6 @@ PAIRS = tuple(np.dtype([("ms", "<u4"), ("size", size)]) for size in ("<u4", "<u8
 MAX_RECEIVER_LATENCY_S = 0.5  # s from the epoch of a fix to its arrival
 MAX_EARLY_S = 0.5  # s of a sample's arrival before the usual one: transport cannot, its tick is wrong
 MAX_CLOCK_DRIFT_S = 0.05  # s, of the IMU's clock against the computer's over the recording
-
-
-def read_tagged(folder: Path) -> Recording:
-    """Read a folder's UBX stream, IMU samples and time tags.
-
-    Raises:
-        RecordingError: a file is missing, damaged, or does not fit the others.
-    """
-    ubx, imu = _only_file(folder, "*.ubx"), _only_file(folder, "imu*.csv")
-    fixes, samples = timely_fixes(ubx, read_ubx(ubx)), read_imu_csv(imu)
-    samples, offset = timed_samples(imu, samples)
-    return join(folder.resolve().name, fixes, samples, offset, MOUNTING)
 
 
 def timely_fixes(path: Path, fixes: FixStream) -> FixStream:
@@ -95,24 +73,8 @@ def timed_samples(path: Path, samples: SampleStream) -> tuple[SampleStream, floa
     return samples, float(delay[timely].min())
 
 
-def _only_file(folder: Path, pattern: str) -> Path:
-    paths = sorted(folder.glob(pattern))
-    if len(paths) != 1:
-        got = ", ".join(path.name for path in paths) or "none"
-        raise RecordingError(
-            f"{folder}: got {got} for {pattern}, expected one file; keep one recording in each folder"
-        )
-    for path in (paths[0], _tag(paths[0])):
-        if not path.is_file():
-            raise RecordingError(
-                f"{path}: missing; expected the time tag that RTKLIB writes with {paths[0].name}"
-            )
-        if path.stat().st_size == 0:
-            raise RecordingError(f"{path}: got an empty file, expected a recording; copy it again")
-    return paths[0]
-
-
-def _tag(path: Path) -> Path:
+def tag_of(path: Path) -> Path:
+    """The time tag that RTKLIB writes with a file."""
     return path.with_name(path.name + ".tag")
 
 
@@ -126,7 +88,11 @@ def arrival(path: Path, ends: Index) -> Array:
     Raises:
         RecordingError: it is no such tag, or not the tag of this file.
     """
-    tag, content = read_file(_tag(path)), read_file(path)
+    if not tag_of(path).exists():
+        raise RecordingError(
+            f"{tag_of(path)}: missing; expected the time tag that RTKLIB writes with {path.name}"
+        )
+    tag, content = read_file(tag_of(path)), read_file(path)
     newlines = np.flatnonzero(np.frombuffer(content, np.uint8) == ord("\n")) + 1
     sizes = {
         len(content): ends,
@@ -153,6 +119,6 @@ def arrival(path: Path, ends: Index) -> Array:
                 "or from another recording"
             )
     raise RecordingError(
-        f"{_tag(path)}: got {len(tag)} bytes, expected TIMETAG RTKLIB, a header of {HEADER} and pairs of 8 "
+        f"{tag_of(path)}: got {len(tag)} bytes, expected TIMETAG RTKLIB, a header of {HEADER} and pairs of 8 "
         "or 12; it is truncated or not a time tag, copy it again"
     )

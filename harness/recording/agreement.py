@@ -1,0 +1,142 @@
+"""Do the sensors of a recording agree: in time by correlation, and with gravity?"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+
+from harness.recording.attitude import Array
+from harness.recording.recording import Fixes, Recording
+from harness.recording.signals import Mask
+
+MOVING_M_S = 0.5  # m/s above which a course means something
+FURTHEST_S = 3.0  # s, the largest offset that is looked for
+STEP_S = 0.02  # s between the offsets
+LEAST = 30  # pairs of fixes for a correlation that means something
+STRONG = 0.6  # a correlation from which on an offset is told
+APART_S = 1.0  # s from the best offset, from which on another one that is as good makes it ambiguous
+MARGIN = 0.1  # in correlation, by which the best one beats those
+PAIR_GAP = 1.5  # median gaps between two fixes that make a pair
+
+
+@dataclass(frozen=True)
+class Offset:
+    """What the clock of the IMU lacks to that of the fixes, by one correlation.
+
+    Attributes:
+        seconds: to be added to the time of the IMU; None where it cannot be told.
+        correlation: the largest one; None without pairs.
+        pairs: of fixes that were compared.
+        reason: why it cannot be told; "" if it can.
+    """
+
+    seconds: float | None
+    correlation: float | None
+    pairs: int
+    reason: str
+
+
+@dataclass(frozen=True)
+class Gravity:
+    """The mean specific force over the recording, against straight up.
+
+    Attributes:
+        force: m/s2, its length.
+        off_deg: deg between it and straight up in the body's axes.
+        roll_deg, pitch_deg: deg, of the IMU in a level body, by it; the yaw is not told by gravity.
+    """
+
+    force: float
+    off_deg: float
+    roll_deg: float
+    pitch_deg: float
+
+
+def gravity(specific_force: Array, mounting: Array) -> Gravity:
+    """Compare a specific force (n, 3) m/s2 in the axes of the IMU with gravity, under a mounting (3, 3).
+
+    The accelerations of an animal average out, so the mean force is what holds it against gravity.
+    """
+    x, y, z = (float(axis) for axis in specific_force.mean(axis=0))
+    along, across, down = (float(axis) for axis in mounting @ (x, y, z))
+    return Gravity(
+        force=math.hypot(x, y, z),
+        off_deg=math.degrees(math.atan2(math.hypot(along, across), -down)),
+        roll_deg=math.degrees(math.atan2(-y, -z)),
+        pitch_deg=math.degrees(math.atan2(x, math.hypot(y, z))),
+    )
+
+
+def turning_offset(recording: Recording) -> Offset:
+    """By the rate of the course between moving fixes against the yaw rate."""
+    speed, course = _speed_and_course(recording.fixes)
+    turned = np.diff(course)
+    turned = turned - 2 * np.pi * np.round(turned / (2 * np.pi))
+    moving = (speed[1:] > MOVING_M_S) & (speed[:-1] > MOVING_M_S)
+    # the yaw rate: about the vertical, which the mean force gives
+    up = recording.specific_force.mean(axis=0)
+    return _best(recording, turned, moving, -recording.rate @ up / np.linalg.norm(up))
+
+
+def pushing_offset(recording: Recording) -> Offset:
+    """By the rate of the speed between moving fixes against the specific force forward."""
+    speed, _ = _speed_and_course(recording.fixes)
+    moving = (speed[1:] > MOVING_M_S) | (speed[:-1] > MOVING_M_S)
+    return _best(recording, np.diff(speed), moving, recording.specific_force[:, 0])
+
+
+def swerving_offset(recording: Recording) -> Offset:
+    """By speed times the rate of the course against the specific force sideways.
+
+    A body that looks where it will go turns before its course does; the force on it does not.
+    """
+    speed, course = _speed_and_course(recording.fixes)
+    turned = np.diff(course)
+    turned = turned - 2 * np.pi * np.round(turned / (2 * np.pi))
+    moving = (speed[1:] > MOVING_M_S) & (speed[:-1] > MOVING_M_S)
+    sideways = recording.specific_force[:, 1]
+    return _best(recording, turned * (speed[1:] + speed[:-1]) / 2, moving, sideways)
+
+
+def _speed_and_course(fixes: Fixes) -> tuple[Array, Array]:
+    north, east = fixes.velocity_north, fixes.velocity_east
+    return np.hypot(north, east), np.arctan2(east, north)
+
+
+def _best(recording: Recording, change: Array, moving: Mask, signal: Array) -> Offset:
+    """The offset at which `signal` (n,), averaged between two fixes, follows their `change` (f - 1,) best."""
+    t, imu_t = recording.fixes.t, recording.imu_t
+    gap = np.diff(t)
+    used = moving & (gap <= PAIR_GAP * np.median(gap))
+    used &= (t[:-1] >= imu_t[0] + FURTHEST_S) & (t[1:] <= imu_t[-1] - FURTHEST_S)
+    pairs = int(used.sum())
+    if pairs < LEAST:
+        return Offset(None, None, pairs, f"only {pairs} pairs of moving fixes, {LEAST} are needed")
+    rate = change[used] / gap[used]
+    summed = cumulative_trapezoid(signal, imu_t, initial=0.0)
+    offsets = np.arange(-round(FURTHEST_S / STEP_S), round(FURTHEST_S / STEP_S) + 1) * STEP_S
+    correlations = np.zeros(len(offsets))
+    for i, offset in enumerate(offsets):  # a sample at t + offset on the clock of the fixes was taken at t
+        start, end = (
+            np.interp(t[fix][used] - offset, imu_t, summed) for fix in (slice(None, -1), slice(1, None))
+        )
+        mean = (end - start) / gap[used]
+        if rate.std() > 0 and mean.std() > 0:
+            correlations[i] = np.corrcoef(rate, mean)[0, 1]
+    if correlations.min() < -STRONG and -correlations.min() > correlations.max():
+        worst = float(correlations.min())
+        return Offset(None, worst, pairs, f"one is the reverse of the other, correlation {worst:.2f}")
+    best = int(correlations.argmax())
+    strength, seconds = float(correlations[best]), float(offsets[best])
+    elsewhere = float(correlations[np.abs(offsets - seconds) > APART_S].max())
+    reason = ""
+    if strength < STRONG:
+        reason = f"the correlation is at most {strength:.2f}, {STRONG} is needed"
+    elif best in (0, len(offsets) - 1):
+        reason = f"it is beyond {FURTHEST_S:g} s"
+    elif strength - elsewhere < MARGIN:
+        reason = f"another offset is nearly as good, {elsewhere:.2f} against {strength:.2f}"
+    return Offset(None if reason else seconds, strength, pairs, reason)
