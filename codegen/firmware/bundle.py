@@ -17,7 +17,7 @@ from typing import Any
 from codegen.blocks.block_c import comment, generate, start_literal, write_files
 from codegen.firmware.record import Entry, drivers, is_mission, of_block, words_of
 from codegen.firmware.structs import Headers, read_headers
-from codegen.firmware.targets import Target
+from codegen.firmware.targets import TARGETS, Target
 from codegen.firmware.telemetry import FIELDS, OFFSETS, PAYLOAD, Flag
 from codegen.templating import environment
 from models.cmec import MAX_WAYPOINTS, Cmec
@@ -33,6 +33,7 @@ from models.watchdog import Watchdog
 SOURCES = Path(__file__).parent / "onboard"
 TEMPLATES = environment(Path(__file__).parent / "templates")
 SUMS = "SHA256SUMS"  # of a bundle's files, as `sha256sum -c` reads it
+PORT = "port.c"  # each target's own, by the same name
 COSTS = SOURCES / "costs.json"  # by target, measured by the processor in the loop
 # numbers that the program shares with the models
 SHARED: dict[str, Any] = {"tick_ms": round(1000 * Block.sample_time), "max_waypoints": MAX_WAYPOINTS}
@@ -135,39 +136,78 @@ def write(
 ) -> list[Path]:
     """Write the bundle into a folder, which is made if need be; the files written, each whole or not at all.
 
-    A file that was changed since it was made, or that was not made here, is not overwritten: SUMS tells.
+    It takes the place of an earlier bundle for the same target, whose files that it lacks are removed. SUMS
+    tells them from the engineer's: a file that was changed since it was made, or that was not made here, is
+    neither overwritten nor removed.
 
     Raises:
-        UsageError: the folder cannot be written, or has such a file; then nothing is written.
+        UsageError: the folder cannot be written, holds another target's bundle, or has such a file by a name
+            of the bundle's; then nothing is written.
     """
     files = bundle(target, values, constants=constants)
     files[SUMS] = "".join(f"{_digest(text.encode())}  {name}\n" for name, text in sorted(files.items()))
     try:
-        foreign = _not_made_here(folder, files)
+        made, there = _made_here(folder), _contents(folder)
+        for other in _targets_in(made, there):
+            if other is not target:
+                raise UsageError(
+                    f"--out {folder}: holds firmware for {other.name}, and that for {target.name} would mix "
+                    "with it; nothing is written. Choose another folder, or empty this one"
+                )
+        unchanged = {name for name, content in there.items() if _digest(content) == made.get(name)}
+        foreign = [
+            n for n in files if n in there.keys() - unchanged - {SUMS} and files[n].encode() != there[n]
+        ]
         if foreign:
             raise UsageError(
                 f"--out {folder}: changed after being made, or not made here: {', '.join(foreign)}; "
                 "nothing is written. Move them away, or choose another folder"
             )
-        return write_files(files, folder)
+        paths = write_files(files, folder)
+        for name in unchanged - files.keys():
+            (folder / name).unlink()
+        return paths
     except OSError as reason:
         raise UsageError(f"--out {folder}: cannot be written: {reason.strerror}") from None
 
 
-def _not_made_here(folder: Path, files: Mapping[str, str]) -> list[str]:
-    """Files of these names whose content is neither the new nor an earlier bundle's."""
-    made: dict[str, str] = {}
-    if (folder / SUMS).is_file():
-        lines = (line.split("  ", 1) for line in (folder / SUMS).read_text(errors="replace").splitlines())
-        made = {parts[1]: parts[0] for parts in lines if len(parts) == 2}
-    there = {
-        name: (folder / name).read_bytes() for name in files if name != SUMS and (folder / name).exists()
+def _made_here(folder: Path) -> dict[str, str]:
+    """The digests of the files that the last bundle in a folder had, by name."""
+    if not (folder / SUMS).is_file():
+        return {}
+    lines = (line.split("  ", 1) for line in (folder / SUMS).read_text(errors="replace").splitlines())
+    return {parts[1]: parts[0] for parts in lines if len(parts) == 2}
+
+
+def _contents(folder: Path) -> dict[str, bytes]:
+    """The files in a folder by name."""
+    return (
+        {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+        if folder.is_dir()
+        else {}
+    )
+
+
+def _targets_in(made: Mapping[str, str], there: Mapping[str, bytes]) -> Iterator[Target]:
+    """The targets whose bundle, or whose own sources, a folder holds."""
+    plain = bool(made)  # a bundle without sources that only one target has is the one for `host`
+    for target in TARGETS.values():
+        own = _own_sources(target)
+        listed = bool(own.keys() & made.keys())
+        plain &= not listed
+        if listed or any(there.get(name) == content for name, content in own.items()):
+            yield target
+    if plain:
+        yield TARGETS["host"]
+
+
+def _own_sources(target: Target) -> dict[str, bytes]:
+    """The sources that a target's bundle alone has, by name."""
+    return {
+        path.name: path.read_bytes()
+        for path in (SOURCES / target.folder).iterdir()
+        if path.name != PORT and not path.name.startswith("pil")
     }
-    return [
-        name
-        for name, content in there.items()
-        if content != files[name].encode() and _digest(content) != made.get(name)
-    ]
 
 
 def _digest(content: bytes) -> str:

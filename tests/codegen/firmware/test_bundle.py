@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import datetime
 import graphlib
+import hashlib
 import itertools
 import json
 import math
@@ -871,6 +872,55 @@ def test_a_bundle_overwrites_no_file_that_was_not_made_here(tmp_path: Path) -> N
     with pytest.raises(UsageError, match=r"main\.c"):
         bundle.write(TARGETS["cortex-m4f"], tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["main.c"]
+
+
+@pytest.mark.parametrize("asked", TARGETS)
+@pytest.mark.parametrize("held", TARGETS)
+def test_a_folder_takes_the_bundles_of_one_target(
+    held: str, asked: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # given a bundle, and a file of the engineer's
+    bundle.write(TARGETS[held], tmp_path)
+    (tmp_path / "notes.c").write_text("/* ours */\n")
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    # when one for the same or another target is written into its folder
+    status, error = canine(capsys, "firmware", "--target", asked, "--out", tmp_path)
+    # then another is refused, naming both
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    if asked == held:
+        assert status == 0
+    else:
+        assert status == 2
+        assert error == (
+            f"canine: --out {tmp_path}: holds firmware for {held}, and that for {asked} would mix with it; "
+            "nothing is written. Choose another folder, or empty this one\n"
+        )
+
+
+def test_a_folder_with_another_targets_sources_that_no_bundle_lists_is_refused(tmp_path: Path) -> None:
+    # given two bundles mixed by an earlier version, which listed those of the last
+    bundle.write(TARGETS["cortex-m4f"], tmp_path)
+    (tmp_path / bundle.SUMS).unlink()
+    (tmp_path / "port.c").unlink()
+    (tmp_path / "Makefile").unlink()
+    with pytest.raises(UsageError, match="holds firmware for cortex-m4f, and that for host would mix"):
+        bundle.write(TARGETS["host"], tmp_path)
+
+
+def test_a_bundle_takes_the_place_of_an_earlier_one_whole(tmp_path: Path) -> None:
+    # given a bundle of an earlier version with two files more, of which one was changed
+    bundle.write(TARGETS["host"], tmp_path)
+    sums = tmp_path / bundle.SUMS
+    for name in ("old.c", "kept.c"):
+        (tmp_path / name).write_text("int x;\n")
+        sums.write_text(f"{sums.read_text()}{hashlib.sha256(b'int x;' + bytes([10])).hexdigest()}  {name}\n")
+    (tmp_path / "kept.c").write_text("int y;\n")
+    # when it is made again
+    bundle.write(TARGETS["host"], tmp_path)
+    # then the one as it was made is gone, the changed one is not, and the list is that of the bundle
+    assert not (tmp_path / "old.c").exists()
+    assert (tmp_path / "kept.c").read_text() == "int y;\n"
+    assert "old.c" not in sums.read_text()
 
 
 @pytest.mark.parametrize(
