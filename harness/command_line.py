@@ -430,7 +430,10 @@ def sweep_parameters(
     *,
     thresholds: Annotated[
         str | None,
-        typer.Option(metavar="a:b[:step]", help="h' [deg]; 15:90, or 15:65 with three waypoints and more"),
+        typer.Option(
+            metavar="a:b[:step]",
+            help="deviation threshold h' [deg]; 15:90, or 15:65 with three waypoints and more",
+        ),
     ] = None,
     vary: Annotated[
         list[str] | None,
@@ -452,7 +455,12 @@ def sweep_parameters(
     ] = None,
     settings: Settings = None,
     folder: Annotated[
-        Path | None, typer.Option("--out", file_okay=False, help="by default out/sweep-<name>")
+        Path | None,
+        typer.Option(
+            "--out",
+            file_okay=False,
+            help="by default out/sweep-<name>, with reading, system, seed and parameters if special",
+        ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="print the recommendation as JSON")] = False,
 ) -> None:

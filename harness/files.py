@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import os
+from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from pathlib import Path
+from typing import Any
 
 from codegen import files
 from models.errors import CanineError, UsageError
 
 SHOWN_FILES = 5  # at most, in a hint
+DIFFERENCES = 5  # named one by one at most
+LONGEST = 60  # characters of a value that is named
 
 
 class FileError(CanineError):
@@ -30,6 +35,46 @@ def make_folder(out: Path) -> None:
         ) from error
     if not os.access(out, os.W_OK | os.X_OK):
         raise UsageError(f"--out {out}: the folder cannot be written into; choose another folder")
+
+
+def replaced(path: Path, new: Mapping[str, Any]) -> str:
+    """How the results that a JSON file holds differ from new ones of these properties; "" if they do not.
+
+    Properties that the file does not state, as those of an earlier version, count as the same.
+    """
+    try:
+        held = json.loads(path.read_text())
+    except FileNotFoundError:
+        return ""
+    except (OSError, ValueError, RecursionError):
+        held = None
+    if not isinstance(held, dict):
+        return f"{path.name} is not of canine"
+    shared = {key: value for key, value in new.items() if key in held}
+    found = list(differences({key: held[key] for key in shared}, shared))
+    more = f" and {len(found) - DIFFERENCES} more" if len(found) > DIFFERENCES else ""
+    return ", ".join(found[:DIFFERENCES]) + more
+
+
+def differences(held: Mapping[str, Any], new: Mapping[str, Any], within: str = "") -> Iterator[str]:
+    """What differs between two results' properties, such as `trials: 1000, now 100`.
+
+    Args:
+        within: what both are part of, with a point at its end.
+    """
+    for key in {**new, **held}:
+        before, now, name = held.get(key), new.get(key), f"{within}{key}"
+        if isinstance(before, Mapping | None) and isinstance(now, Mapping | None):
+            yield from differences(before or {}, now or {}, f"{name}.")
+        elif before != now:
+            yield f"{name}: {_in_words(before)}, now {_in_words(now)}"
+
+
+def _in_words(value: object) -> str:
+    if value is None:
+        return "none"
+    text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
 
 
 def write_whole(path: Path, data: bytes) -> None:

@@ -299,7 +299,7 @@ def run_sweep(
         seed: of the first trial at each point; by default the scenario's.
         parameters: values over the scenario's, by `block.name`; angles in degrees.
         dask: the address of the scheduler of a Dask cluster; by default this machine's cores.
-        out: the folder of the results; by default out/sweep-<name>.
+        out: the folder of the results; by default out/sweep-<name>, and what differs from that plain sweep.
         progress: called with the number of trials done.
 
     Raises:

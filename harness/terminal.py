@@ -1,4 +1,4 @@
-"""What commands print: consoles, and tables of which nothing is ever cut.
+"""What commands print: consoles, rates, and tables of which nothing is ever cut.
 
 A pipe or a file gets lines as long as they are. On a terminal too narrow for a table, headings and texts wrap
 at words; where that is not enough, whole columns are left out from the right, and a note names them.
@@ -24,6 +24,14 @@ def console_of(*, stderr: bool = False) -> Console:
 
     stream = sys.stderr if stderr else sys.stdout
     return Console(stderr=stderr, width=None if stream.isatty() else UNLIMITED)
+
+
+def percent(rate: float) -> str:
+    """A rate with one digit after the point; never rounds to 0 or 100 % unless exact."""
+    text = f"{100 * rate:.1f}"
+    if 0 < rate < 1 and text in ("0.0", "100.0"):
+        return "< 0.1 %" if rate < 0.5 else "> 99.9 %"
+    return f"{text} %"
 
 
 def new_table(*columns: str | Column, header: bool = True, gap: int = 2) -> Table:

@@ -11,13 +11,14 @@ import fcntl
 import json
 import os
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from harness.files import differences
 from harness.sweep.chunks import SUMS, Chunk, Job
 from models.errors import CanineError, UsageError
 
@@ -76,9 +77,9 @@ class Journal:
         while rest:
             rest = rest[os.write(self._handle, rest) :]
 
-    def _start(self, fingerprint: str, about: str) -> None:
+    def _start(self, fingerprint: str, about: str, identity: Mapping[str, Any]) -> None:
         """Read the chunks of an earlier process, or begin a new journal."""
-        ours = _line({"sweep": fingerprint, "about": about})
+        ours = _line({"sweep": fingerprint, "about": about, "identity": identity})
         with os.fdopen(os.dup(self._handle), "rb") as lines:
             first = lines.readline()
             if first != ours and ours.startswith(first):  # an empty file, or a first line cut by a full disk
@@ -91,9 +92,13 @@ class Journal:
                     "choose another folder with --out"
                 )
             if header["sweep"] != fingerprint:
+                held = header.get("identity")
+                others = list(differences(held, identity)) if isinstance(held, dict) else []
+                differs = ", ".join(others) or "another version of the program or its models"
                 raise UsageError(
-                    f"{self.path.parent}: holds another unfinished sweep ({header.get('about')}); run that "
-                    f"again to finish it, remove {self.path.name}, or choose another folder with --out"
+                    f"{self.path.parent}: holds another unfinished sweep ({header.get('about')}); it differs "
+                    f"in {differs}. Run that again to finish it, remove {self.path.name}, or choose another "
+                    "folder with --out"
                 )
             size = len(first)  # of the whole lines
             chunks: list[Chunk] = []
@@ -145,12 +150,15 @@ class Journal:
 
 
 @contextmanager
-def open_journal(folder: Path, job: Job, fingerprint: str, about: str) -> Iterator[Journal]:
+def open_journal(
+    folder: Path, job: Job, fingerprint: str, about: str, identity: Mapping[str, Any] | None = None
+) -> Iterator[Journal]:
     """Open and lock the journal in a folder: this job's, with the chunks done before, or a new one.
 
     Args:
         fingerprint: a hash of everything that decides the results.
         about: the job in words, for error messages about its journal.
+        identity: what tells it from others, for what differs.
 
     Raises:
         UsageError: the file is another job's journal or not a journal, another process is writing it, or the
@@ -161,7 +169,7 @@ def open_journal(folder: Path, job: Job, fingerprint: str, about: str) -> Iterat
     handle = _locked(path)
     try:
         journal = Journal(path, handle, job)
-        journal._start(fingerprint, about)
+        journal._start(fingerprint, about, identity or {})
         yield journal
     finally:
         os.close(handle)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from decimal import Decimal
 from typing import Any
@@ -11,15 +12,17 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.polynomial import Polynomial
 
-from harness.drawing import BESIDE, GRID, new_figure, png_of
+from harness.drawing import BELOW, BESIDE, GRID, Style, new_figure, png_of
 from harness.log.log import Array
 from harness.sweep.table import Z_95, Point, plain
 
-Varied = tuple[str, str, Sequence[Decimal]]  # label, unit, values
+Varied = tuple[str, Sequence[Decimal]]  # label with unit, values
 SUCCESS, TIME, TREND, BEST, FRONTS = "#0072B2", "#7B3FB5", "#111111", "#00A06D", "#D7263D"
 TYPE_COLOURS = ("#D55E00", "#E69F00", "#009E73", "#CC79A7")
 # The text does not define its trend lines. A polynomial of this degree, cut at 100 %, has the R2 of its
@@ -27,6 +30,8 @@ TYPE_COLOURS = ("#D55E00", "#E69F00", "#009E73", "#CC79A7")
 DEGREE = 4
 FEW = 10  # values up to which each gets a tick of its axis
 FRONT = "Pareto front"
+NO_TIME = "#E3E6EA"
+TITLE = 130  # characters in a line of the title
 RINGS: dict[str, Any] = {
     "linestyle": "none", "marker": "o", "markersize": 9, "markerfacecolor": "none", "markeredgecolor": FRONTS,
     "markeredgewidth": 1.5, "clip_on": False, "path_effects": [withStroke(linewidth=3, foreground="white")],
@@ -36,20 +41,19 @@ STAR: dict[str, Any] = {
     "clip_on": False,
 }  # fmt: skip
 OUTLINE: dict[str, Any] = {
-    "label": "outlined",
     "snap": False,
     "color": "white",
     "linewidth": 2.5,
     "path_effects": [withStroke(linewidth=4, foreground="black")],
 }
-DASHES: dict[str, Any] = {"label": "dashed", "color": "#00D68F", "linewidth": 2.0, "linestyle": (0, (3, 1.5))}
+DASHES: dict[str, Any] = {"color": "#00D68F", "linewidth": 2.0, "linestyle": (0, (3, 1.5))}
 
 
 def sweep_png(axes: Sequence[Varied], table: Sequence[Point], result: Mapping[str, Any], title: str) -> bytes:
     """The picture of a sweep over one or two parameters as a PNG.
 
     Args:
-        axes: label, unit and values of each varied parameter.
+        axes: label with unit, and values of each varied parameter.
         table: a row for each point.
         result: as `recommend` returns it.
     """
@@ -61,7 +65,7 @@ def sweep_figure(
 ) -> Figure:
     """The figure of `sweep_png`: curves over one parameter, maps over two."""
     figure = _curves(axes[0], table, result) if len(axes) == 1 else _maps(axes, table, result)
-    figure.suptitle(title, fontsize=11)
+    figure.suptitle(textwrap.fill(title, TITLE), fontsize=11)
     return figure
 
 
@@ -84,7 +88,7 @@ def trend(x: Array, rate: Array) -> tuple[Callable[[Array], Array], float] | Non
 
 def _curves(varied: Varied, table: Sequence[Point], result: Mapping[str, Any]) -> Figure:
     """Success rate above, mean time below, over one parameter."""
-    label, unit, values = varied
+    label, values = varied
     x = np.array([float(value) for value in values])
     figure = new_figure(12, 8)
     success, time = figure.subplots(2, 1, sharex=True, height_ratios=(1.25, 1))
@@ -103,7 +107,7 @@ def _curves(varied: Varied, table: Sequence[Point], result: Mapping[str, Any]) -
         axes.grid(**GRID)
         axes.set_axisbelow(True)
         axes.legend(**BESIDE)
-    time.set_xlabel(f"{label} [{unit}]" if unit else label)
+    time.set_xlabel(label)
     time.set_xlim(x[0] - (len(x) == 1), x[-1] + (len(x) == 1))
     _set_ticks(time.xaxis, values)
     figure.align_ylabels([success, time])
@@ -148,58 +152,72 @@ def _draw_time(axes: Axes, x: Array, table: Sequence[Point]) -> None:
 
 
 def _draw_range(axes: Axes, x: Array, recommended: Mapping[str, Any], words: str, hatch: str) -> None:
-    """Shade a recommended range."""
-    if "range" not in recommended or recommended["flat"]:
+    """Shade the recommended values."""
+    if not _is_shown(recommended):
         return
-    ((first, last),) = recommended["range"].values()
     half = 0.5 * float(np.diff(x).mean()) if len(x) > 1 else 0.5
     style: dict[str, Any] = {"facecolor": BEST, "alpha": 0.12, "linewidth": 0}
     if hatch:
         style = {"facecolor": "none", "edgecolor": BEST, "alpha": 0.5, "hatch": hatch, "linewidth": 0}
-    axes.axvspan(first - half, last + half, zorder=0, label=words, **style)
+    named = np.isin(x, [float(value) for value in recommended["points"]])
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], named, [False]])))
+    for first, after in edges.reshape(-1, 2):
+        axes.axvspan(x[first] - half, x[after - 1] + half, zorder=0, label=words, **style)
+        words = ""  # one entry in the legend
 
 
 def _maps(axes: Sequence[Varied], table: Sequence[Point], result: Mapping[str, Any]) -> Figure:
     """Maps of success rate and mean time over two parameters; the best cells outlined, the front ringed."""
-    (label, unit, values), (other_label, other_unit, others) = axes
+    (label, values), (other_label, others) = axes
     x, y = (np.array([float(v) for v in written]) for written in (values, others))
-    figure = new_figure(14, 6.2)
+    figure = new_figure(14, 7)
     rate = _numbers([point.success_rate for point in table])
     time = _numbers([point.mean_time for point in table])
-    for panel, numbers, key, colours, words in zip(
+    front = [_place(point, 2) for point in result["pareto"]["points"]]
+    scales: tuple[Style, Style] = ({"cmap": "cividis", "vmin": 0, "vmax": 100}, {"cmap": "plasma_r"})
+    for panel, numbers, key, scale, words in zip(
         figure.subplots(1, 2, sharey=True),
         (100 * rate, time),
         ("success", "time"),
-        ("cividis", "plasma_r"),
+        scales,
         ("success rate [%]", "mean time of successful trials [s]"),
         strict=True,
     ):
         field = numbers.reshape(len(x), len(y)).T
-        mesh = panel.pcolormesh(_edges(x), _edges(y), field, cmap=colours)
+        mesh = panel.pcolormesh(_edges(x), _edges(y), field, **scale)
         figure.colorbar(mesh, ax=panel, label=words, pad=0.02)
-        panel.set_facecolor("#E3E6EA")  # no trial succeeded
-        caption = []
+        panel.set_facecolor(NO_TIME)
+        legend: list[Line2D | Patch] = []
         for best_for, style, named in (
             (key, OUTLINE, {"success": "best for success", "time": "shortest time"}[key]),
             ("both", DASHES, "fastest of the best for success"),
         ):
             if not _is_shown(result[best_for]):
-                caption.append(f"{named}: no optimum shown")
+                legend.append(Line2D([], [], linestyle="none", label=f"{named}: no optimum shown"))
                 continue
             named_points = {tuple(map(float, place)) for place in result[best_for]["points"]}
             mask = np.array([[(float(v), float(w)) in named_points for v in values] for w in others])
             _outline(panel, _edges(x), _edges(y), mask, style)
-            caption.append(f"{style['label']}: {named}{', the star did best' if best_for == key else ''}")
+            legend.append(Line2D([], [], label=named, **style))
         if _is_shown(result[key]):
             panel.plot(*_place(result[key]["best"], 2), **STAR)
-        front = [_place(point, 2) for point in result["pareto"]["points"]]
-        panel.plot([x for x, _ in front], [y for _, y in front], label=FRONT, **RINGS | {"markersize": 19})
-        panel.set_xlabel(f"{label} [{unit}]" if unit else label)
+            legend.append(Line2D([], [], label="did best", **STAR))
+        if front:
+            panel.plot(
+                [x for x, _ in front], [y for _, y in front], label=FRONT, **RINGS | {"markersize": 19}
+            )
+            legend.append(Line2D([], [], label=FRONT, **RINGS))
+        else:
+            legend.append(Line2D([], [], linestyle="none", label=f"{FRONT}: empty"))
+        if np.isnan(numbers).any():
+            legend.append(Patch(facecolor=NO_TIME, edgecolor=TREND, label="no trial succeeded"))
+        panel.set_xlabel(label)
         _set_ticks(panel.xaxis, values)
         _set_ticks(panel.yaxis, others)
-        caption.append(f"rings: {FRONT}" if front else f"{FRONT}: empty")
-        panel.set_title("\n".join(caption), fontsize=9, loc="left")
-    figure.axes[0].set_ylabel(f"{other_label} [{other_unit}]" if other_unit else other_label)
+        panel.set_title(words.partition(" [")[0])
+        place: Any = f"outside lower {'left' if key == 'success' else 'right'}"
+        figure.legend(handles=legend, loc=place, ncols=2, title=panel.get_title(), **BELOW)
+    figure.axes[0].set_ylabel(other_label)
     return figure
 
 

@@ -29,7 +29,8 @@ import numpy as np
 import numpy.typing as npt
 
 from harness.sweep.chance import heads, student
-from harness.sweep.table import Point, plain
+from harness.sweep.table import Point, name_of, plain
+from harness.terminal import percent
 
 ALPHA = 0.05  # share of sweeps in which the best point may be missing among those named
 LEAST = 30  # successes from which on a point's mean time is judged
@@ -38,8 +39,9 @@ RULE = (
     "trials paired by their seeds, at 5 % over all pairs of points (Bonferroni). Success: McNemar's exact "
     "test. Time, of the successful trials: t-test of the paired difference of the means; points with fewer "
     f"than {LEAST} successes are not judged. Both: the fastest among the best for success. The range is the "
-    "connected stretch of named points around the best one. Pareto: by the means as measured; no other point "
-    "has a success rate at least as high and a time at least as short, and is better in one of the two."
+    "connected stretch of named points around the best one. Pareto: by the means as measured, of the points "
+    "judged; no other one has a success rate at least as high and a time at least as short, and is better in "
+    "one of the two."
 )
 ENDS = {(False, False): "inside", (True, False): "start", (False, True): "end", (True, True): "both"}
 WORDS = {
@@ -135,8 +137,15 @@ def error_shares(row: Ticks, mean: float) -> npt.NDArray[np.float64]:
 
 
 def pareto(table: Sequence[Point]) -> list[int]:
-    """The points for which no other is at least as good in success rate and mean time, and better in one."""
-    measured = [(i, p.success_rate, p.mean_time) for i, p in enumerate(table) if p.mean_time is not None]
+    """The points for which no other is at least as good in success rate and mean time, and better in one.
+
+    Points with fewer than LEAST successes are not compared: their mean times are chance.
+    """
+    measured = [
+        (i, p.success_rate, p.mean_time)
+        for i, p in enumerate(table)
+        if p.mean_time is not None and p.successes >= LEAST
+    ]
     front: list[int] = []
     least = math.inf
     last: tuple[float, float] | None = None
@@ -166,17 +175,23 @@ def recommend(
     return {
         "rule": RULE,
         "confidence": 1 - ALPHA,
-        "success": describe("best success rate", success, _rate),
+        "success": describe("best success rate", success, _rate)
+        if ticks.any()
+        else {"text": "best success rate: no trial succeeded at any point"},
         "time": describe("shortest time", time, _time) if time else {"text": no_time},
         "both": describe("fastest of those with the best success rate", both, _time)
         if both
         else {"text": no_time},
-        "pareto": {"text": describe.front(front), "points": [describe.point(i) for i in front]},
+        "pareto": {
+            "text": describe.front(front),
+            "points": [describe.point(i) for i in front],
+            "unjudged": describe.named(describe.few),
+        },
     }
 
 
 def _rate(point: Point) -> str:
-    return f"{100 * point.success_rate:.1f} %"
+    return percent(point.success_rate)
 
 
 def _time(point: Point) -> str:
@@ -194,6 +209,7 @@ class _Describer:
     def __init__(self, axes: Sequence[tuple[str, str, Sequence[Decimal]]], table: Sequence[Point]) -> None:
         self.axes, self.table = axes, table
         self.grid = tuple(len(values) for _, _, values in axes)
+        self.few = np.array([0 < point.successes < LEAST for point in table])
 
     def __call__(self, what: str, finding: Finding, measure: Callable[[Point], str]) -> dict[str, Any]:
         """A finding's range, whether the optimum lies inside the varied range, and both in words.
@@ -215,14 +231,12 @@ class _Describer:
                 ends[column] = ENDS[open_start, open_end]
                 shown = ENDS[start, end]
                 unknown = ENDS[open_start and not start, open_end and not end]
-            of = f" of {column}" if len(self.axes) > 1 else ""
+            of = f" of {name_of(column)}" if len(self.axes) > 1 else ""
             words += WORDS[shown].format(of) + UNJUDGED.get(unknown, "").format(of)
         flat = bool(finding.named.all())
         interior = all(end in ("inside", "one value") for end in ends.values()) and not flat
         text = f"{what}: "
-        if not self.table[finding.best].successes:
-            text += "no trial succeeded at any point"
-        elif len(self.table) == 1:
+        if len(self.table) == 1:
             text += f"one point, nothing to compare ({self.ranges(region)}: {measure(self.table[0])})"
         elif flat:
             text += f"no value of {self.ranges(region)} is shown to be better than another: flat, no optimum"
@@ -237,7 +251,8 @@ class _Describer:
             "text": text,
             "best": self.point(finding.best),
             "range": ranges,
-            "points": [self.place(int(i)) for i in np.flatnonzero(finding.named)],
+            "points": self.named(finding.named),
+            "unjudged": self.named(finding.unjudged),
             "interior_optimum": interior,
             "flat": flat,
             "range_ends": ends,
@@ -245,14 +260,16 @@ class _Describer:
 
     def front(self, indices: Sequence[int]) -> str:
         """The Pareto front in words: its two ends and some points between them."""
+        few = self.rest("; too few successes to judge ", self.few)
         if not indices:
-            return "Pareto front of success rate and time: empty, no trial succeeded"
+            why = f"no point has {LEAST} successes" if self.few.any() else "no trial succeeded"
+            return f"Pareto front of success rate and time: empty, {why}"
         steps = min(len(indices), MENTIONED)
         chosen = [indices[round(k * (len(indices) - 1) / max(1, steps - 1))] for k in range(steps)]
         points = (self.table[i] for i in chosen)
         texts = [f"{self.value(i)} ({_rate(p)}, {_time(p)})" for i, p in zip(chosen, points, strict=True)]
         left_out = f" and {len(indices) - steps} between" if len(indices) > steps else ""
-        return f"Pareto front of success rate and time, as measured: {', '.join(texts)}{left_out}"
+        return f"Pareto front of success rate and time, as measured: {', '.join(texts)}{left_out}{few}"
 
     def around(self, best: int, mask: Mask) -> Mask:
         """The points of a mask that are connected to the best one, neighbour by neighbour."""
@@ -280,7 +297,7 @@ class _Describer:
             places = self.places(region, axis)
             first, last = plain(values[places[0]]), plain(values[places[-1]])
             span = first if first == last else f"{first} to {last}"
-            texts.append(f"{column} {span} {unit}".rstrip())
+            texts.append(f"{name_of(column)} {span} {unit}".rstrip())
         return " and ".join(texts)
 
     def rest(self, what: str, mask: Mask) -> str:
@@ -295,6 +312,10 @@ class _Describer:
         """A point's values as written."""
         written = self.table[index].written
         return plain(written[0]) if len(written) == 1 else f"({', '.join(map(plain, written))})"
+
+    def named(self, mask: Mask) -> list[Any]:
+        """The points of a mask, each by its value or the list of its values."""
+        return [self.place(int(i)) for i in np.flatnonzero(mask)]
 
     def place(self, index: int) -> Any:
         """A point's value, or the list of its values."""

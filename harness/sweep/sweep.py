@@ -10,6 +10,7 @@ import hashlib
 import json
 import math
 import os
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from decimal import Decimal
@@ -21,12 +22,12 @@ from rich.console import Console
 from rich.markup import escape
 
 from codegen.batch.batch import Change
-from harness.files import write_whole
+from harness.files import replaced, write_whole
 from harness.sweep.chunks import Job, Outcomes, Progress, TrialType, pool_at, program, run_all
 from harness.sweep.journal import open_journal
 from harness.sweep.recommend import number, recommend
-from harness.sweep.table import TICK_S, Point, csv_of, plain, table_of
-from harness.terminal import new_table, print_table
+from harness.sweep.table import THRESHOLD_COLUMN, TICK_S, Point, csv_of, name_of, plain, table_of
+from harness.terminal import new_table, percent, print_table
 from harness.trial.plan import Interface, interfaces_of_system, is_angular, plan, si_value
 from harness.trial.scenario import Scenario, ScenarioError, load
 from models.errors import UsageError, nearest
@@ -35,7 +36,7 @@ from models.kit.random import MAX_SEED
 from models.system import SYSTEMS
 
 TRIAL_TYPES = {"two": ("two_waypoint",), "three": ("right_90", "left_90", "right_45", "left_45")}
-THRESHOLD, THRESHOLD_COLUMN = "cmec.moving_deviation", "threshold_deg"
+THRESHOLD = "cmec.moving_deviation"
 TWO_WAYPOINTS, MORE_WAYPOINTS = "15:90", "15:65"  # deg, 5.3.5 and 5.3.6
 MAX_POINTS, MAX_TRIALS = 10_000, 100_000_000
 SHOWN = 13  # rows of the table in the terminal
@@ -53,7 +54,6 @@ class Axis:
     Attributes:
         column: its name in the table: its address, or `threshold_deg`.
         unit: of `written`; deg for angles.
-        label: in pictures.
         variable: `component.parameter`.
         written: the values as users write them.
         values: the values in SI.
@@ -61,10 +61,14 @@ class Axis:
 
     column: str
     unit: str
-    label: str
     variable: str
     written: tuple[Decimal, ...]
     values: tuple[float, ...]
+
+    @property
+    def label(self) -> str:
+        """Its name and unit in tables and pictures."""
+        return name_of(self.column) + (f" [{self.unit}]" if self.unit else "")
 
 
 @dataclass(frozen=True)
@@ -77,6 +81,7 @@ class Sweep:
         job: the trials as plain data.
         scenarios: one for each type of trial.
         reading: of all scenarios.
+        special: what differs from the sweep of the name alone: reading, system, seed, varied parameters.
     """
 
     name: str
@@ -84,6 +89,7 @@ class Sweep:
     job: Job
     scenarios: tuple[Scenario, ...]
     reading: str
+    special: tuple[str, ...] = ()
 
     @property
     def points(self) -> list[tuple[Decimal, ...]]:
@@ -93,11 +99,34 @@ class Sweep:
     @property
     def about(self) -> str:
         """The sweep in words."""
-        ranges = ", ".join(f"{axis.column} {_span(axis.written)}" for axis in self.axes)
+        ranges = ", ".join(f"{name_of(axis.column)} {_span(axis)}" for axis in self.axes)
         return (
             f"{self.name}: {ranges}, {self.job.trials} trials a point from seed {self.job.seed} on, "
             f"{self.job.system}, {self.reading}"
         )
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What tells the sweep from others, as recommendation.json states it."""
+        return {
+            "sweep": self.name,
+            "system": self.job.system,
+            "reading": self.reading,
+            "trials": self.job.trials,
+            "seed": self.job.seed,
+            "varied": {
+                axis.column: {
+                    "name": name_of(axis.column),
+                    "parameter": axis.variable,
+                    "unit": axis.unit,
+                    "from": number(axis.written[0]),
+                    "to": number(axis.written[-1]),
+                    "points": len(axis.written),
+                }
+                for axis in self.axes
+            },
+            "scenarios": {scenario.name: _told_by_scenario(scenario) for scenario in self.scenarios},
+        }
 
     @property
     def fingerprint(self) -> str:
@@ -169,7 +198,22 @@ def plan_sweep(
         first.seed,
     )
     _check_size(job)
-    return Sweep(target if target in TRIAL_TYPES else first.name, axes, job, tuple(scenarios), first.reading)
+    own = load(TRIAL_TYPES.get(target, (target,))[0])
+    columns = tuple(axis.column for axis in axes)
+    special = (
+        *([first.reading] if first.reading != own.reading else []),
+        *([system] if system != "cts" else []),
+        *([f"seed{first.seed}"] if first.seed != own.seed else []),
+        *(columns if columns != (THRESHOLD_COLUMN,) else ()),
+    )
+    name = target if target in TRIAL_TYPES else first.name
+    return Sweep(name, axes, job, tuple(scenarios), first.reading, special)
+
+
+def _told_by_scenario(scenario: Scenario) -> dict[str, Any]:
+    """A scenario with its settings, without what the sweep states for all."""
+    content = tomllib.loads(scenario.text())
+    return {key: value for key, value in content.items() if key not in ("name", "system", "reading", "seed")}
 
 
 def _check_size(job: Job) -> None:
@@ -280,12 +324,8 @@ def _axis(
     values = tuple(si_value(_as_written(value, variable), variable, what) for value in written)
     is_threshold = variables[0] == _variables(THRESHOLD, interfaces)[0]
     unit = variable.unit.replace("rad", "deg") if is_angular(variable) else variable.unit
-    label = "orientation deviation threshold" if is_threshold else address
-    return Axis(
-        THRESHOLD_COLUMN if is_threshold else address,
-        "" if unit == "1" else unit,
-        label, variables[0], written, values,
-    )  # fmt: skip
+    column = THRESHOLD_COLUMN if is_threshold else address
+    return Axis(column, "" if unit == "1" else unit, variables[0], written, values)
 
 
 def _as_written(value: Decimal, variable: Variable) -> bool | int | float:
@@ -320,14 +360,16 @@ def _number(what: str, text: str) -> Decimal:
     raise SweepError(f'{what}: "{text}" is not a number; expected a:b:step, as in 15:90:5')
 
 
-def _span(written: Sequence[Decimal]) -> str:
-    step = f" in steps of {plain(written[1] - written[0])}" if len(written) > 1 else ""
-    return f"{plain(written[0])} to {plain(written[-1])}{step}"
+def _span(axis: Axis) -> str:
+    first, last = axis.written[0], axis.written[-1]
+    step = f" in steps of {plain(axis.written[1] - first)}" if len(axis.written) > 1 else ""
+    return f"{plain(first)} to {plain(last)} {axis.unit}".rstrip() + step
 
 
 def default_folder(sweep: Sweep) -> Path:
-    """The folder of the results by default."""
-    return Path("out") / f"sweep-{sweep.name}"
+    """The folder of the results by default; sweeps that differ in more than their ranges do not share it."""
+    name = "-".join(("sweep", sweep.name, *sweep.special))
+    return Path("out") / name.translate({ord("["): None, ord("]"): None})
 
 
 def run(
@@ -358,7 +400,10 @@ def run(
     for name in (CSV, PICTURE, RECOMMENDATION):
         if os.path.isdir(folder / name):  # unlike Path.is_dir, it raises nothing
             raise SweepError(f"{folder / name}: is a folder; remove it, or choose another one with --out")
-    with open_journal(folder, sweep.job, sweep.fingerprint, sweep.about) as journal:
+    with open_journal(folder, sweep.job, sweep.fingerprint, sweep.about, sweep.identity) as journal:
+        others = replaced(folder / RECOMMENDATION, sweep.identity)
+        if others:
+            note(f"{folder}: has the results of another sweep, which these replace ({others})")
         outcomes = Outcomes(sweep.job)
         for chunk in journal.chunks:
             outcomes.add(chunk)
@@ -392,28 +437,9 @@ def report(sweep: Sweep, outcomes: Outcomes, folder: Path) -> tuple[list[Point],
 
     table = table_of(sweep.points, outcomes)
     axes = [(axis.column, axis.unit, axis.written) for axis in sweep.axes]
-    result = {
-        "sweep": sweep.name,
-        "system": sweep.job.system,
-        "reading": sweep.reading,
-        "trials": sweep.job.trials,
-        "seed": sweep.job.seed,
-        "varied": {
-            axis.column: {
-                "parameter": axis.variable,
-                "unit": axis.unit,
-                "from": number(axis.written[0]),
-                "to": number(axis.written[-1]),
-                "points": len(axis.written),
-            }
-            for axis in sweep.axes
-        },
-        **recommend(axes, table, outcomes.ticks),
-    }
+    result = {**sweep.identity, **recommend(axes, table, outcomes.ticks)}
     recommendation = (json.dumps(result, indent=2, allow_nan=False) + "\n").encode()
-    picture = sweep_png(
-        [(axis.label, axis.unit, axis.written) for axis in sweep.axes], table, result, sweep.about
-    )
+    picture = sweep_png([(axis.label, axis.written) for axis in sweep.axes], table, result, sweep.about)
     rows = csv_of([axis.column for axis in sweep.axes], table)
     for name, content in ((CSV, rows), (PICTURE, picture), (RECOMMENDATION, recommendation)):
         write_whole(folder / name, content)
@@ -424,7 +450,7 @@ def show(sweep: Sweep, table: Sequence[Point], result: Mapping[str, Any], consol
     """Print some rows of the table, and the recommendation in words."""
     printed = new_table()
     for axis in sweep.axes:
-        printed.add_column(escape(axis.column), justify="right", no_wrap=True)
+        printed.add_column(escape(axis.label), justify="right")
     for heading in ("success", "95 % interval", "time [s]", "sd", "commands", "timeouts"):
         printed.add_column(escape(heading), justify="right")
     step = math.ceil(len(table) / SHOWN)
@@ -433,7 +459,7 @@ def show(sweep: Sweep, table: Sequence[Point], result: Mapping[str, Any], consol
         means = (point.mean_time, point.sd_time, point.mean_commands)
         printed.add_row(
             *map(plain, point.written),
-            f"{100 * point.success_rate:.1f} %",
+            percent(point.success_rate),
             f"{100 * low:.1f}-{100 * high:.1f}",
             *("-" if mean is None else f"{mean:.2f}" for mean in means),
             str(point.timeouts),

@@ -17,6 +17,7 @@ from harness.sweep.chunks import ANOMALIES, SUMS, Outcomes
 from models.kit.block import Block
 
 TICK_S = Block.sample_time
+THRESHOLD_COLUMN = "threshold_deg"
 Z_95 = 1.959963984540054  # the normal distribution's 97.5 % point
 BLOCK = 1 << 18  # squares summed at a time: their sum stays below 2^63 for the longest trials
 
@@ -112,6 +113,11 @@ def table_of(points: Sequence[tuple[Decimal, ...]], outcomes: Outcomes) -> list[
 def _squares(ticks: npt.NDArray[np.unsignedinteger[Any]]) -> int:
     blocks = (ticks[at : at + BLOCK].astype(np.int64) for at in range(0, ticks.size, BLOCK))
     return sum(int(np.dot(block, block)) for block in blocks)
+
+
+def name_of(column: str) -> str:
+    """What texts and pictures call a column of the table: h' by the text's name, others by their address."""
+    return "deviation threshold h'" if column == THRESHOLD_COLUMN else column
 
 
 def csv_of(columns: Sequence[str], table: Sequence[Point]) -> bytes:

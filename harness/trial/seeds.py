@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from harness.files import make_folder, write_whole
-from harness.terminal import new_table, print_table
+from harness.terminal import new_table, percent, print_table
 from harness.trial import trial
 from harness.trial.prepare import prepared
 from harness.trial.request import Request
@@ -122,4 +122,4 @@ def show(summaries: Sequence[Mapping[str, Any]], console: Console) -> None:
         )
     print_table(table, console)
     successes = sum(summary["outcome"] == "success" for summary in summaries)
-    console.print(f"{successes} of {len(summaries)} trials succeeded ({successes / len(summaries):.0%})")
+    console.print(f"{successes} of {len(summaries)} trials succeeded ({percent(successes / len(summaries))})")

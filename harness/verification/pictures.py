@@ -11,6 +11,7 @@ from matplotlib.ticker import FuncFormatter
 from harness.drawing import BELOW, BESIDE, DEVIATION_THRESHOLD, GRID, Style, new_figure
 from harness.sweep.plots import TYPE_COLOURS
 from harness.sweep.sweep import TRIAL_TYPES
+from harness.terminal import percent
 from harness.trial.plots import trial_figure
 from harness.verification.published import (
     ALL_FROM,
@@ -23,7 +24,7 @@ from harness.verification.published import (
     Field,
 )
 from harness.verification.runs import ALL_CAUSES, CAUSES, Example, Size, mean_time_error, simulate
-from harness.verification.tables import TYPES, percent
+from harness.verification.tables import TYPES
 
 COLOURS = {"calibrated": "#0072B2", "literal": "#D55E00"}
 THEIRS, FIELD_COLOUR = "#C2338F", "#111111"

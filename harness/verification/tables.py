@@ -10,6 +10,7 @@ import numpy as np
 from harness.sweep.recommend import recommend
 from harness.sweep.sweep import TRIAL_TYPES
 from harness.sweep.table import Point
+from harness.terminal import percent
 from harness.verification.published import (
     ALL_FROM,
     ALL_FROM_BY_TREND,
@@ -41,14 +42,6 @@ def markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A table of the page; all columns except the first are aligned right."""
     lines = [header, ["---", *["---:"] * (len(header) - 1)], *rows]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
-
-
-def percent(rate: float) -> str:
-    """With one digit after the point; never rounds to 0 or 100 % unless exact."""
-    text = f"{100 * rate:.1f}"
-    if 0 < rate < 1 and text in ("0.0", "100.0"):
-        return "< 0.1 %" if rate < 0.5 else "> 99.9 %"
-    return f"{text} %"
 
 
 def seconds(point: Point) -> str:

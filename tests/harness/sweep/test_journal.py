@@ -186,8 +186,9 @@ def test_the_journal_of_another_job_is_left_alone(tmp_path: Path) -> None:
     with pytest.raises(UsageError) as caught, open_journal(tmp_path, JOB, "another", "other words"):
         pass
     assert str(caught.value) == (
-        f"{tmp_path}: holds another unfinished sweep (about); run that again to finish it, remove "
-        "sweep.journal, or choose another folder with --out"
+        f"{tmp_path}: holds another unfinished sweep (about); it differs in another version of the program "
+        "or its models. Run that again to finish it, remove sweep.journal, or choose another folder with "
+        "--out"
     )
     assert (tmp_path / "sweep.journal").read_bytes() == content
 

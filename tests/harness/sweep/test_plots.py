@@ -9,6 +9,8 @@ from itertools import product
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
+from matplotlib.legend import Legend
+from matplotlib.patches import Rectangle
 
 from harness.sweep.plots import sweep_figure, trend
 from harness.sweep.recommend import recommend
@@ -42,6 +44,17 @@ def test_equal_rates_and_few_rates_have_no_trend() -> None:
     assert trend(X[:5], X[:5] / 100) is None
 
 
+def labels(axes: Sequence[tuple[str, str, list[Decimal]]]) -> list[tuple[str, list[Decimal]]]:
+    """Columns with their units, as pictures show them."""
+    return [(f"{name} [{unit}]" if unit else name, values) for name, unit, values in axes]
+
+
+def entries(legend: Legend | None) -> list[str]:
+    """The texts of a legend."""
+    assert legend is not None
+    return [text.get_text() for text in legend.get_texts()]
+
+
 def points(written: Sequence[tuple[int, ...]], *, types: bool) -> list[Point]:
     """Points whose success rate rises from 40 % on; those of the first value never succeed."""
     table = []
@@ -60,7 +73,7 @@ def test_the_curves_show_rate_trend_types_time_and_ranges() -> None:
     values = [Decimal(k) for k in range(30)]
     # when
     figure = sweep_figure(
-        [("drift", "deg/s", values)], table, recommend([("x", "deg/s", values)], table, ticks), "title"
+        [("drift [deg/s]", values)], table, recommend([("x", "deg/s", values)], table, ticks), "title"
     )
     # then
     success, time = figure.axes
@@ -81,6 +94,21 @@ def test_the_curves_show_rate_trend_types_time_and_ranges() -> None:
         assert "Pareto front" in axes.get_legend_handles_labels()[1]
 
 
+def test_the_curves_shade_all_values_that_the_text_names() -> None:
+    # given values 2 and 3, and 7 apart from them, that are best in time
+    table = points([(k,) for k in range(1, 9)], types=False)
+    values = [Decimal(k) for k in range(1, 9)]
+    ticks = np.array([[500] * 100 for _ in values], dtype=np.uint16)
+    result = recommend([("x", "m", values)], table, ticks)
+    result["time"] = {**result["time"], "points": [2, 3, 7], "range": {"x": [2, 3]}, "flat": False}
+    # when
+    time = sweep_figure([("x [m]", values)], table, result, "title").axes[1]
+    # then two stretches are shaded, with one entry in the legend
+    shaded = [patch for patch in time.patches if isinstance(patch, Rectangle)]
+    assert [(p.get_x(), p.get_x() + p.get_width()) for p in shaded] == [(1.5, 3.5), (6.5, 7.5)]
+    assert entries(time.get_legend()).count("shortest time") == 1
+
+
 def test_the_maps_have_the_first_parameter_to_the_right() -> None:
     # given three values of one parameter, two of another
     places = list(product(range(3), range(2)))
@@ -88,7 +116,7 @@ def test_the_maps_have_the_first_parameter_to_the_right() -> None:
     ticks = np.array([[500] * p.successes + [0] * (100 - p.successes) for p in table], dtype=np.uint16)
     axes = [("a", "", [Decimal(k) for k in range(3)]), ("b", "m", [Decimal(k) for k in range(2)])]
     # when
-    figure = sweep_figure(axes, table, recommend(axes, table, ticks), "title")
+    figure = sweep_figure(labels(axes), table, recommend(axes, table, ticks), "title")
     # then
     success = figure.axes[0]
     field = np.asarray(success.collections[0].get_array())
@@ -102,11 +130,16 @@ def test_the_maps_have_the_first_parameter_to_the_right() -> None:
     assert [text.get_text() for text in success.get_xticklabels()] == ["0", "1", "2"]
     assert [text.get_text() for text in success.get_yticklabels()] == ["0", "1"]
     # 41 and 42 in 100 are not shown to differ, nor are times, but that none succeed at 0 is
-    assert success.get_title("left").splitlines() == [
-        "outlined: best for success, the star did best",
-        "dashed: fastest of the best for success",
-        "rings: Pareto front",
-    ]
+    assert entries(figure.legends[0]) == [
+        "best for success", "fastest of the best for success", "did best", "Pareto front"
+    ]  # fmt: skip
+    # and none succeeded at 0, so there is no time
+    assert entries(figure.legends[1])[-1] == "no trial succeeded"
+    # and the colours have names, units, and all rates as a scale
+    assert [axes.get_ylabel() for axes in figure.axes[2:]] == [
+        "success rate [%]", "mean time of successful trials [s]"
+    ]  # fmt: skip
+    assert success.collections[0].get_clim() == (0, 100)
     # the borders of the 2 x 2 cells from 0.5 to 2.5 and from -0.5 to 1.5, in 8 pieces of length 1
     for outline in success.collections[1:3]:
         assert isinstance(outline, LineCollection)
@@ -126,11 +159,13 @@ def test_a_map_of_flat_results_has_no_outline() -> None:
     table = points(places, types=False)
     ticks = np.array([[500] * p.successes + [0] * (100 - p.successes) for p in table], dtype=np.uint16)
     axes = [("a", "", [Decimal(k) for k in range(1, 4)]), ("b", "m", [Decimal(k) for k in range(2)])]
-    success, time = sweep_figure(axes, table, recommend(axes, table, ticks), "title").axes[:2]
-    for panel, best_for in ((success, "best for success"), (time, "shortest time")):
-        assert panel.get_title("left").splitlines() == [
+    figure = sweep_figure(labels(axes), table, recommend(axes, table, ticks), "title")
+    success, time = figure.axes[:2]
+    both = zip((success, time), figure.legends, ("best for success", "shortest time"), strict=True)
+    for panel, legend, best_for in both:
+        assert entries(legend) == [
             f"{best_for}: no optimum shown",
             "fastest of the best for success: no optimum shown",
-            "rings: Pareto front",
-        ]
+            "Pareto front",
+        ]  # fmt: skip
         assert len(panel.collections) == 1  # the map

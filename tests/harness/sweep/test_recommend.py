@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from decimal import Decimal
 from itertools import product
 from typing import Any
@@ -211,7 +212,10 @@ def test_a_sweep_without_a_success_says_so() -> None:
     assert advice["pareto"] == {
         "text": "Pareto front of success rate and time: empty, no trial succeeded",
         "points": [],
+        "unjudged": [],
     }
+    # and no point counts as the best
+    assert set(advice["success"]) == {"text"}
 
 
 def test_a_sweep_of_one_point_compares_nothing() -> None:
@@ -233,16 +237,94 @@ def test_a_sweep_over_two_parameters_has_a_region_around_its_best_point() -> Non
 
 
 def points_of(pairs: list[tuple[int, int]]) -> list[Point]:
-    """Points by successes (of 10) and mean ticks."""
-    return [Point((Decimal(k),), 10, n, n * t, n * t * t, 0, 0, {}, {}) for k, (n, t) in enumerate(pairs)]
+    """Points by successes (of 60) and mean ticks."""
+    return [Point((Decimal(k),), 60, n, n * t, n * t * t, 0, 0, {}, {}) for k, (n, t) in enumerate(pairs)]
 
 
 @settings(max_examples=200, deadline=None)
-@given(st.lists(st.tuples(st.integers(0, 10), st.integers(1, 5)), min_size=1, max_size=12))
+@given(st.lists(st.tuples(st.integers(26, 34), st.integers(1, 5)), min_size=1, max_size=12))
 def test_no_point_beats_one_of_the_pareto_front(pairs: list[tuple[int, int]]) -> None:
     def beats(a: tuple[int, int], b: tuple[int, int]) -> bool:
         return a[0] >= b[0] and a[1] <= b[1] and a != b
 
-    alive = [k for k, pair in enumerate(pairs) if pair[0] > 0]
-    expected = [k for k in alive if not any(beats(pairs[other], pairs[k]) for other in alive)]
+    judged = [k for k, pair in enumerate(pairs) if pair[0] >= 30]
+    expected = [k for k in judged if not any(beats(pairs[other], pairs[k]) for other in judged)]
     assert pareto(points_of(pairs)) == expected
+
+
+def test_a_point_with_too_few_successes_to_judge_is_not_on_the_pareto_front() -> None:
+    # given 29 fast successes, 30 slower ones, and 60 that are slower still
+    ticks = np.zeros((3, 60), dtype=np.uint16)
+    ticks[0, :29], ticks[1, :30], ticks[2] = 100, 200, 300
+    advice = recommended(ticks)
+    # then the first is on no list of the best, and both text and data say why
+    assert [point["x"] for point in advice["pareto"]["points"]] == [1, 2]
+    assert (advice["pareto"]["unjudged"], advice["time"]["unjudged"]) == ([0], [0])
+    assert advice["pareto"]["text"] == (
+        "Pareto front of success rate and time, as measured: 1 (50.0 %, 8.00 s), 2 (100.0 %, 12.00 s); "
+        "too few successes to judge 0"
+    )
+    # and with such points alone there is no front
+    assert recommended(ticks[:1])["pareto"] == {
+        "text": "Pareto front of success rate and time: empty, no point has 30 successes",
+        "points": [],
+        "unjudged": [0],
+    }
+
+
+def test_a_rate_below_100_percent_does_not_read_100_percent() -> None:
+    ticks = np.full((2, 4000), 100, dtype=np.uint16)
+    ticks[0, 0], ticks[1, :-1] = 0, 0
+    advice = recommended(ticks)
+    assert advice["success"]["best"]["success_rate"] == 3999 / 4000
+    assert "(best at 0: > 99.9 %)" in advice["success"]["text"]
+
+
+CASES = st.tuples(st.integers(1, 6), st.sampled_from([40, 120]), st.integers(0, 10_000))
+
+
+@settings(max_examples=150, deadline=None)
+@given(CASES)
+def test_a_recommendations_text_says_what_its_data_say(case: tuple[int, int, int]) -> None:
+    # given any sweep, some of whose points have few successes or none
+    points, trials, seed = case
+    rng = np.random.default_rng(seed)
+    rates = rng.choice([0.0, 0.2, 0.5, 0.9, 1.0], points)
+    ticks = np.where(
+        rng.random((points, trials)) < rates[:, None], rng.integers(100, 900, (points, trials)), 0
+    )
+    # when
+    advice = recommended(ticks.astype(np.uint16))
+    # then each text names the points of its data, with their values
+    for key in ("success", "time", "both"):
+        data, text = advice[key], advice[key]["text"]
+        if "best" not in data:
+            assert not re.search(r"best (measured )?at|besides|\d %", text), text
+            continue
+        value = data["best"]["mean_time_s"] if key != "success" else data["best"]["success_rate"]
+        measured = f"{value:.2f} s" if key != "success" else f"{100 * value:.1f} %"
+        assert f": {measured})" in text
+        place = data["best"]["x"]
+        first, last = data["range"]["x"]
+        assert (f"x {first} to {last} deg" if first != last else f"x {first} deg") in text
+        assert f"at {place}: " in text or points == 1
+        connected = [x for x in data["points"] if first <= x <= last]
+        assert named(text, "besides") == [x for x in data["points"] if x not in connected]
+        assert named(text, "too few successes to judge") == data["unjudged"]
+        assert ("flat" in text) == (data["flat"] and points > 1)
+        if data["interior_optimum"]:
+            assert "no optimum inside is shown" not in text
+    front = advice["pareto"]
+    shown = re.findall(r"[ ,:](\d+) \((\S+) %, (\S+) s\)", front["text"])
+    assert shown == [
+        (str(p["x"]), f"{100 * p['success_rate']:.1f}", f"{p['mean_time_s']:.2f}") for p in front["points"]
+    ]
+    assert named(front["text"], "too few successes to judge") == (front["unjudged"] if shown else [])
+    # and nobody is among the best of a comparison that left it out
+    assert not {p["x"] for p in front["points"]} & set(front["unjudged"])
+
+
+def named(text: str, what: str) -> list[int]:
+    """The points that a text lists after some words."""
+    _, _, rest = text.partition(f"; {what} ")
+    return [int(x) for x in rest.partition(";")[0].split(", ") if x]

@@ -8,7 +8,7 @@ import math
 import os
 import threading
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
@@ -277,12 +277,13 @@ def test_the_command_leaves_table_picture_and_recommendation(
     status, text, _ = canine(capsys, "two", "--thresholds", "15:60", "--trials", 400, "--out", tmp_path / "s")
     # then the success rate rises by 1 % a degree
     assert status == 0
-    assert "best success rate: threshold_deg" in text
+    assert "best success rate: deviation threshold h' " in text
     assert "no optimum inside is shown, larger values may do better" in text
     assert "/s/: recommendation.json, sweep.csv, sweep.png" in text
     result = json.loads((tmp_path / "s" / "recommendation.json").read_text())
     assert result["varied"]["threshold_deg"] == {
-        "parameter": "controller.moving_deviation", "unit": "deg", "from": 15, "to": 60, "points": 46,
+        "name": "deviation threshold h'", "parameter": "controller.moving_deviation", "unit": "deg",
+        "from": 15, "to": 60, "points": 46,
     }  # fmt: skip
     assert result["success"]["range"]["threshold_deg"][1] == 60
     assert "McNemar" in result["rule"]
@@ -306,7 +307,7 @@ def test_a_sweep_over_two_parameters_draws_maps(
         ("20", "5"), ("20", "5.5"), ("20", "6"), ("30", "5")
     ]  # fmt: skip
     height, width, _ = imread(tmp_path / "sweep.png").shape
-    assert (width, height) == (2100, 930)
+    assert (width, height) == (2100, 1050)
 
 
 def test_invalid_options_end_the_command_with_status_2_and_no_traceback(
@@ -414,17 +415,25 @@ def test_a_folder_with_another_sweeps_journal_is_refused(
     with pytest.raises(KeyboardInterrupt):
         sweep.run(plan_sweep("two", **ASKED), tmp_path, progress=interrupt_after(50))
     content = (tmp_path / "sweep.journal").read_bytes()
-    for other in (
-        plan_sweep("two", **ASKED | {"trials": 34}),
-        plan_sweep("two", **ASKED, seed=2),
-        plan_sweep("two", **ASKED, reading="literal"),
-        plan_sweep("two", **ASKED, settings=["cmec.dead_time=2"]),
-        plan_sweep("two", **ASKED | {"thresholds": "20:30"}),
+    for other, differs in (
+        (plan_sweep("two", **ASKED | {"trials": 34}), "trials: 33, now 34"),
+        (plan_sweep("two", **ASKED, seed=2), "seed: 1, now 2"),
+        (plan_sweep("two", **ASKED, reading="literal"), "reading: calibrated, now literal"),
+        (
+            plan_sweep("two", **ASKED, settings=["cmec.dead_time=2"]),
+            "scenarios.two_waypoint.parameters.cmec.dead_time: none, now 2",
+        ),
+        (
+            plan_sweep("two", **ASKED | {"thresholds": "20:30"}),
+            "varied.threshold_deg.to: 29, now 30, varied.threshold_deg.points: 10, now 11",
+        ),
     ):
         with pytest.raises(UsageError) as caught:
             sweep.run(other, tmp_path)
-        assert "holds another unfinished sweep (two: threshold_deg 20 to 29 in steps of 1, 33 " in str(
-            caught.value
+        assert str(caught.value) == (
+            f"{tmp_path}: holds another unfinished sweep (two: deviation threshold h' 20 to 29 deg in steps "
+            f"of 1, 33 trials a point from seed 1 on, cts, calibrated); it differs in {differs}. Run that "
+            "again to finish it, remove sweep.journal, or choose another folder with --out"
         )
         assert (tmp_path / "sweep.journal").read_bytes() == content
 
@@ -435,8 +444,58 @@ def test_a_sweep_does_not_go_on_with_another_version_of_the_models(
     with pytest.raises(KeyboardInterrupt):
         sweep.run(plan_sweep("two", **ASKED), tmp_path, progress=interrupt_after(50))
     monkeypatch.setattr(sweep, "program", lambda: "another")
-    with pytest.raises(UsageError, match="holds another unfinished sweep"):
+    with pytest.raises(UsageError, match=r"holds another unfinished sweep .* in another version of the prog"):
         sweep.run(plan_sweep("two", **ASKED), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [
+        ({}, "sweep-two"),
+        ({"thresholds": "20:30", "trials": 7, "reading": "calibrated", "seed": 1}, "sweep-two"),
+        ({"reading": "literal", "system": "full"}, "sweep-two-literal-full"),
+        ({"seed": 7}, "sweep-two-seed7"),
+        ({"vary": ["cmec.moving_deviation=20:30:5"]}, "sweep-two"),
+        ({"vary": ["cmec.waypoint_north[1]=20:30:5"]}, "sweep-two-cmec.waypoint_north1"),
+        (
+            {"thresholds": "20:30", "vary": ["canine.drift=0:1:1"], "system": "full"},
+            "sweep-two-full-threshold_deg-canine.drift",
+        ),
+    ],
+)
+def test_the_default_folder_carries_what_differs(options: dict[str, Any], name: str) -> None:
+    assert sweep.default_folder(plan_sweep("two", **options)) == Path("out", name)
+
+
+def test_the_default_folder_of_a_scenario_carries_what_differs_from_its_file(tmp_path: Path) -> None:
+    file = tmp_path / "meadow.toml"
+    file.write_text('reading = "literal"\nseed = 7\nwaypoints = [[20, 5]]')
+    assert sweep.default_folder(plan_sweep(str(file))) == Path("out/sweep-meadow")
+    other = plan_sweep(str(file), reading="calibrated", seed=1)
+    assert sweep.default_folder(other) == Path("out/sweep-meadow-calibrated-seed1")
+
+
+def test_results_of_another_sweep_are_replaced_with_a_note_that_names_what_differs(
+    runner: Runner, small_chunks: None, tmp_path: Path
+) -> None:
+    def notes_of(trials: int = 20, settings: Sequence[str] = ()) -> list[str]:
+        notes: list[str] = []
+        planned = plan_sweep("two", thresholds="20:21", trials=trials, settings=settings)
+        sweep.run(planned, tmp_path, note=notes.append)
+        return notes
+
+    # given the results of a sweep, then the same again says nothing
+    assert notes_of() == []
+    assert notes_of() == []
+    # and others say what they replace
+    begin = f"{tmp_path}: has the results of another sweep, which these replace "
+    assert notes_of(trials=21, settings=["canine.shaking=false"]) == [
+        f"{begin}(trials: 20, now 21, scenarios.two_waypoint.parameters.canine.shaking: none, now false)"
+    ]
+    (tmp_path / "recommendation.json").write_text('{"sweep": "two", "trials": 21}')  # of an earlier version
+    assert notes_of(trials=21) == []
+    (tmp_path / "recommendation.json").write_text("mine")
+    assert notes_of() == [f"{begin}(recommendation.json is not of canine)"]
 
 
 def test_a_full_disk_is_named_and_no_chunk_is_lost(
