@@ -528,7 +528,7 @@ def fit_animal(
         reading = statistics.read_tracks(paths, source, progress)
     result = statistics.estimate(reading, None if turned is None else math.radians(turned))
     place = folder or report.FOLDER
-    report.report(result, place)
+    report.report(result, place, _note)
     if as_json:
         typer.echo(json.dumps(result, indent=2))
     else:

@@ -37,6 +37,8 @@ REDRAWN = ("cruise_speed", "speeding_up", "slowing_down")  # the model draws the
 FLOOR = 0.2  # of their means
 NARROWEST, WIDEST = 0.05, 10.0  # deviations, as shares of the mean, between which redrawing is undone
 ROUND_OFF = 1e-9  # share of the mean (or SI value) below which a deviation is rounding, not the animal's
+OF_A_TRIAL = ("seed", "start_north", "start_east", "start_heading")  # parameters that are not the animal's
+NAMED = 3  # logs that a note names one by one at most
 DISTURBING = 0.01  # share of turns slower than the threshold from which on a note says so
 
 
@@ -243,9 +245,17 @@ def read_track(log: Log, source: MotionSource) -> Track:
         (_, first_north, first_east), (_, north, east) = log.route.places[0], log.route.places[-1]
         aim = math.atan2(first_east - east, first_north - north)  # from home, where a trial starts
     name = f"{log.path.resolve().parent.name}/{log.path.name}"
+    swapped = log.attachments.get("plant.fmu")
     return Track(
-        name, log.time, log[commands[0]], speed, heading, usable, fresh, aim, log.parameter("plant.seed")
-    )
+        name, log.time, log[commands[0]], speed, heading, usable, fresh, aim, log.parameter("plant.seed"),
+        next((channel.block for channel in log.channels if channel.component == "plant"), ""),
+        sha256(swapped).hexdigest() if swapped else "",
+        {
+            name.removeprefix("plant."): value
+            for name, value in log.metadata.get("parameters", {}).items()
+            if name.startswith("plant.") and name.removeprefix("plant.") not in OF_A_TRIAL
+        },
+    )  # fmt: skip
 
 
 def find_logs(paths: Sequence[Path]) -> list[Path]:
@@ -267,10 +277,17 @@ def find_logs(paths: Sequence[Path]) -> list[Path]:
 
 @dataclass(frozen=True)
 class Reading:
-    """The trials of some logs, each with the source of its motion, and notes on logs not read whole."""
+    """The trials of some logs.
+
+    Attributes:
+        tracks: each with the source of its motion.
+        notes: on logs not read whole or left out, and on what the trials should have in common and do not.
+        left_out: number of logs that were not used.
+    """
 
     tracks: Sequence[tuple[Track, MotionSource]]
     notes: Sequence[str]
+    left_out: int = 0
 
 
 def read_tracks(
@@ -283,7 +300,8 @@ def read_tracks(
         progress: called with the number of logs read.
 
     Raises:
-        LogError, FitError: no log can be read; if some can, the others are noted.
+        LogError, FitError: no log can be read, or the logs are of two plants alike in number; if some can be
+            read, or most are of one plant, the others are left out and noted.
     """
     tracks: list[tuple[Track, MotionSource]] = []
     notes: list[str] = []
@@ -308,7 +326,40 @@ def read_tracks(
     if not tracks:
         raise failures[0]
     notes += [f"{failure}; left out" for failure in failures]
-    return Reading(tracks, [*notes, *_mixed(tracks)])
+    kept, others = _of_one_plant(tracks)
+    left_out = len(failures) + len(tracks) - len(kept)
+    return Reading(kept, [*notes, *others, *_mixed(kept)], left_out)
+
+
+def _of_one_plant(
+    tracks: Sequence[tuple[Track, MotionSource]],
+) -> tuple[list[tuple[Track, MotionSource]], list[str]]:
+    """The trials of the plant that most have, and those without a plant; a note on each other plant's.
+
+    Raises:
+        FitError: as many trials have another plant.
+    """
+    by_plant: dict[str, list[Track]] = {}
+    for track, _ in tracks:
+        if track.plant:
+            by_plant.setdefault(track.plant, []).append(track)
+    first, *others = sorted(by_plant, key=lambda plant: -len(by_plant[plant])) or [""]
+    if others and len(by_plant[others[0]]) == len(by_plant[first]):
+        plants = "; ".join(f"{plant}: {_named(by_plant[plant])}" for plant in (first, *others))
+        raise FitError(f"the logs are of different plants, {plants}; give the logs of one of them")
+    total = sum(map(len, by_plant.values()))
+    notes = [
+        f"{len(by_plant[plant])} of {total} logs ({_named(by_plant[plant])}) are of the plant {plant}, most "
+        f"of {first}; left out"
+        for plant in others
+    ]
+    return [(track, source) for track, source in tracks if track.plant in ("", first)], notes
+
+
+def _named(tracks: Sequence[Track]) -> str:
+    """Some logs by their names, and how many more there are."""
+    more = f" and {len(tracks) - NAMED} more" if len(tracks) > NAMED else ""
+    return ", ".join(track.name for track in tracks[:NAMED]) + more
 
 
 def _content(path: Path) -> bytes:
@@ -323,7 +374,17 @@ def _mixed(tracks: Sequence[tuple[Track, MotionSource]]) -> Iterable[str]:
     sources = Counter(source.component for _, source in tracks)
     if len(sources) > 1:
         counts = ", ".join(f"{name} of {n}" for name, n in sources.items())
-        yield f"the motion is read from {counts} logs: the estimate is less exact; --source takes one of them"
+        yield (
+            f"the motion is read from {counts} logs: the estimate is less exact; --source takes one of them"
+        )
+    plants = [track for track, _ in tracks if track.plant]
+    without = [track for track, _ in tracks if not track.plant]
+    if plants and without:
+        yield (
+            f"no plant in {len(without)} of {len(tracks)} logs ({_named(without)}): their animal is not the "
+            f"{plants[0].plant} of the others; all count"
+        )
+    yield from _different_animals(plants)
     steps = Counter(f"{track.step:.4g}" for track, _ in tracks)
     if len(steps) > 1:
         counts = ", ".join(f"{step} s in {n}" for step, n in steps.items())
@@ -335,6 +396,28 @@ def _mixed(tracks: Sequence[tuple[Track, MotionSource]]) -> Iterable[str]:
             f"{again} of the simulated logs have the seed of another, and so the same draws: they are not "
             "independent, and the intervals are too narrow; give each its own seed"
         )
+
+
+def _different_animals(tracks: Sequence[Track]) -> Iterable[str]:
+    """Notes on trials whose plants are alike in name, and differ in their file or their parameters."""
+    files = Counter(track.file for track in tracks)
+    if len(files) > 1:
+        (common, _), *_ = files.most_common()
+        others = [track for track in tracks if track.file != common]
+        yield (
+            f"the plant is another FMU of the same name in {len(others)} of {len(tracks)} logs "
+            f"({_named(others)}); all count"
+        )
+    names = dict.fromkeys(name for track in tracks for name in track.parameters)
+    for name in names:
+        values = Counter(track.parameters.get(name, "none") for track in tracks)
+        if len(values) > 1:
+            (common, n), *_ = values.most_common()
+            others = [track for track in tracks if track.parameters.get(name, "none") != common]
+            yield (
+                f"plant.{name} is {common} (SI) in {n} of {len(tracks)} logs, and differs in the others "
+                f"({_named(others)}): the animals are not the same; all count"
+            )
 
 
 def estimate(reading: Reading, turned: float | None = None) -> dict[str, Any]:
@@ -354,4 +437,7 @@ def estimate(reading: Reading, turned: float | None = None) -> dict[str, Any]:
     result = pool(trials, max(source.turned for _, source in tracks))
     result["notes"] = [*reading.notes, *result["notes"]]
     result["sources"] = sorted({source.component for _, source in tracks})
+    result["logs"] = [track.name for track, _ in tracks]
+    result["plants"] = sorted({track.plant for track, _ in tracks} - {""})
+    result["left_out_logs"] = reading.left_out
     return result

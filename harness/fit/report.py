@@ -1,24 +1,26 @@
 """The results of a fit: a table, a picture, parameters for a scenario, and fit.json."""
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from rich.console import Console
 from rich.markup import escape
 from scipy import stats
 
 from harness.drawing import BELOW, ESTIMATES, GRID, TRUTH, new_figure, png_of
-from harness.files import make_folder, write_whole
+from harness.files import make_folder, replaced, write_whole
 from harness.fit.estimate import reasons, rounded, settled
 from harness.log.log import Array
 from harness.terminal import new_table, print_table
 
 FOLDER = Path("out/fit")
+IDENTITY = ("logs", "sources", "plants", "turned_deg_s")  # what tells a fit from others
 
 
 def fragment(result: Mapping[str, Any]) -> str:
@@ -45,14 +47,20 @@ def fragment(result: Mapping[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def report(result: Mapping[str, Any], out: Path) -> None:
+def report(result: Mapping[str, Any], out: Path, note: Callable[[str], None] = lambda text: None) -> None:
     """Write fit.json, fit.toml and fit.png.
+
+    Args:
+        note: called with a line for the user if they replace those of other logs.
 
     Raises:
         UsageError: the folder cannot be made.
         FileError: they cannot be written.
     """
     make_folder(out)
+    others = replaced(out / "fit.json", {key: result[key] for key in IDENTITY if key in result})
+    if others:
+        note(f"{out}: has another fit, which this replaces ({others})")
     write_whole(out / "fit.json", (json.dumps(result, indent=2) + "\n").encode())
     write_whole(out / "fit.toml", fragment(result).encode())
     write_whole(out / "fit.png", png_of(figure(result)))
@@ -89,8 +97,9 @@ def show(result: Mapping[str, Any], console: Console) -> None:
 
 
 def _trials(result: Mapping[str, Any]) -> str:
-    count = len(result["trials"])
-    return "1 trial" if count == 1 else f"{count} trials"
+    count, left_out = len(result["trials"]), result.get("left_out_logs", 0)
+    without = f", {left_out} log{'s' * (left_out != 1)} left out" if left_out else ""
+    return f"{count} trial{'s' * (count != 1)}{without}"
 
 
 def _number(value: float | None) -> str:
@@ -103,7 +112,7 @@ def _range(interval: Sequence[float] | None) -> str:
 
 def figure(result: Mapping[str, Any]) -> Figure:
     """A histogram of each statistic, with the fitted normal distribution and that of Table 5.1."""
-    picture = new_figure(14, 6.6)
+    picture = new_figure(14, 7)
     *panels, last = picture.subplots(2, 4).flat
     for axes, (key, row) in zip(panels, result["statistics"].items(), strict=True):
         values = np.array([trial[key] for trial in result["trials"] if key in trial])
@@ -121,41 +130,52 @@ def figure(result: Mapping[str, Any]) -> Figure:
 
 
 def _draw_statistic(axes: Axes, row: Mapping[str, Any], values: Array) -> None:
-    """A histogram as a density with its curves; values without spread give one bar."""
+    """A histogram with its curves, which are scaled to it; values without spread give one bar."""
     axes.set_xlabel(f"{row['label']} [{row['unit']}]")
+    axes.set_ylabel("trials")
     axes.set_title(f"n = {row['n']}", fontsize=10)
-    axes.set_yticks([])
+    axes.yaxis.set_major_locator(MaxNLocator(5, integer=True))
     if not len(values):
+        axes.set_xticks([])
+        axes.set_ylim(0, 1)
         return
     spread = row["sd"] is not None and row["sd"] > 1e-6 * (1 + abs(row["mean"]))
     published = row["published"]
     if not spread:
         width = 0.1 * (1 + abs(row["mean"]))
-        axes.bar(row["mean"], 1, width / 10, color=ESTIMATES[0], alpha=0.45, label="trials")
+        axes.bar(row["mean"], len(values), width / 10, color=ESTIMATES[0], alpha=0.45, label="trials")
         axes.set_xlim(row["mean"] - width, row["mean"] + width)
         return
-    axes.hist(values, bins="auto", density=True, color=ESTIMATES[0], alpha=0.45, label="trials")
+    _, edges, _ = axes.hist(values, bins="auto", color=ESTIMATES[0], alpha=0.45, label="trials")
+    area = len(values) * (edges[1] - edges[0])
     low, high = values.min(), values.max()
     x = np.linspace(low - 0.15 * (high - low), high + 0.15 * (high - low), 200)
-    axes.plot(
-        x, stats.norm.pdf(x, row["mean"], row["sd"]), color=TRUTH, linewidth=1.6, label="normal, fitted"
-    )
+    y = area * stats.norm.pdf(x, row["mean"], row["sd"])
+    axes.plot(x, y, color=TRUTH, linewidth=1.6, label="normal, fitted")
     if published:
-        y = stats.norm.pdf(x, published["mean"], published["sd"])
+        y = area * stats.norm.pdf(x, published["mean"], published["sd"])
         axes.plot(x, y, color=ESTIMATES[1], linewidth=1.4, linestyle="--", label="Table 5.1")
 
 
 def _draw_responses(axes: Axes, rates: Iterable[Mapping[str, Any]]) -> None:
     """Success rates with their intervals."""
     for place, row in enumerate(rates):
-        axes.plot([place], [row["published"]["rate"]], "D", color=ESTIMATES[1], zorder=3)
-        axes.annotate(f"n = {row['n']}", (place, 0.02), ha="center", fontsize=9)
+        axes.plot(
+            [place],
+            [100 * row["published"]["rate"]],
+            "D",
+            color=ESTIMATES[1],
+            zorder=3,
+            label="Table 5.1, rate",
+        )
+        axes.annotate(f"n = {row['n']}", (place, 2), ha="center", fontsize=9)
         if row["rate"] is not None:
-            low, high = row["interval"]
-            axes.bar(place, row["rate"], 0.6, color=ESTIMATES[0], alpha=0.45, label="trials")
-            error = [[row["rate"] - low], [high - row["rate"]]]
-            axes.errorbar(place, row["rate"], yerr=error, color=TRUTH, capsize=5, label="95 %")
-    axes.set_xticks([0, 1], ["left", "right"])
+            low, rate, high = (100 * value for value in (row["interval"][0], row["rate"], row["interval"][1]))
+            axes.bar(place, rate, 0.6, color=ESTIMATES[0], alpha=0.45, label="trials")
+            error = [[rate - low], [high - rate]]
+            axes.errorbar(place, rate, yerr=error, color=TRUTH, capsize=5, label="95 % interval (Wilson)")
+    axes.set_xticks([0, 1], ["LEFT", "RIGHT"])
     axes.set_xlim(-0.6, 1.6)
-    axes.set_ylim(0, 1)
-    axes.set_xlabel("success rate")
+    axes.set_ylim(0, 100)
+    axes.set_xlabel("command")
+    axes.set_ylabel("success rate [%]")

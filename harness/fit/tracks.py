@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -126,6 +126,9 @@ class Track:
         fresh: the speed is new on the tick, such as at a fix.
         aim: bearing of the first waypoint from the start; None if the log has no waypoint.
         seed: of the plant; None if it has none.
+        plant: the block or FMU that moved; "" if the log has none.
+        file: digest of the FMU in the plant's place; "" for our own.
+        parameters: of the plant, those of the trial apart, by name, as the log writes them.
     """
 
     name: str
@@ -137,6 +140,9 @@ class Track:
     fresh: npt.NDArray[np.bool_]
     aim: float | None = None
     seed: float | None = None
+    plant: str = ""
+    file: str = ""
+    parameters: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def step(self) -> float:

@@ -122,4 +122,7 @@ def show(summaries: Sequence[Mapping[str, Any]], console: Console) -> None:
         )
     print_table(table, console)
     successes = sum(summary["outcome"] == "success" for summary in summaries)
-    console.print(f"{successes} of {len(summaries)} trials succeeded ({percent(successes / len(summaries))})")
+    share = f"{successes / len(summaries):.0%}"
+    if share in ("0%", "100%") and 0 < successes < len(summaries):  # rounded
+        share = percent(successes / len(summaries))
+    console.print(f"{successes} of {len(summaries)} trials succeeded ({share})")

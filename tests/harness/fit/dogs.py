@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -83,16 +84,28 @@ def later(command: Array, dog: dict[str, float], delay: float) -> Track:
     return track(command, moved.speed, moved.heading)
 
 
-def write(path: Path, columns: dict[str, Array], step: float = TICK, seed: str = "1") -> Path:
-    """A log with columns by component.signal."""
+def write(
+    path: Path,
+    columns: dict[str, Array],
+    step: float = TICK,
+    seed: str = "1",
+    *,
+    blocks: Mapping[str, str] | None = None,
+    parameters: Mapping[str, str] | None = None,
+    attachments: Mapping[str, bytes] | None = None,
+) -> Path:
+    """A log with columns by component.signal; a component's block has its name, or that of `blocks`."""
     path.parent.mkdir(parents=True, exist_ok=True)
     components = dict.fromkeys(name.partition(".")[0] for name in columns)
     names = {c: [n.partition(".")[2] for n in columns if n.startswith(f"{c}.")] for c in components}
     channels = [
-        Channel(c, c, tuple(n), ("",) * len(n), ("Real",) * len(n), ("",) * len(n)) for c, n in names.items()
+        Channel(c, (blocks or {}).get(c, c), tuple(n), ("",) * len(n), ("Real",) * len(n), ("",) * len(n))
+        for c, n in names.items()
     ]
-    metadata = {"parameters": {"plant.seed": seed}}
-    with LogWriter(path, channels, origin=(0, 0), metadata=metadata, attachments={}) as log:
+    metadata = {"parameters": {"plant.seed": seed, **(parameters or {})}}
+    with LogWriter(
+        path, channels, origin=(0, 0), metadata=metadata, attachments=dict(attachments or {})
+    ) as log:
         at = step * np.arange(len(next(iter(columns.values()))), dtype=np.float64)
         log.write_rows(at, {c: np.column_stack([columns[f"{c}.{n}"] for n in names[c]]) for c in components})
     return path

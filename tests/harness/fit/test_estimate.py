@@ -232,7 +232,7 @@ def test_odd_logs_are_noted(tmp_path: Path) -> None:
         "d.mcap",
         "e.mcap",
     ]
-    same, cut, foreign, silent, mixed, steps, seeds = reading.notes
+    same, cut, foreign, silent, mixed, without, steps, seeds = reading.notes
     assert same == f"{tmp_path}/b.mcap: the same log as {first}; counted once"
     assert cut.startswith(f"{tmp_path}/c.mcap: the log is not whole, the file ends early, at byte ")
     assert foreign.startswith(f"log {tmp_path}/f.mcap: not an MCAP file")
@@ -246,6 +246,88 @@ def test_odd_logs_are_noted(tmp_path: Path) -> None:
         steps == "the logs have different sample times: 0.04 s in 3, 0.05 s in 1; each is read with its own"
     )
     assert seeds.startswith("2 of the simulated logs have the seed of another, and so the same draws")
+    assert without == (
+        f"no plant in 1 of 4 logs ({tmp_path.name}/e.mcap): their animal is not the plant of the others; all "
+        "count"
+    )
+    assert reading.left_out == 2
+    assert estimate(reading)["left_out_logs"] == 2
+
+
+def test_logs_of_another_plant_are_left_out_named_and_counted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # given three logs of a dog, and two of a pedestrian
+    for number in range(3):
+        write(tmp_path / f"dog{number}.mcap", columns(), seed=str(number))
+    walker = columns({**DOG, "cruise": 1.4})
+    for number in range(2):
+        write(tmp_path / f"walker{number}.mcap", walker, seed=str(7 + number), blocks={"plant": "pedestrian"})
+    # when
+    status, text, _ = canine(capsys, "fit", tmp_path, "--out", tmp_path / "fit")
+    # then the pedestrian's speed is in no statistic
+    result = json.loads((tmp_path / "fit" / "fit.json").read_text())
+    assert status == 0
+    assert result["statistics"]["cruise_speed"]["mean"] == pytest.approx(4.1)
+    assert (result["plants"], result["left_out_logs"], len(result["trials"])) == (["plant"], 2, 3)
+    # and the table says so beside its number of trials, with their names below
+    assert text.startswith("3 trials, 2 logs left out (plant)")
+    name = tmp_path.name
+    assert (
+        f"note: 2 of 5 logs ({name}/walker0.mcap, {name}/walker1.mcap) are of the plant pedestrian, most of "
+        "plant; left out"
+    ) in text
+
+
+def test_as_many_logs_of_one_plant_as_of_another_are_refused(tmp_path: Path) -> None:
+    write(tmp_path / "dog.mcap", columns())
+    write(tmp_path / "walker.mcap", columns(), seed="2", blocks={"plant": "pedestrian"})
+    with pytest.raises(FitError) as caught:
+        read_tracks(find_logs([tmp_path]))
+    name = tmp_path.name
+    assert str(caught.value) == (
+        f"the logs are of different plants, plant: {name}/dog.mcap; pedestrian: {name}/walker.mcap; give the "
+        "logs of one of them"
+    )
+
+
+def test_plants_with_different_parameters_are_noted_by_log(tmp_path: Path) -> None:
+    # given dogs at other starts, of which one is faster by its parameters
+    for number, speed in enumerate(("4.86", "4.86", "3.0")):
+        parameters = {"plant.cruise_speed": speed, "plant.start_north": str(number)}
+        write(tmp_path / f"{number}.mcap", columns(), seed=str(number), parameters=parameters)
+    notes = read_tracks(find_logs([tmp_path])).notes
+    assert list(notes) == [
+        "plant.cruise_speed is 4.86 (SI) in 2 of 3 logs, and differs in the others "
+        f"({tmp_path.name}/2.mcap): the animals are not the same; all count"
+    ]
+
+
+def test_plants_of_different_fmus_with_one_name_are_noted_by_log(tmp_path: Path) -> None:
+    for number, content in enumerate((b"a", b"a", b"b")):
+        write(tmp_path / f"{number}.mcap", columns(), seed=str(number), attachments={"plant.fmu": content})
+    notes = read_tracks(find_logs([tmp_path])).notes
+    assert list(notes) == [
+        f"the plant is another FMU of the same name in 1 of 3 logs ({tmp_path.name}/2.mcap); all count"
+    ]
+
+
+def test_a_fit_of_other_logs_is_replaced_with_a_note(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # given a fit of one log, made twice
+    logs = [write(tmp_path / name, columns(), seed=name[0]) for name in ("1.mcap", "2.mcap")]
+    for _ in range(2):
+        _, _, error = canine(capsys, "fit", logs[0], "--out", tmp_path / "fit")
+        assert error == ""
+    # when it is made of another
+    _, _, error = canine(capsys, "fit", logs[1], "--out", tmp_path / "fit")
+    # then that is said
+    folder = tmp_path.name
+    assert error == (
+        f'note: {tmp_path}/fit: has another fit, which this replaces (logs: ["{folder}/1.mcap"], now '
+        f'["{folder}/2.mcap"])\n'
+    )
 
 
 def test_logs_that_cannot_be_opened_are_left_out_with_a_note(tmp_path: Path) -> None:

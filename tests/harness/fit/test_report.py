@@ -107,15 +107,22 @@ def test_the_picture_has_a_panel_for_each_statistic_and_one_for_the_responses() 
     # then
     speed, up, *_, start, responses = drawn.axes
     assert [axes.get_xlabel() for axes in drawn.axes][:2] == ["velocity [m/s]", "acceleration [m/s2]"]
-    heights = sum(bar.get_height() * bar.get_width() for bar in bars(speed))
-    assert heights == pytest.approx(1)  # a density
+    assert [axes.get_ylabel() for axes in drawn.axes] == ["trials"] * 7 + ["success rate [%]"]
+    assert responses.get_xlabel() == "command"
+    # and the curves have the area of the bars, which count trials
+    assert sum(bar.get_height() for bar in bars(speed)) == 4
     fitted, published = speed.lines
+    area = sum(bar.get_height() * bar.get_width() for bar in bars(speed))
+    deviation = np.std([3.0, 3.5, 4.0, 5.0], ddof=1)
+    top = area / (deviation * math.sqrt(2 * math.pi))
+    assert np.max(np.asarray(fitted.get_ydata())) == pytest.approx(top, rel=1e-3)
     assert peak(fitted) == pytest.approx(3.875, abs=0.02)
     assert peak(published) == pytest.approx(4.86, abs=0.02)
     assert len(up.patches) == 1
     assert not up.lines
     assert not start.patches
-    assert [bar.get_height() for bar in bars(responses)] == [1.0, 1.0]
+    assert [bar.get_height() for bar in bars(up)] == [4]
+    assert [bar.get_height() for bar in bars(responses)] == [100.0, 100.0]
 
 
 def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
