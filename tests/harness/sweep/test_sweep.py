@@ -563,7 +563,7 @@ def test_a_folder_that_cannot_take_the_results_is_refused_at_once(
     (tmp_path / "file").touch()
     for folder, status, message in (
         ("a", 2, f"{tmp_path}/a/sweep.csv: is a folder; remove it, or choose another one with --out"),
-        ("file/b", 1, f"{tmp_path}/file/b/sweep.journal: cannot be written (Not a directory)"),
+        ("file/b", 2, f"{tmp_path}/file/b/sweep.journal: cannot be written (Not a directory)"),
     ):
         got, _, error = canine(capsys, "two", "--trials", 4, "--out", tmp_path / folder)
         assert got == status
