@@ -30,7 +30,6 @@ ABOVE |= {"columnspacing": 1.2, "handlelength": 1.6}
 OUTAGE: Style = {"facecolor": "#D3D7DD", "edgecolor": "#8A929C", "hatch": ""}
 ORDER: Style = {"facecolor": "#D2E6F7", "edgecolor": "#4C8FC4", "hatch": "\\\\\\"}
 LOST_RADIO: Style = {"facecolor": "#FCE0CB", "edgecolor": "#D9772B", "hatch": "///"}
-DEVIATION_THRESHOLD = "deviation threshold h'"  # what a reader calls cmec.moving_deviation
 LONGEST = 72  # columns of a name in a title
 UNKNOWN = "\u25a1"  # stands for a character that the font lacks
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Column, Table
 
+DEVIATION_THRESHOLD = "deviation threshold h'"  # what a reader calls cmec.moving_deviation
 UNLIMITED = 1 << 16  # columns of a pipe or a file
 
 

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from harness.sweep.chunks import ANOMALIES, SUMS, Outcomes
+from harness.terminal import DEVIATION_THRESHOLD
 from models.kit.block import Block
 
 TICK_S = Block.sample_time
@@ -117,7 +118,7 @@ def _squares(ticks: npt.NDArray[np.unsignedinteger[Any]]) -> int:
 
 def name_of(column: str) -> str:
     """What texts and pictures call a column of the table: h' by the text's name, others by their address."""
-    return "deviation threshold h'" if column == THRESHOLD_COLUMN else column
+    return DEVIATION_THRESHOLD if column == THRESHOLD_COLUMN else column
 
 
 def csv_of(columns: Sequence[str], table: Sequence[Point]) -> bytes:

@@ -26,7 +26,6 @@ from harness.drawing import (
     BELOW,
     CIRCLE_EDGE,
     CIRCLE_FACE,
-    DEVIATION_THRESHOLD,
     ESTIMATE,
     GPS,
     GRID,
@@ -46,6 +45,7 @@ from harness.drawing import (
     shade,
 )
 from harness.log.log import Array, Log, named
+from harness.terminal import DEVIATION_THRESHOLD
 from harness.trial import disturbances as kinds
 from harness.trial.disturbances import Span, disturbances
 from harness.trial.labels import place_labels

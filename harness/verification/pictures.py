@@ -8,10 +8,10 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter
 
-from harness.drawing import BELOW, BESIDE, DEVIATION_THRESHOLD, GRID, Style, new_figure
+from harness.drawing import BELOW, BESIDE, GRID, Style, new_figure
 from harness.sweep.plots import TYPE_COLOURS
 from harness.sweep.sweep import TRIAL_TYPES
-from harness.terminal import percent
+from harness.terminal import DEVIATION_THRESHOLD, percent
 from harness.trial.plots import trial_figure
 from harness.verification.published import (
     ALL_FROM,

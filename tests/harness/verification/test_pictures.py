@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 
-from harness.drawing import DEVIATION_THRESHOLD
+from harness.terminal import DEVIATION_THRESHOLD
 from harness.verification.pictures import (
     FIELD_LABEL,
     IGNORED,
