@@ -17,7 +17,6 @@ declares no unit is taken to have the role's. The FMU may lack inputs of the rol
 from __future__ import annotations
 
 import sys
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -25,6 +24,7 @@ from typing import Any
 
 from harness.cosim.fmu import FmuDescription, Quantity, Unit
 from harness.cosim.ssp import FmuComponent, FmuSystem, ScaledLink, StartValue
+from harness.toml_file import TomlError, parse_toml, read_toml
 from models.errors import CanineError, UsageError, nearest
 from models.kit.declaration import Input, Output, Parameter, Type, Variable, flatten
 from models.kit.units import UNITS
@@ -135,9 +135,11 @@ def read_adapter(fmu: Path, role: Role) -> Adapter:
     if not path.is_file():
         return Adapter(path)
     try:
-        table = tomllib.loads(path.read_text())
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as reason:
+        table = parse_toml(read_toml(path))
+    except TomlError as reason:
         raise RoleError(f"{path.name}: {reason}") from None
+    except OSError as reason:
+        raise RoleError(f"{path.name}: cannot be read ({reason.strerror})") from None
     known: dict[str, Iterable[str]] = {
         "outputs": role.needs,
         "inputs": role.inputs,

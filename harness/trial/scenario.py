@@ -25,7 +25,6 @@ Quantities with rad in their unit are in degrees here, and in rad everywhere els
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import takewhile
@@ -34,6 +33,7 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 from harness.cosim.stepping import DURATION
+from harness.toml_file import TomlError, parse_toml, read_toml
 from models.canine import Canine
 from models.cmec import MAX_WAYPOINTS
 from models.errors import UsageError, nearest
@@ -169,8 +169,8 @@ def toml_of(value: Written | Sequence[Any], name: str = "the value") -> str:
 def _literal(text: str) -> Written:
     """The value behind `--set name=`: a TOML value, else a name."""
     try:
-        value: Written = tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+        value: Written = parse_toml(f"value = {text}")["value"]
+    except TomlError:
         return text
     return value
 
@@ -201,10 +201,12 @@ def load(target: str, *, mission: bool = True) -> Scenario:
     if not path.is_file() and not path.suffix and target in shipped():
         path = SHIPPED / f"{target}.toml"
     try:
-        text = path.read_text()
+        text = read_toml(path)
     except FileNotFoundError:
         raise ScenarioError(f'there is no scenario "{target}"{nearest(target, shipped())}') from None
-    except (OSError, UnicodeDecodeError) as reason:
+    except TomlError as reason:
+        raise ScenarioError(f"{target}: {reason}") from None
+    except OSError as reason:
         raise ScenarioError(f"{target}: cannot be read ({reason})") from None
     scenario = parse(text, str(target), default_name=path.stem, folder=path.parent)
     if mission:
@@ -238,8 +240,8 @@ def parse(text: str, where: str, default_name: str = "scenario", folder: Path = 
         ScenarioError: broken TOML, an unknown key, a wrong type, or a value out of its range.
     """
     try:
-        table = _TomlTable(tomllib.loads(text), where)
-    except tomllib.TOMLDecodeError as reason:
+        table = _TomlTable(parse_toml(text), where)
+    except TomlError as reason:
         raise ScenarioError(f"{where}: {reason}") from None
     origin = table.table("origin")
     start = table.table("start")
