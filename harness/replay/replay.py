@@ -161,7 +161,7 @@ def replay(
     for number, window in enumerate(chosen.windows):
         signals = source.signals([window])
         inside = np.flatnonzero((signals.t >= window[0]) & (signals.t <= window[1]))
-        withheld = inside[(signals.reference_fix & ~signals.gps_fix)[inside]]
+        withheld = inside[signals.reference_fix[inside]]
         last = int(withheld[-1])  # where the errors are measured
         ticks = last + 1
         runs = {HELD: hold_speed(signals, ticks)}
@@ -281,21 +281,21 @@ def report(
         {name: values[COLUMNS[0]] for name, values in result["configurations"].items()},
         on_map=[outages.index(outage) for outage in disjoint(outages)],
         title=f"{source.name}: {estimator} through outages of {chosen.length:g} s",
-        not_used=not_used(result),
+        not_used="\n".join(
+            [not_used(result), f"not whole: {source.broken}" if source.broken else ""]
+        ).strip(),
     )
     return result
 
 
 def not_used(result: Mapping[str, Any]) -> str:
-    """What was left out or dropped, in a line each; "" if all was used."""
+    """What was left out and what was dropped, in a line each; "" if all was used."""
     lines = []
     if result["left_out"]:
         number = sum(result["left_out"].values())
         lines.append(f"left out: {number} outage{'s' * (number != 1)}: {counts(result['left_out'])}")
     if result["dropped"]:
         lines.append(f"dropped: {counts(result['dropped'])}")
-    if result["broken"]:
-        lines.append(f"not whole: {result['broken']}")
     return "\n".join(lines)
 
 

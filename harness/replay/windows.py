@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.log.log import Array
+from harness.recording.attitude import TICK_S
 from harness.recording.holes import Hole, holes
 
 Window = tuple[float, float]  # s, start and end of an outage
@@ -78,7 +79,8 @@ def choose(
     alone = [(a, b + min(b - a, settle)) for a, b in holes(fixes, HOLE_OF_FIXES * interval)]
     for start in map(float, starts):
         end = start + length
-        inside = fixes[(fixes >= start) & (fixes <= end)]
+        # a fix falls on the tick after it: one on the first tick may have come before the outage
+        inside = fixes[(fixes > start + TICK_S / 2) & (fixes <= end)]
         if not len(inside) or end - inside[-1] > NEAR_END * interval:
             left_out[NO_FIX_AT_THE_END] += 1
         elif any(a < start - NEAR_END * interval and start < b for a, b in alone):

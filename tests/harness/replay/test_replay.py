@@ -186,24 +186,30 @@ def test_an_estimate_that_is_not_finite_is_refused_with_its_time(
 
 
 def test_what_was_left_out_or_dropped_is_told_in_all_places(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # given a walk with a bad fix and a hole of fixes
     signals = walk_of_log(40)
     signals["gps_north"][round(7 / 0.04)] = np.nan
     signals["gps_fix"][round(24 / 0.04) : round(26 / 0.04)] = 0
-    source = open_source(write(tmp_path / "trial.mcap", signals))
+    source = replace(open_source(write(tmp_path / "trial.mcap", signals)), broken="the file ends early")
     chosen = source.outages(5, 5)
+    drawn: dict[str, Any] = {}
+    monkeypatch.setattr("harness.replay.replay.replay_picture", lambda *_, **words: drawn.update(words))
     # when
     result = report(source, "four_state", chosen, replay(source, "four_state", chosen), tmp_path)
     show(result, Console(width=120))
-    # then the file and the terminal have the numbers by cause
+    # then the file, the picture and the terminal have the numbers by cause
     written = json.loads((tmp_path / "outages.json").read_text())
     assert written["dropped"] == {"fixes with a value that is not finite": 1}
     assert written["left_out"] == {"no fix near the end": 1, "fixes missing before the start": 1}
-    out = capsys.readouterr().out
-    assert "left out: 2 outages: no fix near the end (1), fixes missing before the start (1)\n" in out
-    assert "dropped: fixes with a value that is not finite (1)\n" in out
+    assert written["broken"] == "the file ends early"
+    lines = (
+        "left out: 2 outages: no fix near the end (1), fixes missing before the start (1)\n"
+        "dropped: fixes with a value that is not finite (1)\n"
+    )
+    assert lines in capsys.readouterr().out
+    assert drawn["not_used"] == lines + "not whole: the file ends early"
 
 
 def test_statistics_of_two_outages_are_those_found_by_hand() -> None:
@@ -237,7 +243,7 @@ def test_outages_that_overlap_an_earlier_one_are_left_out_of_the_t_test() -> Non
 def test_a_single_outage_has_no_spread_and_no_test(capsys: pytest.CaptureFixture[str]) -> None:
     result = statistics([outage({"a": (1.0, 0.5), "b": (2.0, 0.5)})])
     assert result["configurations"]["a"]["position_error_m"]["sd"] is None
-    show(result | {"dropped": {}, "left_out": {}, "broken": ""}, Console())
+    show(result | {"dropped": {}, "left_out": {}}, Console())
     assert "-" in capsys.readouterr().out
 
 

@@ -64,6 +64,19 @@ def test_two_lost_fixes_at_the_end_leave_the_outage_out() -> None:
     assert outages(without((33.6, 34.1))).left_out[NO_FIX_AT_THE_END] == 1
 
 
+def test_after_a_long_hole_of_fixes_ten_seconds_are_enough() -> None:
+    # given no fix for 16 s from 24 s on
+    assert starts(outages(without((24, 40)))) == [14, 19, 54]
+
+
+def test_a_fix_at_the_start_of_an_outage_does_not_judge_it() -> None:
+    # given a fix a second and outages of one second; the fix of 15 s is lost
+    fixes = np.delete(np.arange(0, 20.0), 15)
+    chosen = choose(fixes, fixes[4:], [], length=1, every=1)
+    assert starts(chosen) == [15, 16, 17, 18]
+    assert chosen.left_out == {NO_FIX_AT_THE_END: 1}
+
+
 def test_outages_over_and_soon_after_a_hole_of_the_imu_are_left_out() -> None:
     # given no samples from 26 to 27 s: the outage from 24 to 29 s has the hole, and the heading is found anew
     # in the ten seconds of motion up to 37 s
