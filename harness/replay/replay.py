@@ -238,8 +238,8 @@ def _number(value: float) -> float | None:
 
 
 def counts(causes: Mapping[str, int]) -> str:
-    """Causes and their numbers, in words."""
-    return ", ".join(f"{cause} ({number})" for cause, number in causes.items())
+    """Numbers and causes, in words."""
+    return ", ".join(f"{number} × {cause}" for cause, number in causes.items())
 
 
 def report(

@@ -119,7 +119,7 @@ def _of_log(path: Path) -> ReplaySource:
 
 
 def _require_ticks(path: Path, log: Log) -> None:
-    """The estimator steps from tick to tick: a row that is missing would shift all that follow."""
+    """The estimator steps by ticks: rows of another step or start would be taken for others."""
     for tick in np.flatnonzero(np.abs(log.time - np.arange(len(log.time)) * TICK_S) > TICK_S / 2)[:1]:
         raise RecordingError(
             f"{path}: row {tick + 1} is of {log.time[tick]:g} s, expected {tick * TICK_S:g} s: a row for "

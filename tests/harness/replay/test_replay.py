@@ -205,8 +205,8 @@ def test_what_was_left_out_or_dropped_is_told_in_all_places(
     assert written["left_out"] == {"no fix near the end": 1, "fixes missing before the start": 1}
     assert written["broken"] == "the file ends early"
     lines = (
-        "left out: 2 outages: no fix near the end (1), fixes missing before the start (1)\n"
-        "dropped: fixes with a value that is not finite (1)\n"
+        "left out: 2 outages: 1 × no fix near the end, 1 × fixes missing before the start\n"
+        "dropped: 1 × fixes with a value that is not finite\n"
     )
     assert lines in capsys.readouterr().out
     assert drawn["not_used"] == lines + "not whole: the file ends early"
