@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from codegen.blocks.block_c import comment, generate, start_literal, write_files
+from codegen.firmware.fixes import MESSAGES, limits
 from codegen.firmware.record import Entry, drivers, is_mission, of_block, words_of
 from codegen.firmware.structs import Headers, read_headers
 from codegen.firmware.targets import TARGETS, Target
@@ -53,10 +54,11 @@ def settable(block: type[Block]) -> dict[str, Variable]:
 
 
 def program() -> dict[str, str]:
-    """The sources beside the blocks and parameters, file name to text: by hand, telemetry, models.h."""
+    """The sources beside the blocks and parameters, file name to text: by hand, or from tables."""
     files = {path.name: path.read_text() for path in sorted(SOURCES.glob("*.[ch]"))}
     context = SHARED | {"fields": FIELDS, "offsets": OFFSETS, "flags": list(Flag), "size": PAYLOAD.size}
-    for name in ("models.h", "telemetry.h", "telemetry.c"):
+    context |= {"messages": MESSAGES, "limits": limits()}
+    for name in ("models.h", "fixes.h", "telemetry.h", "telemetry.c"):
         files[name] = TEMPLATES.get_template(f"{name}.jinja").render(context)
     return {name: text for name, text in files.items() if not name.startswith("pil")}
 

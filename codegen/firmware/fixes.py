@@ -49,6 +49,11 @@ class Message(NamedTuple):
     rules: tuple[Rule, ...] = ()
 
     @property
+    def has_length(self) -> str:
+        """In C, of a `length`."""
+        return " || ".join(f"(length == {length}U)" for length in self.lengths)
+
+    @property
     def versions(self) -> bool:
         """A rule depends on the length of the payload."""
         return any(rule.since for rule in self.rules)
@@ -101,6 +106,18 @@ RANGES: dict[str, tuple[int, int]] = {
     "s_acc": (1, 2**32 - 1),
 }
 OUT_OF_RANGE = "fixes out of range"
+
+
+def limits() -> list[str]:
+    """RANGES in C, without those that the type alone keeps."""
+    texts = []
+    for name, (low, high) in RANGES.items():
+        suffix = "U" if low >= 0 else ""
+        if low != 0:
+            texts.append(f"(fix->{name} >= {low}{suffix})")
+        if high != 2**32 - 1:
+            texts.append(f"(fix->{name} <= {high}{suffix})")
+    return texts
 
 
 def in_range(values: Mapping[str, int]) -> bool:

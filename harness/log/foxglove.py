@@ -75,15 +75,18 @@ class _Fixes:
         """A fix for each tick, save where it has no finite position, which a map cannot show."""
         message, timestamp, channel = self.message, self.message.timestamp, self.channel
         messages = []
-        rows = values[self.component][ticks].take(self.columns, axis=1).tolist()
-        for (time, seconds, nanos), (north, east, *h_acc) in zip(moments, rows, strict=True):
-            if math.isfinite(north) and math.isfinite(east):
-                latitude, longitude = self.plane.from_plane(north, east)
-                timestamp.seconds, timestamp.nanos = seconds, nanos
-                message.latitude, message.longitude = math.degrees(latitude), math.degrees(longitude)
-                if h_acc and h_acc[0] != self.h_acc:
-                    self._state_accuracy(h_acc[0])
-                messages.append((channel, time, message.SerializeToString()))
+        rows = values[self.component][ticks].take(self.columns, axis=1)
+        shown = np.flatnonzero(np.isfinite(rows[:, :2]).all(axis=1))
+        rows = rows[shown]
+        latitudes, longitudes = np.degrees(self.plane.from_plane(rows[:, 0], rows[:, 1])).tolist()
+        for i, latitude, longitude, h_acc in zip(
+            shown.tolist(), latitudes, longitudes, rows[:, 2:].tolist(), strict=True
+        ):
+            time, timestamp.seconds, timestamp.nanos = moments[i]
+            message.latitude, message.longitude = latitude, longitude
+            if h_acc and h_acc[0] != self.h_acc:
+                self._state_accuracy(h_acc[0])
+            messages.append((channel, time, message.SerializeToString()))
         return messages
 
     def _state_accuracy(self, h_acc: float) -> None:

@@ -39,9 +39,18 @@ class TangentPlane:
         return (latitude - self.latitude) * meridian, eastward * parallel
 
     def from_plane(self, north: Position, east: Position) -> tuple[Position, Position]:
-        """Latitude and longitude in rad of `north` and `east` in m, numbers or arrays of any shape."""
+        """Latitude and longitude in rad of `north` and `east` in m, numbers or arrays of any shape.
+
+        Beyond a pole the meridian goes on at the opposite longitude. Longitudes are in [-pi, pi].
+        """
         meridian, parallel = self.radii
-        return self.latitude + north / meridian, self.longitude + east / parallel
+        latitude, longitude = self.latitude + north / meridian, self.longitude + east / parallel
+        poles = np.round(latitude / math.pi)  # passed: 0 on the origin's side of both
+        longitude = longitude + math.pi * poles
+        return (
+            (1 - 2 * np.abs(np.fmod(poles, 2))) * (latitude - math.pi * poles),
+            longitude - math.tau * np.round(longitude / math.tau),
+        )
 
     def place(self, north: float, east: float) -> tuple[float, float]:
         """Latitude and longitude in deg, the latter in [-180, 180), of `north` and `east` in m."""

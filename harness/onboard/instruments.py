@@ -44,8 +44,6 @@ class Receiver:
         if not (signals["gps_fix"] and all(abs(signals[name]) <= GREATEST for name in FIX)):
             return b""
         latitude, longitude = self.plane.place(signals["gps_north"], signals["gps_east"])
-        if abs(latitude) > 90:
-            return b""
         # whole units, since pyubx2 truncates
         latitude, longitude = round(latitude * 1e7) / 1e7, round(longitude * 1e7) / 1e7
         when, course = round(time * 1000) % WEEK_MS, math.degrees(signals["gps_course"]) % 360
@@ -55,6 +53,7 @@ class Receiver:
             fields = {
                 "fixType": FIX_3D,
                 "gnssFixOk": 1,
+                "validTime": 1,
                 "numSV": SATELLITES,
                 "lat": latitude,
                 "lon": longitude,

@@ -3,6 +3,7 @@
  * yet, and ticks. In the background a walking animal, which can be ordered to obey, gives fixes and samples,
  * so that few bytes lead far into a mission. After every tick the results are checked against values
  * computed anew. */
+#include "fixes.h"
 #include "onboard.h"
 #include "port.h"
 
@@ -213,6 +214,7 @@ static void send_fix(const ubx_fix *fix, bool pvt, uint8_t gps_fix, uint8_t flag
 
     little(payload, fix->time_ms);
     if (pvt) {
+        payload[11] = 2U; /* validTime */
         payload[20] = gps_fix;
         payload[21] = flags;
         little(&payload[24], (uint32_t)fix->longitude);

@@ -29,10 +29,27 @@ void prove_nearest(void)
     assert((error >= -0.501F) && (error <= 0.501F));
 }
 
-void prove_latitude(void)
+/* A place and a shift from it: on earth, and the same place. No sum overflows: --signed-overflow-check. */
+void prove_position(void)
 {
-    const int32_t origin = int_in(-1800000000, 1800000000);
-    const int32_t shift = whole(nondet_float(), -MAX_SHIFT, MAX_SHIFT);
+    const int32_t shift = int_in(-MAX_SHIFT, MAX_SHIFT);
+    const int32_t north = int_in(-QUARTER, QUARTER) + shift;
+    const int32_t east = int_in(-HALF, HALF) + int_in(-MAX_SHIFT, MAX_SHIFT);
+    const bool beyond = (north > QUARTER) || (north < -QUARTER);
+    int32_t latitude = north;
+    int32_t longitude = east;
+    int64_t turned;
 
-    assert((origin + shift) >= INT32_MIN); /* the sum does not overflow: --signed-overflow-check */
+    keep_on_earth(&latitude, &longitude);
+    turned = (int64_t)longitude - east;
+    assert((latitude >= -QUARTER) && (latitude <= QUARTER));
+    assert((longitude >= -HALF) && (longitude <= HALF));
+    if (beyond) {
+        assert(((int64_t)latitude + north) == ((north > 0) ? HALF : -HALF));
+        assert((turned == HALF) || (turned == -HALF));
+    } else {
+        assert(latitude == north);
+        assert((turned == 0) || (turned == (2LL * HALF)) || (turned == (-2LL * HALF)));
+        assert((turned == 0) || (east > HALF) || (east < -HALF));
+    }
 }

@@ -14,6 +14,8 @@
 #define NO_SAMPLE 1.0e9f     /* out of range: the estimator then holds speed and heading */
 #define PER_MILLE 0.001f     /* mm to m, mm/s to m/s */
 #define FARTHEST 1.0e5f      /* m: the controller's range of positions */
+#define QUARTER 900000000    /* 1e-7 deg: 90 deg */
+#define HALF 1800000000      /* 1e-7 deg: 180 deg */
 #define MAX_SHIFT 100000000  /* 1e-7 deg: limit of an estimate's distance from the origin in telemetry */
 #define ORIGIN_H_ACC 100000U /* mm, mm/s: accuracy that a fix needs to settle the plane */
 #define ORIGIN_S_ACC 10000U
@@ -259,6 +261,23 @@ static uint16_t at_most_u16(uint32_t count)
     return (count > UINT16_MAX) ? (uint16_t)UINT16_MAX : (uint16_t)count;
 }
 
+/* Beyond a pole the meridian goes on at the opposite longitude; longitudes stay within half a turn. No sum
+ * leaves 32 bits: both come within MAX_SHIFT of their ranges. */
+static void keep_on_earth(int32_t *latitude, int32_t *longitude)
+{
+    if ((*latitude > QUARTER) || (*latitude < -QUARTER)) {
+        *latitude = ((*latitude > 0) ? HALF : -HALF) - *latitude;
+        *longitude += (*longitude > 0) ? -HALF : HALF;
+    }
+    if (*longitude > HALF) {
+        *longitude = (*longitude - HALF) - HALF;
+    } else if (*longitude < -HALF) {
+        *longitude = (*longitude + HALF) + HALF;
+    } else {
+        /* within half a turn */
+    }
+}
+
 static void report(onboard *m)
 {
     uint8_t frame[LINK_TELEMETRY_SIZE];
@@ -274,6 +293,7 @@ static void report(onboard *m)
 
         t.latitude = m->local_plane.state.origin_latitude + whole(north, -MAX_SHIFT, MAX_SHIFT);
         t.longitude = m->local_plane.state.origin_longitude + whole(east, -MAX_SHIFT, MAX_SHIFT);
+        keep_on_earth(&t.latitude, &t.longitude);
     }
     t.speed = to_i16(100.0f * m->estimator.out.speed);
     t.heading = to_i16(1.0e4f * m->estimator.out.heading);

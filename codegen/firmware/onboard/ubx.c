@@ -5,6 +5,8 @@
 
 #include <string.h>
 
+#include "fixes.h"
+
 #define SYNC_1 0xB5U
 #define SYNC_2 0x62U
 #define HEADER 6U
@@ -14,15 +16,6 @@
 #define VELOCITY 2U
 #define SOLUTION 4U
 #define WHOLE 7U
-
-#define FIX_3D 3U       /* gpsFix and fixType */
-#define FIX_COMBINED 4U /* satellites and dead reckoning: 3D as well */
-#define FIX_OK 1U       /* in flags: within the receiver's limits of accuracy */
-
-#define MAX_LATITUDE 900000000
-#define MAX_LONGITUDE 1800000000
-#define MAX_COURSE 36000000
-#define MAX_SPEED 515000U /* mm/s, 1000 knots, above which no receiver may navigate */
 
 static uint32_t little_u32(const uint8_t *bytes)
 {
@@ -42,33 +35,32 @@ static uint32_t times_10(uint32_t value)
 
 static uint8_t ubx_length(const uint8_t *header)
 {
-    uint8_t payload = 0U; /* its length in a message of this kind; 0: of no interest */
-    bool expected;
+    const uint8_t length = header[4]; /* of the payload, its high byte 0 */
+    bool expected = false;
 
-    if ((header[1] == SYNC_2) && (header[2] == UBX_NAV)) {
+    if ((header[1] == SYNC_2) && (header[2] == UBX_NAV) && (header[5] == 0U)) {
         switch (header[3]) {
         case UBX_NAV_POSLLH:
-            payload = 28U;
+            expected = posllh_has_length(length);
             break;
         case UBX_NAV_SOL:
-            payload = 52U;
+            expected = sol_has_length(length);
             break;
         case UBX_NAV_PVT:
-            payload = 92U;
+            expected = pvt_has_length(length);
             break;
         case UBX_NAV_VELNED:
-            payload = 36U;
+            expected = velned_has_length(length);
             break;
         default:
             break;
         }
     }
-    expected = (payload != 0U) && (header[4] == payload) && (header[5] == 0U);
-    return expected ? (uint8_t)(HEADER + payload + CHECKSUM) : 0U;
+    return expected ? (uint8_t)(HEADER + length + CHECKSUM) : 0U;
 }
 
-/* Fletcher's checksum over class to payload, eight bytes at a time: the lengths of all four payloads and the
- * 4 bytes before them add up to multiples of 8. */
+/* Fletcher's checksum over class to payload, eight bytes at a time: the lengths of all payloads and the 4 bytes
+ * before them add up to multiples of 8. */
 static bool ubx_intact(const uint8_t *frame, uint8_t length)
 {
     const uint8_t *byte = &frame[2];
@@ -98,14 +90,6 @@ static bool ubx_intact(const uint8_t *frame, uint8_t length)
     return (end[0] == a) && (end[1] == b);
 }
 
-static bool in_range(const ubx_fix *fix)
-{
-    return (fix->latitude >= -MAX_LATITUDE) && (fix->latitude <= MAX_LATITUDE) &&
-           (fix->longitude >= -MAX_LONGITUDE) && (fix->longitude <= MAX_LONGITUDE) &&
-           (fix->course >= -MAX_COURSE) && (fix->course <= MAX_COURSE) &&
-           (fix->speed <= MAX_SPEED) && (fix->h_acc > 0U) && (fix->s_acc > 0U);
-}
-
 /* Take a fix that the receiver calls good, if its epoch has had none and its values are in range. */
 static ubx_event take_fix(ubx *m, const ubx_fix *fix)
 {
@@ -113,7 +97,7 @@ static ubx_event take_fix(ubx *m, const ubx_fix *fix)
     ubx_event event = UBX_FRAME;
 
     if (!known) {
-        if (in_range(fix)) {
+        if (fix_in_range(fix)) {
             m->fix = *fix;
             m->fixed = true;
             event = UBX_FIX;
@@ -144,7 +128,7 @@ static ubx_event add_part(ubx *m, uint8_t part, const uint8_t *payload)
         m->epoch.course = little_i32(&payload[24]);
         m->epoch.s_acc = times_10(little_u32(&payload[28]));
     } else {
-        m->good = (payload[10] == FIX_3D) && ((payload[11] & FIX_OK) != 0U);
+        m->good = sol_is_fix(payload);
     }
     if (m->parts == WHOLE) {
         m->parts = 0U;
@@ -155,19 +139,18 @@ static ubx_event add_part(ubx *m, uint8_t part, const uint8_t *payload)
     return event;
 }
 
-static ubx_event read_pvt(ubx *m, const uint8_t *payload)
+static ubx_event read_pvt(ubx *m, const uint8_t *payload, uint8_t length)
 {
-    const bool three_dimensional = (payload[20] == FIX_3D) || (payload[20] == FIX_COMBINED);
     ubx_event event = UBX_FRAME;
 
-    if (three_dimensional && ((payload[21] & FIX_OK) != 0U)) {
+    if (pvt_is_fix(payload, length)) {
         ubx_fix fix;
 
         fix.time_ms = little_u32(payload);
         fix.longitude = little_i32(&payload[24]);
         fix.latitude = little_i32(&payload[28]);
         fix.h_acc = little_u32(&payload[40]);
-        fix.speed = little_u32(&payload[60]); /* signed in the message: below zero it is beyond MAX_SPEED */
+        fix.speed = little_u32(&payload[60]); /* signed in the message: below zero it is out of range */
         fix.course = little_i32(&payload[64]);
         fix.s_acc = little_u32(&payload[68]);
         event = take_fix(m, &fix);
@@ -199,7 +182,7 @@ ubx_event ubx_receive(ubx *m, scanner_input *input)
             event = add_part(m, SOLUTION, payload);
             break;
         default: /* NAV-PVT, the only other one of ubx_length */
-            event = read_pvt(m, payload);
+            event = read_pvt(m, payload, (uint8_t)(m->scanner.length - HEADER - CHECKSUM));
             break;
         }
     }

@@ -2,15 +2,15 @@
  * Source: u-blox 5/6/M8 receiver description including protocol specification, class NAV.
  *
  * A fix is one epoch of the receiver: NAV-POSLLH, NAV-VELNED and NAV-SOL of the same time of week, in any
- * order (receivers such as the RCB-4H), or one NAV-PVT (newer ones). Only a three-dimensional fix that the
- * receiver calls good counts. Each counts once, even when both kinds of messages are sent. */
+ * order (receivers such as the RCB-4H), or one NAV-PVT (newer ones). Only a fix by the rules of fixes.h
+ * counts. Each counts once, even when both kinds of messages are sent. */
 #ifndef UBX_H
 #define UBX_H
 
 #include "scanner.h"
 
 typedef struct {
-    uint32_t time_ms;  /* ms, GPS time of week (iTOW) */
+    uint32_t time_ms;  /* ms, GPS time of week (iTOW), within a week */
     int32_t latitude;  /* 1e-7 deg, in [-90, 90] deg */
     int32_t longitude; /* 1e-7 deg, in [-180, 180] deg */
     uint32_t h_acc;    /* mm, accuracy of the position, above 0 */
@@ -18,13 +18,6 @@ typedef struct {
     int32_t course;    /* 1e-5 deg, clockwise from north, in [-360, 360] deg */
     uint32_t s_acc;    /* mm/s, accuracy of the speed, above 0 */
 } ubx_fix;
-
-/* The class and the messages that are read: bytes 2 and 3 of a frame. */
-#define UBX_NAV 0x01U
-#define UBX_NAV_POSLLH 0x02U
-#define UBX_NAV_SOL 0x06U
-#define UBX_NAV_PVT 0x07U
-#define UBX_NAV_VELNED 0x12U
 
 typedef enum {
     UBX_NOTHING, /* the input is used up */

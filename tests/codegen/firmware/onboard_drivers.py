@@ -159,15 +159,17 @@ def sol(time: int, fix: int = 3, flags: int = 0x0D) -> bytes:
 
 def pvt(time: int, **values: Any) -> bytes:
     """A NAV-PVT; values by name of its fields in the receiver description."""
-    v = {"fix": 3, "flags": 1, "lon": -855_000_000, "lat": 325_000_000, "hAcc": 2500, "gSpeed": 1120,
+    v = {"valid": 7, "fix": 3, "flags": 1, "flags3": 0, "length": 92,
+         "lon": -855_000_000, "lat": 325_000_000, "hAcc": 2500, "gSpeed": 1120,
          "headMot": 18_152_648, "sAcc": 200} | values  # fmt: skip
     payload = bytearray(92)
     struct.pack_into("<I", payload, 0, time)
+    payload[11], payload[78] = v["valid"], v["flags3"]
     payload[20:22] = v["fix"], v["flags"]
     struct.pack_into("<ii", payload, 24, v["lon"], v["lat"])
     struct.pack_into("<I", payload, 40, v["hAcc"])
     struct.pack_into("<iiI", payload, 60, v["gSpeed"], v["headMot"], v["sAcc"])
-    return ubx_frame(PVT, bytes(payload))
+    return ubx_frame(PVT, bytes(payload[: v["length"]]))
 
 
 MT_SAMPLE = bytes.fromhex(

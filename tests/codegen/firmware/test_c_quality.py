@@ -245,6 +245,7 @@ PROVED: dict[str, tuple[int, tuple[str, ...]]] = {
     "link.telemetry": (60, MEMORY),
     "onboard.conversions": (1, BOTH),
     "onboard.nearest": (1, BOTH),
+    "onboard.position": (1, BOTH),
     "watchdog.step": (1, BOTH),
     "command_module.step": (1, BOTH),
     "local_plane.project": (1, BOTH),

@@ -88,7 +88,7 @@ def capture(path: str) -> bytes:
 @cache
 def messages_of_pyubx2(data: bytes) -> list[tuple[bytes, Any]]:
     """Frames and their meaning, of the kinds and lengths that are read on board."""
-    sizes = {POSLLH: 28, SOL: 52, PVT: 92, VELNED: 36}
+    sizes = {POSLLH: 28, SOL: 52, PVT: 92, VELNED: 36}  # no capture has a PVT of 84
     stream = UBXReader(io.BytesIO(data), protfilter=UBX_PROTOCOL, quitonerror=0)
     return [(raw, m) for raw, m in stream if raw[2] == 1 and len(raw) == sizes.get(raw[3], -1) + 8]
 
@@ -365,8 +365,14 @@ def test_three_messages_of_one_time_are_a_fix_in_any_order(c: ctypes.CDLL, order
     assert fixes(c, *(make(5000) for make in order)) == [{"time_ms": 5000, **FIX_VALUES}]
 
 
+def test_a_solution_with_dead_reckoning_is_a_fix_as_in_pvt(c: ctypes.CDLL) -> None:
+    assert fixes(c, posllh(5000), velned(5000), sol(5000, fix=4)) == [{"time_ms": 5000, **FIX_VALUES}]
+
+
 def test_pvt_is_a_fix(c: ctypes.CDLL) -> None:
-    assert fixes(c, pvt(5000), pvt(5250, fix=4)) == [{"time_ms": t, **FIX_VALUES} for t in (5000, 5250)]
+    assert fixes(c, pvt(5000), pvt(5250, fix=4), pvt(5500, length=84, flags3=1)) == [
+        {"time_ms": t, **FIX_VALUES} for t in (5000, 5250, 5500)
+    ]
 
 
 @pytest.mark.parametrize(
@@ -378,11 +384,13 @@ def test_pvt_is_a_fix(c: ctypes.CDLL) -> None:
         pytest.param([posllh(0), velned(250), sol(0)], id="three times mixed"),
         pytest.param([posllh(0), velned(0), sol(250)], id="solution of the next time"),
         pytest.param([posllh(0), velned(0), sol(0, fix=2)], id="two-dimensional"),
-        pytest.param([posllh(0), velned(0), sol(0, fix=4)], id="with dead reckoning"),
+        pytest.param([posllh(0), velned(0), sol(0, fix=1)], id="dead reckoning alone"),
         pytest.param([posllh(0), velned(0), sol(0, flags=0x0C)], id="not called good"),
         pytest.param([pvt(0, fix=2)], id="pvt two-dimensional"),
         pytest.param([pvt(0, fix=5)], id="pvt time only"),
         pytest.param([pvt(0, flags=0xFE)], id="pvt not called good"),
+        pytest.param([pvt(0, valid=0xF5)], id="pvt with an invalid time"),
+        pytest.param([pvt(0, flags3=1)], id="pvt with an invalid position"),
     ],
 )
 def test_an_epoch_that_is_incomplete_or_not_called_good_gives_no_fix(
@@ -454,7 +462,7 @@ def test_ubx_messages_of_another_length_or_class_are_skipped(c: ctypes.CDLL) -> 
     ubx = driver(c, "ubx")
     other = posllh(0)[:2] + b"\x02" + posllh(0)[3:]
     assert (
-        ubx.frames(ubx_frame(PVT, bytes(84)) + ubx_frame(0x03, bytes(16)) + ubx_frame(POSLLH, b"") + other)
+        ubx.frames(ubx_frame(PVT, bytes(85)) + ubx_frame(0x03, bytes(16)) + ubx_frame(POSLLH, b"") + other)
         == []
     )
     assert ubx.state.scanner.errors == 0

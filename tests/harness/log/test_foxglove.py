@@ -86,6 +86,23 @@ def test_a_degree_north_and_east_is_as_long_as_in_the_tables(
     assert list(fix.position_covariance) == []
 
 
+@pytest.mark.parametrize(
+    ("origin", "place", "expected"),  # deg; north, east [m]; deg
+    [
+        ((0.0, 179.9999), (0.0, 22.2639), (0.0, -179.9999)),
+        ((0.0, -179.9999), (0.0, -22.2639), (0.0, 179.9999)),
+        ((-30.0, 179.9999), (0.0, 19.2972), (-30.0, -179.9999)),
+        ((89.999, 40.0), (335.0819, 0.0), (89.998, -140.0)),
+        ((-89.999, -40.0), (-335.0819, 0.0), (-89.998, 140.0)),
+    ],
+)
+def test_a_map_shows_no_longitude_beyond_180_deg_and_no_latitude_beyond_a_pole(
+    origin: tuple[float, float], place: tuple[float, float], expected: tuple[float, float]
+) -> None:
+    [(_, fix)] = shown({"plant": PLANT}, {"plant": [[0.0, *place, 0.0]]}, origin=origin)["/map/truth"]
+    assert (fix.latitude, fix.longitude) == pytest.approx(expected, abs=1e-7)
+
+
 def test_a_position_is_shown_five_times_a_second() -> None:
     rows = [[0.0, k / 10, 0.0, 0.0] for k in range(51)]  # 2 s
     topics = shown({"plant": PLANT}, {"plant": rows})

@@ -59,7 +59,7 @@ def pvt(time: int) -> bytes:
     """The same in one message, from newer receivers: 100 bytes."""
     payload = bytearray(92)
     struct.pack_into("<I", payload, 0, time)
-    payload[20:22] = 3, 1
+    payload[11], payload[20:22] = 7, bytes((3, 1))
     struct.pack_into("<ii", payload, 24, HOME[1], HOME[0] + time * 90 // 1000)
     struct.pack_into("<I", payload, 40, 2500)
     struct.pack_into("<iiI", payload, 60, 1000, 100_000, 200)

@@ -420,7 +420,9 @@ def test_a_message_on_a_tick_with_a_fix_is_obeyed_on_the_next(walk: Callable[...
     assert commands == [Command.FORWARD, Command.RECALL]
 
 
-@pytest.mark.parametrize("origin", [(0.0, 180.0), (-16.5, -179.9999), (60.0, 179.9999), (-89.0, 12.0)])
+@pytest.mark.parametrize(
+    "origin", [(0.0, 180.0), (0.0, -180.0), (-16.5, -179.9999), (60.0, 179.9999), (-89.0, 12.0)]
+)
 def test_vest_works_far_from_home_and_across_the_date_line(
     walk: Callable[..., Walk], origin: tuple[float, float]
 ) -> None:
@@ -449,6 +451,7 @@ def test_vest_works_far_from_home_and_across_the_date_line(
     latitude, longitude = (math.degrees(x) for x in plane.from_plane(3.0, -12.0))
     last = vest.telemetry[-1]
     assert last.latitude / 1e7 == pytest.approx(latitude, abs=2e-7)
+    assert abs(last.longitude) <= 1_800_000_000
     unit = 1e-7 / math.cos(math.radians(origin[0]))  # a cm of east in deg
     assert abs((last.longitude / 1e7 - longitude + 180) % 360 - 180) <= 2 * unit
     # the 30 m north and 52 m east of the first waypoint
