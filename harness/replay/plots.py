@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from harness.drawing import BELOW, ESTIMATES, GPS, GRID, TRUTH, new_figure, png_of
 from harness.files import write_whole
 from harness.log.log import Array
+from harness.replay.windows import holes_of_fixes
 
 SMALL, LARGE = 11, 14  # pt
 SHOWN = "estimate, in outages that do not overlap"
@@ -70,9 +71,10 @@ def replay_figure(
 
     All maps have one scale, and so have all errors.
     """
+    gps = _broken(gps)
     figure = new_figure(4.2 * len(estimates), 9)
     grid = figure.subplots(2, len(estimates), squeeze=False)
-    top = 1.05 * max(_error(gps, track).max() for tracks in estimates.values() for track in tracks)
+    top = 1.05 * max(np.nanmax(_error(gps, track)) for tracks in estimates.values() for track in tracks)
     shown = [gps, *(tracks[i] for tracks in estimates.values() for i in on_map)]
     middle, half = _square(shown)
     for number, (name, tracks) in enumerate(estimates.items()):
@@ -135,15 +137,24 @@ def _error(gps: Track, track: Track) -> Array:
 
 def _square(tracks: Sequence[Track]) -> tuple[tuple[float, float], float]:
     """North and east of the middle of all tracks, and half the side of the square that holds them [m]."""
-    spans = [(min(part.min() for part in parts), max(part.max() for part in parts))
+    spans = [(min(map(np.nanmin, parts)), max(map(np.nanmax, parts)))
              for parts in ([t.north for t in tracks], [t.east for t in tracks])]  # fmt: skip
     (south, north), (west, east) = spans
     half = 0.53 * max(north - south, east - west, 1.0)
     return (float(south + north) / 2, float(west + east) / 2), float(half)
 
 
+def _broken(gps: Track) -> Track:
+    """The receiver's path with a NaN in each hole, where nobody knows how it went."""
+    found = np.array(holes_of_fixes(gps.time)).reshape(-1, 2)
+    behind = np.searchsorted(gps.time, found[:, 1])
+    nothing = np.full(len(found), np.nan)
+    gaps = (found.mean(axis=1), nothing, nothing)
+    return Track(*(np.insert(part, behind, gap) for part, gap in zip(gps, gaps, strict=True)))
+
+
 def _at(gps: Track, time: Array) -> Track:
-    """The receiver's path at some times, on straight lines between fixes."""
+    """The receiver's path at some times, on straight lines between fixes; NaN in its holes."""
     return Track(time, np.interp(time, gps.time, gps.north), np.interp(time, gps.time, gps.east))
 
 

@@ -45,6 +45,16 @@ class Outages:
     reach: str
 
 
+def interval_of(fixes: Array) -> float:
+    """The usual time [s] between fixes at the ascending times (f,); 0 of fewer than two."""
+    return float(np.median(np.diff(fixes))) if len(fixes) > 1 else 0.0
+
+
+def holes_of_fixes(fixes: Array) -> list[Hole]:
+    """The holes between fixes at the ascending times (f,) s."""
+    return holes(fixes, HOLE_OF_FIXES * interval_of(fixes))
+
+
 def choose(
     fixes: Array,
     moving: Array,
@@ -65,7 +75,7 @@ def choose(
         return Outages(length, (), {}, "it never moves" if len(fixes) else "it has no fix")
     reach = f"it moves from {moving[0]:.1f} s on and has its last fix at {fixes[-1]:.1f} s"
     starts = np.arange(np.ceil(moving[0] + settle), fixes[-1] - length + 1e-9, every)
-    interval = float(np.median(np.diff(fixes))) if len(fixes) > 1 else 0.0
+    interval = interval_of(fixes)
     windows: list[Window] = []
     left_out: Counter[str] = Counter()
 
@@ -76,7 +86,7 @@ def choose(
 
     blind = [(start, settled((start, end))) for start, end in imu_holes]
     # after a hole of fixes the estimator settles for as long as it was on its own, as after its start at most
-    alone = [(a, b + min(b - a, settle)) for a, b in holes(fixes, HOLE_OF_FIXES * interval)]
+    alone = [(a, b + min(b - a, settle)) for a, b in holes_of_fixes(fixes)]
     for start in map(float, starts):
         end = start + length
         # a fix falls on the tick after it: one on the first tick may have come before the outage

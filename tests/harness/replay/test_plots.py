@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 from matplotlib.axes import Axes
 
 from harness.replay import plots
@@ -42,6 +43,18 @@ def test_each_configuration_has_its_own_panels() -> None:
     # and the errors of all outages are counted from their starts: 0, 1, 2 m and 3, 4, 5 m
     assert curves(stays_errors) == [[[0, 0], [1, 1], [2, 2]], [[0, 3], [1, 4], [2, 5]]]
     assert curves(right_errors) == [[[0, 0], [1, 0], [2, 0]]] * 2
+
+
+def test_no_line_is_drawn_through_a_hole_of_the_fixes() -> None:
+    # given no fix after that of 3 s up to that of 7 s, and an outage from 2 to 8 s
+    fixes = Track(*(np.delete(part, [4, 5, 6]) for part in GPS))
+    at = np.arange(2.0, 9.0)
+    estimates = {"stays": [Track(at, np.zeros(7), np.full(7, 2.0))]}
+    [above, below] = plots.replay_figure(fixes, estimates, {"stays": ERRORS["stays"]}, on_map=[0]).axes
+    assert line(above, "GPS")[:, 0].tolist() == pytest.approx([0, 1, 2, 3, np.nan, 7, 8, 9], nan_ok=True)
+    assert curves(below)[0] == pytest.approx(
+        np.array([[0, 0], [1, 1], [2, np.nan], [3, np.nan], [4, np.nan], [5, 5], [6, 6]]), nan_ok=True
+    )
 
 
 def test_panels_can_be_compared_by_eye() -> None:
