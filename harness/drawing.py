@@ -82,7 +82,7 @@ def _characters() -> frozenset[int]:
 def shade(axes: Axes, spans: Iterable[tuple[float, float]], style: Style) -> None:
     """Draw bands over time behind the curves; the border keeps the shortest one visible."""
     for start, end in spans:
-        axes.axvspan(start, end, linewidth=0.8, zorder=0.5, **style)
+        axes.axvspan(start, end, linewidth=0.8, zorder=0.4, **style)
 
 
 def band_handle(label: str, style: Style) -> Patch:

@@ -19,7 +19,8 @@ from matplotlib.markers import MarkerStyle
 from matplotlib.patches import Circle, Patch
 from matplotlib.path import Path
 from matplotlib.patheffects import withStroke
-from matplotlib.transforms import Affine2D
+from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import Affine2D, Bbox
 
 from harness.drawing import (
     ABOVE,
@@ -49,7 +50,7 @@ from harness.terminal import DEVIATION_THRESHOLD
 from harness.trial import disturbances as kinds
 from harness.trial.disturbances import Span, disturbances
 from harness.trial.labels import place_labels
-from harness.trial.summary import summarize
+from harness.trial.summary import position_error, summarize
 from models.cmec import Anomaly
 from models.commands import Command
 from models.kit.timing import TICK
@@ -74,6 +75,7 @@ ANOMALY: Style = {
 MANY = 24  # markers of a kind from which they shrink
 TRUTH_STYLE: Style = {"label": "truth", "linewidth": 1.6, "color": TRUTH, "zorder": 4}
 ESTIMATE_STYLE: Style = {"label": "estimate", "linewidth": 0.9, "color": ESTIMATE, "alpha": 0.55, "zorder": 2}
+ON_MAP = ESTIMATE_STYLE | {"linewidth": 1.3, "alpha": 0.8}
 PLACE: Style = {
     "color": MAGENTA,
     "markersize": 7,
@@ -88,6 +90,8 @@ TRAILS = {  # along the path: colour, and points wide
     kinds.ORDER: ("#9CC7EA", 21.0),
     kinds.LOST_RADIO: ("#F8BA8B", 16.0),
 }
+MOST_ROOM = 0.5  # of the truth's extent on each side of a map, for an estimate that is off
+MOST_CHANGES = 150  # of the command, from which the lines between commands get thinner
 LEAST_VIEW = 10.0  # m, so that an animal that stands still is no magnified point
 ARROW = [(-0.05, 0), (0.05, 0), (0.05, 0.5), (0.22, 0.5), (0, 1), (-0.22, 0.5), (-0.05, 0.5), (-0.05, 0)]
 ARROW_LENGTH = 26.0  # points
@@ -120,7 +124,8 @@ def trial_figure(
 def _title(log: Log) -> str:
     summary = summarize(log)
     name, seed = (drawable(str(text)) for text in (summary["scenario"] or log.path.name, summary["seed"]))
-    return f"{name}, seed {seed}: {summary['outcome']} after {summary['time_s']:.1f} s"
+    time = f"{summary['time_s']:.1f}" if summary["time_s"] >= 1 else f"{summary['time_s']:g}"
+    return f"{name}, seed {seed}: {summary['outcome']} after {time} s"
 
 
 def trial_png(log: Log) -> bytes:
@@ -158,14 +163,13 @@ def draw_path(axes: Axes, log: Log) -> list[Line2D | Patch]:
         axes.plot(log["sensors.gps_east"][fixes], log["sensors.gps_north"][fixes], **FIX_STYLE, zorder=3)
         handles.append(Line2D([], [], **FIX_STYLE))
     if "estimator.north" in log:
-        style = ESTIMATE_STYLE | {"linewidth": 1.3, "alpha": 0.8}
-        axes.plot(log["estimator.east"], log["estimator.north"], **style)
-        handles.append(Line2D([], [], **style))
+        handles.append(Line2D([], [], **ON_MAP))
     if "plant.north" in log:
         _draw_trails(axes, log)
         handles += _draw_commanded_path(axes, log)
         handles += _draw_start(axes, log)
         _draw_anomalies(axes, log, log["plant.east"], log["plant.north"])
+    _draw_estimated_path(axes, log)
     _set_view(axes)
     axes.set_title("true path, in the colour of the command", loc="left", fontsize=10)
     axes.set_xlabel("east [m]")
@@ -176,6 +180,32 @@ def draw_path(axes: Axes, log: Log) -> list[Line2D | Patch]:
     return handles
 
 
+def _draw_estimated_path(axes: Axes, log: Log) -> None:
+    """Draw the estimate under the truth; one that runs away leaves the map, and a note says so."""
+    if "estimator.north" not in log:
+        return
+    east, north = log["estimator.east"], log["estimator.north"]
+    axes.autoscale_view()
+    truth = axes.dataLim.frozen()
+    axes.plot(east, north, **ON_MAP)
+    if not np.isfinite(truth.extents).all():
+        return
+    room = MOST_ROOM * max(truth.width, truth.height, LEAST_VIEW)
+    view = truth.padded(room)
+    outside = (east < view.x0) | (east > view.x1) | (north < view.y0) | (north > view.y1)
+    if outside.any():
+        axes.dataLim = Bbox.intersection(axes.dataLim, view) or truth
+        error = position_error(log)
+        far = "" if error is None else f": up to {np.nanmax(error):.0f} m off"
+        _note(axes, f"the estimate leaves the map{far}")
+
+
+def _note(axes: Axes, text: str) -> None:
+    """Say in a corner what the panel leaves out."""
+    style: Style = {"color": TRUTH, "path_effects": [withStroke(linewidth=2.5, foreground="white")]}
+    axes.text(0.02, 0.98, text, transform=axes.transAxes, va="top", zorder=9, **style)
+
+
 def _set_view(axes: Axes) -> None:
     """Both axes in one scale, with all that is drawn and at least `LEAST_VIEW`."""
     x, y = (axes.dataLim.x0 + axes.dataLim.x1) / 2, (axes.dataLim.y0 + axes.dataLim.y1) / 2
@@ -183,6 +213,8 @@ def _set_view(axes: Axes) -> None:
         half = LEAST_VIEW / 2
         axes.update_datalim([(x - half, y - half), (x + half, y + half)])
     axes.set_aspect("equal", adjustable="datalim")
+    axes.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
+    axes.yaxis.set_major_locator(MaxNLocator(9, steps=[1, 2, 5, 10]))
     axes.margins(0.08)
     axes.autoscale_view()
 
@@ -286,6 +318,7 @@ def _draw_over_time(
     draw_commands(stack[2], log)
     for axes in stack:
         axes.set_xlim(log.time[0], max(log.time[-1], log.time[0] + TICK))
+        axes.set_axisbelow(True)
         axes.grid(**GRID)
         for style, spans in bands.values():
             shade(axes, spans, style)
@@ -305,11 +338,26 @@ def draw_speed(axes: Axes, log: Log) -> None:
         axes.plot(log.time[fixes], log["sensors.gps_speed"][fixes], **FIX_STYLE, zorder=3)
     if "plant.speed" in log:
         axes.plot(log.time, log["plant.speed"], **TRUTH_STYLE)
-    if "estimator.speed" in log:
-        axes.plot(log.time, log["estimator.speed"], **ESTIMATE_STYLE)
     _threshold(axes, "V'", log.parameter("controller.stopped_speed"), "m/s", both=False)
+    if "estimator.speed" in log:
+        _draw_estimated_speed(axes, log)
     axes.set_ylabel("speed [m/s]")
     _legend(axes)
+
+
+def _draw_estimated_speed(axes: Axes, log: Log) -> None:
+    """Draw the estimate under the truth; one that runs away leaves the panel, and a note says so."""
+    truth = axes.dataLim.frozen()
+    speed = log["estimator.speed"]
+    axes.plot(log.time, speed, **ESTIMATE_STYLE)
+    if not np.isfinite(truth.extents).all():
+        return
+    room = max(truth.height, 1.0)
+    low, high = truth.y0 - room, truth.y1 + room
+    furthest = speed[np.nanargmax(np.maximum(speed - high, low - speed))] if np.isfinite(speed).any() else 0.0
+    if not low <= furthest <= high:
+        axes.dataLim = Bbox.intersection(axes.dataLim, Bbox([(truth.x0, low), (truth.x1, high)])) or truth
+        _note(axes, f"the estimate leaves the panel: {furthest:.4g} m/s")
 
 
 def draw_deviation(axes: Axes, log: Log) -> None:
@@ -334,7 +382,9 @@ def draw_deviation(axes: Axes, log: Log) -> None:
 def draw_commands(axes: Axes, log: Log) -> None:
     """Draw the commands as steps, the operator's round them, and above a mark for each anomaly reported."""
     command = _command(log)
-    axes.step(log.time, command, where="post", color="#B4BAC1", linewidth=1.0, zorder=2)
+    changes = int(np.count_nonzero(np.diff(command)))
+    style: Style = {"color": "#B4BAC1", "linewidth": float(np.clip(MOST_CHANGES / (changes + 1), 0.1, 1.0))}
+    axes.step(log.time, command, where="post", zorder=2, **style)
     for code, color in COLOURS.items():
         held = [
             [(log.time[first], code), (log.time[last], code)]
@@ -348,8 +398,8 @@ def draw_commands(axes: Axes, log: Log) -> None:
             for first, last, value in equal_stretches(log["controller.override"])
             if value != Command.NONE
         ]
-        style: Style = {"color": ORDER["edgecolor"], "linewidths": 10, "zorder": 2.5, "label": kinds.ORDER}
-        axes.add_collection(LineCollection(ordered, **style), autolim=False)
+        around: Style = {"color": ORDER["edgecolor"], "linewidths": 10, "zorder": 2.5, "label": kinds.ORDER}
+        axes.add_collection(LineCollection(ordered, **around), autolim=False)
     _draw_anomalies(axes, log, log.time, np.full(len(log.time), 5.65))
     for time in _reached(log)[:1]:
         axes.plot([time], [np.nan], color=MAGENTA, linewidth=1.0, linestyle=":", label="waypoint reached")
@@ -405,7 +455,7 @@ def _threshold(
         return
     for sign in (1, -1) if both else (1,):
         text = f"{label} = {value:.4g} {unit}" if sign == 1 else None
-        axes.axhline(sign * value, color="#D55E00", linewidth=1.0, linestyle=style, label=text, zorder=1)
+        axes.axhline(sign * value, color="#D55E00", linewidth=1.0, linestyle=style, label=text, zorder=1.8)
 
 
 def _legend(axes: Axes, columns: int = 4) -> None:

@@ -297,6 +297,39 @@ def test_the_estimate_lies_under_the_truth() -> None:
     assert level["estimate"] < level["GPS fix"] < min(level["truth"], level["FORWARD"], level["STOP"])
 
 
+def test_an_estimate_that_runs_away_leaves_the_panels_with_a_note() -> None:
+    # given a path over 28 m, and an estimate that jumps 5 km to the south and 60 m/s
+    log = trial()
+    log.values["estimator"][9] = [-5000.0, 18.0, 60.0]
+    # when
+    path, speed, *_ = plots.trial_figure(log).axes
+    # then the truth has the panels, and notes say what is beyond
+    assert "the estimate leaves the map: up to 5009 m off" in names(path)
+    assert path.get_ylim()[1] - path.get_ylim()[0] < 150
+    assert "the estimate leaves the panel: 60 m/s" in names(speed)
+    assert speed.get_ylim()[1] < 32
+    # and nothing of the estimate is left out of the data
+    assert line(path, "estimate")[9].tolist() == [18, -5000]
+
+
+def test_an_estimate_that_is_somewhat_off_is_in_the_panels_without_a_note() -> None:
+    log = trial()
+    log.values["estimator"][9] = [-10.0, 18.0, 20.0]
+    path, speed, *_ = plots.trial_figure(log).axes
+    assert (names(path), names(speed)) == (["1", "2", "home"], [])
+    assert path.get_ylim()[0] < -10
+    assert speed.get_ylim()[1] > 20
+
+
+def test_many_changes_of_the_command_do_not_fill_the_panel() -> None:
+    steps = [
+        next(drawn.get_linewidth() for drawn in plots.trial_figure(log).axes[3].lines)
+        for log in (trial(), longer(trial(), 100))
+    ]
+    assert steps[0] == 1
+    assert steps[1] < 0.3
+
+
 def test_anomalies_are_marked_on_the_path_by_the_marker_that_they_have_over_time() -> None:
     path, _, _, commands = plots.trial_figure(trial()).axes
     assert line(path, "turn failure").tolist() == [[14, 7]]
