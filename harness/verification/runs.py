@@ -200,6 +200,7 @@ def _run_trial(name: str, seed: int) -> Log:
     """A trial through the FMUs, the true state into the controller."""
     request = Request(replace(load(name), system="cts", seed=seed))
     build_missing(request)
-    with prepared(request) as ready, Scratch() as folder:
+    with prepared(request) as ready, Scratch() as scratch:
+        folder = scratch / name  # the scratch folder has a lock already
         trial.run(request, ready, folder)
         return read_log(folder / trial.LOG)
