@@ -404,11 +404,19 @@ def replay_recording(
     \b
     canine replay ../walk                         a folder with .ubx, imu*.csv and their time tags
     canine replay out/demo/trial.mcap --outage 5  the log of a trial
+    canine replay field                           every recording below a folder: a table of all
+
+    Other formats: harness/recording/README.md.
     """
+    from harness.recording.find import recordings_below
     from harness.replay import replay
     from harness.replay.source import open_source
 
     replay.find_estimator(estimator)
+    paths = recordings_below(recording)
+    if paths != [recording]:
+        _replay_all(recording, paths, estimator, (outage, every), folder, as_json=as_json)
+        return
     source = open_source(recording)
     if source.broken:
         _note(f"{recording}: the log is not whole, {source.broken}")
@@ -422,6 +430,33 @@ def replay_recording(
     else:
         replay.show(result, out())
         _say_where(place)
+
+
+def _replay_all(
+    path: Path,
+    paths: list[Path],
+    estimator: str,
+    outage: tuple[float, float],
+    folder: Path | None,
+    *,
+    as_json: bool,
+) -> None:
+    """`canine replay` of a folder of recordings."""
+    from harness.replay import several
+
+    place, results = folder or several.default_folder(path), []
+    with _bar("recordings", len(paths), quiet=as_json) as progress:
+        for recording in paths:
+            results.append(several.replay_one(path, recording, estimator, outage, place))
+            if progress:
+                progress(len(results))
+    if as_json:
+        typer.echo(json.dumps(results, indent=2))
+    else:
+        several.show(results, out())
+    several.require_one(path, results)
+    if not as_json:
+        typer.echo(f"{_short(place)}/: a folder for each recording")
 
 
 @app.command("sweep")

@@ -30,7 +30,6 @@ from __future__ import annotations
 
 import math
 import re
-import tomllib
 from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -43,10 +42,10 @@ from harness.recording import STREAMS
 from harness.recording.attitude import Array
 from harness.recording.mounting import fault_of_rotation, rotation
 from harness.recording.recording import Index, RecordingError, read_file
-from models.errors import nearest
+from harness.toml_file import TomlError, parse_toml, read_toml
+from models.errors import nearest, printable
 
 DESCRIPTION = "recording.toml"
-MAX_SIZE = 20_000  # bytes of a description
 DEGREE = math.pi / 180
 G = 9.80665  # m/s2
 UNITS: dict[str, dict[str, float]] = {
@@ -108,12 +107,11 @@ def read_description(path: Path) -> Description:
         RecordingError: it cannot be read, or has an unknown key, a wrong value, or too few of them.
     """
     try:
-        text = read_file(path)
-        if len(text) > MAX_SIZE:
-            raise RecordingError(f"{path}: got {len(text)} bytes, expected at most {MAX_SIZE}")
-        table: Any = tomllib.loads(text.decode())
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError, ValueError) as reason:
-        raise RecordingError(f"{path}: not TOML, {reason}") from None
+        table = parse_toml(read_toml(path))
+    except TomlError as reason:
+        raise RecordingError(f"{path}: {reason}") from None
+    except OSError as reason:
+        raise RecordingError(f"{path}: cannot be read ({reason.strerror or reason})") from None
     _known(path, "", table, ("gps", "imu", "clock"))
     gps, imu = (_table(path, name, table.get(name)) for name in ("gps", "imu"))
     clock = _table(path, "clock", table.get("clock", {}))
@@ -262,7 +260,7 @@ def read_columns(file: FileDescription) -> tuple[dict[str, Array], Index, Counte
             rows.append([float(fields[place]) for place in places.values()])
             kept.append(int(ends[number]))
         except (ValueError, IndexError):
-            dropped["unreadable line"] += first > 0
+            dropped["lines without their numbers"] += first > 0
     if not rows:
         raise RecordingError(
             f"{file.path}: got {len(lines)} lines, none with numbers in the columns that {DESCRIPTION} names"
@@ -312,7 +310,7 @@ def _table(path: Path, where: str, written: Any) -> Mapping[str, Any]:
 def _known(path: Path, where: str, table: Mapping[str, Any], known: Collection[str]) -> None:
     for key in table:
         if key not in known:
-            raise RecordingError(f"{path}: unknown key {where}{key}{nearest(key, known)}")
+            raise RecordingError(f"{path}: unknown key {where}{printable(key)}{nearest(key, known)}")
 
 
 def _number(path: Path, where: str, value: Any) -> float:

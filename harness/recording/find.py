@@ -178,6 +178,11 @@ def _is_stream(path: Path) -> bool:
         return SYNC in stream.read(LOOK)
 
 
+def name_below(path: Path, recording: Path) -> str:
+    """The name of a recording below a folder: where it lies there."""
+    return "-".join(recording.relative_to(path).with_suffix("").parts) or path.resolve().name
+
+
 def _stream(path: Path) -> Parts:
     """A u-blox stream with the receiver's own IMU in it."""
     return Parts(
@@ -250,7 +255,7 @@ def _described_fixes(file: FileDescription) -> FixStream:
     keep = np.ones(len(ends), dtype=np.bool_)
     if file.fixes:
         keep = np.isin(values["fix"], file.fixes)
-        dropped["line that is no fix"] += int((~keep).sum())
+        dropped["lines that are no fix"] += int((~keep).sum())
         kinds = {f"fix = {value:g}": int((values["fix"] == value).sum()) for value in file.fixes}
     zeros = np.zeros(len(ends))
     if "speed" in values:
@@ -264,7 +269,7 @@ def _described_fixes(file: FileDescription) -> FixStream:
     require_rate(file, table[:, 0])
     if "velocity_north" not in values:
         table, slow = with_differences(table)
-        dropped["fix without one before it to take a velocity from"] += slow
+        dropped["fixes without one before them to take a velocity from"] += slow
     if not len(table):
         raise RecordingError(f"{file.path}: got no fix in {len(ends)} lines; are gps.fixes the right values?")
     return FixStream(file.path.name, table, np.arange(len(table)), dropped, kinds or {"lines": len(table)})

@@ -66,12 +66,12 @@ def read_pos(path: Path) -> FixStream:
                 value["height(m)"], north, east, math.hypot(value["sdn(m)"], value["sde(m)"]), s_acc,
             )  # fmt: skip
         except (ValueError, KeyError, IndexError, OverflowError):
-            dropped["unreadable line"] += 1
+            dropped["lines of the solution that cannot be read"] += 1
             continue
         if quality is None:
-            dropped["no solution"] += 1
+            dropped["epochs without a solution"] += 1
         elif not all(map(math.isfinite, row)) or abs(row[1]) > math.pi / 2 or abs(row[2]) > math.tau:
-            dropped["out of range"] += 1
+            dropped["fixes out of range"] += 1
         else:
             qualities[quality] += 1
             rows.append(row)
@@ -83,7 +83,7 @@ def read_pos(path: Path) -> FixStream:
     table = np.array(rows)
     if not has_velocity:
         table, slow = with_differences(table)
-        dropped["fix without one before it to take a velocity from"] += slow
+        dropped["fixes without one before them to take a velocity from"] += slow
     return FixStream(path.name, table, np.arange(len(table)), dropped, kinds=qualities)
 
 

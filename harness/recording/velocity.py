@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from harness.log.geodesy import TangentPlane
@@ -31,7 +33,7 @@ def with_differences(rows: Array) -> tuple[Array, int]:
     return rows[usable], int((~usable).sum())
 
 
-def from_ecef(velocity: tuple[float, float, float], latitude: float, longitude: float) -> tuple[float, float]:
+def from_ecef(velocity: Sequence[float], latitude: float, longitude: float) -> tuple[float, float]:
     """North and east [m/s] of a velocity in earth-centred, earth-fixed axes, at a place in rad."""
     x, y, z = velocity
     outward = x * np.cos(longitude) + y * np.sin(longitude)

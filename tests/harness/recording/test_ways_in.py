@@ -144,7 +144,8 @@ def test_samples_that_an_mt_lost_repeated_or_sent_after_a_restart_are_counted(tm
     }
 
 
-def _pos_lines(velocities: bool) -> list[str]:
+def pos_lines(velocities: bool) -> list[str]:
+    """The walk's fixes as RTKLIB writes a solution."""
     lines = []
     for t in made_up.fix_times():
         (latitude, longitude), (north, east) = made_up.place(float(t)).values(), made_up.velocity(float(t))
@@ -169,7 +170,7 @@ def _write_imu_csv(folder: Path, name: str = "imu.csv") -> None:
 
 
 def test_a_pos_with_an_imu_csv_is_read(tmp_path: Path) -> None:
-    (tmp_path / "walk.pos").write_text("\n".join([POS_HEADER + POS_VELOCITY, *_pos_lines(velocities=True)]))
+    (tmp_path / "walk.pos").write_text("\n".join([POS_HEADER + POS_VELOCITY, *pos_lines(velocities=True)]))
     _write_imu_csv(tmp_path)
     recording = read_recording(tmp_path)
     assert_is_the_walk(recording, clock=0.006)
@@ -178,7 +179,7 @@ def test_a_pos_with_an_imu_csv_is_read(tmp_path: Path) -> None:
 
 
 def test_a_pos_without_velocities_has_those_of_its_positions(tmp_path: Path) -> None:
-    lines = _pos_lines(velocities=False)
+    lines = pos_lines(velocities=False)
     lines.insert(3, "2025/08/28 19:30:oops")
     lines.insert(9, lines[8].replace(f"{made_up.HEIGHT} 2 12", f"{made_up.HEIGHT} 0 0"))
     (tmp_path / "walk.pos").write_text("\n".join([POS_HEADER, *lines]))
@@ -193,9 +194,9 @@ def test_a_pos_without_velocities_has_those_of_its_positions(tmp_path: Path) -> 
     np.testing.assert_allclose(fixes.rows[:, 7], 0.05 * 2**0.5 / 0.25)
     assert fixes.kinds == {"float": len(made_up.fix_times())}
     assert fixes.dropped == {
-        "unreadable line": 1,
-        "no solution": 1,
-        "fix without one before it to take a velocity from": 1,
+        "lines of the solution that cannot be read": 1,
+        "epochs without a solution": 1,
+        "fixes without one before them to take a velocity from": 1,
     }
 
 
@@ -207,7 +208,7 @@ def test_a_pos_without_velocities_has_those_of_its_positions(tmp_path: Path) -> 
 def test_a_pos_of_another_format_is_refused_with_what_to_choose(
     tmp_path: Path, header: str, got: str
 ) -> None:
-    (tmp_path / "walk.pos").write_text("\n".join([header, *_pos_lines(velocities=False)]))
+    (tmp_path / "walk.pos").write_text("\n".join([header, *pos_lines(velocities=False)]))
     _write_imu_csv(tmp_path)
     with pytest.raises(RecordingError, match=rf"got columns {got}.*expected GPST or UTC, latitude\(deg\)"):
         read_recording(tmp_path)

@@ -1,0 +1,118 @@
+"""A recording.toml: the example of the page, and what is refused."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from harness.recording.described import GPS_COLUMNS, IMU_COLUMNS, UNITS, read_description
+from harness.recording.read import read_recording
+from harness.recording.recording import RecordingError
+from tests.harness.recording import made_up
+from tests.harness.recording.test_ways_in import assert_is_the_walk
+
+PAGE = (Path(__file__).parents[3] / "harness" / "recording" / "README.md").read_text()
+EXAMPLE = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)[0]
+MOUNTING = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # of the example
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """The folder of the page's example: one logger whose clock counts ms."""
+    gps = ["t,lat,lon,speed,course,type"]
+    for t in made_up.fix_times():
+        where, (north, east) = made_up.place(float(t)), made_up.velocity(float(t))
+        course = np.degrees(np.arctan2(east, north)) % 360
+        gps.append(
+            f"{1e6 + 1000 * t:.0f},{where['lat']:.9f},{where['lon']:.9f},"
+            f"{3.6 * np.hypot(north, east):.5f},{course:.5f},3"
+        )
+    gps.insert(5, "1000000,0,0,0,0,0")  # no fix
+    gps.insert(9, "oops")
+    times = np.arange(0, made_up.DURATION, 0.01)
+    force, rate = made_up.force_and_rate(times)
+    table = np.column_stack([1e6 + 1000 * times, force @ MOUNTING / made_up.G, np.degrees(rate @ MOUNTING)])
+    imu = ["# a comment", *(";".join(f"{value:.6f}" for value in row) for row in table)]
+    (tmp_path / "gps.csv").write_text("\r\n".join(gps))
+    (tmp_path / "imu.csv").write_text("\n".join(imu))
+    (tmp_path / "recording.toml").write_text(EXAMPLE)
+    return tmp_path
+
+
+def test_the_example_of_the_page_reads_a_walk(folder: Path) -> None:
+    recording = read_recording(folder)
+    assert_is_the_walk(recording, clock=0.001)
+    assert len(recording.imu_t) == 6000
+    assert len(recording.fixes.t) == len(made_up.fix_times())
+    np.testing.assert_allclose(recording.fixes.h_acc, 2.5)
+    assert recording.dropped == {"lines that are no fix": 1, "lines without their numbers": 1}
+
+
+def test_the_page_names_every_unit_and_column() -> None:
+    for units in UNITS.values():
+        for unit in filter(None, units):
+            assert f"`{unit}`" in PAGE, unit
+    for column in (*IMU_COLUMNS, *GPS_COLUMNS):
+        assert f"`{column}`" in PAGE or f"\n{column} = " in EXAMPLE, column
+
+
+def test_a_mounting_is_angles_or_the_same_matrix(folder: Path) -> None:
+    angles = read_description(folder / "recording.toml").mounting
+    matrix = EXAMPLE.replace("{ roll = 180, pitch = 0, yaw = -90 }", "[[0, -1, 0], [-1, 0, 0], [0, 0, -1]]")
+    (folder / "recording.toml").write_text(matrix)
+    np.testing.assert_array_equal(read_description(folder / "recording.toml").mounting, angles)
+    np.testing.assert_array_equal(angles, MOUNTING)
+
+
+def test_without_velocities_those_of_the_positions_are_taken(folder: Path) -> None:
+    text = re.sub(r"(?m)^(speed|course|s_acc) = .*\n", "", EXAMPLE)
+    (folder / "recording.toml").write_text(text)
+    recording = read_recording(folder)
+    start = recording.fixes.t[0] - 0.5
+    north = [made_up.velocity(float(t - start - 0.125))[0] for t in recording.fixes.t]
+    np.testing.assert_allclose(recording.fixes.velocity_north, north, atol=0.02)
+    np.testing.assert_allclose(recording.fixes.s_acc, 2.5 * 2**0.5 / 0.25)
+
+
+ROLL = "{ roll = 180, pitch = 0, yaw = -90 }"
+WRONG = {
+    "key": ("mounting =", "mountng =", r'unknown key imu\.mountng; did you mean "mounting"\?'),
+    "table": ("[clock]", "[clocks]", r'unknown key clocks; did you mean "clock"\?'),
+    "column": ("accel_x =", "acel_x =", r'unknown key imu\.columns\.acel_x; did you mean "accel_x"\?'),
+    "missing": ('accel_x = { column = 2, unit = "g" }', "", r"imu\.columns\.accel_x is missing; say where"),
+    "unit": (
+        'unit = "km/h"',
+        'unit = "mph"',
+        r"gps\.columns\.speed\.unit is 'mph', expected one of m/s,",
+    ),
+    "name": ('column = "lat"', 'column = "latt"', r'gps\.csv: got no column "latt".*did you mean "lat"\?'),
+    "number": ("column = 2,", "column = 0,", r"accel_x\.column is 0, expected its name or its number from 1"),
+    "both": ("{ value = 2.5,", "{ column = 2, value = 2.5,", r"h_acc expected either a column or one value"),
+    "angles": (ROLL, "{ roll = 180 }", r"imu\.mounting is .*roll.*expected how the IMU sits in the body"),
+    "mirror": (ROLL, "[[1, 0, 0], [0, 1, 0], [0, 0, -1]]", r"no rotation, it mirrors"),
+    "skew": (ROLL, "[[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]", r"no rotation, its rows are not at right angles"),
+    "file": ('"gps.csv"', '"gsp.csv"', r"gps\.file is 'gsp\.csv', but .*gsp\.csv is not there"),
+    "rate": ("rate = 4 ", "rate = 40 ", r"gps\.csv: its clock runs at 4 lines a second, .* says 40 Hz"),
+    "fixes": (
+        "fixes = [3, 4]",
+        "fixes = [7]",
+        r"gps\.csv: got no fix in \d+ lines; are gps\.fixes the",
+    ),
+    "clock": ("imu_offset = 0 ", "", r"nothing ties the clocks; give clock\.imu_offset in s"),
+    "toml": ("[imu]", "[imu", r"recording\.toml: Expected"),
+    "deep": ("imu_offset = 0 ", "imu_offset = " + "[" * 5000, r"line 31: brackets are nested 17 deep"),
+    "long": ("imu_offset = 0 ", "imu_offset = " + "1" * 8000, r"line 31: .* has 8000 characters"),
+}
+
+
+@pytest.mark.parametrize(("old", "new", "message"), WRONG.values(), ids=WRONG.keys())
+def test_a_wrong_description_is_refused_with_its_place(
+    folder: Path, old: str, new: str, message: str
+) -> None:
+    assert old in EXAMPLE
+    (folder / "recording.toml").write_text(EXAMPLE.replace(old, new, 1))
+    with pytest.raises(RecordingError, match=message):
+        read_recording(folder)

@@ -1,0 +1,57 @@
+"""Replays of all recordings below a folder."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from harness.recording.mounting import rotation
+from tests.harness.command import canine
+from tests.harness.recording import made_up
+
+
+@pytest.fixture
+def field(tmp_path: Path) -> Path:
+    """A folder with the made-up walk twice, as a u-blox receiver with an IMU records it, and one without."""
+    walk = made_up.stream(rotation(180, 0, 0))
+    for name, content in (("monday", walk), ("short", made_up.pvt(1.0)), ("tuesday", walk)):
+        (tmp_path / "field" / name).mkdir(parents=True)
+        (tmp_path / "field" / name / "f9r.ubx").write_bytes(content)
+    return tmp_path / "field"
+
+
+def test_a_folder_of_recordings_is_replayed_into_a_folder_each(
+    field: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # when
+    arguments = ("replay", field, "--outage", 5, "--every", 20, "--out", tmp_path / "out")
+    status, text, _ = canine(capsys, *arguments)
+    # then there is a line for each, results for those that could be replayed, and why the other could not
+    assert status == 0
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"monday", "tuesday"}
+    first = json.loads((tmp_path / "out" / "monday" / "outages.json").read_text())
+    median = first["configurations"]["pitch"]["position_error_m"]["median"]
+    assert np.isfinite(median)
+    for words in ("monday", "tuesday", f"{median:.2f}", "short: ", "got no inertial samples"):
+        assert words in text
+    # and as JSON it is what the files hold
+    status, text, _ = canine(capsys, *arguments, "--json")
+    results = json.loads(text)
+    assert [result["recording"] for result in results] == ["monday", "short", "tuesday"]
+    assert results[0]["configurations"] == first["configurations"]
+    assert "got no inertial samples" in results[1]["problem"]
+
+
+def test_a_folder_of_recordings_of_which_none_can_be_replayed_is_a_fault(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("a.ubx", "b.ubx"):
+        (tmp_path / name).write_bytes(made_up.pvt(1.0))
+    status, text, error = canine(capsys, "replay", tmp_path, "--out", tmp_path / "out")
+    assert status == 1
+    assert "none of 2 recordings can be replayed" in error
+    assert "a: " in text
+    assert not (tmp_path / "out").exists()
