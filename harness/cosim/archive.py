@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import lzma
 import os
 import stat
+import struct
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -13,15 +13,21 @@ from pathlib import Path, PurePosixPath
 from xml.etree import ElementTree
 from xml.parsers import expat
 
-from models.errors import CanineError
+from models.errors import CanineError, printable
 
 MAX_BYTES = 512 * 2**20  # unpacked; our largest package is 2 MiB, an FMU with a simulator inside 200 MiB
 MAX_MEMBERS = 10_000
-
+MAX_XML = (
+    32 * 2**20
+)  # bytes: a description of 100,000 variables; what is built of it takes up to ten times that
+MAX_PARTS = 2_000_000  # elements and attributes of an XML file: 100,000 variables have about 1,000,000
+MAX_DEPTH = 100  # of XML elements; a description needs 6, lxml takes 256
+METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # of FMI 2.0, 2.1.1; others may ask for GiB of memory
+SHOWN = 80  # characters of a name in messages
 
 # what zipfile raises for a damaged archive
 UNREADABLE = (
-    zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, NotImplementedError, RuntimeError, ValueError,
+    zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError, struct.error,
 )  # fmt: skip
 
 
@@ -46,6 +52,8 @@ def unpack(path: Path, folder: Path) -> None:
                 _extract(path, archive, member, folder)
     except UNREADABLE as reason:
         raise _unreadable(path, reason) from None
+    except OSError as reason:
+        raise _unreadable(path, reason.strerror or reason) from None
 
 
 def read_member(path: Path, name: str) -> bytes | None:
@@ -57,9 +65,17 @@ def read_member(path: Path, name: str) -> bytes | None:
     try:
         with zipfile.ZipFile(path) as archive:
             _check(path, archive)
-            return archive.read(name) if name in archive.namelist() else None
+            if name not in archive.namelist():
+                return None
+            if (size := archive.getinfo(name).file_size) > MAX_XML:
+                raise ArchiveError(
+                    f"{path}: {name} has {size / 2**20:.0f} MiB; at most {MAX_XML // 2**20} MiB are read"
+                )
+            return archive.read(name)
     except UNREADABLE as reason:
         raise _unreadable(path, reason) from None
+    except OSError as reason:
+        raise _unreadable(path, reason.strerror or reason) from None
 
 
 @contextmanager
@@ -72,18 +88,37 @@ def naming(folder: Path, package: object) -> Iterator[None]:
         raise
 
 
-def _unreadable(path: Path, reason: Exception) -> ArchiveError:
-    return ArchiveError(f"{path}: not a readable ZIP archive ({reason}); export it again")
+def read_xml(path: Path, what: str) -> ElementTree.Element:
+    """The root element of an XML file; `what` names it in errors.
+
+    Raises:
+        XmlError: as `parse_xml` does, or the file cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_XML + 1)
+    except OSError as reason:
+        raise XmlError(f"{what}: cannot be read ({reason.strerror})") from None
+    return parse_xml(data, what)
+
+
+def _unreadable(path: Path, reason: object) -> ArchiveError:
+    return ArchiveError(f"{path}: not a readable ZIP archive ({printable(reason)}); export it again")
 
 
 def _extract(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo, folder: Path) -> None:
     try:
-        archive.extract(member, folder)
+        size = Path(archive.extract(member, folder)).stat().st_size
     except OSError as reason:  # a file where a folder is needed, too long a name, a full disk, bad bzip2 data
         raise ArchiveError(
-            f'{path}: member "{member.filename:.80}" cannot be unpacked ({reason.strerror or reason}); '
+            f'{path}: member "{_shown(member.filename)}" cannot be unpacked ({reason.strerror or reason}); '
             "export it again, or make room for temporary files"
         ) from None
+    if size != member.file_size and not member.is_dir():
+        raise ArchiveError(
+            f'{path}: member "{_shown(member.filename)}" has {size} bytes, '
+            f"{member.file_size} are stated; export it again"
+        )
 
 
 def _check(path: Path, archive: zipfile.ZipFile) -> None:
@@ -95,31 +130,68 @@ def _check(path: Path, archive: zipfile.ZipFile) -> None:
         raise ArchiveError(
             f"{path}: {size / 2**20:.0f} MiB unpacked; at most {MAX_BYTES // 2**20} MiB are accepted"
         )
+    names: set[PurePosixPath] = set()
     for member in members:
-        name = member.orig_filename
-        pure = PurePosixPath(name)
-        if "\\" in name or ":" in name or pure.is_absolute() or ".." in pure.parts:
-            raise ArchiveError(
-                f'{path}: member "{name}" leaves the archive; it must have a relative path inside'
-            )
-        if stat.S_ISLNK(member.external_attr >> 16):
-            raise ArchiveError(f'{path}: member "{name}" is a symbolic link; pack the file itself')
+        pure = PurePosixPath(member.orig_filename)
+        if fault := _fault(member, pure) or ("is there twice; pack it once" if pure in names else ""):
+            raise ArchiveError(f'{path}: member "{_shown(member.orig_filename)}" {fault}')
+        names.add(pure)
+
+
+def _fault(member: zipfile.ZipInfo, pure: PurePosixPath) -> str:
+    """What forbids to unpack a member, "" if nothing does."""
+    name = member.orig_filename
+    if "\\" in name or ":" in name or pure.is_absolute() or ".." in pure.parts:
+        return "leaves the archive; it must have a relative path inside"
+    if "\0" in name:
+        return "has a name with a zero byte; export it again"
+    if stat.S_ISLNK(member.external_attr >> 16):
+        return "is a symbolic link; pack the file itself"
+    if member.flag_bits & 1:
+        return "is encrypted; pack it without a password"
+    if member.compress_type not in METHODS:
+        return f"has compression method {member.compress_type}; expected stored or deflated"
+    return ""
+
+
+def _shown(name: str) -> str:
+    return printable(name)[:SHOWN]
 
 
 def parse_xml(data: bytes, what: str) -> ElementTree.Element:
     """The root element of an XML file's content; `what` names it in errors.
 
     Raises:
-        XmlError: malformed, or holds a document type definition (which could define entities).
+        XmlError: malformed, too large, or holds a document type definition (which could define entities).
     """
 
     def refuse(*_: object) -> None:
         raise XmlError(f"{what}: holds a document type definition (DTD), which is not accepted; remove it")
 
+    if len(data) > MAX_XML:
+        raise XmlError(f"{what}: has more than {MAX_XML // 2**20} MiB, the most that is read")
+    depth = parts = 0
+
+    def start(name: str, attributes: list[str]) -> None:
+        nonlocal depth, parts
+        depth, parts = depth + 1, parts + 1 + len(attributes) // 2
+        if depth > MAX_DEPTH:
+            raise XmlError(f"{what}: line {parser.CurrentLineNumber}: more than {MAX_DEPTH} elements nested")
+        if parts > MAX_PARTS:
+            raise XmlError(
+                f"{what}: has more than {MAX_PARTS} elements and attributes, the most that are read"
+            )
+
+    def end(name: str) -> None:
+        nonlocal depth
+        depth -= 1
+
     parser = expat.ParserCreate()
+    parser.ordered_attributes = True
+    parser.StartElementHandler, parser.EndElementHandler = start, end
     parser.StartDoctypeDeclHandler = refuse
     try:
         parser.Parse(data, True)
         return ElementTree.fromstring(data)
     except (expat.ExpatError, ElementTree.ParseError, ValueError, LookupError) as reason:  # no such encoding
-        raise XmlError(f"{what}: malformed XML ({reason})") from None
+        raise XmlError(f"{what}: malformed XML ({printable(reason)})") from None

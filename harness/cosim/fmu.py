@@ -32,7 +32,7 @@ from codegen.cache import stored
 from codegen.scratch import Scratch
 from codegen.toolchains.library import why_not_loaded
 from harness.cosim.archive import parse_xml, read_member, unpack
-from models.errors import CanineError, nearest
+from models.errors import CanineError, nearest, printable
 from models.kit.declaration import Type
 
 Call = tuple[Callable[..., int | None], tuple[Any, ...]]
@@ -190,7 +190,7 @@ def describe(path: Path) -> FmuDescription:
     root = parse_xml(xml, f"{path}: modelDescription.xml")
     version = root.get("fmiVersion", "unknown")
     if not version.startswith(("2.", "3.")):
-        raise FmuError(f"{path}: is FMI {version}; expected 2.0 or 3.0")
+        raise FmuError(f"{path}: is FMI {printable(version)}; expected 2.0 or 3.0")
     if root.find("CoSimulation") is None:
         raise FmuError(f"{path}: is not for co-simulation; export it as a co-simulation FMU")
     step = _step(path, root)
@@ -250,7 +250,7 @@ def _step(path: Path, root: Element) -> float | None:
                 step = math.nan
             if not MIN_STEP <= step < math.inf:
                 raise FmuError(
-                    f'{path}: {element} has {attribute}="{text}"; '
+                    f'{path}: {element} has {attribute}="{printable(text)}"; '
                     f"expected a finite number of seconds, {MIN_STEP:g} or more; export it with one"
                 )
             return step
@@ -279,7 +279,7 @@ def _quantity(path: Path, read: Any, variable: Any) -> Quantity | str:
     reference = int(variable.valueReference)
     if not 0 <= reference < REFERENCES:
         raise FmuError(
-            f'{path}: "{variable.name}" has valueReference="{reference}"; '
+            f'{path}: "{printable(variable.name)}" has valueReference="{reference}"; '
             f"expected a whole number from 0 to {REFERENCES - 1}; export it again"
         )
     if variable.type not in types:
@@ -303,7 +303,9 @@ def _quantity(path: Path, read: Any, variable: Any) -> Quantity | str:
                 else float(text)
             )
         except ValueError:
-            raise FmuError(f'{path}: "{variable.name}" has {name}="{text}"; expected a number') from None
+            raise FmuError(
+                f'{path}: "{printable(variable.name)}" has {name}="{printable(text)}"; expected a number'
+            ) from None
 
     return Quantity(
         variable.name,

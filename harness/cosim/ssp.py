@@ -16,8 +16,8 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from codegen.scratch import Scratch
-from harness.cosim.archive import naming, parse_xml, unpack
-from models.errors import CanineError, nearest
+from harness.cosim.archive import naming, read_xml, unpack
+from models.errors import CanineError, nearest, printable
 from models.kit.link import Link
 
 SSD = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
@@ -115,7 +115,7 @@ class _Reader:
         self.files: dict[str, Path] = {}
 
     def fail(self, text: str) -> SspError:
-        return SspError(f"{self.path}: {text}")
+        return SspError(f"{self.path}: {printable(text)}")
 
     def attribute(self, element: Element, name: str) -> str:
         value = element.get(name)
@@ -145,7 +145,7 @@ class _Reader:
 
     def read(self, structure: Path) -> FmuSystem:
         self.files["SystemStructure.ssd"] = structure
-        root = parse_xml(structure.read_bytes(), f"{self.path}: {structure.name}")
+        root = read_xml(structure, f"{self.path}: {structure.name}")
         if root.tag != f"{SSD}SystemStructureDescription":
             raise self.fail(f"the root is {root.tag}; expected an SSP 1.0 SystemStructureDescription")
         if root.get("version") != "1.0":
@@ -204,10 +204,14 @@ class _Reader:
     def file(self, source: str, what: str) -> Path:
         """A file of the package."""
         root = self.folder.resolve()
-        path = (root / source).resolve()
+        try:
+            path = (root / source).resolve()
+            is_file = path.is_file()
+        except (OSError, RuntimeError, ValueError) as reason:  # too long a name, a loop of links, a zero byte
+            raise self.fail(f'{what} has source "{source:.80}", which is no path ({reason})') from None
         if ":" in source or not path.is_relative_to(root):
             raise self.fail(f'{what} has source "{source}"; expected a path inside the package')
-        if not path.is_file():
+        if not is_file:
             raise self.fail(f'{what} has source "{source}", which is not in the package')
         self.files[posixpath.normpath(source)] = path
         return path
@@ -241,7 +245,7 @@ class _Reader:
                 if binding.get("sourceBase", "SSD") != "SSD":
                     raise self.fail(f'{what}: parameter binding with sourceBase "component" is not supported')
                 path = self.file(binding.attrib["source"], what)
-                sets = [parse_xml(path.read_bytes(), f"{self.path}: {path.name}")]
+                sets = [read_xml(path, f"{self.path}: {path.name}")]
             else:
                 sets = list(parts.get("ParameterValues", ()))
             for parameter_set in sets:

@@ -76,10 +76,9 @@ def test_too_many_members_are_refused(tmp_path: Path, monkeypatch: pytest.Monkey
     )
 
 
-@pytest.mark.parametrize("method", [zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
-def test_a_damaged_member_is_refused(tmp_path: Path, method: int) -> None:
-    # given one member of 10 kB that no method can store in place, its packed data overwritten
-    path = pack(tmp_path / "a.ssp", {"data": bytes(k * k % 251 for k in range(10_000))}, method)
+def test_a_damaged_member_is_refused(tmp_path: Path) -> None:
+    # given one member of 10 kB, its packed data overwritten
+    path = pack(tmp_path / "a.ssp", {"data": bytes(k * k % 251 for k in range(10_000))}, zipfile.ZIP_DEFLATED)
     data = bytearray(path.read_bytes())
     start = 30 + len("data")  # after the local header
     data[start + 9 : start + 60] = b"\xff" * 51
