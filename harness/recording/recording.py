@@ -20,6 +20,7 @@ WEEK_S = 604_800
 MIN_OVERLAP_S = 20.0  # s with both sensors: one outage of 10 s and 10 s before it
 MAX_OVERLAP_S = 4 * 3600.0  # s with both sensors: what a laptop's memory holds at 1 kHz
 MAX_FORCE, MAX_RATE = 200.0, 100.0  # m/s2 and rad/s on an axis: more than any such IMU measures
+SILENT = "epochs without a message, by the rate of the others"
 MAX_LATE_S = 1.0  # s by which several records in a row may be late; above it the clock was set
 
 
@@ -65,7 +66,16 @@ class FixStream:
         rows = stream.rows.copy()
         rows[:, 0] = np.unwrap(rows[:, 0], period=WEEK_S)
         rising = _require_one_clock(self.file, rows[:, 0], longest_rise(rows[:, 0], strict=True))
-        return replace(stream, rows=rows).only(rising, "fixes out of order")
+        return replace(stream, rows=rows).only(rising, "fixes out of order")._with_silence_counted()
+
+    def _with_silence_counted(self) -> FixStream:
+        """The same, with the epochs counted of which no message is left, not even a damaged one."""
+        intervals = np.diff(self.rows[:, 0])
+        if not len(intervals):
+            return self
+        missing = int((np.round(intervals / np.median(intervals)) - 1).clip(0).sum())
+        silent = max(0, missing - sum(self.dropped.values()))
+        return replace(self, dropped=added(self.dropped, {SILENT: silent}))
 
 
 @dataclass(frozen=True)
