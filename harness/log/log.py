@@ -207,7 +207,7 @@ class _DamageError(Exception):
 _RECORD = struct.Struct("<BQ")  # opcode, length of the content
 _MESSAGE = struct.Struct("<HxxxxQxxxxxxxx")  # channel, (sequence,) log time, (publish time)
 # what mcap's records and the decompressors raise for bytes that they cannot read
-_UNREADABLE = (McapError, zstandard.ZstdError, RuntimeError, ValueError, struct.error)
+_UNREADABLE = (McapError, zstandard.ZstdError, RuntimeError, ValueError, OverflowError, struct.error)
 
 
 def checksums(records: Mapping[str, Mapping[str, str]], attachments: Mapping[str, bytes]) -> dict[str, str]:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import cast, get_args
 
 from codegen.firmware.targets import TARGETS
 from codegen.scratch import Scratch
@@ -15,7 +16,7 @@ from harness.cosim.stepping import Order
 from harness.onboard import ROLES
 from harness.trial import DEFAULT
 from harness.trial.scenario import Scenario, ScenarioError, checked, load, parse
-from models.errors import UsageError
+from models.errors import UsageError, printable
 from models.system import SYSTEMS
 
 PACKAGE = "system.ssp"  # a log's attachment
@@ -128,9 +129,14 @@ def _of_package(package: Path) -> Request:
 
 
 def _of_log(path: Path, folder: Path) -> Request:
-    """The trial of a log with its order, FMI version, package and swapped FMUs, unpacked into a folder."""
+    """The trial of a log with its order, FMI version, package and swapped FMUs, unpacked into a folder.
+
+    Raises:
+        UsageError, LogError: there is none, it is damaged, or states what no trial of ours could.
+    """
     if not path.is_file():
         raise UsageError(f'there is no log "{path}"; expected the path of a trial.mcap')
+    from harness.cosim.roles import roles  # noqa: PLC0415 - fmpy
     from harness.log.log import read_log  # noqa: PLC0415 - MCAP and protobuf
 
     log = read_log(path)
@@ -139,13 +145,26 @@ def _of_log(path: Path, folder: Path) -> Request:
         raise ScenarioError(
             f"{path}: has neither scenario nor package; expected the log of a trial that `canine run` wrote"
         )
+    swaps, order, fmi = log.metadata.get("swaps", {}), run.get("order", "sequential"), run.get("fmi", "2")
+    known = {PACKAGE, *(f"{role}{suffix}" for role in roles() for suffix in (".fmu", ".toml"))}
+    for what, value, expected in [
+        *(("attachment", name, known) for name in log.attachments),
+        *(("role of a swap", role, roles()) for role in swaps),
+        *(("FMU of a swap", name, log.attachments) for name in swaps.values()),
+        ("order", order, get_args(Order)),
+        ("FMI version", fmi, ("2", "3")),
+        ("processor", run.get("onboard", ""), ("", *TARGETS)),
+    ]:
+        if value not in expected:
+            names = ", ".join(sorted(filter(None, expected)))
+            raise ScenarioError(f'{path}: {what} "{printable(value)}"; expected one of {names}')
     for name, content in log.attachments.items():
-        (folder / Path(name).name).write_bytes(content)
+        (folder / name).write_bytes(content)
     return Request(
         parse(records["toml"], f"{path}: scenario", folder=path.parent),
-        "jacobi" if run.get("order") == "jacobi" else "sequential",
-        int(run.get("fmi", "2")),
-        {role: folder / name for role, name in log.metadata.get("swaps", {}).items()},
+        cast("Order", order),
+        int(fmi),
+        {role: folder / name for role, name in swaps.items()},
         folder / PACKAGE,
         path,
         log.broken,

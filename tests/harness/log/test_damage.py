@@ -83,6 +83,18 @@ def test_a_flipped_bit_is_harmless_or_noticed(bit: int, cut: bool, whole: bytes,
         check_damaged(bytes(damaged), of, tmp_path / "b.mcap")
 
 
+def test_a_length_that_no_memory_has_is_damage(whole: bytes, tmp_path: Path) -> None:
+    # given the second chunk's data with a length above 2^63: the top bit of the field after "zstd"
+    second = whole.index(b"zstd", whole.index(b"zstd") + 4)
+    data = bytearray(whole)
+    data[second + 4 + 7] |= 0x80
+    (tmp_path / "a.mcap").write_bytes(data)
+    # then the first chunk's tick is there
+    log = read_log(tmp_path / "a.mcap")
+    assert len(log.time) == 1
+    assert "damaged at byte" in log.broken
+
+
 @pytest.mark.parametrize("cut", [False, True], ids=["closed", "killed"])
 @pytest.mark.parametrize(
     ("old", "new", "what"),

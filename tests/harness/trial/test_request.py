@@ -99,6 +99,39 @@ def test_a_log_without_a_scenario_is_refused(tmp_path: Path) -> None:
         pass
 
 
+@pytest.mark.parametrize(
+    ("record", "files", "text"),
+    [
+        ({"run": {"order": "Jacobi"}}, {}, 'order "Jacobi"; expected one of jacobi, sequential'),
+        ({"run": {"fmi": "two\n"}}, {}, 'FMI version "two\\n"; expected one of 2, 3'),
+        ({"run": {"onboard": "z80"}}, {}, 'processor "z80"; expected one of cortex-m4f, '),
+        (
+            {"swaps": {"plant": "/tmp/dog.fmu"}},
+            {},
+            'FMU of a swap "/tmp/dog.fmu"; expected one of ',
+        ),
+        ({"swaps": {"cat": "system.ssp"}}, {}, 'role of a swap "cat"; expected one of '),
+        ({}, {"..": b""}, 'attachment ".."; expected one of '),
+        ({}, {"a\0b": b""}, 'attachment "a\\x00b"; expected one of '),
+    ],
+)
+def test_a_log_that_states_what_no_trial_could_is_refused(
+    record: dict[str, dict[str, str]], files: dict[str, bytes], text: str, tmp_path: Path
+) -> None:
+    # given a crafted log of one tick
+    path = tmp_path / "toy.mcap"
+    metadata = {"scenario": {"toml": load("two_waypoint").text()}, **record}
+    channel = Channel("plant", "toy", ("north",), ("m",), ("Real",), ("",))
+    with LogWriter(
+        path, [channel], origin=(0, 0), metadata=metadata, attachments={"system.ssp": b"", **files}
+    ) as log:
+        log.write_rows(np.zeros(1), {"plant": np.ones((1, 1))})
+    # when, then
+    with pytest.raises(ScenarioError) as caught, requested(str(path), NOTHING):
+        pass
+    assert str(caught.value).startswith(f"{path}: {text}")
+
+
 def test_changes_override_the_target_and_keep_what_they_do_not_name(tmp_path: Path) -> None:
     # given
     dog = tmp_path / "dog.fmu"
