@@ -181,6 +181,8 @@ def run(
             for note in (*request.notes, *ready.notes):
                 _note(note)
             place = folder or request.default_folder
+            if folder is None and (others := trial.replaced(request, ready, place)):
+                _note(others)
             duration = request.scenario.duration
             with _bar("trial [s]", duration, quiet=as_json or duration < LONG_S) as progress:
                 try:
@@ -408,6 +410,7 @@ def replay_recording(
 
     Other formats: harness/recording/README.md.
     """
+    from harness.files import replaced
     from harness.recording.find import recordings_below
     from harness.replay import replay
     from harness.replay.source import open_source
@@ -424,6 +427,8 @@ def replay_recording(
     with _bar("outages", len(chosen.windows), quiet=as_json) as progress:
         outages = replay.replay(source, estimator, chosen, progress)
     place = folder or source.folder
+    if others := replaced(place / "outages.json", replay.identity(source, estimator, chosen)):
+        _note(f"{place}: has another replay, which this replaces ({others})")
     result = replay.report(source, estimator, chosen, outages, place)
     if as_json:
         typer.echo(json.dumps(result, indent=2))

@@ -258,8 +258,9 @@ def run_trial(
         build_missing(request)
         folder = request.default_folder if out is None else Path(out)
         with prepared(request) as ready:
+            others = trial.replaced(request, ready, folder) if out is None else ""
             summary = trial.run(request, ready, folder, progress)
-            return TrialResult(folder, summary, (*request.notes, *ready.notes))
+            return TrialResult(folder, summary, (*request.notes, *ready.notes, *([others] if others else [])))
 
 
 def run_sweep(

@@ -242,6 +242,11 @@ def counts(causes: Mapping[str, int]) -> str:
     return ", ".join(f"{number} × {cause}" for cause, number in causes.items())
 
 
+def identity(source: ReplaySource, estimator: str, chosen: Outages) -> dict[str, Any]:
+    """What tells a replay from others, as outages.json states it."""
+    return {"recording": source.name, "estimator": estimator, "outage_s": chosen.length}
+
+
 def report(
     source: ReplaySource, estimator: str, chosen: Outages, outages: Sequence[Outage], out: Path
 ) -> dict[str, Any]:
@@ -253,8 +258,7 @@ def report(
     """
     make_folder(out)
     result = {
-        "recording": source.name,
-        "estimator": estimator,
+        **identity(source, estimator, chosen),
         "dropped": dict(source.dropped),
         "left_out": dict(chosen.left_out),
         "broken": source.broken,

@@ -72,7 +72,8 @@ def run_seeds(
                 one = replace(request, scenario=replace(request.scenario, seed=seed))
                 with prepared(one) as ready:
                     if not summaries:
-                        for text in (*request.notes, *ready.notes):
+                        others = trial.replaced(one, ready, folder)
+                        for text in (*request.notes, *ready.notes, *([others] if others else [])):
                             note(text)
                     try:
                         summaries.append(trial.run(one, ready, folder))

@@ -5,15 +5,16 @@ from __future__ import annotations
 import fcntl
 import os
 import time
-from collections.abc import Callable, Iterator
+import tomllib
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from codegen.firmware.targets import find_target
 from harness.cosim.loop import Simulation, Stop
-from harness.files import make_folder, write_whole
-from harness.log.log import Log, read_log
+from harness.files import differences, make_folder, write_whole
+from harness.log.log import Log, LogError, read_log
 from harness.log.writer import LogWriter
 from harness.onboard.processors import Processor, open_processor
 from harness.onboard.stand_in import Onboard
@@ -59,6 +60,25 @@ def run(
     with alone_in(out):
         real_time_factor = _simulate(request, ready, out, progress, start)
         return _report(read_log(out / LOG), out, real_time_factor)
+
+
+def replaced(request: Request, ready: Prepared, out: Path) -> str:
+    """A note on another trial in a folder, which the new one replaces; "" if there is none."""
+    if not (out / LOG).is_file():
+        return ""
+    try:
+        before = _identity(read_log(out / LOG).metadata)
+    except (LogError, KeyError, ValueError):  # no log of a trial
+        return f"{out}: has a log that cannot be read, which this replaces"
+    now = _identity(metadata(request, ready))
+    others = ", ".join(differences(before, now))
+    return others and f"{out}: has another trial, which this replaces ({others})"
+
+
+def _identity(records: Mapping[str, Mapping[str, str]]) -> dict[str, Any]:
+    """What tells a trial from others, of its log's metadata."""
+    told = {key: value for key, value in records.items() if key in ("roles", "run", "swaps")}
+    return tomllib.loads(records["scenario"]["toml"]) | told
 
 
 def has_begun(out: Path) -> bool:

@@ -39,6 +39,53 @@ def test_scenarios_are_listed_by_name_with_what_they_are(capsys: pytest.CaptureF
     assert distance["about"] == "Two waypoints 100 m apart, to see what distance does (5.3.5, Figure 5.4)"
 
 
+def test_a_default_folder_names_the_trial_that_is_replaced(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given a trial in the default folder, run again
+    monkeypatch.chdir(tmp_path)
+    for _ in range(2):
+        assert canine(capsys, *RUN)[2] == ""
+    # when others take its place, then what differs is named
+    begin = "note: out/two_waypoint-1: has another trial, which this replaces"
+    _, _, error = canine(capsys, *RUN, "--set", "cmec.moving_deviation=37")
+    assert error == f"{begin} (parameters.cmec.moving_deviation: none, now 37)\n"
+    _, _, error = canine(capsys, *RUN, "--order", "jacobi")
+    assert error == (
+        f"{begin} (parameters.cmec.moving_deviation: 37, now none, run.order: sequential, now jacobi)\n"
+    )
+    # and so is a log that was cut before its first tick; a folder of one's own is one's own matter
+    Path("out/two_waypoint-1/trial.mcap").write_bytes(b"cut")
+    _, _, error = canine(capsys, *RUN)
+    assert error == "note: out/two_waypoint-1: has a log that cannot be read, which this replaces\n"
+    assert canine(capsys, *RUN, "--order", "jacobi", "--out", "out/two_waypoint-1")[2] == ""
+
+
+def test_a_replay_names_the_replay_that_it_replaces(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given a replay in the default folder, made twice
+    monkeypatch.chdir(tmp_path)
+    canine(capsys, "run", "three_waypoint")
+    replay = ("replay", "out/three_waypoint-1/trial.mcap", "--every", 10)
+    for _ in range(2):
+        assert canine(capsys, *replay, "--outage", 5)[2] == ""
+    # when another takes its place, then what differs is named
+    _, _, error = canine(capsys, *replay, "--outage", 4)
+    begin = "note: out/replay-three_waypoint-1: has another replay, which this replaces"
+    assert error == f"{begin} (outage_s: 5.0, now 4.0)\n"
+
+
+def test_trials_with_seeds_name_the_trials_that_they_replace(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for _ in range(2):
+        assert canine(capsys, *RUN, "--seeds", "1:2", "--out", tmp_path)[2] == ""
+    _, _, error = canine(capsys, *RUN, "--set", "cmec.dead_time=2", "--seeds", "1:2", "--out", tmp_path)
+    begin = f"note: {tmp_path}/1: has another trial, which this replaces"
+    assert error == f"{begin} (parameters.cmec.dead_time: none, now 2)\n"
+
+
 @pytest.mark.parametrize("to", ["csv", "parquet"])
 def test_a_log_is_exported_beside_itself_or_where_it_is_told(
     to: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
