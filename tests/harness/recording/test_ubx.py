@@ -15,7 +15,18 @@ from hypothesis import strategies as st
 from codegen.firmware.fixes import RANGES
 from harness.recording.recording import RecordingError
 from harness.recording.ubx import LENGTHS, find_frames, read_ubx
-from tests.codegen.firmware.onboard_drivers import FIX, Driver, as_dict, library, posllh, pvt, sol, velned
+from tests.codegen.firmware.onboard_drivers import (
+    FIX,
+    PVT,
+    Driver,
+    as_dict,
+    library,
+    posllh,
+    pvt,
+    sol,
+    ubx_frame,
+    velned,
+)
 
 GOOD = [*(pvt(250 * k) for k in range(4)), posllh(1000), velned(1000), sol(1000), pvt(1250, length=84)]
 
@@ -71,6 +82,13 @@ def test_damaged_bytes_hold_the_same_frames_and_errors_for_both_readers(c: ctype
     frames, dropped = find_frames(data, LENGTHS)
     assert [data[f.end - len(f.payload) - 8 : f.end] for f in frames] == expected
     assert dropped["UBX frames with a wrong checksum"] == driver.state.scanner.errors
+
+
+def test_a_frame_within_an_intact_one_is_its_payload_for_both_readers(c: ctypes.CDLL) -> None:
+    data = ubx_frame(PVT, bytes(20) + posllh(0) + bytes(36)) + posllh(250)
+    frames, _ = find_frames(data, LENGTHS)
+    assert [data[f.end - len(f.payload) - 8 : f.end] for f in frames] == Driver(c, "ubx").frames(data)
+    assert [len(f.payload) for f in frames] == [92, 28]
 
 
 def test_every_combination_of_the_bits_of_pvt_is_a_fix_for_both_readers_or_for_none(
