@@ -42,11 +42,23 @@ __all__ = [
     "scenarios",
 ]
 
+
+def _drop_missing_backend() -> None:
+    """Unset MPLBACKEND if it names a module that is not here: it ends every import of matplotlib."""
+    import os  # noqa: PLC0415 - as above
+    from importlib.util import find_spec  # noqa: PLC0415
+
+    scheme, _, module = os.environ.get("MPLBACKEND", "").partition("://")
+    if scheme == "module" and find_spec(module.partition(".")[0]) is None:
+        del os.environ["MPLBACKEND"]
+
+
 if not TYPE_CHECKING:  # type checkers see the names above, and refuse others
 
     def __getattr__(name: str) -> object:
         if name not in __all__:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        _drop_missing_backend()
         from harness import front_door  # noqa: PLC0415 - on first use
 
         return getattr(front_door, name)

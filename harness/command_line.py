@@ -187,10 +187,10 @@ def run(
             with _bar("trial [s]", duration, quiet=as_json or duration < LONG_S) as progress:
                 try:
                     summary = trial.run(request, ready, place, progress)
-                except KeyboardInterrupt:
-                    _ended(_kept(place))
+                except KeyboardInterrupt as interrupt:
+                    _ended(interrupt, _kept(place))
     if as_json:
-        typer.echo(json.dumps(summary, indent=2))
+        typer.echo(_as_json(summary))
     else:
         show(summary, out())
         _say_where(place)
@@ -212,11 +212,11 @@ def _run_seeds(request: Request, seeds: str, folder: Path | None, as_json: bool)
                 summaries.append(summary)
                 if progress:
                     progress(len(summaries))
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as interrupt:
             done = f"{len(summaries)} of {len(chosen)} trials are done"
-            _ended(f"{done}: {place / SEEDS}" if summaries else done)
+            _ended(interrupt, f"{done}: {place / SEEDS}" if summaries else done)
     if as_json:
-        typer.echo(json.dumps(summaries, indent=2))
+        typer.echo(_as_json(summaries))
     else:
         show(summaries, out())
         typer.echo(f"{_short(place)}/: {SEEDS}, and a folder for each seed")
@@ -281,10 +281,10 @@ def processor_in_the_loop(
             result = compare.run(
                 target, scenario, changes, folder, constants=constants, built=done, progress=progress
             )
-        except KeyboardInterrupt:
-            _ended(_kept(folder or compare.default_folder(target)))
+        except KeyboardInterrupt as interrupt:
+            _ended(interrupt, _kept(folder or compare.default_folder(target)))
     if as_json:
-        typer.echo(json.dumps(result, indent=2))
+        typer.echo(_as_json(result))
     else:
         compare.show(result, out())
         _say_where(folder or compare.default_folder(target))
@@ -319,11 +319,8 @@ def wiring(
             order_and_delays = wire(ready.system, ready.fmus, request.order, ready.plants)
     if as_json:
         links = [{"link": str(link), "ticks": ticks} for link, ticks in order_and_delays.delays]
-        typer.echo(
-            json.dumps(
-                {"order": order_and_delays.order, "step_s": order_and_delays.step, "links": links}, indent=2
-            )
-        )
+        written = {"order": order_and_delays.order, "step_s": order_and_delays.step, "links": links}
+        typer.echo(_as_json(written))
         return
     rows = [("link", "delay")]
     for link, ticks in order_and_delays.delays:
@@ -357,7 +354,7 @@ def check(
 
         results = recordings.check_all(fmu)
         if as_json:
-            typer.echo(json.dumps(results, indent=2))
+            typer.echo(_as_json(results))
         else:
             recordings.show_all(results, out())
         recordings.raise_problems(fmu, results)
@@ -431,7 +428,7 @@ def replay_recording(
         _note(f"{place}: has another replay, which this replaces ({others})")
     result = replay.report(source, estimator, chosen, outages, place)
     if as_json:
-        typer.echo(json.dumps(result, indent=2))
+        typer.echo(_as_json(result))
     else:
         replay.show(result, out())
         _say_where(place)
@@ -456,7 +453,7 @@ def _replay_all(
             if progress:
                 progress(len(results))
     if as_json:
-        typer.echo(json.dumps(results, indent=2))
+        typer.echo(_as_json(results))
     else:
         several.show(results, out())
     several.require_one(path, results)
@@ -525,15 +522,16 @@ def sweep_parameters(
     with _bar("trials", planned.job.total, quiet=as_json) as progress:
         try:
             table, result = sweep.run(planned, place, dask, progress=progress, note=_note)
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as interrupt:
             kept = (place / journal.JOURNAL).exists()
             _ended(
+                interrupt,
                 f"what is done is kept in {place}: the same command goes on there"
                 if kept
-                else "nothing is done"
+                else "nothing is done",
             )
     if as_json:
-        typer.echo(json.dumps(result, indent=2))
+        typer.echo(_as_json(result))
     else:
         sweep.show(planned, table, result, out())
         _say_where(place)
@@ -570,7 +568,7 @@ def fit_animal(
     place = folder or report.FOLDER
     report.report(result, place, _note)
     if as_json:
-        typer.echo(json.dumps(result, indent=2))
+        typer.echo(_as_json(result))
     else:
         report.show(result, out())
         _say_where(place)
@@ -626,7 +624,7 @@ def list_scenarios(
             | {"about": about(name)}
             for name, s in scenarios.items()
         ]
-        typer.echo(json.dumps(entries, indent=2))
+        typer.echo(_as_json(entries))
         return
     table = new_table()
     for heading in ("\nscenario", "waypoints\nafter the start", "\nsystem", "\nwhat it is"):
@@ -652,7 +650,7 @@ def list_parameters(
 
     rows = parameters.parameters_of(BLOCKS if block is None else [find_block(block)])
     if as_json:
-        typer.echo(json.dumps(parameters.as_json(rows), indent=2))
+        typer.echo(_as_json(parameters.as_json(rows)))
     else:
         parameters.show(rows, out())
 
@@ -704,6 +702,12 @@ def err() -> Console:
     return console_of(stderr=True)
 
 
+def _as_json(value: object) -> str:
+    """A result as JSON; letters are escaped only where standard output cannot show them all."""
+    is_unicode = (sys.stdout.encoding or "").lower().startswith("utf")
+    return json.dumps(value, indent=2, ensure_ascii=not is_unicode)
+
+
 def _note(text: str) -> None:
     """Print what a user should know, as it is: nothing in it is markup."""
     err().print(f"note: {text}", style="dim", soft_wrap=True, markup=False)
@@ -726,10 +730,13 @@ def _kept(folder: Path) -> str:
     return f"the log up to there is {folder / trial.LOG}" if trial.has_begun(folder) else "nothing was logged"
 
 
-def _ended(what: str) -> NoReturn:
+def _ended(interrupt: KeyboardInterrupt, what: str) -> NoReturn:
     """Say what is left of a command that the user ended, and leave."""
-    err().print(f"canine: ended by Ctrl-C; {what}", soft_wrap=True, markup=False)
-    sys.exit(128 + signal.SIGINT)
+    from harness.interrupts import name_of
+
+    number = interrupt.args[0] if interrupt.args else signal.SIGINT
+    err().print(f"canine: ended by {name_of(number)}; {what}", soft_wrap=True, markup=False)
+    sys.exit(128 + number)
 
 
 def _say_where(folder: Path) -> None:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable
+import warnings
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
 import numpy as np
+from matplotlib import MatplotlibDeprecationWarning, rc_context, rcdefaults
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -39,6 +42,15 @@ def new_figure(width: float, height: float) -> Figure:
     figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
+
+
+@contextmanager
+def house_style() -> Iterator[None]:
+    """Matplotlib's own settings, whatever a user's matplotlibrc or program has set; as a decorator, too."""
+    with warnings.catch_warnings(), rc_context():
+        warnings.simplefilter("ignore", MatplotlibDeprecationWarning)  # settings that it gives up one day
+        rcdefaults()
+        yield
 
 
 def freeze_layout(figure: Figure) -> None:

@@ -1,8 +1,11 @@
-"""Work that Ctrl-C does not cut in two.
+"""Work that Ctrl-C does not cut in two, and calls of C that call Python back.
 
 The handler of a signal runs at once, so that a second Ctrl-C can still end the process; its KeyboardInterrupt
 waits. A mask of signals would not do: any other thread of the process takes the signal, and Python interrupts
 the main thread.
+
+C that calls Python back is called with interrupts held: a signal that arrives in C is handled where the next
+callback begins, and what is raised there is dropped.
 """
 
 from __future__ import annotations
@@ -14,7 +17,10 @@ from contextlib import contextmanager
 from types import FrameType, TracebackType
 
 Handler = Callable[[int, FrameType | None], object]
-SIGNALS = [s for s in (signal.SIGINT, getattr(signal, "SIGALRM", None)) if s]  # SIGALRM: see main.CtrlC
+# those that end a command, and SIGALRM, with which main.Signals tries again
+SIGNALS = [
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGALRM") if hasattr(signal, name)
+]
 
 
 class Hold:
@@ -70,3 +76,8 @@ def held_interrupts() -> Iterator[None]:
     """Hold Ctrl-C back until the end of the block."""
     with holdable_interrupts() as hold, hold:
         yield
+
+
+def name_of(number: int) -> str:
+    """What a user calls a signal."""
+    return "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name

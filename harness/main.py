@@ -1,4 +1,4 @@
-"""The entry of the `canine` command: takes charge of Ctrl-C, then imports and runs the command.
+"""The entry of the `canine` command: takes charge of signals, then imports and runs the command.
 
 Only modules of the standard library are imported before Ctrl-C is in hand.
 """
@@ -6,6 +6,7 @@ Only modules of the standard library are imported before Ctrl-C is in hand.
 from __future__ import annotations
 
 import gc
+import io
 import os
 import signal
 import sys
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 FAULT, USAGE = 1, 2
 INTERRUPTED = 128 + signal.SIGINT
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # end a command with status 128 + their number
 SAME_PRESS_S = 1.0  # s within which a second SIGINT is the first one again, passed on by a parent process
 RETRY_S = 0.005  # s after which an interrupt that had to wait is tried again
 
@@ -25,7 +27,8 @@ RETRY_S = 0.005  # s after which an interrupt that had to wait is tried again
 class CtrlC:
     """Raises KeyboardInterrupt once, where it can be caught; a second Ctrl-C ends the process at once.
 
-    One within SAME_PRESS_S of the first is taken for the first and ignored.
+    One within SAME_PRESS_S of the first is taken for the first and ignored. SIGTERM and SIGHUP do the same;
+    the exception's argument is the signal's number. A SIGHUP that is ignored already (nohup) stays so.
 
     An interrupt waits for the end of an import under way: libraries catch every exception there, or print it.
     One that is raised where Python drops exceptions (in a destructor or a callback from C) is raised again.
@@ -33,23 +36,31 @@ class CtrlC:
 
     def __init__(self) -> None:
         self.pressed_at: float | None = None
+        self.number: int = signal.SIGINT
         self.hook = sys.unraisablehook
-        signal.signal(signal.SIGINT, self._press)
+        for number in ENDING:
+            if number == signal.SIGINT or signal.getsignal(number) is not signal.SIG_IGN:
+                signal.signal(number, self._press)
         signal.signal(signal.SIGALRM, self._raise)
         sys.unraisablehook = self._dropped
 
     def ignore(self) -> None:
         """The command is done: it ends with its own status."""
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        signal.signal(signal.SIGALRM, signal.SIG_IGN)
+        for number in (*ENDING, signal.SIGALRM):
+            signal.signal(number, signal.SIG_IGN)
+
+    @property
+    def status(self) -> int:
+        """The exit status of a command that a signal ended."""
+        return 128 + self.number
 
     def _press(self, number: int, frame: FrameType | None) -> None:
         now = time.monotonic()
         if self.pressed_at is None:
-            self.pressed_at = now
+            self.pressed_at, self.number = now, number
             self._raise(number, frame)
         elif now - self.pressed_at > SAME_PRESS_S:
-            os._exit(INTERRUPTED)
+            os._exit(self.status)
 
     def _raise(self, number: int, frame: FrameType | None) -> None:
         while frame is not None:
@@ -57,7 +68,7 @@ class CtrlC:
                 signal.setitimer(signal.ITIMER_REAL, RETRY_S)
                 return
             frame = frame.f_back
-        raise KeyboardInterrupt
+        raise KeyboardInterrupt(self.number)
 
     def _dropped(self, unraisable: sys.UnraisableHookArgs) -> None:
         if issubclass(unraisable.exc_type, KeyboardInterrupt):
@@ -103,14 +114,22 @@ def run(arguments: Sequence[str]) -> int:
 def main() -> None:
     """The console script: exits with the command's status."""
     ctrl_c = CtrlC()
+    os.environ["MPLBACKEND"] = "agg"  # a notebook names one that may not be here: no import of matplotlib
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # a name in letters that the terminal lacks
     gc.set_threshold(100_000, 20, 100)  # looking for garbage costs a tenth of the imports
     try:
         status = run(sys.argv[1:])
         ctrl_c.ignore()
+        if ctrl_c.pressed_at is not None and status != ctrl_c.status:
+            raise KeyboardInterrupt  # whoever caught it went on
     except KeyboardInterrupt:
         ctrl_c.ignore()
-        print("canine: ended by Ctrl-C", file=sys.stderr)
-        status = INTERRUPTED
+        from harness.interrupts import name_of
+
+        print(f"canine: ended by {name_of(ctrl_c.number)}", file=sys.stderr)
+        status = ctrl_c.status
     gc.freeze()  # all that is left ends with the process: Python need not search it for garbage again
     sys.exit(status)
 

@@ -32,6 +32,7 @@ from codegen.cache import stored
 from codegen.scratch import Scratch
 from codegen.toolchains.library import why_not_loaded
 from harness.cosim.archive import parse_xml, read_member, unpack
+from harness.interrupts import held_interrupts
 from models.errors import CanineError, nearest, printable
 from models.kit.declaration import Type
 
@@ -384,7 +385,8 @@ class FmuInstance:
         try:
             unpack(path, self._scratch.path)
             self.description = describe(path)
-            self._instantiate()
+            with held_interrupts():  # what it logs calls Python back
+                self._instantiate()
         except BaseException:
             self.close()
             raise
@@ -517,6 +519,10 @@ class FmuInstance:
         Raises:
             FmuError: a name that it lacks, or a status other than ok or warning.
         """
+        with held_interrupts():
+            self._initialize(values)
+
+    def _initialize(self, values: Mapping[str, float]) -> None:
         self.set_values(values)
         no, zero = ctypes.c_int(0), ctypes.c_double(0.0)
         if self.description.version == 2:
@@ -553,6 +559,10 @@ class FmuInstance:
 
     def close(self) -> None:
         """End and free the instance, unload its library, remove its files."""
+        with held_interrupts():
+            self._close()
+
+    def _close(self) -> None:
         slave, self._slave = self._slave, None
         if slave is not None and slave.component and not self._dead:
             # an instance after an error may refuse to end; it is freed all the same

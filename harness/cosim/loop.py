@@ -28,7 +28,7 @@ from harness.cosim.ssp import FmuSystem
 from harness.cosim.stepping import DURATION, Order
 from harness.cosim.walk import ROWS, Pause, Walk, walk_of
 from harness.cosim.wiring import Wiring, wire
-from harness.interrupts import holdable_interrupts
+from harness.interrupts import held_interrupts, holdable_interrupts
 from models.errors import ParameterError, nearest
 from models.kit.link import Values
 
@@ -178,17 +178,20 @@ class Simulation:
         watched = self._find(stop) if stop else None
         walk = (walk_of if self._native else Walk)(calls, self._layout, step, watched)
         calls.time.value = 0.0
-        for name, values in self._free.items():
-            self._set(name, values)
-        calls.carry_out(calls.first)
+        with held_interrupts():
+            for name, values in self._free.items():
+                self._set(name, values)
+            calls.carry_out(calls.first)
         handed = 0
         reason: int | None = None
         with holdable_interrupts() as hold:
+            walk.hold = hold
             try:
                 while reason is None and (tick := handed + walk.done) <= last:
                     calls.time.value = tick * step
-                    for name, values in changes.pop(tick, {}).items():
-                        self._set(name, values)
+                    with hold:
+                        for name, values in changes.pop(tick, {}).items():
+                            self._set(name, values)
                     pause = walk.run(tick, min(last + 1, handed + ROWS, *changes), last)
                     if pause is Pause.NOT_FINITE:
                         self._report_not_finite()
@@ -197,7 +200,8 @@ class Simulation:
                     if pause is not Pause.NONE and reason is None:
                         self._report_ended()
                         if handed + walk.done <= last:
-                            calls.carry_out(calls.advance)
+                            with hold:
+                                calls.carry_out(calls.advance)
                     if walk.done == ROWS:
                         with hold:
                             first, handed = handed, handed + ROWS

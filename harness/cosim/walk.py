@@ -10,6 +10,7 @@ from __future__ import annotations
 import ctypes
 import time
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from enum import IntEnum
 from functools import cache
 from pathlib import Path
@@ -45,12 +46,14 @@ class Walk:
 
     Attributes:
         rows: (ROWS, bytes) copies of the block.
+        hold: within it Ctrl-C waits; FMUs call Python back when they log.
     """
 
     def __init__(self, calls: Calls, layout: Layout, step: float, watched: tuple[Slot, int] | None) -> None:
         self.calls, self.step = calls, step
         self.rows = np.zeros((ROWS, len(layout.block)), dtype=np.uint8)
         self._done = ctypes.c_long(0)
+        self.hold: AbstractContextManager[object] = nullcontext()
         self.reals = layout.reals()
         slot, index = watched or (None, 0)
         start = slot.offset + index * slot.size if slot else 0
@@ -84,9 +87,10 @@ class Walk:
         tests: list[tuple[Any, Any]] = [(reals.dot, np.zeros_like(reals)) for reals in self.reals]
         for moment in range(tick, end):
             now.value = moment * self.step
-            for function, arguments in answer:
-                if status := function(*arguments):
-                    fail(status, arguments)
+            with self.hold:
+                for function, arguments in answer:
+                    if status := function(*arguments):
+                        fail(status, arguments)
             copy(*self._saves[self.done])
             self._done.value += 1
             for dot, zeros in tests:
@@ -98,9 +102,10 @@ class Walk:
             if ended.raw != none_ended:
                 return Pause.ENDED
             if moment < last:
-                for function, arguments in advance:
-                    if status := function(*arguments):
-                        fail(status, arguments)
+                with self.hold:
+                    for function, arguments in advance:
+                        if status := function(*arguments):
+                            fail(status, arguments)
         return Pause.NONE
 
 
@@ -220,7 +225,8 @@ class NativeWalk(Walk):
         while tick < end:
             some = min(end, tick + self._few)
             started = time.perf_counter()
-            pause = Pause(self._run(ctypes.byref(walk), tick, some, last))
+            with self.hold:
+                pause = Pause(self._run(ctypes.byref(walk), tick, some, last))
             if pause is Pause.FAILED:
                 calls = self.calls.answer if walk.is_answer else self.calls.advance
                 self.calls.fail(walk.status, calls[walk.failed][1])

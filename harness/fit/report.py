@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 from scipy import stats
 
-from harness.drawing import BELOW, ESTIMATES, GRID, TRUTH, new_figure, png_of
+from harness.drawing import BELOW, ESTIMATES, GRID, TRUTH, house_style, new_figure, png_of
 from harness.files import make_folder, replaced, write_whole
 from harness.fit.estimate import reasons, rounded, settled
 from harness.log.log import Array
@@ -47,6 +47,7 @@ def fragment(result: Mapping[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
+@house_style()
 def report(result: Mapping[str, Any], out: Path, note: Callable[[str], None] = lambda text: None) -> None:
     """Write fit.json, fit.toml and fit.png.
 
@@ -61,7 +62,7 @@ def report(result: Mapping[str, Any], out: Path, note: Callable[[str], None] = l
     others = replaced(out / "fit.json", {key: result[key] for key in IDENTITY if key in result})
     if others:
         note(f"{out}: has another fit, which this replaces ({others})")
-    write_whole(out / "fit.json", (json.dumps(result, indent=2) + "\n").encode())
+    write_whole(out / "fit.json", (json.dumps(result, indent=2, ensure_ascii=False) + "\n").encode())
     write_whole(out / "fit.toml", fragment(result).encode())
     write_whole(out / "fit.png", png_of(figure(result)))
 

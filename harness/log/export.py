@@ -54,7 +54,7 @@ def export(log: Log, to: str, out: Path) -> list[Path]:
         # a foreign package may call a component anything, "a/b" too
         contents[f"{quote(channel.component, safe=' ')}.{to}"] = FORMATS[to](channel, columns)
     units = {channel.component: _signals(channel) for channel in log.channels}
-    contents[UNITS] = (json.dumps(units, indent=2) + "\n").encode()
+    contents[UNITS] = (json.dumps(units, indent=2, ensure_ascii=False) + "\n").encode()
     make_folder(out)
     for name, content in contents.items():
         write_whole(out / name, content)

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from harness.drawing import BELOW, ESTIMATES, GPS, GRID, TRUTH, new_figure, png_of
+from harness.drawing import BELOW, ESTIMATES, GPS, GRID, TRUTH, drawable, house_style, new_figure, png_of
 from harness.files import write_whole
 from harness.log.log import Array
 from harness.replay.windows import holes_of_fixes
@@ -29,6 +29,7 @@ class Track(NamedTuple):
     east: Array
 
 
+@house_style()
 def replay_picture(
     path: Path,
     gps: Track,
@@ -94,7 +95,8 @@ def replay_figure(
         axes.tick_params(labelsize=SMALL, labelbottom=True, labelleft=True)
     handles, labels = grid[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=SMALL, **BELOW)
-    lines = [title, *(part for line in not_used.splitlines() for part in textwrap.wrap(line, WRAP))]
+    below_title = (part for line in not_used.splitlines() for part in textwrap.wrap(line, WRAP))
+    lines = [drawable(title, WRAP), *below_title]
     figure.suptitle("\n".join(lines), fontsize=LARGE)
     return figure
 

@@ -275,7 +275,7 @@ def report(
             for outage in outages
         ],
     }
-    write_whole(out / "outages.json", (json.dumps(result, indent=2) + "\n").encode())
+    write_whole(out / "outages.json", (json.dumps(result, indent=2, ensure_ascii=False) + "\n").encode())
     signals = source.signals([])
     fixes = signals.reference_fix
     replay_picture(

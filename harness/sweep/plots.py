@@ -18,7 +18,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.polynomial import Polynomial
 
-from harness.drawing import BELOW, BESIDE, GRID, Style, new_figure, png_of
+from harness.drawing import BELOW, BESIDE, GRID, Style, drawable, house_style, new_figure, png_of
 from harness.log.log import Array
 from harness.sweep.table import Z_95, Point, plain
 
@@ -49,6 +49,7 @@ OUTLINE: dict[str, Any] = {
 DASHES: dict[str, Any] = {"color": "#00D68F", "linewidth": 2.0, "linestyle": (0, (3, 1.5))}
 
 
+@house_style()
 def sweep_png(axes: Sequence[Varied], table: Sequence[Point], result: Mapping[str, Any], title: str) -> bytes:
     """The picture of a sweep over one or two parameters as a PNG.
 
@@ -65,7 +66,7 @@ def sweep_figure(
 ) -> Figure:
     """The figure of `sweep_png`: curves over one parameter, maps over two."""
     figure = _curves(axes[0], table, result) if len(axes) == 1 else _maps(axes, table, result)
-    figure.suptitle(textwrap.fill(title, TITLE), fontsize=11)
+    figure.suptitle(textwrap.fill(drawable(title, 3 * TITLE), TITLE), fontsize=11)
     return figure
 
 

@@ -438,7 +438,7 @@ def report(sweep: Sweep, outcomes: Outcomes, folder: Path) -> tuple[list[Point],
     table = table_of(sweep.points, outcomes)
     axes = [(axis.column, axis.unit, axis.written) for axis in sweep.axes]
     result = {**sweep.identity, **recommend(axes, table, outcomes.ticks)}
-    recommendation = (json.dumps(result, indent=2, allow_nan=False) + "\n").encode()
+    recommendation = (json.dumps(result, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode()
     picture = sweep_png([(axis.label, axis.written) for axis in sweep.axes], table, result, sweep.about)
     rows = csv_of([axis.column for axis in sweep.axes], table)
     for name, content in ((CSV, rows), (PICTURE, picture), (RECOMMENDATION, recommendation)):

@@ -40,6 +40,7 @@ from harness.drawing import (
     band_handle,
     drawable,
     freeze_layout,
+    house_style,
     new_figure,
     png_of,
     set_title,
@@ -128,6 +129,7 @@ def _title(log: Log) -> str:
     return f"{name}, seed {seed}: {summary['outcome']} after {time} s"
 
 
+@house_style()
 def trial_png(log: Log) -> bytes:
     """The picture of the trial as a PNG; the same log gives the same bytes."""
     return png_of(trial_figure(log))

@@ -114,7 +114,7 @@ def _position_error(log: Log) -> dict[str, float] | None:
 
 def write_summary(summary: Mapping[str, Any], path: Path) -> None:
     """Write summary.json. Raises FileError as `write_whole` does."""
-    write_whole(path, (json.dumps(summary, indent=2, allow_nan=False) + "\n").encode())
+    write_whole(path, (json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode())
 
 
 def words(summary: Mapping[str, Any]) -> dict[str, str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from codegen.templating import environment
-from harness.drawing import png_of
+from harness.drawing import house_style, png_of
 from harness.files import write_whole
 from harness.sweep.table import wilson
 from harness.verification.pictures import (
@@ -38,6 +38,7 @@ FULL = Size()
 SCREEN_DPI = 96  # pictures for a page, not for print
 
 
+@house_style()
 def write(folder: Path = RESULTS, size: Size = FULL) -> None:
     """Write the page and its pictures.
 

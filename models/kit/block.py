@@ -10,6 +10,7 @@ and parameters alone. `models.kit.tracing` makes CasADi functions of the updates
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import reduce
@@ -24,7 +25,16 @@ from models.kit.tracing import Condition, Guard, Method, Program, trace
 
 
 def first_line(documented: type) -> str:
-    """The first line of a class's docstring, "" without one."""
+    """The first line of a class's docstring, "" without one.
+
+    Raises:
+        DeclarationError: Python has dropped all docstrings.
+    """
+    if sys.flags.optimize > 1:
+        raise DeclarationError(
+            "Python runs with -OO (PYTHONOPTIMIZE=2), which drops the texts of which C and FMUs are made; "
+            "unset PYTHONOPTIMIZE, or use 1"
+        )
     return (documented.__doc__ or "").strip().partition("\n")[0]
 
 

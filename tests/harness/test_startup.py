@@ -76,8 +76,10 @@ assert "casadi" in sys.modules
     subprocess.run([sys.executable, "-c", script], check=True)
 
 
-def interrupted(arguments: list[str], delay: float, folder: Path) -> tuple[int, str]:
-    """Exit status and standard error of a command that gets SIGINT this long [s] after its entry took charge.
+def interrupted(
+    arguments: list[str], delay: float, folder: Path, number: int = signal.SIGINT
+) -> tuple[int, str]:
+    """Exit status and standard error of a command that gets a signal this long [s] after its entry began.
 
     Before that Python itself starts, whose answer is not ours.
     """
@@ -89,7 +91,7 @@ def interrupted(arguments: list[str], delay: float, folder: Path) -> tuple[int, 
     assert process.stdout is not None
     assert process.stdout.readline() == "on\n"
     time.sleep(delay)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     _, stderr = process.communicate(timeout=60)
     return process.returncode, stderr
 
@@ -111,6 +113,50 @@ def test_ctrl_c_at_any_moment_is_one_line_and_status_130(arguments: list[str], t
         for path in folder.rglob("trial.mcap"):
             assert np.allclose(np.diff(read_log(path).time), 0.04, rtol=0, atol=1e-9), where
             assert status == 0 or str(path.relative_to(folder)) in stderr, where
+
+
+@pytest.mark.parametrize(
+    ("number", "status"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129)], ids=["SIGTERM", "SIGHUP"]
+)
+@pytest.mark.parametrize("arguments", [["run", "--set", "canine.drift=0"], ["wiring"]], ids=" ".join)
+def test_other_signals_end_a_command_with_their_name_and_status(
+    arguments: list[str], number: signal.Signals, status: int, tmp_path: Path
+) -> None:
+    build_all()
+    got, stderr = interrupted(arguments, EARLY / 2, tmp_path, number)
+    assert got == status
+    assert stderr.startswith(f"canine: ended by {number.name}")
+    assert len(stderr.splitlines()) == 1
+
+
+def test_a_hangup_that_nohup_ignores_stays_ignored(tmp_path: Path) -> None:
+    script = "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n"
+    script += "from harness.main import CtrlC; CtrlC(); print(signal.getsignal(signal.SIGHUP).name)"
+    assert ended_by(script, tmp_path) == "SIG_IGN\n"
+
+
+def test_an_interrupt_that_somebody_swallows_still_ends_the_command(tmp_path: Path) -> None:
+    # given a command that catches everything and goes on to its end
+    script = """
+import os, signal, sys
+from harness import main
+
+def run(arguments):
+    try:
+        os.kill(os.getpid(), signal.SIGTERM)
+        for _ in range(1000):
+            pass
+    except BaseException:
+        pass
+    return 0
+
+main.run = run
+main.main()
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (143, "canine: ended by SIGTERM\n")
 
 
 def ended_by(script: str, folder: Path) -> str:

@@ -19,6 +19,7 @@ from codegen.firmware.bundle import recorded
 from codegen.firmware.cortex_m4f import cortex_m4f_image
 from codegen.firmware.image import Image
 from codegen.firmware.targets import Target
+from harness.interrupts import held_interrupts
 from harness.onboard.processors.processor import (
     COUNTS,
     MAX_BYTES,
@@ -140,7 +141,8 @@ class CortexM4F:
         self.instructions = 0
         until = self.image.symbols[end]
         try:
-            self.simulator.emu_start(begin | 1, 0)  # Thumb; the end is one of the exits
+            with held_interrupts():  # what a hook raises between its call and its code is dropped
+                self.simulator.emu_start(begin | 1, 0)  # Thumb; the end is one of the exits
         except UcError as reason:
             self._stop(f"stopped by the simulator ({reason})", self.simulator.reg_read(UC_ARM_REG_PC))
         pc = self.simulator.reg_read(UC_ARM_REG_PC)

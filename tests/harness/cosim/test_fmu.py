@@ -365,3 +365,27 @@ def test_a_temporary_folder_that_runs_no_programs_is_said(tmp_path: Path) -> Non
         f"noexec, from where no program runs: {folder}; set TMPDIR to a folder elsewhere (and "
         "XDG_CACHE_HOME, if the cache lies there)\n"
     )
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("native", [True, False])
+@pytest.mark.parametrize("where", ["start", "step"])
+def test_a_signal_before_an_fmu_logs_is_not_lost(
+    tmp_path: Path, version: int, native: bool, where: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given an FMU in which SIGINT arrives just before it calls the logger, which is Python
+    dropped: list[object] = []
+    monkeypatch.setattr(sys, "unraisablehook", dropped.append)
+    signalled = 'extern int raise(int); raise(2); say("a");'
+    code = signalled if where == "start" else f"if (t > 0.1 && t < 0.13) {{ {signalled} }}"
+    step, start = ("", code) if where == "start" else (code, "")
+    path = tiny_fmu(tmp_path / "dog.fmu", GAIN, step, version=version, start=start)
+    ticks: list[float] = []
+    # when
+    with pytest.raises(KeyboardInterrupt), Simulation(alone(path), native=native) as simulation:
+        simulation.run(record=lambda t, v: ticks.extend(t))
+    # then it is raised at the end of that call, and no tick before it is lost
+    assert dropped == []
+    assert ticks == [tick * 0.04 for tick in range(len(ticks))]
+    assert len(ticks) < 100
+    assert where == "start" or len(ticks) >= 3

@@ -6,8 +6,11 @@ import math
 import os
 import random
 import shutil
+import signal
 import struct
 import subprocess
+import sys
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -683,3 +686,43 @@ def test_qemu_executes_as_many_instructions_as_unicorn(tmp_path: Path) -> None:
     assert [done - wait - 1 for wait, done in zip(waits, dones, strict=False)] == counted
     assert len(dones) == 8
     processor.close()
+
+
+def test_a_signal_while_the_simulator_runs_is_raised_once_the_tick_is_done(
+    cortex: CortexM4F, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given a signal that raises what Ctrl-C raises, soon after the simulator's first callback of each tick
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    def set_off(*_: object) -> None:
+        if due:
+            signal.setitimer(signal.ITIMER_REAL, due.pop())
+
+    due: list[float] = []  # s
+    dropped: list[object] = []
+    interrupts = 0
+    monkeypatch.setattr(sys, "unraisablehook", dropped.append)
+    cortex.simulator.hook_add(UC_HOOK_BLOCK, set_off)
+    twin = cortex_m4f.start(TARGET, sources())
+    before = signal.signal(signal.SIGALRM, interrupt)
+    try:
+        for _ in range(40):
+            # when
+            try:
+                due.append(2e-5)
+                cortex.resume("pil_done")
+                time.sleep(0.01)
+            except KeyboardInterrupt:
+                interrupts += 1
+            # then the program has come as far as one that nothing interrupts, by as many instructions
+            twin.resume("pil_done")
+            assert cortex.instructions == twin.instructions
+            for processor in (cortex, twin):
+                processor.resume("pil_wait")
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+        twin.close()
+    assert dropped == []
+    assert interrupts == 40
