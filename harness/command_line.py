@@ -420,6 +420,8 @@ def replay_recording(
     source = open_source(recording)
     if source.broken:
         _note(f"{recording}: the log is not whole, {source.broken}")
+    for note in source.notes:
+        _note(f"{recording}: {note}")
     chosen = source.outages(outage, every)
     with _bar("outages", len(chosen.windows), quiet=as_json) as progress:
         outages = replay.replay(source, estimator, chosen, progress)

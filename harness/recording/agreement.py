@@ -19,6 +19,7 @@ LEAST = 30  # pairs of fixes for a correlation that means something
 STRONG = 0.6  # a correlation from which on an offset is told
 APART_S = 1.0  # s from the best offset, from which on another one that is as good makes it ambiguous
 MARGIN = 0.1  # in correlation, by which the best one beats those
+LARGEST_TILT_DEG = 20.0  # deg between gravity and the mounting: more is a wrong mounting, not a posture
 PAIR_GAP = 1.5  # median gaps between two fixes that make a pair
 
 
@@ -53,6 +54,17 @@ class Gravity:
     off_deg: float
     roll_deg: float
     pitch_deg: float
+
+    @property
+    def warning(self) -> str:
+        """What is wrong with the mounting; "" if nothing is."""
+        if self.off_deg <= LARGEST_TILT_DEG:
+            return ""
+        return (
+            f"gravity is {self.off_deg:.0f} deg off the mounting that is used; by gravity, the IMU sits at "
+            f"roll {self.roll_deg:z.0f}, pitch {self.pitch_deg:z.0f} deg, with a yaw that gravity does not "
+            "tell; state imu.mounting in recording.toml"
+        )
 
 
 def gravity(specific_force: Array, mounting: Array) -> Gravity:

@@ -10,7 +10,6 @@ import numpy as np
 from rich.console import Console
 
 from harness.recording.agreement import (
-    Gravity,
     Offset,
     gravity,
     pushing_offset,
@@ -30,7 +29,6 @@ OFFSETS = {
 }
 FAR_S = 0.3  # s of offset by the turns: more is a wrong clock, not a body that looks ahead
 LISTED = 5  # holes that are printed
-LARGEST_TILT_DEG = 20.0  # deg between gravity and the mounting: more is a wrong mounting, not a posture
 
 
 def check(path: Path) -> dict[str, Any]:
@@ -59,8 +57,8 @@ def check(path: Path) -> dict[str, Any]:
     if samples:
         felt = gravity(samples.specific_force, parts.mounting)
         result["mounting"] = {"source": parts.mounting_source, **vars(felt)}
-        if felt.off_deg > LARGEST_TILT_DEG:
-            result["warnings"].append(_tilted(felt))
+        if felt.warning:
+            result["warnings"].append(felt.warning)
     if recording:
         offsets = {name: by(recording) for name, (_, by) in OFFSETS.items()}
         result["offset"] = {name: vars(offset) for name, offset in offsets.items()}
@@ -153,14 +151,6 @@ def _pace(file: str, clock: Array, dropped: Mapping[str, int]) -> dict[str, Any]
             {"start_s": float(clock[i] - clock[0]), "length_s": float(clock[i + 1] - clock[i])} for i in at
         ]
     return pace
-
-
-def _tilted(felt: Gravity) -> str:
-    return (
-        f"gravity is {felt.off_deg:.0f} deg off the mounting that is used; by gravity, the IMU sits at roll "
-        f"{felt.roll_deg:z.0f}, pitch {felt.pitch_deg:z.0f} deg, with a yaw that gravity does not tell; "
-        "state imu.mounting in recording.toml"
-    )
 
 
 def show_all(results: Sequence[Mapping[str, Any]], console: Console) -> None:

@@ -15,6 +15,7 @@ from typing import TypeVar
 import numpy as np
 
 from harness.recording import STREAMS, esf, tags
+from harness.recording.agreement import gravity
 from harness.recording.attitude import Array
 from harness.recording.described import (
     DESCRIPTION,
@@ -34,6 +35,7 @@ from harness.recording.xsens import read_xsens, timed_by_arrival
 SYNC, LOOK = b"\xb5\x62", 1 << 16  # begins a UBX frame; bytes of a file in which one must be
 XSENS = ".mtb"
 Z_UP = rotation(180, 0, 0)  # forward, left, up
+BY_ORDER = "order of the messages in the stream"
 RIG = rotation(180, 0, -90)  # of the rig whose folders have `imu*.csv` and time tags
 
 
@@ -97,7 +99,10 @@ class Parts:
             RecordingError: a part could not be read, or they do not fit each other.
         """
         tied = self.tied()
-        return join(self.name, tied.fixes, tied.samples, tied.offset, self.mounting)
+        joined = join(self.name, tied.fixes, tied.samples, tied.offset, self.mounting)
+        tilted = gravity(tied.samples.specific_force, self.mounting).warning
+        order = f"clocks are tied by the {tied.source}" if tied.source.startswith(BY_ORDER) else ""
+        return replace(joined, notes=tuple(note for note in (order, tilted) if note))
 
 
 def find_parts(path: Path) -> Parts:
@@ -211,7 +216,7 @@ def _tie_by_tags(gps: Path, fixes: FixStream, imu: Path, samples: SampleStream) 
 
 def _tie_by_order(fixes: FixStream, samples: SampleStream) -> Tie:
     tied, offset, known_to = esf.tie(fixes, samples)
-    return Tie(fixes, tied, offset, f"order of the messages in the stream, to {known_to:.2f} s")
+    return Tie(fixes, tied, offset, f"{BY_ORDER}, to {known_to:.2f} s")
 
 
 def _described(folder: Path) -> Parts:

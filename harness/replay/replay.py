@@ -262,6 +262,7 @@ def report(
         "dropped": dict(source.dropped),
         "left_out": dict(chosen.left_out),
         "broken": source.broken,
+        "notes": list(source.notes),
         **statistics(outages),
         "outages": [
             {

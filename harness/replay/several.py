@@ -71,5 +71,6 @@ def show(results: Sequence[dict[str, Any]], console: Console) -> None:
         )
     print_table(table, console)
     for result in results:
-        for line in (result["problem"] or not_used(result)).splitlines():
+        notes = [] if result["problem"] else [f"note: {note}" for note in result["notes"]]
+        for line in [*(result["problem"] or not_used(result)).splitlines(), *notes]:
             console.print(f"{result['recording']}: {line}", soft_wrap=True, markup=False, highlight=False)

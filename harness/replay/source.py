@@ -32,6 +32,7 @@ class ReplaySource:
         imu_holes: start and end [s] of each time without inertial samples.
         dropped: what was not used, cause -> number.
         broken: why the recording is incomplete; "" if it is complete.
+        notes: what a result rests on, and what looks wrong.
     """
 
     name: str
@@ -39,6 +40,7 @@ class ReplaySource:
     imu_holes: Sequence[Hole] = ()
     dropped: Mapping[str, int] = field(default_factory=dict)
     broken: str = ""
+    notes: tuple[str, ...] = ()
 
     @property
     def folder(self) -> Path:
@@ -69,6 +71,7 @@ def _of_recording(folder: Path) -> ReplaySource:
         lambda windows: sensor_signals(recording, windows),
         holes_of_imu(recording.imu_t),
         recording.dropped,
+        notes=recording.notes,
     )
 
 

@@ -10,6 +10,7 @@ import pytest
 from harness.recording.esf import decode_meas, decode_raw
 from harness.recording.find import find_parts, recordings_below
 from harness.recording.mounting import rotation
+from harness.recording.pos import read_pos
 from harness.recording.read import read_recording
 from harness.recording.recording import Recording, RecordingError
 from harness.recording.xsens import find_samples, read_xsens
@@ -236,3 +237,56 @@ def test_the_axes_of_a_mounting_are_turned_in_the_aerospace_order() -> None:
     np.testing.assert_allclose(x_axis, [0, 0, -1], atol=1e-12)
     np.testing.assert_allclose(rotation(0, 0, 90) @ [1, 0, 0], [0, 1, 0])
     np.testing.assert_array_equal(rotation(180, 0, -90), [[0, -1, 0], [-1, 0, 0], [0, 0, -1]])
+
+
+def test_a_walk_that_is_too_short_is_refused_with_its_length(tmp_path: Path) -> None:
+    path = tmp_path / "f9r.ubx"
+    stream = made_up.stream(Z_UP)
+    path.write_bytes(stream[: len(stream) // 5])
+    with pytest.raises(RecordingError, match=r"overlap by 11\.\d s, expected at least 20\.0 s; record both"):
+        read_recording(path)
+
+
+def test_a_stream_with_too_few_fixes_between_samples_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "f9r.ubx"
+    stream = made_up.stream(Z_UP)
+    path.write_bytes(stream[: len(stream) // 40])
+    with pytest.raises(RecordingError, match=r"got [1-9] fixes with ESF messages before and behind them"):
+        read_recording(path)
+
+
+def test_a_recording_has_notes_of_what_it_rests_on(tmp_path: Path) -> None:
+    # given an IMU whose z axis points down where up is assumed, tied by the order of the messages
+    path = tmp_path / "f9r.ubx"
+    path.write_bytes(made_up.stream(np.eye(3)))
+    order, tilt = read_recording(path).notes
+    assert order == "clocks are tied by the order of the messages in the stream, to 0.05 s"
+    assert tilt.startswith("gravity is 179 deg off the mounting that is used")
+
+
+def test_the_times_of_a_solution_are_dates_or_weeks_in_gps_time_or_utc(tmp_path: Path) -> None:
+    # given one epoch in each of the ways; UTC is 18 s behind
+    rest = "40.0 -105.0 1580.0 5 9 3 4 8 0 0 0 0 0 1 0.5 0 0.1 0.1 0.1 0 0 0"
+    header = POS_HEADER + POS_VELOCITY
+    times = []
+    for system, time in (
+        ("GPST", "2025/08/28 19:30:00.250"),
+        ("GPST", "2381 415800.250"),
+        ("UTC", "2025/08/28 19:29:42.250"),
+    ):
+        (tmp_path / "walk.pos").write_text(f"{header.replace('GPST', system)}\n{time} {rest}\n")
+        fixes = read_pos(tmp_path / "walk.pos")
+        times.append(fixes.rows[0, 0])
+        assert fixes.kinds == {"single": 1}
+    # then all have the same time of week
+    np.testing.assert_allclose(times, TOW + 0.25)
+
+
+def test_a_receiver_that_was_restarted_is_refused(tmp_path: Path) -> None:
+    # given a stream whose sensor begins to count anew after 30 s
+    path = tmp_path / "f9r.ubx"
+    whole = made_up.stream(Z_UP, first_tag=100_000_000)
+    again = made_up.stream(Z_UP, first_tag=1)
+    path.write_bytes(whole[: len(whole) // 2] + again[len(again) // 2 :])
+    with pytest.raises(RecordingError, match=r"cut (the recording|it) at a restart"):
+        read_recording(path)

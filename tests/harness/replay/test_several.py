@@ -55,3 +55,19 @@ def test_a_folder_of_recordings_of_which_none_can_be_replayed_is_a_fault(
     assert "none of 2 recordings can be replayed" in error
     assert "a: " in text
     assert not (tmp_path / "out").exists()
+
+
+def test_a_capture_that_stands_still_says_what_is_missing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given a stream with fixes and samples that never moves
+    monkeypatch.setattr(made_up, "velocity", lambda t: (0.0, 0.0))
+    path = tmp_path / "desk.ubx"
+    path.write_bytes(made_up.stream(rotation(180, 0, 0)))
+    # when it is replayed, then one line says that motion is missing
+    status, _, error = canine(capsys, "replay", path, "--out", tmp_path / "out")
+    assert status == 1
+    problem = [line for line in error.splitlines() if line.startswith("canine: ")]
+    assert len(problem) == 1
+    assert "no outage of 10 s can be judged" in problem[0]
+    assert "expected 10 s of motion" in problem[0]
