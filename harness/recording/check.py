@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -40,8 +41,7 @@ def check(path: Path) -> dict[str, Any]:
         RecordingError: the path holds no recording of a known kind.
     """
     parts = find_parts(path)
-    fixes = parts.fixes if isinstance(parts.fixes, FixStream) else None
-    samples = parts.samples if isinstance(parts.samples, SampleStream) else None
+    fixes, samples = _in_order(parts)
     recording, clocks, problem = _joined(parts)
     result: dict[str, Any] = {
         "recording": parts.name,
@@ -104,6 +104,20 @@ def raise_problems(path: Path, results: Sequence[Mapping[str, Any]]) -> None:
         raise RecordingError(
             f"{path}: {len(problems)} of {len(results)} recordings cannot be replayed: {names}"
         )
+
+
+def _in_order(parts: Parts) -> tuple[FixStream | None, SampleStream | None]:
+    """The streams without what is late, repeated or out of range, counted; None for one that has nothing."""
+    fixes, samples = parts.fixes, parts.samples
+    with suppress(RecordingError):
+        tied = parts.tied()
+        fixes, samples = tied.fixes, tied.samples
+    ordered_fixes = ordered_samples = None
+    with suppress(RecordingError):
+        ordered_fixes = fixes.in_order() if isinstance(fixes, FixStream) else None
+    with suppress(RecordingError):
+        ordered_samples = samples.in_order() if isinstance(samples, SampleStream) else None
+    return ordered_fixes, ordered_samples
 
 
 def _joined(parts: Parts) -> tuple[Recording | None, str | None, str]:

@@ -257,9 +257,13 @@ def read_columns(file: FileDescription) -> tuple[dict[str, Array], Index, Counte
     rows, kept = [], []
     for first, (number, fields) in enumerate(content):
         try:
-            rows.append([float(fields[place]) for place in places.values()])
-            kept.append(int(ends[number]))
+            row = [float(fields[place]) for place in places.values()]
         except (ValueError, IndexError):
+            row = [math.nan]
+        if all(map(math.isfinite, row)):
+            rows.append(row)
+            kept.append(int(ends[number]))
+        else:
             dropped["lines without their numbers"] += first > 0
     if not rows:
         raise RecordingError(
@@ -292,7 +296,8 @@ def require_rate(file: FileDescription, clock: Array) -> None:
     """
     if file.rate is None or len(clock) < 2:
         return
-    rate = 1 / float(np.median(np.diff(clock)))
+    step = float(np.median(np.diff(clock)))
+    rate = 1 / step if step > 0 else 0.0
     if abs(rate / file.rate - 1) > RATE_SLACK:
         raise RecordingError(
             f"{file.path}: its clock runs at {rate:.4g} lines a second, {DESCRIPTION} says {file.rate:g} Hz; "

@@ -87,6 +87,25 @@ def test_holes_have_a_place_and_a_length(tmp_path: Path) -> None:
     assert result["fixes"]["rate_hz"] == pytest.approx(4)
 
 
+def test_all_that_is_dropped_is_counted(tmp_path: Path) -> None:
+    # given a sample twice, one with a force that no IMU measures, one that is not finite, and a fix twice
+    folder = described(tmp_path, imu_offset=0)
+    lines = (folder / "dog.csv").read_text().splitlines()
+    lines[1000] = lines[999]
+    lines[2000] = lines[2000].replace("-9.80665", "-999.0")
+    lines[3000] = lines[3000].replace("-9.80665", "nan")
+    (folder / "dog.csv").write_text("\n".join(lines))
+    (folder / "gnss.ubx").write_bytes((folder / "gnss.ubx").read_bytes() + made_up.pvt(59.75))
+    # when it is checked, then each has its cause
+    result = check(folder)
+    assert result["imu"]["dropped"] == {
+        "lines without their numbers": 1, "IMU samples out of range": 1, "IMU samples repeated": 1,
+    }  # fmt: skip
+    assert result["imu"]["n"] == 5997
+    assert result["fixes"]["dropped"] == {"fixes repeated": 1}
+    json.dumps(result, allow_nan=False)
+
+
 def test_who_stands_still_cannot_be_told_an_offset(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(made_up, "velocity", lambda t: (0.0, 0.0))
     result = check(described(tmp_path, imu_offset=0))

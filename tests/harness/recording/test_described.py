@@ -96,6 +96,7 @@ WRONG = {
     "skew": (ROLL, "[[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]", r"no rotation, its rows are not at right angles"),
     "file": ('"gps.csv"', '"gsp.csv"', r"gps\.file is 'gsp\.csv', but .*gsp\.csv is not there"),
     "rate": ("rate = 4 ", "rate = 40 ", r"gps\.csv: its clock runs at 4 lines a second, .* says 40 Hz"),
+    "standing": ('{ column = "t", unit', '{ column = "type", unit', r"its clock runs at 0 lines a second"),
     "fixes": (
         "fixes = [3, 4]",
         "fixes = [7]",
