@@ -76,7 +76,7 @@ def test_a_flipped_bit_is_harmless_or_noticed(bit: int, cut: bool, whole: bytes,
     of = read_log(tmp_path / "a.mcap")
     assert bool(of.broken) == cut
     # when one bit is flipped, at another place for each bit
-    for at in range(bit * 5, len(data), 41):
+    for at in range(bit * 13, len(data), 103):
         damaged = bytearray(data)
         damaged[at] ^= 1 << bit
         # then the content is the same, or a shorter one that says so, or the log is refused
@@ -349,3 +349,26 @@ def test_records_in_any_order_raise_nothing_but_errors_of_ours(
     ticks, said = outcome(path)
     assert said.isprintable()
     assert ticks <= 9
+
+
+@pytest.mark.parametrize(
+    ("own", "text"),
+    [
+        ({"format": "3"}, 'format "3", expected "2"; update canine'),
+        ({"latitude": "0"}, 'damaged, it has no metadata "log"; take another copy'),
+        ({"format": "2"}, "the metadata log is damaged"),
+    ],
+)
+def test_a_log_of_another_format_is_refused(own: dict[str, str], text: str, tmp_path: Path) -> None:
+    read, said = outcome(crafted(tmp_path / "a.mcap", records.Metadata("log", own), *GOOD[1:]))
+    assert read == 0
+    assert text in said
+
+
+def test_a_file_whose_first_record_is_not_a_header_is_refused(tmp_path: Path) -> None:
+    builder: Any = RecordBuilder()
+    for record in GOOD:
+        record.write(builder)
+    (tmp_path / "a.mcap").write_bytes(MCAP0_MAGIC + builder.end())
+    with pytest.raises(LogError, match="damaged at its first record, which is not a header"):
+        read_log(tmp_path / "a.mcap")
