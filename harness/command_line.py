@@ -178,7 +178,8 @@ def run(
             _run_seeds(request, seeds, folder, as_json)
             return
         with prepared(request) as ready:
-            for note in (*request.notes, *ready.notes):
+            notes = (*request.notes, *ready.notes)
+            for note in notes:
                 _note(note)
             place = folder or request.default_folder
             if folder is None and (others := trial.replaced(request, ready, place)):
@@ -189,6 +190,8 @@ def run(
                     summary = trial.run(request, ready, place, progress)
                 except KeyboardInterrupt as interrupt:
                     _ended(interrupt, _kept(place))
+            for note in summary["notes"][len(notes) :]:
+                _note(note)
     if as_json:
         typer.echo(_as_json(summary))
     else:
@@ -283,6 +286,8 @@ def processor_in_the_loop(
             )
         except KeyboardInterrupt as interrupt:
             _ended(interrupt, _kept(folder or compare.default_folder(target)))
+    for note in result["trial"]["notes"]:
+        _note(note)
     if as_json:
         typer.echo(_as_json(result))
     else:
@@ -518,7 +523,7 @@ def sweep_parameters(
 
     planned = sweep.plan_sweep(
         target, thresholds=thresholds, vary=vary or [], trials=trials, system=system, reading=reading,
-        seed=seed, settings=settings or [],
+        seed=seed, settings=settings or [], note=_note,
     )  # fmt: skip
     place = folder or sweep.default_folder(planned)
     with _bar("trials", planned.job.total, quiet=as_json) as progress:

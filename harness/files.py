@@ -15,6 +15,7 @@ from models.errors import CanineError, UsageError
 SHOWN_FILES = 5  # at most, in a hint
 DIFFERENCES = 5  # named one by one at most
 LONGEST = 60  # characters of a value that is named
+OTHERS = {"pyproject.toml"}  # of a kind that is ours, and never meant
 
 
 class FileError(CanineError):
@@ -96,7 +97,9 @@ def nearest_file(path: Path) -> str:
     if not path.parent.is_dir():
         return f'; there is no folder "{path.parent}"'
     try:
-        names = sorted(p.name for p in path.parent.iterdir() if p.suffix == path.suffix)
+        names = sorted(
+            p.name for p in path.parent.iterdir() if p.suffix == path.suffix and p.name not in OTHERS
+        )
     except OSError:
         return ""
     close = get_close_matches(path.name, names, n=1) or (names if len(names) == 1 else [])

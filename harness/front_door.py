@@ -50,7 +50,8 @@ class TrialResult:
     Attributes:
         folder: with all of its files.
         summary: the content of summary.json.
-        notes: what the user should know: parameters that a foreign FMU lacks, a log that is not whole.
+        notes: what the user should know: what could not act, parameters that a foreign FMU lacks, a log that
+            is not whole.
     """
 
     folder: Path
@@ -260,11 +261,11 @@ def run_trial(
         with prepared(request) as ready:
             others = trial.replaced(request, ready, folder) if out is None else ""
             summary = trial.run(request, ready, folder, progress)
-            return TrialResult(folder, summary, (*request.notes, *ready.notes, *([others] if others else [])))
+            return TrialResult(folder, summary, (*summary["notes"], *([others] if others else [])))
 
 
 def run_sweep(
-    target: StrPath = "two",
+    target: StrPath | Scenario = "two",
     *,
     thresholds: str | None = None,
     vary: Mapping[str, str] | None = None,
@@ -291,7 +292,8 @@ def run_sweep(
     20
 
     Args:
-        target: `two`, `three` (the trials of 5.3.5 and 5.3.6), a scenario's name, or the path of a .toml.
+        target: `two`, `three` (the trials of 5.3.5 and 5.3.6), a `Scenario`, the name of a shipped one, or
+            the path of a .toml.
         thresholds: `a:b` or `a:b:step` of the deviation threshold h', deg.
         vary: any one or two parameters instead or beside, `{"cmec.capture_radius": "3:10:0.5"}`.
         trials: at each point.
@@ -313,8 +315,9 @@ def run_sweep(
     _check_type("vary", vary, Mapping, 'a mapping, {"cmec.capture_radius": "3:10:0.5"}')
     _check_type("trials", trials, Integral, "a whole number")
     _check_choice("reading", reading, tuple(READINGS))
+    notes: list[str] = []
     planned = sweep.plan_sweep(
-        str(target),
+        target if isinstance(target, Scenario) else str(target),
         thresholds=thresholds,
         vary=[f"{name}={values}" for name, values in (vary or {}).items()],
         trials=trials,
@@ -322,9 +325,9 @@ def run_sweep(
         reading=reading,
         seed=seed,
         settings=_settings(parameters),
+        note=notes.append,
     )
     folder = sweep.default_folder(planned) if out is None else Path(out)
-    notes: list[str] = []
     _, recommendation = sweep.run(planned, folder, dask, progress=progress, note=notes.append)
     with (folder / sweep.CSV).open(newline="") as table:
         rows = [

@@ -84,6 +84,14 @@ def run(arguments: Sequence[str]) -> int:
         KeyboardInterrupt: the user ended it, and nothing was printed about that yet.
     """
     debug = "--debug" in arguments
+    for before, argument in zip(("canine", *arguments), arguments, strict=False):
+        if argument == "" or (argument.startswith("--") and argument.endswith("=")):
+            option = argument[:-1] or (before if before.startswith("--") else "an argument")
+            print(
+                f"canine: {option} is empty; expected a value: is a variable of the shell unset?",
+                file=sys.stderr,
+            )
+            return USAGE
     try:
         from harness.command_line import app
 
@@ -104,7 +112,10 @@ def run(arguments: Sequence[str]) -> int:
 
         if debug or not isinstance(error, CanineError | OSError):
             raise
-        for line in str(error).splitlines():
+        text = str(error)
+        if isinstance(error, OSError) and error.filename is not None:
+            text = f"{error.filename}: {error.strerror}"
+        for line in text.splitlines():
             print(f"canine: {line}", file=sys.stderr)
         return USAGE if isinstance(error, UsageError) else FAULT
     except SystemExit as end:

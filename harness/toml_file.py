@@ -18,6 +18,19 @@ MAX_DEPTH = 16  # brackets within brackets; waypoints need 2
 MAX_LEVELS = 8  # of a dotted name; ours have 2
 MAX_WORD = 1000  # characters of a number, a date or a bare name; Python refuses a number of 4,300 digits
 
+SHOWN_LINE = 60  # characters
+EXPECTED_TOML = {  # by what tomllib says
+    "Invalid value": 'a number, true, false, a text in quotes ("STOP") or a list ([35.73, 0.0])',
+    "Invalid statement": "key = value, [table] or # comment",
+    "Expected '=' after a key in a key/value pair": "key = value; a key with a dot stands in quotes",
+    "Expected newline or end of document after a statement": "one key = value on a line",
+    "Cannot overwrite a value": "each key once",
+    "Unclosed array": "a ] at the end of each list",
+    "Unclosed inline table": "a } at the end of each inline table",
+    "Unterminated string": "a quote at the end of each text, on the same line",
+    "Illegal character '\\n'": "a quote at the end of each text, on the same line",
+}
+
 # what matters outside texts and comments; a text without an end runs to that of its line, or of the file
 _TOKEN = re.compile(
     r'''(?P<text>"""(?:\\.|(?!""").)*+(?:"{3,5})?|\'\'\'(?:(?!\'\'\').)*+(?:'{3,5})?'''
@@ -64,7 +77,21 @@ def parse_toml(text: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as reason:  # a TOMLDecodeError, or what int and datetime raise
-        raise TomlError(printable(reason)) from None
+        raise TomlError(printable(_told(text, str(reason)))) from None
+
+
+def _told(text: str, reason: str) -> str:
+    """What is wrong: the line, what it holds, and what is expected."""
+    found = re.fullmatch(r"(.*) \(at (?:line (\d+), column \d+|end of document)\)", reason, re.DOTALL)
+    if found is None:
+        return reason
+    what, lines = found[1], text.rstrip().split("\n")
+    line = min(int(found[2] or len(lines)), len(lines))
+    content = lines[line - 1].strip()
+    shown = content if len(content) <= SHOWN_LINE else f"{content[:SHOWN_LINE]}..."
+    if what.startswith("Expected") and what not in EXPECTED_TOML:
+        return f"line {line} is `{shown}`: e{what[1:]}"
+    return f"line {line} is `{shown}` ({what}); expected {EXPECTED_TOML.get(what, 'key = value')}"
 
 
 def _check(text: str) -> None:

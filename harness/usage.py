@@ -31,6 +31,11 @@ def line_of(error: Any, app: typer.Typer, arguments: Sequence[str]) -> str:
     command: Any = program.commands.get(name, program)
     who = f"{command.name} has" if command is not program else "there is"
     if hasattr(error, "possibilities"):
+        if command is program:
+            having = [c.name for c in program.commands.values() if _has(c, error.option_name)]
+            if having:
+                option = error.option_name
+                return f'"{option}" stands after the command, as in `canine {having[0]} {option}`'
         known = [option for p in command.params for option in p.opts if option.startswith("--")]
         return f'{who} no option "{error.option_name}"{nearest(error.option_name, {*known, "--help"})}'
     if hasattr(error, "option_name"):
@@ -67,6 +72,10 @@ def expected(parameter: Any) -> str:
     return str(about) if about.startswith("one of") else "a text" + (f", {about}" if about else "")
 
 
+def _has(command: Any, option: str) -> bool:
+    return any(option in parameter.opts for parameter in command.params)
+
+
 def _is_option(parameter: Any) -> bool:
     return str(parameter.opts[0]).startswith("-")
 
@@ -96,7 +105,7 @@ def _misused(error: Any, command: Any) -> str:
 
 def _too_many(command: Any, extra: str) -> str:
     """Arguments beyond those that a command has."""
-    if "=" in extra and any("--set" in p.opts for p in command.params):
+    if "=" in extra and _has(command, "--set"):
         return f'{command.name} has no argument for "{extra}"; did you mean --set {extra}?'
     known = " ".join(_title(p) for p in command.params if not _is_option(p))
     return f'{command.name} has no argument for "{extra}"; expected {known or "none"}'

@@ -142,7 +142,16 @@ class Cmec(Block):
     # the mission
     waypoint_count = Parameter(Integer, "waypoints in use", start=1, min=1, max=MAX_WAYPOINTS, latched=True)
     waypoint_north = Parameter("m", "waypoints", start=0, size=MAX_WAYPOINTS, min=-1e5, max=1e5, latched=True)
-    waypoint_east = Parameter("m", "waypoints", start=0, size=MAX_WAYPOINTS, min=-1e5, max=1e5, latched=True)
+    waypoint_east = Parameter(
+        "m",
+        "waypoints",
+        start=0,
+        size=MAX_WAYPOINTS,
+        min=-1e5,
+        max=1e5,
+        latched=True,
+        beside="waypoint_north",
+    )
     home_north = Parameter("m", "where the animal is recalled to", start=0, min=-1e5, max=1e5, latched=True)
     home_east = Parameter("m", "where the animal is recalled to", start=0, min=-1e5, max=1e5, latched=True)
 

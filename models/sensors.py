@@ -62,7 +62,9 @@ class Sensors(Block):
     )
     gps_reported_s_acc = Parameter("m/s", "speed accuracy that the receiver states", start=0.1, min=0)
     outage_start = Parameter("s", "windows without GPS: from", start=0, size=OUTAGES, min=0)
-    outage_end = Parameter("s", "windows without GPS: until", start=0, size=OUTAGES, min=0)
+    outage_end = Parameter(
+        "s", "windows without GPS: until", start=0, size=OUTAGES, min=0, begins="outage_start"
+    )
     accel_noise = Parameter("m/s2", "specific force noise (eq. D.14)", start=1.0, min=0)
     accel_bias = Parameter("m/s2", "bias forward, right, down (eq. D.14)", start=(0.1, 0.1, 0.1), size=3)
     accel_limit = Parameter("m/s2", "the accelerometers saturate", start=50, min=0)

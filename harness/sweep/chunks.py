@@ -11,6 +11,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import os
+import re
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -336,6 +337,9 @@ def run_all(
                 submit(*piece)
 
 
+ADDRESS = re.compile(r"(\w+://)?(\[[0-9a-fA-F:%.]+\]|[^\s:/\[\]]+):\d{1,5}/?|inproc://.+")  # of a scheduler
+
+
 def pool_at(address: str | None, job: Job, note: Note = lambda text: None) -> AbstractContextManager[Pool]:
     """This machine's cores, or the Dask cluster whose scheduler has this address.
 
@@ -362,6 +366,12 @@ def _here(job: Job) -> Iterator[Pool]:
 
 @contextmanager
 def _cluster(address: str, note: Note) -> Iterator[Pool]:
+    if not ADDRESS.fullmatch(address):
+        host = address.partition("://")[2] or address.strip(":/") or "host"
+        raise UsageError(
+            f"--dask {address}: is not the address of a scheduler; expected host and port, as in "
+            f"tcp://{host.partition(':')[0]}:8786, which `dask scheduler` prints"
+        )
     from distributed import Client  # noqa: PLC0415 - it takes a second, which other sweeps need not wait
 
     for name in ("distributed", "distributed.client"):  # the client's logger has a level of its own

@@ -28,8 +28,9 @@ from harness.sweep.journal import open_journal
 from harness.sweep.recommend import number, recommend
 from harness.sweep.table import THRESHOLD_COLUMN, TICK_S, Point, csv_of, name_of, plain, table_of
 from harness.terminal import new_table, percent, print_table
+from harness.trial.pairs import check_windows, is_paired
 from harness.trial.plan import Interface, interfaces_of_system, is_angular, plan, si_value
-from harness.trial.scenario import Scenario, ScenarioError, load
+from harness.trial.scenario import Scenario, ScenarioError, checked, load
 from models.errors import UsageError, nearest
 from models.kit.declaration import Type, Variable
 from models.kit.random import MAX_SEED
@@ -139,7 +140,7 @@ class Sweep:
 
 
 def plan_sweep(
-    target: str,
+    target: str | Scenario,
     *,
     thresholds: str | None = None,
     vary: Sequence[str] = (),
@@ -148,11 +149,12 @@ def plan_sweep(
     reading: str | None = None,
     seed: int | None = None,
     settings: Sequence[str] = (),
+    note: Callable[[str], None] = lambda text: None,
 ) -> Sweep:
     """Resolve the options of `canine sweep` to a sweep.
 
     Args:
-        target: `two`, `three`, a scenario's file or name; `system` overrides the scenario's.
+        target: `two`, `three`, a scenario, its file or name; `system` overrides the scenario's.
         thresholds: `a:b` or `a:b:step` [deg] of h'. By default, if `vary` is empty, 15:90 with one waypoint
             beyond the start and 15:65 with more.
         vary: `block.name=a:b:step`, in users' units.
@@ -161,6 +163,7 @@ def plan_sweep(
         reading: overrides the scenario's.
         seed: of the first trial at each point; overrides the scenario's.
         settings: `block.name=value`; override the scenario's parameters.
+        note: called with a line for the user.
 
     Raises:
         ScenarioError: the scenario or a setting is invalid, or a value is out of its range.
@@ -168,15 +171,14 @@ def plan_sweep(
     """
     if system not in SYSTEMS:
         raise SweepError(f"--system {system}: there is no such system{nearest(system, SYSTEMS)}")
-    scenarios = [
-        _adapted(name, system, reading, seed, settings) for name in TRIAL_TYPES.get(target, (target,))
-    ]
+    targets = (target,) if isinstance(target, Scenario) else TRIAL_TYPES.get(target, (target,))
+    scenarios = [_adapted(one, system, reading, seed, settings) for one in targets]
     first = scenarios[0]
     interfaces = interfaces_of_system(SYSTEMS[system])
     ranges = [_split(text) for text in vary]
     if thresholds is not None or not ranges:
         default = TWO_WAYPOINTS if len(first.waypoints) == 1 else MORE_WAYPOINTS
-        ranges.insert(0, ("--thresholds", THRESHOLD, thresholds or default))
+        ranges.insert(0, ("--thresholds", THRESHOLD, default if thresholds is None else thresholds))
     if len(ranges) > 2:
         raise SweepError(
             f"{len(ranges)} parameters are varied ({', '.join(name for _, name, _ in ranges)}); "
@@ -193,12 +195,12 @@ def plan_sweep(
         system,
         tuple(axis.variable for axis in axes),
         tuple(product(*(axis.values for axis in axes))),
-        tuple(_trial_type(scenario, interfaces) for scenario in scenarios),
+        tuple(_trial_type(scenario, interfaces, axes, note) for scenario in scenarios),
         trials,
         first.seed,
     )
     _check_size(job)
-    own = load(TRIAL_TYPES.get(target, (target,))[0])
+    own = targets[0] if isinstance(targets[0], Scenario) else load(targets[0])
     columns = tuple(axis.column for axis in axes)
     special = (
         *([first.reading] if first.reading != own.reading else []),
@@ -206,7 +208,7 @@ def plan_sweep(
         *([f"seed{first.seed}"] if first.seed != own.seed else []),
         *(columns if columns != (THRESHOLD_COLUMN,) else ()),
     )
-    name = target if target in TRIAL_TYPES else first.name
+    name = target if isinstance(target, str) and target in TRIAL_TYPES else first.name
     return Sweep(name, axes, job, tuple(scenarios), first.reading, special)
 
 
@@ -234,13 +236,13 @@ def _check_size(job: Job) -> None:
 
 
 def _adapted(
-    target: str, system: str, reading: str | None, seed: int | None, settings: Sequence[str]
+    target: str | Scenario, system: str, reading: str | None, seed: int | None, settings: Sequence[str]
 ) -> Scenario:
     """A type of trial's scenario with the sweep's options."""
-    scenario = load(target)
+    scenario = checked(target) if isinstance(target, Scenario) else load(target, known=TRIAL_TYPES)
     if scenario.package is not None:
         raise SweepError(
-            f"{target}: runs the package {scenario.system}; a sweep compiles our own systems, "
+            f"{scenario.name}: runs the package {scenario.system}; a sweep compiles our own systems, "
             f"{' and '.join(SYSTEMS)}: name one of them as its system, or run it with `canine run`"
         )
     scenario = replace(scenario.override(settings, seed), system=system)
@@ -275,13 +277,21 @@ def _variables(address: str, interfaces: Mapping[str, Interface]) -> list[str]:
     ]
 
 
-def _trial_type(scenario: Scenario, interfaces: Mapping[str, Interface]) -> TrialType:
+def _trial_type(
+    scenario: Scenario,
+    interfaces: Mapping[str, Interface],
+    axes: Sequence[Axis],
+    note: Callable[[str], None],
+) -> TrialType:
     """A scenario resolved against its system, with ticks for times.
 
     Raises:
         ScenarioError: as `plan` raises it, or the scenario sets an input that is connected.
     """
-    resolved = plan(scenario, interfaces)
+    resolved = plan(scenario, interfaces, varied=[axis.variable for axis in axes])
+    for text in resolved.notes:
+        note(f"{scenario.name}: {text}")
+    _check_windows(scenario, interfaces, axes, resolved.values)
     connected = {(link.target, link.target_variable) for link in SYSTEMS[scenario.system].links}
     changes = []
     for event in resolved.events:
@@ -294,6 +304,24 @@ def _trial_type(scenario: Scenario, interfaces: Mapping[str, Interface]) -> Tria
         changes.append(Change(tick, event.component, event.variable, event.value))
     last = math.floor(scenario.duration / TICK_S + 1e-9)
     return TrialType(scenario.name, resolved.values, tuple(changes), last)
+
+
+def _check_windows(
+    scenario: Scenario,
+    interfaces: Mapping[str, Interface],
+    axes: Sequence[Axis],
+    values: Mapping[str, Mapping[str, float]],
+) -> None:
+    """Refuse a point of the sweep at which a window ends before it starts."""
+    owners = [axis.variable.partition(".") for axis in axes]
+    if not any(is_paired(interfaces[component].block, name) for component, _, name in owners):
+        return
+    for point in product(*(axis.values for axis in axes)):
+        at_point = {component: dict(own) for component, own in values.items()}
+        for (component, _, name), value in zip(owners, point, strict=True):
+            at_point[component][name] = value
+        for component, interface in interfaces.items():
+            check_windows(interface.block, at_point[component], scenario.name)
 
 
 def _split(text: str) -> tuple[str, str, str]:
@@ -321,7 +349,12 @@ def _axis(
     variable = interfaces[component].parameters[name]
     if name == "seed":
         raise SweepError(f"{what}: each trial has its own seed; choose the first with --seed")
-    values = tuple(si_value(_as_written(value, variable), variable, what) for value in written)
+    try:
+        values = tuple(si_value(_as_written(value, variable), variable, what) for value in written)
+    except ScenarioError:
+        for end, field in zip(("start", "end"), text.split(":"), strict=False):
+            si_value(_as_written(_number(what, field), variable), variable, f"{what}: its {end}")
+        raise
     is_threshold = variables[0] == _variables(THRESHOLD, interfaces)[0]
     unit = variable.unit.replace("rad", "deg") if is_angular(variable) else variable.unit
     column = THRESHOLD_COLUMN if is_threshold else address

@@ -7,19 +7,21 @@ package binds, those of `parameters`.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
 from harness.cosim.fmu import FmuDescription, Quantity
 from harness.cosim.loop import Event
 from harness.cosim.roles import Fit, Rename, Role
+from harness.trial.notes import idle_notes
+from harness.trial.pairs import check_points, check_windows
 from harness.trial.scenario import Scenario, ScenarioError, Written, toml_of
 from models.errors import nearest
 from models.kit.declaration import Type, Variable, flatten
 from models.kit.units import UNITS
 from models.readings import READINGS, start_heading_deviation
-from models.system import SYSTEMS, System
+from models.system import BLOCKS, SYSTEMS, System
 
 
 @dataclass(frozen=True)
@@ -126,17 +128,20 @@ def plan(
     interfaces: Mapping[str, Interface],
     bound: Mapping[str, Mapping[str, float]] | None = None,
     connected: Mapping[str, Collection[str]] | None = None,
+    varied: Collection[str] = (),
 ) -> Plan:
     """Resolve a scenario against the interfaces of a system's components.
 
     Args:
         bound: values that the package binds; they win over the reading and the mission.
         connected: inputs that have a source, by component.
+        varied: `component.parameter` of those whose values a sweep sets later; the caller checks their pairs.
 
     Raises:
-        ScenarioError: an unknown component, block, parameter or input, a wrong type, or a value out of range.
+        ScenarioError: an unknown component, block, parameter or input, a wrong type, a value out of range, or
+            a window or a point of which half is set.
     """
-    return _Planner(scenario, interfaces, bound or {}, connected or {}).plan()
+    return _Planner(scenario, interfaces, bound or {}, connected or {}).plan(varied)
 
 
 class _Planner:
@@ -151,12 +156,14 @@ class _Planner:
         self.bound, self.connected = bound, connected
         self.values: dict[str, dict[str, float]] = {name: {} for name in interfaces}
         self.notes: list[str] = []
+        self.kept: dict[str, list[str]] = {}  # by component, what the package binds to another value
 
-    def plan(self) -> Plan:
+    def plan(self, varied: Collection[str]) -> Plan:
         for address, value in READINGS[self.scenario.reading].items():
             block, _, name = address.partition(".")
             for component, interface in self.interfaces.items():
                 if interface.block == block and name in interface.parameters:
+                    self.note_own_start(interface, name, float(value))
                     self.put(component, name, float(value))
         for component, values in self.mission.items():
             self.give(component, values)
@@ -166,7 +173,37 @@ class _Planner:
                 known = self.interfaces[component].parameters
                 for flat, value in _converted(name, written, known, where).items():
                     self.values[component] |= [self.interfaces[component].converted(flat, value)]
-        return Plan(self.values, tuple(self.events()), tuple(self.notes))
+        events = tuple(self.events())
+        self.notes += [
+            f"{self.interfaces[component].label}: the package binds {_bases(names)}; the scenario's not set"
+            for component, names in self.kept.items()
+        ]
+        self.check_pairs(varied)
+        self.notes += idle_notes(self.scenario, self.interfaces, self.all_values)
+        return Plan(self.values, events, tuple(self.notes))
+
+    @property
+    def all_values(self) -> dict[str, dict[str, float]]:
+        """The values of the plan over those of the package, by component."""
+        return {name: {**self.bound.get(name, {}), **values} for name, values in self.values.items()}
+
+    def check_pairs(self, varied: Collection[str]) -> None:
+        """Refuse windows and points of which half is set."""
+        for component, values in self.all_values.items():
+            block, where = self.interfaces[component].block, self.scenario.name
+            later = {name.partition(".")[2] for name in varied if name.partition(".")[0] == component}
+            check_windows(block, values, where, later)
+            check_points(block, {*values, *later}, where)
+
+    def note_own_start(self, interface: Interface, name: str, value: float) -> None:
+        """Note that the reading replaces a value with which an FMU of another's starts."""
+        block = next((b for b in BLOCKS if b.title() == interface.block), None)
+        own = _start(interface.parameters[name], name)
+        if block is not None and own not in (value, dict(flatten(block.group("parameter")))[name].start[0]):
+            self.notes.append(
+                f'{interface.label}: {name} is {own:.6g}; the reading "{self.scenario.reading}" '
+                f"sets it to {value:.6g}"
+            )
 
     @cached_property
     def mission(self) -> dict[str, dict[str, float]]:
@@ -195,7 +232,7 @@ class _Planner:
         """Set those parameters that the component of a role has, and note the others."""
         interface = self.interfaces.get(role)
         lacking = [name for name in values if interface is None or name not in interface.parameters]
-        names = ", ".join(dict.fromkeys(name.partition("[")[0] for name in lacking))
+        names = _bases(lacking)
         if interface is None:
             if self.scenario.package is not None:
                 self.notes.append(f"{self.scenario.system}: has no component {role}; {names} not set")
@@ -212,7 +249,11 @@ class _Planner:
         """Set a parameter or free input (SI), unless the package binds or connects it."""
         interface = self.interfaces[component]
         own, converted = interface.converted(name, value)
-        if own in self.bound.get(component, ()) or own in self.connected.get(component, ()):
+        if own in self.bound.get(component, ()):
+            if self.bound[component][own] != converted:
+                self.kept.setdefault(component, []).append(name)
+            return
+        if own in self.connected.get(component, ()):
             return
         if name in interface.misfits:
             raise ScenarioError(f"{self.scenario.name}: {interface.misfits[name]}")
@@ -227,16 +268,29 @@ class _Planner:
         if not components and (foreign := self.replaced(owner)):
             self.notes.append(f"{address}: not set, since {foreign} takes the place of {owner}")
             return []
-        if not components or not name:
-            hint = nearest(owner, set().union(*owners.values()))
+        if not components:
+            hint = self.elsewhere(name or owner, kind) or nearest(owner, set().union(*owners.values()))
             raise ScenarioError(f'{where}: no block or component "{owner}"{hint}')
         for component in components:
             known: Mapping[str, Variable] = getattr(self.interfaces[component], kind)
-            if name not in known and f"{name}[1]" not in known:
-                bases = {n.partition("[")[0] for n in known} if "[" not in name else known
-                what = f"{self.interfaces[component].label} has no {kind[:-1]}"
-                raise ScenarioError(f'{where}: {what} "{name}"{nearest(name, bases)}')
+            if name in known or f"{name}[1]" in known:
+                continue
+            label, base = self.interfaces[component].label, name.partition("[")[0]
+            size = sum(n.startswith(f"{base}[") for n in known)
+            if size and base:
+                raise ScenarioError(
+                    f"{where}: {label} has no element {name[len(base) :]} of {base}; "
+                    f"expected {base}[1] to {base}[{size}]"
+                )
+            bases = {n.partition("[")[0] for n in known}
+            hint = self.elsewhere(name, kind) or nearest(name, bases)
+            raise ScenarioError(f'{where}: {label} has no {kind[:-1]} "{name}"{hint}')
         return [(component, name) for component in components]
+
+    def elsewhere(self, name: str, kind: str) -> str:
+        """A hint at the block that has a variable of this name; "" if none has it, or several have."""
+        having = [i.block for i in self.interfaces.values() if name in getattr(i, kind)]
+        return f'; did you mean "{having[0]}.{name}"?' if len(having) == 1 else ""
 
     def replaced(self, block: str) -> str:
         """The foreign component in the place of this block of ours; "" if there is none."""
@@ -265,6 +319,11 @@ class _Planner:
                 yield Event(time, component, own, spans[max(active)[1]][2] if active else unset)
 
 
+def _bases(names: Iterable[str]) -> str:
+    """Flat names as a list, each vector once."""
+    return ", ".join(dict.fromkeys(name.partition("[")[0] for name in names))
+
+
 def _converted(name: str, written: Written, known: Mapping[str, Variable], where: str) -> dict[str, float]:
     """Flat names and SI values of a scalar's written value, or of a vector's first elements."""
     if name in known:
@@ -276,7 +335,8 @@ def _converted(name: str, written: Written, known: Mapping[str, Variable], where
         raise ScenarioError(f"{where} has {len(written)} elements; expected up to {size}")
     flat_names = [f"{name}[{i}]" for i in range(1, len(written) + 1)]
     return {
-        n: si_value(value, known[n], f"{where}[{n}]") for n, value in zip(flat_names, written, strict=True)
+        n: si_value(value, known[n], f"{where}[{i}]")
+        for i, (n, value) in enumerate(zip(flat_names, written, strict=True), start=1)
     }
 
 
@@ -299,7 +359,6 @@ def si_value(written: Written, variable: Variable, where: str) -> float:
         value = float(written) if variable.type is Type.BOOLEAN else None
     elif isinstance(written, int | float) and math.isfinite(written) and variable.type is not Type.BOOLEAN:
         value = float(written)
-    scale = math.pi / 180 if is_angular(variable) else 1.0
     if value is not None:
         value = math.radians(value) if is_angular(variable) else value
         low = -math.inf if variable.min is None else variable.min
@@ -307,18 +366,23 @@ def si_value(written: Written, variable: Variable, where: str) -> float:
         whole = variable.type is Type.REAL or value == int(value)
         if whole and low <= value <= high:
             return value
-    raise ScenarioError(f"{where} is {toml_of(written)}; expected {_expected(variable, scale)}")
+    raise ScenarioError(f"{where} is {toml_of(written)}; expected {_expected(variable)}")
 
 
-def _expected(variable: Variable, scale: float) -> str:
+def _expected(variable: Variable) -> str:
     if not is_angular(variable):
         return variable.expected()
     words = "a number"
     if variable.min is not None:
-        words += f" from {variable.min / scale:.4g}"
+        words += f" from {_inward(math.degrees(variable.min), math.ceil)}"
     if variable.max is not None:
-        words += f" up to {variable.max / scale:.4g}"
+        words += f" up to {_inward(math.degrees(variable.max), math.floor)}"
     return words + " " + variable.unit.replace("rad", "deg")
+
+
+def _inward(limit: float, rounded: Callable[[float], int]) -> str:
+    """A limit to a tenth of a degree, within the range."""
+    return f"{rounded(round(limit * 10, 6)) / 10:g}"
 
 
 def values_of(

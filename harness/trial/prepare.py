@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from harness.cosim.fmu import FmuDescription, describe
 from harness.cosim.roles import Fit, Rename, find_role, misfits, read_adapter, replace_component, roles
 from harness.cosim.ssp import FmuSystem, open_ssp
+from harness.files import nearest_file
 from harness.trial.plan import Interface, Plan, interface_of_fmu, interfaces_of_system, plan
 from harness.trial.request import Request
 from harness.trial.scenario import ScenarioError
@@ -55,7 +56,9 @@ def prepared(request: Request) -> Iterator[Prepared]:
     """
     scenario = request.scenario
     if not request.ssp.exists():
-        raise ScenarioError(f'{scenario.name}: there is no package "{request.ssp}"')
+        raise ScenarioError(
+            f'{scenario.name}: there is no package "{request.ssp}"{nearest_file(request.ssp)}'
+        )
     with open_ssp(request.ssp) as system:
         fmus = {name: describe(component.fmu) for name, component in system.components.items()}
         notes: list[str] = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -13,6 +14,7 @@ from codegen.scratch import Scratch
 from fmus.folder import build_folder, is_current
 from harness.cosim.archive import naming
 from harness.cosim.stepping import Order
+from harness.files import nearest_file
 from harness.onboard import ROLES
 from harness.trial import DEFAULT
 from harness.trial.scenario import Scenario, ScenarioError, checked, load, parse
@@ -116,7 +118,9 @@ def _request_of(target: str | Scenario, folder: Path) -> Request:
         return Request(checked(target))
     if target.endswith(".mcap"):
         return _of_log(Path(target), folder)
-    if target.endswith((".ssp", ".ssd")) or (Path(target) / "SystemStructure.ssd").is_file():
+    if target.endswith((".ssp", ".ssd")) or os.path.isfile(Path(target) / "SystemStructure.ssd"):
+        if not os.path.exists(target):  # unlike Path's, it raises nothing
+            raise UsageError(f'there is no package "{target}"{nearest_file(Path(target))}')
         return _of_package(Path(target).resolve())
     return Request(load(target))
 
@@ -135,7 +139,8 @@ def _of_log(path: Path, folder: Path) -> Request:
         UsageError, LogError: there is none, it is damaged, or states what no trial of ours could.
     """
     if not path.is_file():
-        raise UsageError(f'there is no log "{path}"; expected the path of a trial.mcap')
+        hint = nearest_file(path) or "; expected the path of a trial.mcap"
+        raise UsageError(f'there is no log "{path}"{hint}')
     from harness.cosim.roles import roles  # noqa: PLC0415 - fmpy
     from harness.log.log import read_log  # noqa: PLC0415 - MCAP and protobuf
 

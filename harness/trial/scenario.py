@@ -29,10 +29,12 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import takewhile
 from numbers import Integral
+from os.path import isdir, isfile  # unlike Path's, they raise nothing
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 from harness.cosim.stepping import DURATION
+from harness.files import nearest_file
 from harness.toml_file import TomlError, parse_toml, read_toml
 from models.canine import Canine
 from models.cmec import MAX_WAYPOINTS
@@ -45,6 +47,7 @@ Written = bool | int | float | str | list[Any]
 SHIPPED = Path(__file__).parents[1] / "scenarios"
 MAX_DURATION = 86_400.0  # s: a day
 MAX_COORDINATE = Canine.start_north.max or 0.0  # m
+TARGETS = "a scenario (.toml), a package (.ssp) or a log (.mcap)"
 ORIGIN = (32.6062, -85.4877)  # deg: Auburn, Alabama, where the trials were
 
 
@@ -96,6 +99,12 @@ class Scenario:
         """The .ssp that it runs; None for a system of ours."""
         return None if self.system in SYSTEMS else self.folder / self.system
 
+    def _component_of(self, address: str) -> str:
+        """An address by its component's name, where its block's name is given."""
+        owner, dot, name = address.partition(".")
+        components = SYSTEMS[self.system].components if self.system in SYSTEMS else {}
+        return f"{next((c for c, block in components.items() if block.title() == owner), owner)}{dot}{name}"
+
     def text(self) -> str:
         """The scenario as TOML. Equal scenarios have equal texts, and a text reads back to its scenario."""
         for key, value, size in (("start", self.start, 3), ("origin", self.origin, 2)):
@@ -128,19 +137,26 @@ class Scenario:
         """The scenario with `block.name=value` settings over its parameters, and another seed.
 
         Raises:
-            ScenarioError: a setting without "=", or a seed that no trial can have.
+            ScenarioError: a setting without "=", a parameter set twice, or a seed that no trial can have.
         """
         if seed is not None and (not isinstance(seed, Integral) or not 0 <= seed <= MAX_SEED):
             raise ScenarioError(f"seed is {seed!r}; expected a whole number from 0 to {MAX_SEED}")
         parameters = dict(self.parameters)
+        given: dict[str, str] = {}
         for setting in settings:
             name, equals, text = setting.partition("=")
             if not equals or not name.strip() or not text.strip():
                 raise ScenarioError(
                     f'--set {setting}: expected block.name=value, as in "cmec.moving_deviation=37"'
                 )
-            parameters.pop(name.strip(), None)
-            parameters[name.strip()] = _literal(text.strip())
+            name = name.strip()
+            same = {other for other in parameters if self._component_of(other) == self._component_of(name)}
+            twice = next((given[other] for other in same if other in given), None)
+            if twice is not None:
+                raise ScenarioError(f"--set {setting}: --set {twice} is the same parameter; set it once")
+            for other in same:
+                del parameters[other]
+            parameters[name], given[name] = _literal(text.strip()), setting
         return replace(self, parameters=parameters, seed=self.seed if seed is None else seed)
 
 
@@ -188,30 +204,65 @@ def about(name: str) -> str:
     return sentence.rstrip(".")
 
 
-def load(target: str, *, mission: bool = True) -> Scenario:
+def load(target: str, *, mission: bool = True, known: Collection[str] = ()) -> Scenario:
     """The scenario of a file, or the shipped one of this name.
 
     Args:
         mission: must it have waypoints?
+        known: names that the caller knows beside the shipped ones, for hints.
 
     Raises:
         ScenarioError: it cannot be read; the message names file and key.
     """
     path = Path(target)
-    if not path.is_file() and not path.suffix and target in shipped():
+    if not isfile(path) and not path.suffix and target in shipped():
         path = SHIPPED / f"{target}.toml"
-    try:
-        text = read_toml(path)
-    except FileNotFoundError:
-        raise ScenarioError(f'there is no scenario "{target}"{nearest(target, shipped())}') from None
-    except TomlError as reason:
-        raise ScenarioError(f"{target}: {reason}") from None
-    except OSError as reason:
-        raise ScenarioError(f"{target}: cannot be read ({reason})") from None
-    scenario = parse(text, str(target), default_name=path.stem, folder=path.parent)
+    scenario = parse(_text_of(path, target, known), target, default_name=path.stem, folder=path.parent)
     if mission:
         _check_mission(scenario, target)
     return scenario
+
+
+def _text_of(path: Path, target: str, known: Collection[str]) -> str:
+    """The text of a scenario's file.
+
+    Raises:
+        ScenarioError: there is none; the message says what there is, and what to type.
+    """
+    if not target:
+        raise ScenarioError(f'the scenario is ""; expected the path of a .toml{nearest("", shipped())}')
+    if isdir(path):
+        log = path / "trial.mcap"
+        hint = f'; did you mean "{log}"?' if isfile(log) else nearest_file(path / "scenario.toml")
+        raise ScenarioError(f"{target}: is a folder; expected {TARGETS}{hint}")
+    if path.suffix == ".fmu" and isfile(path):
+        raise ScenarioError(
+            f"{target}: is an FMU; expected {TARGETS}: `canine run --plant {target}` puts it into a trial, "
+            f"`canine check {target}` looks at it"
+        )
+    if path.suffix in (".mcap", ".ssp") and isfile(path):
+        what = "a log" if path.suffix == ".mcap" else "a package"
+        raise ScenarioError(
+            f"{target}: is {what}; expected a scenario (.toml) or the name of a shipped one; "
+            f"`canine run {target}` runs it"
+        )
+    if not isfile(path):
+        raise ScenarioError(_missing(path, target, known))
+    try:
+        return read_toml(path)
+    except TomlError as reason:
+        raise ScenarioError(f"{target}: {reason}") from None
+    except OSError as reason:
+        raise ScenarioError(f"{target}: cannot be read ({reason.strerror}); expected {TARGETS}") from None
+
+
+def _missing(path: Path, target: str, known: Collection[str]) -> str:
+    """What to say about a scenario that is not there."""
+    if path.name == target and not path.suffix:
+        beside = f'; did you mean "{target}.toml"?' if isfile(f"{target}.toml") else ""
+        return f'there is no scenario "{target}"{beside or nearest(target, {*known, *shipped()})}'
+    hint = f'; did you mean "{path.stem}"?' if path.stem in shipped() else nearest_file(path)
+    return f'there is no file "{target}"{hint}'
 
 
 def checked(scenario: Scenario) -> Scenario:
@@ -250,16 +301,16 @@ def parse(text: str, where: str, default_name: str = "scenario", folder: Path = 
         system=table.word("system", "full"),
         reading=table.word("reading", "calibrated", READINGS),
         seed=int(table.number("seed", 1, 0, MAX_SEED, whole=True)),
-        duration=table.number("duration", DURATION, 0, MAX_DURATION),
+        duration=table.number("duration", DURATION, 0, MAX_DURATION, unit="s"),
         waypoints=table.points("waypoints"),
         origin=(
-            origin.number("latitude", ORIGIN[0], -90, 90),
-            origin.number("longitude", ORIGIN[1], -180, 180),
+            origin.number("latitude", ORIGIN[0], -90, 90, unit="deg"),
+            origin.number("longitude", ORIGIN[1], -180, 180, unit="deg"),
         ),
         start=(
-            start.number("north", 0.0, -MAX_COORDINATE, MAX_COORDINATE),
-            start.number("east", 0.0, -MAX_COORDINATE, MAX_COORDINATE),
-            start.number("heading", 0.0, -180, 180),
+            start.number("north", 0.0, -MAX_COORDINATE, MAX_COORDINATE, unit="m"),
+            start.number("east", 0.0, -MAX_COORDINATE, MAX_COORDINATE, unit="m"),
+            start.number("heading", 0.0, -180, 180, unit="deg"),
         ),
         parameters=table.table("parameters").all(),
         sets=tuple(setting for entry in table.tables("set") for setting in entry.settings()),
@@ -306,9 +357,11 @@ class _TomlTable:
             raise self.fail(key, name, "a plain name, without / and \\")
         return name
 
-    def number(self, key: str, default: float, low: float, high: float, whole: bool = False) -> float:
+    def number(
+        self, key: str, default: float, low: float, high: float, *, whole: bool = False, unit: str = ""
+    ) -> float:
         value = self.take(key, default)
-        expected = f"a {'whole ' if whole else ''}number from {low:g} to {high:.10g}"
+        expected = f"a {'whole ' if whole else ''}number from {low:g} to {high:.10g} {unit}".rstrip()
         if isinstance(value, bool) or not isinstance(value, int if whole else int | float):
             raise self.fail(key, value, expected)
         if not low <= value <= high:
@@ -318,16 +371,19 @@ class _TomlTable:
     def points(self, key: str) -> tuple[tuple[float, float], ...]:
         value = self.take(key, [])
         expected = f"up to {MAX_WAYPOINTS} pairs [north, east] in m, each within {MAX_COORDINATE:g}"
-        if not isinstance(value, list) or len(value) > MAX_WAYPOINTS:
+        if not isinstance(value, list):
             raise self.fail(key, value, expected)
+        if len(value) > MAX_WAYPOINTS:
+            raise ScenarioError(f"{self.where}: {key} has {len(value)} elements; expected {expected}")
+        pair = f"a pair [north, east] in m, each from {-MAX_COORDINATE:g} to {MAX_COORDINATE:g}"
         points = []
-        for point in value:
+        for number, point in enumerate(value, start=1):
             if not isinstance(point, list) or len(point) != 2:
-                raise self.fail(key, point, expected)
+                raise self.fail(f"{key}[{number}]", point, pair)
             for x in point:
                 is_number = isinstance(x, int | float) and not isinstance(x, bool)
                 if not is_number or not abs(x) <= MAX_COORDINATE:
-                    raise self.fail(key, point, expected)
+                    raise self.fail(f"{key}[{number}]", point, pair)
             points.append((float(point[0]), float(point[1])))
         return tuple(points)
 
@@ -353,8 +409,8 @@ class _TomlTable:
     def settings(self) -> list[Setting]:
         if "at" not in self.left:
             raise ScenarioError(f'{self.where}: lacks "at", the time in s')
-        at = self.number("at", 0.0, 0, MAX_DURATION)
-        until = self.number("until", at, at, MAX_DURATION) if "until" in self.left else None
+        at = self.number("at", 0.0, 0, MAX_DURATION, unit="s")
+        until = self.number("until", at, at, MAX_DURATION, unit="s") if "until" in self.left else None
         if not self.left:
             raise ScenarioError(f'{self.where}: sets nothing; expected "component.input" = value')
         return [Setting(variable, value, at, until) for variable, value in self.all().items()]

@@ -55,7 +55,7 @@ def run_seeds(
     However it ends, seeds.csv has the trials that are done. A trial that the user ends leaves no files.
 
     Args:
-        note: called with what the user should know, once.
+        note: called with what the user should know: of all trials once, of one trial with its seed.
 
     Raises:
         UsageError: a folder cannot be made, or others write into it.
@@ -66,17 +66,22 @@ def run_seeds(
     with trial.alone_in(out):
         (out / SEEDS).unlink(missing_ok=True)  # an earlier run's
         summaries: list[dict[str, Any]] = []
+        said: set[str] = set()
         try:
             for seed in seeds:
                 folder = out / str(seed)
                 one = replace(request, scenario=replace(request.scenario, seed=seed))
                 with prepared(one) as ready:
-                    if not summaries:
-                        others = trial.replaced(one, ready, folder)
-                        for text in (*request.notes, *ready.notes, *([others] if others else [])):
+                    others = "" if summaries else trial.replaced(one, ready, folder)
+                    for text in (*request.notes, *ready.notes, *([others] if others else [])):
+                        if text not in said:
                             note(text)
+                        said.add(text)
                     try:
                         summaries.append(trial.run(one, ready, folder))
+                        late = summaries[-1]["notes"][len(request.notes) + len(ready.notes) :]
+                        for text in late:
+                            note(f"seed {seed}: {text}")
                     except KeyboardInterrupt:
                         _remove(folder)
                         raise

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +38,7 @@ LABELS = {
 }
 
 
-def summarize(log: Log, real_time_factor: float | None = None) -> dict[str, Any]:
+def summarize(log: Log, real_time_factor: float | None = None, notes: Sequence[str] = ()) -> dict[str, Any]:
     """The content of summary.json.
 
     - `outcome` follows from the last `status` of the controller: `success`, `failed` or `stopped`. Otherwise
@@ -51,6 +51,7 @@ def summarize(log: Log, real_time_factor: float | None = None) -> dict[str, Any]
 
     Args:
         real_time_factor: trial time over elapsed time; a log has no wall-clock time.
+        notes: what the user should know; a log has none.
     """
     scenario = log.metadata.get("scenario", {})
     outcome, time = _outcome(log)
@@ -66,6 +67,7 @@ def summarize(log: Log, real_time_factor: float | None = None) -> dict[str, Any]
         "ticks": len(log.time),
         "real_time_factor": real_time_factor,
         "log": log.path.name,
+        "notes": list(notes),
     }
 
 

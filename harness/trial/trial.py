@@ -6,7 +6,7 @@ import fcntl
 import os
 import time
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from harness.onboard.processors import Processor, open_processor
 from harness.onboard.stand_in import Onboard
 from harness.trial.contents import LogRows, attachments, metadata
 from harness.trial.firmware import firmware_values
+from harness.trial.notes import late_notes
 from harness.trial.plots import trial_png
 from harness.trial.prepare import Prepared
 from harness.trial.request import Request
@@ -59,7 +60,9 @@ def run(
     make_folder(out)
     with alone_in(out):
         real_time_factor = _simulate(request, ready, out, progress, start)
-        return _report(read_log(out / LOG), out, real_time_factor)
+        log = read_log(out / LOG)
+        late = late_notes(request.scenario, ready.interfaces, ready.values, float(log.time[-1]))
+        return _report(log, out, real_time_factor, (*request.notes, *ready.notes, *late))
 
 
 def replaced(request: Request, ready: Prepared, out: Path) -> str:
@@ -163,9 +166,9 @@ def stop_of(simulation: Simulation) -> Stop | None:
     return Stop("controller", "status", ENDS) if controller and "status" in controller.outputs else None
 
 
-def _report(log: Log, out: Path, real_time_factor: float) -> dict[str, Any]:
+def _report(log: Log, out: Path, real_time_factor: float, notes: Sequence[str]) -> dict[str, Any]:
     """Write page, picture and summary of a log; the summary."""
-    summary = summarize(log, round(real_time_factor, 1))
+    summary = summarize(log, round(real_time_factor, 1), notes)
     if "plant.north" in log and "plant.east" in log:
         picture = trial_png(log)
         write_whole(out / PICTURE, picture)

@@ -126,9 +126,9 @@ class Variable:
         if self.type is not Type.REAL and value != int(value):
             raise ParameterError(f"{what} is {value}; expected {self.expected()}")
         if (self.min is not None and value < self.min) or (self.max is not None and value > self.max):
-            raise ParameterError(f"{what} is {value:g}; expected {self.expected()}")
+            raise ParameterError(f"{what} is {value:.15g}; expected {self.expected()}")
         if self.choices and value not in list(self.choices):
-            raise ParameterError(f"{what} is {value:g}; expected {self.expected()}")
+            raise ParameterError(f"{what} is {value:.15g}; expected {self.expected()}")
 
     def expected(self) -> str:
         """The values that are accepted, in words: type, named values, range, unit."""
@@ -138,9 +138,9 @@ class Variable:
             return "true or false"
         words = {Type.REAL: "a number", Type.INTEGER: "a whole number"}[self.type]
         if self.min is not None:
-            words += f" from {self.min:g}"
+            words += f" from {self.min:.10g}"
         if self.max is not None:
-            words += f" up to {self.max:g}"
+            words += f" up to {self.max:.10g}"
         return words + (f" {self.unit}" if self.unit not in ("", "1") else "")
 
     def __repr__(self) -> str:
@@ -171,13 +171,19 @@ class Output(Variable):
 
 
 class Parameter(Variable):
-    """A value that is set before initialization; a `latched` one is read when the trial starts."""
+    """A value that is set before initialization; a `latched` one is read when the trial starts.
+
+    Two vectors of a block may be a pair: the elements of one end windows that those of the other begin
+    (`begins`), or complete them to points (`beside`). Each names the other vector.
+    """
 
     kind = "parameter"
 
-    def __init__(self, *args: Any, latched: bool = False, **kwargs: Any) -> None:
+    def __init__(
+        self, *args: Any, latched: bool = False, begins: str = "", beside: str = "", **kwargs: Any
+    ) -> None:
         super().__init__(*args, **kwargs)
-        self.latched = latched
+        self.latched, self.begins, self.beside = latched, begins, beside
         if not self.has_start:
             raise DeclarationError(f'parameter "{self.meaning}" has no start value')
 

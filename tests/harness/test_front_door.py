@@ -114,17 +114,17 @@ def test_a_scenario_of_numpy_numbers_runs_as_the_same_in_plain_ones(tmp_path: Pa
     # given
     plain = harness.Scenario(
         "numbers", waypoints=[(10.0, 0.0)], duration=2.0,
-        parameters={"canine.shaking": False, "sensors.outage_start": [1.0, 3.0]},
+        parameters={"canine.shaking": False, "sensors.accel_bias": [1.0, 3.0]},
     )  # fmt: skip
     numpy = harness.Scenario(
         "numbers", waypoints=np.array([[10.0, 0.0]]), duration=np.float64(2.0),  # type: ignore[arg-type]
-        parameters={"canine.shaking": np.False_, "sensors.outage_start": np.array([1.0, 3.0])},  # type: ignore[dict-item]
+        parameters={"canine.shaking": np.False_, "sensors.accel_bias": np.array([1.0, 3.0])},  # type: ignore[dict-item]
     )  # fmt: skip
     # when
     results = [harness.run_trial(s, out=tmp_path / str(i)) for i, s in enumerate((plain, numpy))]
     # then
     assert results[0].log_path.read_bytes() == results[1].log_path.read_bytes()
-    assert results[0].log.parameter("sensors.outage_start[2]") == 3.0
+    assert results[0].log.parameter("sensors.accel_bias[2]") == 3.0
 
 
 @pytest.mark.parametrize(

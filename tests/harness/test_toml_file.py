@@ -33,9 +33,9 @@ MANY = 50_000
         ("a = 1_" + "0" * 5000, 'line 1: "1_000000000000000000..." has 5002 characters; outside quotes'),
         ("a" * 1001 + " = 1", 'line 1: "aaaaaaaaaaaaaaaaaaaa..." has 1001 characters; outside quotes'),
         ("#" * MAX_BYTES + "\n", "has more than 524288 characters; is it the right file?"),
-        ("a = 1 = 2", "at line 1, column 7"),
-        ('"a\nb" = 1', r"Illegal character '\n' (at line 1, column 3)"),
-        ("a = 2020-02-31", "at line 1, column 5"),
+        ("a = 1 = 2", "line 1 is `a = 1 = 2` (Expected newline or end of document after a statement)"),
+        ('"a\nb" = 1', "line 1 is `\"a` (Illegal character '\\n'); expected a quote"),
+        ("a = 2020-02-31", "line 1 is `a = 2020-02-31` ("),
         ('a = "\\UFFFFFFFF"', "Escaped character is not a Unicode scalar value"),
     ],
 )

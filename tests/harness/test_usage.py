@@ -19,6 +19,7 @@ from tests.harness.command import canine
         ("--bark", 'there is no option "--bark"; known: --help, --version'),
         ("run --sed 3", 'run has no option "--sed"; did you mean "--seed"?'),
         ("run -x", 'run has no option "-x"; known: --controller, '),
+        ("--seed 3 run", '"--seed" stands after the command, as in `canine run --seed`'),
         ("run --seed", "--seed has no value; expected a whole number from 0 to 2147483647"),
         ("run --seed many", '--seed is "many"; expected a whole number from 0 to 2147483647'),
         ("run --seed -1", '--seed is "-1"; expected a whole number from 0 to 2147483647'),
@@ -38,7 +39,7 @@ from tests.harness.command import canine
         ("run --plant dag.fmu", '--plant: there is no "dag.fmu"; did you mean "dog.fmu"?'),
         ("run --plant folder", '--plant: "folder" is a folder; expected a file'),
         ("run --out dog.fmu", '--out: "dog.fmu" is a file; expected a folder'),
-        ("check", "check lacks X.fmu, as in `canine check dog.fmu --role plant`"),
+        ("check", "check lacks X.fmu|RECORDING, as in `canine check dog.fmu --role plant`"),
         ("check none/dog.fmu", 'there is no "none/dog.fmu"; there is no folder "none"'),
         ("c", "c lacks BLOCK, as in `canine c cmec`"),
         ("replay folder --outage 0", '--outage is "0"; expected a number from 1 to 600, s without GPS'),
@@ -70,6 +71,29 @@ def test_wrong_usage_is_one_line_that_says_what_is_expected(
     assert (status, text, errors.count("\n")) == (USAGE, "", 1)
     assert errors.startswith(f"canine: {line}")
     assert errors == f"canine: {line}\n" or line.endswith((", ", '"'))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "what"),
+    [
+        (["run", "two_waypoint", "--out", ""], "--out"),
+        (["run", "two_waypoint", "--out="], "--out"),
+        (["sweep", "two", "--thresholds", "", "--trials", "1"], "--thresholds"),
+        (["run", ""], "an argument"),
+    ],
+)
+def test_an_empty_argument_is_refused_before_anything_is_written(
+    arguments: list[str],
+    what: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    status, _, errors = canine(capsys, *arguments)
+    assert status == USAGE
+    assert errors == f"canine: {what} is empty; expected a value: is a variable of the shell unset?\n"
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_command_line_without_a_command_shows_the_help(capsys: pytest.CaptureFixture[str]) -> None:
@@ -171,7 +195,7 @@ def test_the_hint_at_a_missing_file_names_those_of_its_kind_that_are_there(tmp_p
     for name in ("base.toml", *(f"{letter * 9}.ssp" for letter in "abcdefg"), "base.txt"):
         (tmp_path / name).touch()
     # then the one is meant, or the nearest, or a few are listed
-    assert nearest_file(tmp_path / "elsewhere.toml") == f'; did you mean "{tmp_path}/base.toml"?'
+    assert nearest_file(tmp_path / "qq.toml") == f'; did you mean "{tmp_path}/base.toml"?'
     assert nearest_file(tmp_path / "bbbbbbb.ssp") == f'; did you mean "{tmp_path}/bbbbbbbbb.ssp"?'
     listed = ", ".join(f"{letter * 9}.ssp" for letter in "abcde")
     assert nearest_file(tmp_path / "xyz.ssp") == f"; there are {listed}, ..."

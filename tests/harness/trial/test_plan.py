@@ -44,7 +44,10 @@ def test_an_input_that_is_set_for_a_time_returns_to_its_start_value() -> None:
 
 
 def test_vectors_are_set_by_lists_and_by_single_elements() -> None:
-    text = '[parameters]\n"sensors.outage_start" = [12, 30.5]\n"sensors.outage_end[2]" = 40'
+    text = """[parameters]
+    "sensors.outage_start" = [12, 30.5]
+    "sensors.outage_end" = [20]
+    "sensors.outage_end[2]" = 40"""
     values = plan(parse(text, "my.toml"), FULL).values["sensors"]
     assert [values[n] for n in ("outage_start[1]", "outage_start[2]", "outage_end[2]")] == [12, 30.5, 40]
 
@@ -52,17 +55,23 @@ def test_vectors_are_set_by_lists_and_by_single_elements() -> None:
 @pytest.mark.parametrize(
     ("setting", "error"),
     [
-        ("cmek.max_turns=2", 'my: cmek.max_turns: no block or component "cmek"; did you mean "cmec"?'),
+        ("cmek.max_turns=2", 'my: cmek.max_turns: no block or component "cmek"; did you mean "cmec.max_turns"?'),  # noqa: E501
+        ("cmek.max_turn=2", 'my: cmek.max_turn: no block or component "cmek"; did you mean "cmec"?'),
         (
             "cmec.max_turn=2",
             'my: cmec.max_turn: controller cmec has no parameter "max_turn"; did you mean "max_turns"?',
         ),
         ("cmec.max_turns=2.5", "my: cmec.max_turns is 2.5; expected a whole number from 0 up to 1000"),
         ("cmec.max_turns=true", "my: cmec.max_turns is true; expected a whole number from 0 up to 1000"),
-        ("cmec.moving_deviation=300", "my: cmec.moving_deviation is 300; expected a number from 0 up to 229.2 deg"),  # noqa: E501
-        ("cmec.moving_deviation=inf", "my: cmec.moving_deviation is inf; expected a number from 0 up to 229.2 deg"),  # noqa: E501
+        ("cmec.moving_deviation=300", "my: cmec.moving_deviation is 300; expected a number from 0 up to 229.1 deg"),  # noqa: E501
+        ("cmec.moving_deviation=inf", "my: cmec.moving_deviation is inf; expected a number from 0 up to 229.1 deg"),  # noqa: E501
         ("cmec.reset_turns=1", "my: cmec.reset_turns is 1; expected true or false"),
         ("cmec.waypoint_north=1", "my: cmec.waypoint_north is a vector; expected a list, or one element by name: waypoint_north[1]"),  # noqa: E501
+        ('cmec.waypoint_north=[1, "a"]', 'my: cmec.waypoint_north[2] is "a"; expected a number from -100000 up to 100000 m'),  # noqa: E501
+        ("cmec.waypoint_north[17]=1", "my: cmec.waypoint_north[17]: controller cmec has no element [17] of waypoint_north; expected waypoint_north[1] to waypoint_north[16]"),  # noqa: E501
+        ("max_turns=2", 'my: max_turns: no block or component "max_turns"; did you mean "cmec.max_turns"?'),
+        ("canine.max_turns=2", 'my: canine.max_turns: plant canine has no parameter "max_turns"; did you mean "cmec.max_turns"?'),  # noqa: E501
+        ("canine.seed=-1", "my: canine.seed is -1; expected a whole number from 0 up to 2147483647"),
         ("cmec", '--set cmec: expected block.name=value, as in "cmec.moving_deviation=37"'),
     ],
 )  # fmt: skip

@@ -54,7 +54,7 @@ def test_settings_of_the_command_line_win_over_those_of_the_file() -> None:
         ),
         ('name = ".."', 'my.toml: name is ".."; expected a plain name, without / and \\'),
         ('name = "a\\\\b"', 'my.toml: name is "a\\\\b"; expected a plain name, without / and \\'),
-        ("duration = nan", "my.toml: duration is nan; expected a number from 0 to 86400"),
+        ("duration = nan", "my.toml: duration is nan; expected a number from 0 to 86400 s"),
         ("system = 3", "my.toml: system is 3; expected a text"),
         ('system = "ful"', 'my.toml: system is "ful"; expected the path of an .ssp, or did you mean "full"?'),
         (
@@ -62,14 +62,46 @@ def test_settings_of_the_command_line_win_over_those_of_the_file() -> None:
             'my.toml: reading is "litteral"; expected one of calibrated, literal; did you mean "literal"?',
         ),
         (
-            "waypoints = [[1, 2, 3]]",
-            "my.toml: waypoints is [1, 2, 3]; expected up to 16 pairs [north, east] in m, each within 100000",
+            "waypoints = [[1, 2], [1, 2, 3]]",
+            "my.toml: waypoints[2] is [1, 2, 3]; expected a pair [north, east] in m, each from "
+            "-100000 to 100000",
         ),
+        (
+            f"waypoints = {[[1, 2]] * 17}",
+            "my.toml: waypoints has 17 elements; expected up to 16 pairs [north, east] in m, each "
+            "within 100000",
+        ),
+        (
+            "seed = 1\nwaypoints = [[1, 2]\n[start]",
+            "my.toml: line 3 is `[start]` (Unclosed array); expected a ] at the end of each list",
+        ),
+        (
+            "waypoints = [[1, 2]",
+            "my.toml: line 1 is `waypoints = [[1, 2]` (Unclosed array); expected a ] at the end of each list",
+        ),
+        (
+            "seed =  # none",
+            "my.toml: line 1 is `seed =  # none` (Invalid value); expected a number, true, false, a text in "
+            'quotes ("STOP") or a list ([35.73, 0.0])',
+        ),
+        (
+            "\nreading: literal",
+            "my.toml: line 2 is `reading: literal` (Expected '=' after a key in a key/value pair); expected "
+            "key = value; a key with a dot stands in quotes",
+        ),
+        (
+            "seed = 1\nseed = 2",
+            "my.toml: line 2 is `seed = 2` (Cannot overwrite a value); expected each key once",
+        ),
+        ("[start", "my.toml: line 1 is `[start`: expected ']' at the end of a table declaration"),
         ("[start]\nnort = 1", 'my.toml: [start]: unknown key "nort"; did you mean "north"?'),
-        ("[origin]\nlatitude = 91", "my.toml: [origin]: latitude is 91; expected a number from -90 to 90"),
+        (
+            "[origin]\nlatitude = 91",
+            "my.toml: [origin]: latitude is 91; expected a number from -90 to 90 deg",
+        ),
         ('[[set]]\n"a.b" = 1', 'my.toml: [[set]] 1: lacks "at", the time in s'),
         ("[[set]]\nat = 1", 'my.toml: [[set]] 1: sets nothing; expected "component.input" = value'),
-        ("[[set]]\nat = 2\nuntil = 1", "my.toml: [[set]] 1: until is 1; expected a number from 2 to 86400"),
+        ("[[set]]\nat = 2\nuntil = 1", "my.toml: [[set]] 1: until is 1; expected a number from 2 to 86400 s"),
         (
             "[parameters]\ncmec.moving_deviation = 1",
             "my.toml: [parameters]: cmec is {'moving_deviation': 1}; "
@@ -106,6 +138,61 @@ def test_a_scenario_that_does_not_exist_is_refused_with_the_nearest_name() -> No
     with pytest.raises(ScenarioError) as caught:
         load("three_waypoints")
     assert str(caught.value) == 'there is no scenario "three_waypoints"; did you mean "three_waypoint"?'
+
+
+def test_a_target_that_is_no_scenario_is_refused_with_what_to_type(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given a folder with a scenario, a log in a folder, an FMU, and bytes
+    monkeypatch.chdir(tmp_path)
+    Path("base.toml").write_text("waypoints = [[25, 0]]")
+    Path("out/demo").mkdir(parents=True)
+    Path("out/demo/trial.mcap").touch()
+    Path("dog.fmu").touch()
+    Path("bytes").write_bytes(b"a = 1\xff")
+    expected = "a scenario (.toml), a package (.ssp) or a log (.mcap)"
+    for target, error in (
+        ("nothere.toml", 'there is no file "nothere.toml"; did you mean "base.toml"?'),
+        ("none/base.toml", 'there is no file "none/base.toml"; there is no folder "none"'),
+        ("two_waypoint.toml", 'there is no file "two_waypoint.toml"; did you mean "two_waypoint"?'),
+        ("base", 'there is no scenario "base"; did you mean "base.toml"?'),
+        ("out/demo", f'out/demo: is a folder; expected {expected}; did you mean "out/demo/trial.mcap"?'),
+        ("out", f"out: is a folder; expected {expected}"),
+        (".", f'.: is a folder; expected {expected}; did you mean "base.toml"?'),
+        (
+            "dog.fmu",
+            f"dog.fmu: is an FMU; expected {expected}: `canine run --plant dog.fmu` puts it into a trial, "
+            "`canine check dog.fmu` looks at it",
+        ),
+        (
+            "out/demo/trial.mcap",
+            "out/demo/trial.mcap: is a log; expected a scenario (.toml) or the name of a shipped one; "
+            "`canine run out/demo/trial.mcap` runs it",
+        ),
+        ("bytes", "bytes: line 1: byte 0xff is not UTF-8; save the file as UTF-8"),
+    ):
+        with pytest.raises(ScenarioError) as caught:
+            load(target)
+        assert str(caught.value) == error
+    with pytest.raises(ScenarioError, match=r'there is no scenario "a{300}"; known: '):
+        load("a" * 300)
+    with pytest.raises(ScenarioError, match=r'there is no scenario "four"; known: .*, three, .*, two, '):
+        load("four", known=("two", "three"))
+
+
+def test_a_setting_given_twice_is_refused_under_either_of_its_names() -> None:
+    for second in ("cmec.max_turns=2", " controller.max_turns = 2"):
+        with pytest.raises(ScenarioError) as caught:
+            Scenario("my").override(["cmec.max_turns=1", "cmec.dead_time=2", second])
+        assert str(caught.value) == (
+            f"--set {second}: --set cmec.max_turns=1 is the same parameter; set it once"
+        )
+
+
+def test_a_setting_replaces_the_files_under_either_of_its_names() -> None:
+    for written in ("cmec.max_turns", "controller.max_turns"):
+        scenario = Scenario("my", parameters={written: 3}).override(["cmec.max_turns=1"])
+        assert scenario.parameters == {"cmec.max_turns": 1}
 
 
 def test_a_scenario_without_waypoints_is_refused(tmp_path: Path) -> None:

@@ -69,6 +69,7 @@ def test_the_summary_of_a_trial_is_that_derived_by_hand() -> None:
         "ticks": 5,
         "real_time_factor": 40.5,
         "log": "trial.mcap",
+        "notes": [],
     }
 
 

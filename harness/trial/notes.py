@@ -1,0 +1,127 @@
+"""What a scenario asks for and cannot act, as notes: a line each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from harness.trial.pairs import windows
+from harness.trial.scenario import Scenario
+from models.canine import Canine
+from models.cmec import Cmec
+from models.kit.declaration import flatten
+from models.kit.timing import TICK
+from models.system import SYSTEMS
+
+if TYPE_CHECKING:
+    from harness.trial.plan import Interface
+
+CONTROLLER = {name for name, _ in flatten(Cmec.group("parameter"))}
+Values = Mapping[str, Mapping[str, float]]
+Interfaces = Mapping[str, "Interface"]
+
+
+def idle_notes(scenario: Scenario, interfaces: Interfaces, values: Values) -> Iterator[str]:
+    """What cannot act, whatever the animal does.
+
+    Args:
+        values: of the plan (SI), by component and flat name.
+    """
+    if scenario.system in SYSTEMS:
+        yield from _below_a_tick(scenario)
+    for interface, block, own in _components(interfaces, values):
+        for name, number, begin, until in windows(block, own):
+            if begin == until:
+                yield f"{block}.{name}[{number}]: the window is empty, it starts and ends at {begin:g} s"
+        if block == Canine.title():
+            yield from _search(own)
+        if block == Cmec.title() and interface.parameters.keys() >= CONTROLLER:
+            yield from _waypoints(scenario, interface, own)
+    yield from (
+        f"{what} never acts: the trial lasts {scenario.duration:g} s"
+        for what, time in timed(scenario, interfaces, values)
+        if time > scenario.duration
+    )
+
+
+def late_notes(scenario: Scenario, interfaces: Interfaces, values: Values, end: float) -> list[str]:
+    """What did not act in a trial that ended at `end` [s], before its duration."""
+    return [
+        f"{what} never acted: the trial ended at {end:.2f} s"
+        for what, time in timed(scenario, interfaces, values)
+        if end < time <= scenario.duration
+    ]
+
+
+def timed(scenario: Scenario, interfaces: Interfaces, values: Values) -> Iterator[tuple[str, float]]:
+    """What a scenario has happen, and from when on [s]: changes of inputs, and windows."""
+    for number, setting in enumerate(scenario.sets, start=1):
+        yield f"[[set]] {number}, {setting.variable} at {setting.at:g} s,", setting.at
+    for _, block, own in _components(interfaces, values):
+        for name, number, begin, until in windows(block, own):
+            if begin < until:
+                yield f"{block}.{name}[{number}] = {begin:g} s", begin
+
+
+def _components(
+    interfaces: Interfaces, values: Values
+) -> Iterator[tuple[Interface, str, Mapping[str, float]]]:
+    for component, interface in interfaces.items():
+        yield interface, interface.block, values.get(component, {})
+
+
+def _below_a_tick(scenario: Scenario) -> Iterator[str]:
+    if scenario.duration < TICK:
+        yield f"duration is {scenario.duration:g} s, below a tick ({TICK:g} s): nothing moves"
+    for number, setting in enumerate(scenario.sets, start=1):
+        if setting.until is not None and _tick(setting.at) == _tick(setting.until):
+            yield (
+                f"[[set]] {number}, {setting.variable} from {setting.at:g} to {setting.until:g} s, "
+                f"never acts: no tick (every {TICK:g} s) is in it"
+            )
+
+
+def _search(values: Mapping[str, float]) -> Iterator[str]:
+    """The longest search for the bumper below the shortest, which then holds."""
+    shortest, longest = values.get("bumper_search_min", 0.0), values.get("bumper_search_max", 0.0)
+    if 0 < longest < shortest:
+        yield (
+            f"canine.bumper_search_max is {longest:g} s, below bumper_search_min: each search lasts "
+            f"{shortest:g} s"
+        )
+
+
+def _tick(time: float) -> int:
+    """The first tick at or after a time [s]."""
+    return math.ceil(time / TICK - 1e-9)
+
+
+def _waypoints(scenario: Scenario, interface: Interface, values: Mapping[str, float]) -> Iterator[str]:
+    """Waypoints that are reached before the animal moves, and those beyond the last in use."""
+
+    def value(name: str) -> float:
+        return interface.start(name, interface.parameters[name], values)
+
+    radius, count = value("capture_radius"), int(value("waypoint_count"))
+    given = {int(name[len("waypoint_north[") : -1]) for name in values if name.startswith("waypoint_north[")}
+    if not given:
+        return
+    yield from (f"waypoint {i} is not in use: waypoint_count is {count}" for i in sorted(given) if i > count)
+    used = range(1, count + 1)
+    yield from (f"waypoint {i} is not given: it is 0 m north, 0 m east" for i in used if i not in given)
+    points = [
+        ("the start", scenario.start[:2]),
+        *((f"waypoint {i}", (value(f"waypoint_north[{i}]"), value(f"waypoint_east[{i}]"))) for i in used),
+        ("home", (value("home_north"), value("home_east"))),
+    ]
+    for (before, place), (name, point) in pairwise(points):
+        apart = math.dist(place, point)
+        if apart == 0:
+            yield f"{name} is where {before} is: it is reached at once"
+        elif apart <= radius:
+            yield (
+                f"{name} is {apart:.3g} m from {before}, within cmec.capture_radius = {radius:g} m: it is "
+                "reached at once"
+            )

@@ -1,0 +1,102 @@
+"""What a sweep is asked for: a scenario made in Python, windows that are varied, messages in users' units."""
+
+import time
+from pathlib import Path
+
+import pytest
+
+from harness.front_door import run_sweep
+from harness.sweep.chunks import Job, TrialType, pool_at
+from harness.sweep.sweep import SweepError, plan_sweep
+from harness.trial.scenario import Scenario, ScenarioError, Setting
+from models.errors import UsageError
+
+LEG = Scenario("leg", waypoints=((20.0, 0.0),), duration=60.0)
+
+
+def test_a_scenario_made_in_python_is_swept(tmp_path: Path) -> None:
+    # when
+    result = run_sweep(LEG, thresholds="40:50:10", trials=5, out=tmp_path)
+    # then
+    assert [row["threshold_deg"] for row in result.rows] == [40.0, 50.0]
+    assert result.recommendation["sweep"] == "leg"
+    assert result.notes == ()
+
+
+def test_a_scenario_made_in_python_is_checked_before_it_is_swept() -> None:
+    with pytest.raises(ScenarioError, match=r"leg: duration is -1\.0; expected a number from 0 to 86400 s"):
+        plan_sweep(Scenario("leg", waypoints=((20.0, 0.0),), duration=-1.0))
+
+
+def test_what_cannot_act_in_a_sweep_is_noted() -> None:
+    # given an order after the end
+    scenario = Scenario(
+        "leg", waypoints=((20.0, 0.0),), duration=60.0, sets=(Setting("controller.override", "STOP", 70.0),)
+    )
+    notes: list[str] = []
+    # when
+    plan_sweep(scenario, note=notes.append)
+    # then
+    assert notes == ["leg: [[set]] 1, controller.override at 70 s, never acts: the trial lasts 60 s"]
+
+
+def test_an_unknown_target_is_refused_with_all_that_are_known() -> None:
+    with pytest.raises(ScenarioError) as caught:
+        plan_sweep("four")
+    assert 'there is no scenario "four"; known: ' in str(caught.value)
+    assert ", three, three_waypoint, two, two_waypoint" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("thresholds", "error"),
+    [
+        ("20:300", "its end is 300; expected a number from 0 up to 229.1 deg"),
+        ("-5:30", "its start is -5; expected a number from 0 up to 229.1 deg"),
+        ("240:300", "its start is 240; expected a number from 0 up to 229.1 deg"),
+    ],
+)
+def test_a_range_is_refused_by_the_limit_that_was_typed(thresholds: str, error: str) -> None:
+    with pytest.raises(ScenarioError) as caught:
+        plan_sweep("two", thresholds=thresholds)
+    assert str(caught.value) == f"--thresholds {thresholds}: {error}"
+
+
+def test_an_empty_range_is_not_the_default_range() -> None:
+    with pytest.raises(SweepError, match=r"--thresholds : expected a:b:step, as in 15:90:5"):
+        plan_sweep("two", thresholds="")
+
+
+def test_the_end_of_an_outage_is_varied_from_its_start_on() -> None:
+    settings = ["sensors.outage_start=[12]"]
+    planned = plan_sweep("two", vary=["sensors.outage_end[1]=12:20:4"], system="full", settings=settings)
+    assert [int(end) for (end,) in planned.points] == [12, 16, 20]
+    with pytest.raises(ScenarioError) as caught:
+        plan_sweep("two", vary=["sensors.outage_end[1]=10:20:5"], system="full", settings=settings)
+    assert str(caught.value) == (
+        "two_waypoint: window 1 of sensors: outage_start[1] is 12 s and outage_end[1] is 10 s, before it; "
+        "expected outage_end[1] from 12 s on"
+    )
+    with pytest.raises(ScenarioError, match=r"outage_end\[1\] is not set"):
+        plan_sweep("two", vary=["sensors.outage_start[1]=0:8:4"], system="full")
+
+
+@pytest.mark.parametrize(
+    ("address", "example"),
+    [
+        ("localhost", "tcp://localhost:8786"),
+        ("tcp://localhost", "tcp://localhost:8786"),
+        ("10.0.0.1:", "tcp://10.0.0.1:8786"),
+        ("tcp://host:http", "tcp://host:8786"),
+        ("", "tcp://host:8786"),
+    ],
+)
+def test_an_address_without_a_port_is_refused_at_once_with_an_example(address: str, example: str) -> None:
+    job = Job("cts", (), ((),), (TrialType("two", {}, (), 10),), 1, 1)
+    began = time.monotonic()
+    with pytest.raises(UsageError) as caught, pool_at(address, job):
+        pass
+    assert str(caught.value) == (
+        f"--dask {address}: is not the address of a scheduler; expected host and port, as in {example}, "
+        "which `dask scheduler` prints"
+    )
+    assert time.monotonic() - began < 5
