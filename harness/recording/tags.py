@@ -110,6 +110,7 @@ def arrival(path: Path, ends: Index) -> Array:
                 rising[rising] = longest_rise(pairs["ms"][rising].astype(np.float64), strict=False)
                 rising[-1] = True
                 at = np.searchsorted(received[rising], sizes[int(received[-1])])
+                at = np.minimum(at, rising.sum() - 1)  # a file that another program rewrites meanwhile
                 started = (seconds - GPS_EPOCH_S) % WEEK_S + fraction
                 return np.asarray(started + pairs["ms"][rising][at] / 1000)
         if len(tag) >= HEADER + 8 and (len(tag) - HEADER) % 8 == 0:

@@ -113,7 +113,7 @@ LINES: dict[str, tuple[list[str], int, dict[str, int]]] = {  # lines, samples lo
             1,
             {"IMU lines without seven numbers (the first: line 702)": 1},
         )
-        for word in ("nan", "inf", "", "oops", "1_0", "\udcff")
+        for word in ("nan", "inf", "1e308", "", "oops", "1_0", "\udcff")
     },
     "a field too few": (
         changed(700, lambda line: line.partition(",")[2]),
