@@ -16,8 +16,9 @@ FILES = [
     f"/{path.relative_to(PROJECT)}" for floor in (*FLOORS, "tests") for path in (PROJECT / floor).rglob("*.*")
 ]
 MADE = {  # by commands, by generators, or by users
-    "block_fmu.h", "dog.toml", "fit.json", "fit.toml", "mine.toml", "models.h", "mrg32k3a.h", "my.toml",
-    "outages.json", "pil.json", "recommendation.json", "seeds.csv", "summary.json", "units.json",
+    "block_fmu.h", "dog.toml", "fit.json", "fit.toml", "fixes.h", "mine.toml", "models.h", "mrg32k3a.h",
+    "my.toml", "outages.json", "pil.json", "recommendation.json", "recording.toml", "seeds.csv",
+    "summary.json", "units.json",
 }  # fmt: skip
 
 
