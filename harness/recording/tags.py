@@ -100,8 +100,13 @@ def arrival(path: Path, ends: Index) -> Array:
     }
     if len(tag) >= HEADER and tag.startswith(b"TIMETAG RTKLIB"):
         seconds, fraction = struct.unpack_from("<Id", tag, HEADER - 12)
+        if not 0 <= fraction < 1:
+            raise RecordingError(
+                f"{tag_of(path)}: got a start with {fraction:g} s of a second at byte {HEADER - 8}, "
+                "expected 0 to 1; it is damaged, copy it again"
+            )
         for pair in PAIRS:
-            if (len(tag) - HEADER) % pair.itemsize or not 0 <= fraction < 1:
+            if (len(tag) - HEADER) % pair.itemsize:
                 continue
             pairs = np.frombuffer(tag, pair, offset=HEADER)
             received = pairs["size"].astype(np.float64)

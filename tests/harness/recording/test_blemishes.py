@@ -195,3 +195,11 @@ def test_a_walk_over_the_antimeridian_is_the_same_walk(
     if longitude == 1_799_999_000:
         assert np.ptp(recording.fixes.longitude) > 6  # it does cross
     assert furthest(recording, clean) < 0.02
+
+
+def test_a_tag_whose_start_is_damaged_is_refused_naming_the_byte(tmp_path: Path) -> None:
+    tag = write_walk(tmp_path) / "gnss.ubx.tag"
+    content = tag.read_bytes()
+    tag.write_bytes(content[:68] + b"\xff" * 8 + content[76:])
+    with pytest.raises(RecordingError, match=r"gnss\.ubx\.tag: got a start with nan s .* at byte 68"):
+        read_recording(tmp_path)
