@@ -45,7 +45,7 @@ def replaced(path: Path, new: Mapping[str, Any]) -> str:
     """
     try:
         held = json.loads(path.read_text())
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return ""
     except (OSError, ValueError, RecursionError):
         held = None

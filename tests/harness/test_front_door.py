@@ -131,7 +131,7 @@ def test_a_scenario_of_numpy_numbers_runs_as_the_same_in_plain_ones(tmp_path: Pa
     ("keywords", "error"),
     [
         ({}, "leg: waypoints is []; expected 1 to 16 pairs [north, east] in m"),
-        ({"waypoints": [(1,)]}, "leg: waypoints is [1]; expected up to 16 pairs"),
+        ({"waypoints": [(1,)]}, "leg: waypoints[1] is [1]; expected a pair [north, east] in m"),
         ({"seed": -1}, "leg: seed is -1; expected a whole number from 0 to 2147483647"),
         ({"start": (0.0, 0.0)}, "leg: start is (0.0, 0.0); expected 3 numbers"),
         ({"origin": (1.0,)}, "leg: origin is (1.0,); expected 2 numbers"),
