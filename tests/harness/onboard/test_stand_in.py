@@ -751,3 +751,19 @@ def test_a_trial_through_bytes_has_the_outcome_of_one_through_signals_from_the_s
     assert signals.outcome.stopped_by == bytes_.outcome.stopped_by
     assert signals.outcome.stopped_by in ENDS
     assert signals.outcome.time == pytest.approx(bytes_.outcome.time, abs=1.0)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_telemetry_across_the_date_line_has_longitudes_within_180_deg(
+    walk: Callable[..., Walk], side: float
+) -> None:
+    # given an origin 5.6 m from it, and an animal that walks 12 m across it at 1.5 m/s
+    vest = walk((0.0, side * 179.99995))
+    for k in range(200):
+        east = side * 1.5 * TICK * k
+        going = {"gps_north": 0.0, "gps_east": east, "gps_speed": 1.5, "gps_course": side * math.pi / 2}
+        vest(START, STILL | going | {"heading_meas": side * math.pi / 2})
+    # then it is seen on the other side
+    longitudes = [row.longitude for row in vest.telemetry]
+    assert max(map(abs, longitudes)) <= 1_800_000_000
+    assert side * longitudes[-1] < 0
