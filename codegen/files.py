@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
+
+from codegen.scratch import Scratch
 
 
 def write_whole(path: Path, content: bytes) -> Path:
-    """Write a file beside its place under a name of its own, then put it there.
+    """Write a file in a folder of its own beside its place, then put it there.
 
     Raises:
         OSError: it cannot be written; what was there before still is.
     """
-    part = path.with_name(f".{path.name}.{os.urandom(4).hex()}.part")
-    try:
+    with Scratch(beside=path.parent) as folder:
+        part = folder / path.name
         part.write_bytes(content)
         return part.replace(path)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise

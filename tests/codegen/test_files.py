@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -29,6 +32,25 @@ def test_what_cannot_be_written_leaves_what_was_there(
     # then the old one stays, and nothing lies beside it
     assert path.read_bytes() == b"before"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_a_killed_writer_left_goes_with_the_next_write(tmp_path: Path) -> None:
+    # given a process that is killed while it writes
+    code = f"""
+import os, signal
+from pathlib import Path
+Path.replace = lambda part, path: os.kill(os.getpid(), signal.SIGKILL)
+from codegen.files import write_whole
+write_whole(Path({str(tmp_path)!r}, "a"), b"half")
+"""
+    ended = subprocess.run([sys.executable, "-c", code], check=False)
+    assert ended.returncode == -signal.SIGKILL
+    [left] = tmp_path.iterdir()
+    # when another process writes the file
+    subprocess.run([sys.executable, "-c", code.replace("Path.replace =", "unused =")], check=True)
+    # then nothing of the killed one lies there
+    assert not left.exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
 
 def test_two_writers_of_one_file_do_not_collide(tmp_path: Path) -> None:

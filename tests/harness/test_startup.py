@@ -109,7 +109,7 @@ def test_ctrl_c_at_any_moment_is_one_line_and_status_130(arguments: list[str], t
         assert status == 130 or (status == 0 and delay > EARLY), where
         assert len(stderr.splitlines()) == (status == 130), where
         assert "Traceback" not in stderr, where
-        assert not list(tmp_path.rglob("*.part")), where
+        assert not list(tmp_path.rglob(".canine-scratch-*")), where
         for path in folder.rglob("trial.mcap"):
             assert np.allclose(np.diff(read_log(path).time), 0.04, rtol=0, atol=1e-9), where
             assert status == 0 or str(path.relative_to(folder)) in stderr, where
