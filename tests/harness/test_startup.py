@@ -178,11 +178,11 @@ try:
     time.sleep(0.1)
 except BaseException:
     print("swallowed")
+print("imported", flush=True)
 """)
     script = """
 try:
     import greedy
-    print("imported", flush=True)
     time.sleep(5)
 except KeyboardInterrupt:
     print("interrupted")
