@@ -57,7 +57,9 @@ def freeze_layout(figure: Figure) -> None:
     """Lay out a figure for good: what is drawn in it later keeps its place, and moves nothing."""
     layout = figure.get_layout_engine()
     if layout is not None:
-        layout.execute(figure)
+        with warnings.catch_warnings():  # labels as long as 1e300 leave no room for what they label
+            warnings.filterwarnings("ignore", "constrained_layout not applied")
+            layout.execute(figure)
     for axes in figure.axes:
         axes.apply_aspect()
     figure.set_layout_engine("none")

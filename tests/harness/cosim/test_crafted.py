@@ -23,6 +23,7 @@ from harness.cosim.ssp import SspError, open_ssp
 from models.errors import CanineError
 from tests.harness.cosim.test_ssp import package
 from tests.harness.cosim.tiny_fmu import V, tiny_fmu
+from tests.memory import PRINT_PEAK
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -184,13 +185,13 @@ def test_bombs_cost_bounded_time_and_memory(tmp_path: Path) -> None:
         with zipfile.ZipFile(tmp_path / f"{name}.ssp", "w", zipfile.ZIP_DEFLATED) as packed:
             packed.writestr("SystemStructure.ssd", xml)
     code = (
-        "import resource, sys; from pathlib import Path\n"
+        "import sys; from pathlib import Path\n"
         "from harness.cosim.fmu import describe; from harness.cosim.ssp import open_ssp\n"
         "from models.errors import CanineError\n"
         "for path in sorted(Path(sys.argv[1]).iterdir()):\n"
         "    try: describe(path) if path.suffix == '.fmu' else open_ssp(path).__enter__()\n"
         "    except CanineError as error: print(str(error).removeprefix(str(path)))\n"
-        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)"
+        f"{PRINT_PEAK}"
     )
     # when they are read, in a process of their own
     done = subprocess.run(

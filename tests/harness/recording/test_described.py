@@ -103,7 +103,7 @@ WRONG = {
         r"gps\.csv: got no fix in \d+ lines; are gps\.fixes the",
     ),
     "clock": ("imu_offset = 0 ", "", r"nothing ties the clocks; give clock\.imu_offset in s"),
-    "toml": ("[imu]", "[imu", r"recording\.toml: Expected"),
+    "toml": ("[imu]", "[imu", r"recording\.toml: line 16 is `\[imu`: expected '\]'"),
     "deep": ("imu_offset = 0 ", "imu_offset = " + "[" * 5000, r"line 31: brackets are nested 17 deep"),
     "long": ("imu_offset = 0 ", "imu_offset = " + "1" * 8000, r"line 31: .* has 8000 characters"),
 }
