@@ -9,10 +9,10 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from harness.recording.attitude import Array
+from harness.recording.order import Mask
 from harness.recording.recording import Fixes, Recording
-from harness.recording.signals import Mask
+from harness.recording.signals import MOVING_M_S
 
-MOVING_M_S = 0.5  # m/s above which a course means something
 FURTHEST_S = 3.0  # s, the largest offset that is looked for
 STEP_S = 0.02  # s between the offsets
 LEAST = 30  # pairs of fixes for a correlation that means something
@@ -84,10 +84,7 @@ def gravity(specific_force: Array, mounting: Array) -> Gravity:
 
 def turning_offset(recording: Recording) -> Offset:
     """By the rate of the course between moving fixes against the yaw rate."""
-    speed, course = _speed_and_course(recording.fixes)
-    turned = np.diff(course)
-    turned = turned - 2 * np.pi * np.round(turned / (2 * np.pi))
-    moving = (speed[1:] > MOVING_M_S) & (speed[:-1] > MOVING_M_S)
+    _, turned, moving = _turns(recording.fixes)
     # the yaw rate: about the vertical, which the mean force gives
     up = recording.specific_force.mean(axis=0)
     return _best(recording, turned, moving, -recording.rate @ up / np.linalg.norm(up))
@@ -95,7 +92,7 @@ def turning_offset(recording: Recording) -> Offset:
 
 def pushing_offset(recording: Recording) -> Offset:
     """By the rate of the speed between moving fixes against the specific force forward."""
-    speed, _ = _speed_and_course(recording.fixes)
+    speed = np.hypot(recording.fixes.velocity_north, recording.fixes.velocity_east)
     moving = (speed[1:] > MOVING_M_S) | (speed[:-1] > MOVING_M_S)
     return _best(recording, np.diff(speed), moving, recording.specific_force[:, 0])
 
@@ -105,17 +102,16 @@ def swerving_offset(recording: Recording) -> Offset:
 
     A body that looks where it will go turns before its course does; the force on it does not.
     """
-    speed, course = _speed_and_course(recording.fixes)
-    turned = np.diff(course)
-    turned = turned - 2 * np.pi * np.round(turned / (2 * np.pi))
+    speed, turned, moving = _turns(recording.fixes)
+    return _best(recording, turned * speed, moving, recording.specific_force[:, 1])
+
+
+def _turns(fixes: Fixes) -> tuple[Array, Array, Mask]:
+    """Mean speed [m/s] and change of course [rad] from each fix to the next, (f - 1,); do both move?"""
+    speed = np.hypot(fixes.velocity_north, fixes.velocity_east)
+    turned = np.diff(np.unwrap(np.arctan2(fixes.velocity_east, fixes.velocity_north)))
     moving = (speed[1:] > MOVING_M_S) & (speed[:-1] > MOVING_M_S)
-    sideways = recording.specific_force[:, 1]
-    return _best(recording, turned * (speed[1:] + speed[:-1]) / 2, moving, sideways)
-
-
-def _speed_and_course(fixes: Fixes) -> tuple[Array, Array]:
-    north, east = fixes.velocity_north, fixes.velocity_east
-    return np.hypot(north, east), np.arctan2(east, north)
+    return (speed[1:] + speed[:-1]) / 2, turned, moving
 
 
 def _best(recording: Recording, change: Array, moving: Mask, signal: Array) -> Offset:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -19,10 +19,10 @@ from harness.recording.agreement import (
 )
 from harness.recording.attitude import Array
 from harness.recording.find import Parts, find_parts, recordings_below
+from harness.recording.holes import Hole, holes_of_fixes, holes_of_imu
 from harness.recording.recording import FixStream, Recording, RecordingError, SampleStream
 from harness.terminal import new_table, print_table
 
-HOLE = 3.0  # median intervals, from which on an interval is a hole
 OFFSETS = {
     "turning": ("yaw rate against rate of course", turning_offset),
     "swerving": ("force sideways against speed times rate of course", swerving_offset),
@@ -132,7 +132,7 @@ def _fixes(fixes: FixStream) -> dict[str, Any]:
     h_acc, s_acc = fixes.rows[:, 6], fixes.rows[:, 7]
     speed = np.hypot(fixes.rows[:, 4], fixes.rows[:, 5])
     return {
-        **_pace(fixes.file, fixes.rows[:, 0], fixes.dropped),
+        **_pace(fixes.file, fixes.rows[:, 0], holes_of_fixes, fixes.dropped),
         "kinds": dict(fixes.kinds),
         "h_acc_m": float(np.median(h_acc)),
         "s_acc_m_s": float(np.median(s_acc)),
@@ -141,12 +141,17 @@ def _fixes(fixes: FixStream) -> dict[str, Any]:
 
 
 def _imu(samples: SampleStream) -> dict[str, Any]:
-    return _pace(samples.file, samples.clock, samples.dropped)
+    if not samples.in_ticks:
+        return _pace(samples.file, samples.clock, holes_of_imu, samples.dropped)
+    untimed = dict.fromkeys(("duration_s", "rate_hz", "interval_s", "holes"))
+    return {"file": samples.file, "n": len(samples.clock), **untimed, "dropped": dict(samples.dropped)}
 
 
-def _pace(file: str, clock: Array, dropped: Mapping[str, int]) -> dict[str, Any]:
-    """How many there are of what has this clock [s], how often, and where some are missing."""
-    clock = np.sort(clock[np.isfinite(clock)])
+def _pace(
+    file: str, clock: Array, find_holes: Callable[[Array], list[Hole]], dropped: Mapping[str, int]
+) -> dict[str, Any]:
+    """How many there are of what has this ascending clock (n,) [s], how often, and where some are missing."""
+    holes = [(start, end - start) for start, end in find_holes(clock)]
     steps = np.diff(clock)
     steps = steps[steps > 0]
     pace: dict[str, Any] = {
@@ -157,13 +162,10 @@ def _pace(file: str, clock: Array, dropped: Mapping[str, int]) -> dict[str, Any]
     pace |= {"rate_hz": None, "interval_s": None, "holes": [], "dropped": dict(dropped)}
     if len(steps):
         least, median, most = (float(value) for value in np.percentile(steps, (5, 50, 95)))
-        regular = steps[steps <= HOLE * median]
-        pace["rate_hz"] = len(regular) / float(regular.sum())
+        regular = float(steps.sum()) - sum(length for _, length in holes)
+        pace["rate_hz"] = (len(steps) - len(holes)) / regular
         pace["interval_s"] = {"p5": least, "median": median, "p95": most}
-        at = np.flatnonzero(np.diff(clock) > HOLE * median)
-        pace["holes"] = [
-            {"start_s": float(clock[i] - clock[0]), "length_s": float(clock[i + 1] - clock[i])} for i in at
-        ]
+        pace["holes"] = [{"start_s": start - float(clock[0]), "length_s": length} for start, length in holes]
     return pace
 
 
@@ -183,7 +185,7 @@ def show_all(results: Sequence[Mapping[str, Any]], console: Console) -> None:
             result["recording"],
             str(parts[0]["n"]) if parts[0] else "0",
             *rates,
-            str(sum(len(part["holes"]) for part in parts if part)),
+            str(sum(len(part["holes"] or ()) for part in parts if part)),
             str(sum(sum(part["dropped"].values()) for part in parts if part)),
             "-" if result["problem"] else f"{result['overlap_s']:.1f}",
             str(len(result.get("warnings", ()))),
@@ -230,6 +232,9 @@ def _lines(name: str, part: Mapping[str, Any]) -> list[tuple[str, str]]:
     rate = "" if part["rate_hz"] is None else f", {part['rate_hz']:.4g} Hz"
     if interval := part["interval_s"]:
         rate += f", one every {1e3 * interval['p5']:.0f} to {1e3 * interval['p95']:.0f} ms (p5 to p95)"
+    if part["duration_s"] is None:
+        dropped = ("", f"dropped: {counts(part['dropped'])}")
+        return [(name, f"{part['file']}: {part['n']}, on a clock of unknown ticks"), dropped]
     lines = [(name, f"{part['file']}: {part['n']} in {part['duration_s']:.1f} s{rate}")]
     if "kinds" in part:
         speed = part["speed_m_s"]

@@ -139,7 +139,7 @@ def esf_samples(file: str, messages: Sequence[Frame]) -> SampleStream | None:
     force = np.column_stack([np.interp(rate_tags, force_tags, axis) for axis in forces.T])
     at = np.array([ends[int(tag)] for tag in rate_tags], dtype=np.int64)
     return SampleStream(
-        file, rate_tags.astype(np.float64), force * FORCE_UNIT, rates * RATE_UNIT, at, dropped
+        file, rate_tags.astype(np.float64), force * FORCE_UNIT, rates * RATE_UNIT, at, dropped, in_ticks=True
     )
 
 
@@ -197,4 +197,5 @@ def tie(fixes: FixStream, samples: SampleStream) -> tuple[SampleStream, float, f
             f"{samples.file}: from the first half to the second the sensor's clock drifts {late - early:.3f} "
             f"s against GPS time, expected at most {max(width, MAX_DRIFT_S):.3f} s; cut it at a restart"
         )
-    return replace(samples, clock=samples.clock * known[0]), float(np.median(offsets)), width / 2
+    timed = replace(samples, clock=samples.clock * known[0], in_ticks=False)
+    return timed, float(np.median(offsets)), width / 2

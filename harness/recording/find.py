@@ -28,11 +28,11 @@ from harness.recording.imu_csv import read_imu_csv
 from harness.recording.mounting import rotation
 from harness.recording.pos import read_pos
 from harness.recording.recording import WEEK_S, FixStream, Recording, RecordingError, SampleStream, join
-from harness.recording.ubx import read_ubx
+from harness.recording.ubx import SYNC, read_ubx
 from harness.recording.velocity import with_differences
 from harness.recording.xsens import read_xsens, timed_by_arrival
 
-SYNC, LOOK = b"\xb5\x62", 1 << 16  # begins a UBX frame; bytes of a file in which one must be
+LOOK = 1 << 16  # bytes of a file in which a UBX frame must begin
 XSENS = ".mtb"
 Z_UP = rotation(180, 0, 0)  # forward, left, up
 BY_ORDER = "order of the messages in the stream"

@@ -17,12 +17,11 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.recording.recording import FixStream, RecordingError, read_file
+from harness.recording.recording import WEEK_S, FixStream, RecordingError, read_file
 from harness.recording.velocity import with_differences
 
-WEEK_S = 604_800
 GPS_EPOCH = datetime(1980, 1, 6)  # without a time zone, as GPS time
-LEAP_S = 18  # s that GPS time is ahead of UTC, since 2017
+LEAP_S, LEAP_WEEK = 18, 1930  # s that GPS time is ahead of UTC, since this GPS week: 2017-01-01
 QUALITIES = {1: "fixed", 2: "float", 3: "SBAS", 4: "DGPS", 5: "single", 6: "PPP"}
 NEEDED = ("latitude(deg)", "longitude(deg)", "height(m)", "Q", "sdn(m)", "sde(m)")
 VELOCITY = ("vn(m/s)", "ve(m/s)", "sdvn", "sdve")
@@ -35,7 +34,7 @@ def read_pos(path: Path) -> FixStream:
     accuracy of two positions whose errors are independent.
 
     Raises:
-        RecordingError: it is not such a file, of another format, or has no fix.
+        RecordingError: it is not such a file, of another format, in UTC before 2017, or has no fix.
     """
     lines = read_file(path).decode("ascii", errors="replace").splitlines()
     names = next((line.lstrip("% ").split() for line in reversed(lines) if line.startswith("%")), [])
@@ -56,7 +55,14 @@ def read_pos(path: Path) -> FixStream:
             continue
         fields = [field for field in re.split(r"[,;\s]+", line.strip()) if field]
         try:
-            t = _time_of_week(fields[0], fields[1]) + (LEAP_S if system == "UTC" else 0)
+            week, t = _week_and_time(fields[0], fields[1])
+            if system == "UTC":
+                if week < LEAP_WEEK:
+                    raise RecordingError(
+                        f"{path}: got a solution in UTC of {fields[0]}, expected one since 2017, when "
+                        f"GPS time became {LEAP_S} s ahead; let RTKLIB write GPS time"
+                    )
+                t += LEAP_S
             value = dict(zip(column, map(float, fields[2:]), strict=False))
             quality = QUALITIES.get(int(value["Q"]))
             north, east = (value["vn(m/s)"], value["ve(m/s)"]) if has_velocity else (0.0, 0.0)
@@ -87,12 +93,12 @@ def read_pos(path: Path) -> FixStream:
     return FixStream(path.name, table, np.arange(len(table)), dropped, kinds=qualities)
 
 
-def _time_of_week(day: str, time: str) -> float:
-    """GPS time of week [s] of a date and a time, or of a week and a time of week."""
+def _week_and_time(day: str, time: str) -> tuple[int, float]:
+    """GPS week and time of week [s] of a date and a time, or of a week and a time of week."""
     if "/" not in day:
-        int(day)
-        return float(time)
+        return int(day), float(time)
     year, month, date = (int(part) for part in day.split("/"))
     hour, minute, second = time.split(":")
     whole = datetime(year, month, date, int(hour), int(minute)) - GPS_EPOCH
-    return whole.total_seconds() % WEEK_S + float(second)
+    week, of_week = divmod(whole.total_seconds(), WEEK_S)
+    return int(week), of_week + float(second)

@@ -84,7 +84,7 @@ class SampleStream:
 
     Attributes:
         file: name of the file.
-        clock: (n,) s, the IMU's own, from an arbitrary zero.
+        clock: (n,) s, the IMU's own, from an arbitrary zero; in ticks of an unknown length if `in_ticks`.
         specific_force: (n, 3) m/s2.
         rate: (n, 3) rad/s.
         ends: (n,) position in the file behind each.
@@ -97,6 +97,7 @@ class SampleStream:
     rate: Array
     ends: Index
     dropped: Mapping[str, int] = field(default_factory=dict)
+    in_ticks: bool = False
 
     def only(self, kept: Mask, cause: str) -> SampleStream:
         """The samples in a mask (n,); the others are counted as dropped for a cause."""

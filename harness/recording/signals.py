@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from harness.log.geodesy import TangentPlane
 from harness.recording.attitude import TICK_S, Array, align_heading
 from harness.recording.holes import holes_of_imu
+from harness.recording.order import Mask
 from harness.recording.recording import Recording, RecordingError
-
-Mask = npt.NDArray[np.bool_]
 
 MOVING_M_S = 0.5  # m/s, speed above which the course over ground is used
 ALIGNING_S = 10.0  # s, time constant with which the heading's offset forgets older courses

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from harness.drawing import BELOW, ESTIMATES, GPS, GRID, TRUTH, drawable, house_style, new_figure, png_of
 from harness.files import write_whole
 from harness.log.log import Array
-from harness.replay.windows import holes_of_fixes
+from harness.recording.holes import holes_of_fixes
 
 SMALL, LARGE = 11, 14  # pt
 SHOWN = "estimate, in outages that do not overlap"

@@ -15,13 +15,12 @@ import numpy as np
 
 from harness.log.log import Array
 from harness.recording.attitude import TICK_S
-from harness.recording.holes import Hole, holes
+from harness.recording.holes import Hole, holes_of_fixes, interval_of
 
 Window = tuple[float, float]  # s, start and end of an outage
 
 SETTLE = 10.0  # s of motion for the estimator to settle: before the first outage, and after a hole of the IMU
 NEAR_END = 1.5  # intervals between fixes from the last fix in an outage to its end, at most
-HOLE_OF_FIXES = 2.5  # intervals: two or more fixes in a row are missing
 
 NO_FIX_AT_THE_END = "no fix near the end"
 NO_FIXES_BEFORE = "fixes missing before the start"
@@ -43,16 +42,6 @@ class Outages:
     windows: Sequence[Window]
     left_out: Mapping[str, int]
     reach: str
-
-
-def interval_of(fixes: Array) -> float:
-    """The usual time [s] between fixes at the ascending times (f,); 0 of fewer than two."""
-    return float(np.median(np.diff(fixes))) if len(fixes) > 1 else 0.0
-
-
-def holes_of_fixes(fixes: Array) -> list[Hole]:
-    """The holes between fixes at the ascending times (f,) s."""
-    return holes(fixes, HOLE_OF_FIXES * interval_of(fixes))
 
 
 def choose(

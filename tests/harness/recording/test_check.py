@@ -87,6 +87,36 @@ def test_holes_have_a_place_and_a_length(tmp_path: Path) -> None:
     assert result["fixes"]["rate_hz"] == pytest.approx(4)
 
 
+def test_gaps_that_a_replay_bridges_are_no_holes(tmp_path: Path) -> None:
+    # given an IMU that is silent for 90 ms, which is nine samples, and two fixes missing in a row
+    folder = described(tmp_path, imu_offset=0)
+    lines = (folder / "dog.csv").read_text().splitlines()
+    del lines[2000:2008]
+    (folder / "dog.csv").write_text("\n".join(lines))
+    times = np.delete(made_up.fix_times(), [100, 101])
+    (folder / "gnss.ubx").write_bytes(b"".join(made_up.pvt(float(t)) for t in times))
+    # when it is checked, then only the fixes have a hole, as in a replay
+    result = check(folder)
+    assert result["imu"]["holes"] == []
+    (hole,) = result["fixes"]["holes"]
+    assert hole["length_s"] == pytest.approx(0.75)
+
+
+def test_samples_on_a_clock_of_unknown_ticks_have_no_duration_and_no_rate(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # given a u-blox stream with too few fixes to tell the unit of its time tags
+    stream = made_up.stream(Z_UP)
+    (tmp_path / "f9r.ubx").write_bytes(stream[: len(stream) // 40])
+    # when it is checked, then nothing is said in seconds
+    imu = check(tmp_path)["imu"]
+    assert imu["n"] > 100
+    assert [imu[key] for key in ("duration_s", "rate_hz", "interval_s", "holes")] == [None] * 4
+    status, text, _ = canine(capsys, "check", tmp_path)
+    assert status == 1
+    assert f"imu       f9r.ubx: {imu['n']}, on a clock of unknown ticks\n" in text
+
+
 def test_all_that_is_dropped_is_counted(tmp_path: Path) -> None:
     # given a sample twice, one with a force that no IMU measures, one that is not finite, and a fix twice
     folder = described(tmp_path, imu_offset=0)

@@ -282,6 +282,15 @@ def test_the_times_of_a_solution_are_dates_or_weeks_in_gps_time_or_utc(tmp_path:
     np.testing.assert_allclose(times, TOW + 0.25)
 
 
+@pytest.mark.parametrize("time", ["2016/12/31 23:59:59.750", "1929 604799.750"])
+def test_a_solution_in_utc_from_before_the_last_leap_second_is_refused(tmp_path: Path, time: str) -> None:
+    rest = "40.0 -105.0 1580.0 5 9 3 4 8 0 0 0 0 0 1 0.5 0 0.1 0.1 0.1 0 0 0"
+    header = (POS_HEADER + POS_VELOCITY).replace("GPST", "UTC")
+    (tmp_path / "walk.pos").write_text(f"{header}\n{time} {rest}\n")
+    with pytest.raises(RecordingError, match=r"in UTC of .*, expected one since 2017.*write GPS time"):
+        read_pos(tmp_path / "walk.pos")
+
+
 def test_a_receiver_that_was_restarted_is_refused(tmp_path: Path) -> None:
     # given a stream whose sensor begins to count anew after 30 s
     path = tmp_path / "f9r.ubx"
