@@ -98,7 +98,9 @@ def nearest_file(path: Path) -> str:
         return f'; there is no folder "{path.parent}"'
     try:
         names = sorted(
-            p.name for p in path.parent.iterdir() if p.suffix == path.suffix and p.name not in OTHERS
+            p.name
+            for p in path.parent.iterdir()
+            if p.suffix == path.suffix and p.name not in OTHERS and p.is_file()
         )
     except OSError:
         return ""

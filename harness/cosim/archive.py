@@ -46,14 +46,30 @@ def unpack(path: Path, folder: Path) -> None:
         ArchiveError: not a ZIP archive, damaged or too large; a member leaves the folder or is a link.
     """
     try:
-        with zipfile.ZipFile(path) as archive:
-            _check(path, archive)
+        with _opened(path) as archive:
             for member in archive.infolist():
                 _extract(path, archive, member, folder)
     except UNREADABLE as reason:
         raise _unreadable(path, reason) from None
     except OSError as reason:
         raise _unreadable(path, reason.strerror or reason) from None
+
+
+def _opened(path: Path) -> zipfile.ZipFile:
+    """A ZIP archive whose table of contents is sound.
+
+    Raises:
+        ArchiveError, OSError, UNREADABLE: it is not.
+    """
+    if path.exists() and not path.is_file() and not path.is_dir():  # to open a pipe would wait for its writer
+        raise ArchiveError(f"{path}: is no file; expected a package")
+    archive = zipfile.ZipFile(path)
+    try:
+        _check(path, archive)
+    except BaseException:
+        archive.close()
+        raise
+    return archive
 
 
 def read_member(path: Path, name: str) -> bytes | None:
@@ -63,8 +79,7 @@ def read_member(path: Path, name: str) -> bytes | None:
         ArchiveError: as `unpack` does.
     """
     try:
-        with zipfile.ZipFile(path) as archive:
-            _check(path, archive)
+        with _opened(path) as archive:
             if name not in archive.namelist():
                 return None
             if (size := archive.getinfo(name).file_size) > MAX_XML:

@@ -465,6 +465,8 @@ def read_log(path: Path) -> Log:
         LogError: the file is no MCAP, not one of ours, ends before its first tick, or a record that says
             which run it is is damaged.
     """
+    if path.exists() and not path.is_file() and not path.is_dir():  # to open a pipe would wait for its writer
+        raise NoLogError(f"log {path}: is no file")
     try:
         with path.open("rb") as file:
             size = path.stat().st_size

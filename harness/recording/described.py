@@ -158,6 +158,13 @@ def _file(path: Path, part: str, table: Mapping[str, Any], quantities: Mapping[s
     fixes = tuple(_number(path, f"{part}.fixes", value) for value in values)
     if bool(fixes) != ("fix" in columns) and part == "gps":
         raise RecordingError(f"{path}: expected gps.fixes and gps.columns.fix together, got one of both")
+    places = [column.column for column in columns.values() if column.column is not None]
+    for quantity, column in columns.items():
+        if column.column is not None and places.count(column.column) > 1:
+            raise RecordingError(
+                f"{path}: {part}.columns.{quantity} is column {column.column!r}, as another is; "
+                "expected a column for each"
+            )
     _require_columns(path, part, file, columns, rate)
     return FileDescription(file, columns, separator, rate, fixes)
 
@@ -197,7 +204,10 @@ def _column(path: Path, where: str, written: Any, si: str) -> Column:
     if (column is None) == (value is None):
         raise RecordingError(f"{path}: {where} expected either a column or one value for all lines")
     if value is not None:
-        return Column(None, _number(path, f"{where}.value", value), UNITS[si][unit])
+        number = _number(path, f"{where}.value", value)
+        if where.endswith("_acc") and number <= 0:
+            raise RecordingError(f"{path}: {where}.value is {number:g}, expected an accuracy above 0")
+        return Column(None, number, UNITS[si][unit])
     if (
         isinstance(column, bool)
         or not isinstance(column, (str, int))
@@ -284,6 +294,11 @@ def _place(file: FileDescription, quantity: str, column: Column, names: list[str
         raise RecordingError(
             f'{file.path}: got no column "{column.column}" for {quantity} in the first line'
             f"{nearest(str(column.column), [name for name in names if re.search('[A-Za-z]', name)])}"
+        )
+    if names.count(column.column) > 1:
+        raise RecordingError(
+            f'{file.path}: {names.count(column.column)} columns are called "{column.column}"; '
+            f"give that of {quantity} by its number"
         )
     return names.index(column.column)
 

@@ -7,6 +7,7 @@ none: the ESF messages in the `.ubx`).
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -156,11 +157,14 @@ def recordings_below(path: Path) -> list[Path]:
     """
     if not path.is_dir() or _is_recording(path):
         return [path]
-    found = []
-    for inner in sorted(path.rglob("*")):
-        inside_one = any(parent in found for parent in inner.parents)
-        if not inside_one and (_is_recording(inner) if inner.is_dir() else _is_stream(inner)):
-            found.append(inner)
+    found: list[Path] = []
+    for folder, inner, files in os.walk(path):  # it passes over what vanishes meanwhile, or is another user's
+        inner.sort()
+        here = [Path(folder, name) for name in inner]
+        one = [place for place in here if _is_recording(place)]
+        inner[:] = [place.name for place in here if place not in one]
+        found += [*one, *(place for name in files if _is_stream(place := Path(folder, name)))]
+    found.sort()
     if not found:
         raise RecordingError(
             f"{path}: got no recording, here or below; expected folders with *.ubx, *.pos or {DESCRIPTION}, "
@@ -179,8 +183,11 @@ def _is_recording(folder: Path) -> bool:
 def _is_stream(path: Path) -> bool:
     if path.suffix.lower() not in STREAMS or not path.is_file():
         return False
-    with path.open("rb") as stream:
-        return SYNC in stream.read(LOOK)
+    try:
+        with path.open("rb") as stream:
+            return SYNC in stream.read(LOOK)
+    except OSError:
+        return False
 
 
 def name_below(path: Path, recording: Path) -> str:

@@ -19,6 +19,10 @@ Index = npt.NDArray[np.int64]
 WEEK_S = 604_800
 MIN_OVERLAP_S = 20.0  # s with both sensors: one outage of 10 s and 10 s before it
 MAX_OVERLAP_S = 4 * 3600.0  # s with both sensors: what a laptop's memory holds at 1 kHz
+MAX_SPEED = 100.0  # m/s; no animal, nor a person or car that carries the rig for a test, is faster
+MAX_ACC = 1e6  # m and m/s of accuracy: more says nothing
+MAX_JUMPS = 1000  # in the positions of a recording
+EARTH_RADIUS = 6_371_000.0  # m
 MAX_FORCE, MAX_RATE = 200.0, 100.0  # m/s2 and rad/s on an axis: more than any such IMU measures
 SILENT = "epochs without a message, by the rate of the others"
 MAX_LATE_S = 1.0  # s by which several records in a row may be late; above it the clock was set
@@ -53,20 +57,23 @@ class FixStream:
         return replace(self, rows=self.rows[kept], ends=self.ends[kept], dropped=dropped)
 
     def in_order(self) -> FixStream:
-        """Without fixes that are out of range, repeated or late; the time goes on at the end of a week.
+        """Without fixes that are out of range, repeated, late or too far off; time goes on at a week's end.
 
         Raises:
-            RecordingError: no fix is left, or the clock was set amid the recording.
+            RecordingError: no fix is left, the clock was set amid the recording, or positions jump too often.
         """
-        greatest = (WEEK_S, np.pi / 2, 2 * np.pi, *[np.finfo(np.float64).max] * 5)
-        stream = self.only(_within(self.rows, greatest), "fixes out of range")
+        greatest = (WEEK_S, np.pi / 2, 2 * np.pi, np.finfo(np.float64).max, *[MAX_SPEED] * 2, *[MAX_ACC] * 2)
+        possible = _within(self.rows, greatest) & (self.rows[:, 6:] > 0).all(axis=1)
+        stream = self.only(possible, "fixes out of range")
         stream = stream.only(~repeats(stream.rows), "fixes repeated")
         if not len(stream.rows):
             raise RecordingError(f"{self.file}: got no fixes, expected some; record under open sky")
         rows = stream.rows.copy()
         rows[:, 0] = np.unwrap(rows[:, 0], period=WEEK_S)
         rising = _require_one_clock(self.file, rows[:, 0], longest_rise(rows[:, 0], strict=True))
-        return replace(stream, rows=rows).only(rising, "fixes out of order")._with_silence_counted()
+        ordered = replace(stream, rows=rows).only(rising, "fixes out of order")
+        reached = _reachable(self.file, ordered.rows)
+        return ordered.only(reached, "fixes where nothing moves so fast")._with_silence_counted()
 
     def _with_silence_counted(self) -> FixStream:
         """The same, with the epochs counted of which no message is left, not even a damaged one."""
@@ -217,6 +224,42 @@ def added(*counts: Mapping[str, int]) -> dict[str, int]:
 def _within(rows: Array, greatest: tuple[float, ...]) -> Mask:
     """Which rows (n, m) have no value greater than `greatest` (m,), or NaN."""
     return np.asarray((np.abs(rows) <= greatest).all(axis=1))
+
+
+def _reachable(file: str, rows: Array) -> Mask:
+    """The most fixes (f, 8) of which each can be reached from the one before at MAX_SPEED, as a mask.
+
+    Raises:
+        RecordingError: there are more than MAX_JUMPS between neighbours that cannot.
+    """
+
+    def reached(first: Array, then: Array) -> Mask:
+        north = then[..., 1] - first[..., 1]
+        east = (then[..., 2] - first[..., 2] + np.pi) % (2 * np.pi) - np.pi
+        metres = EARTH_RADIUS * np.hypot(north, east * np.cos(first[..., 1]))
+        slack = 2 * (first[..., 6] + then[..., 6])
+        return np.asarray(metres <= MAX_SPEED * (then[..., 0] - first[..., 0]) + slack)
+
+    starts = np.r_[0, np.flatnonzero(~reached(rows[:-1], rows[1:])) + 1]  # of the parts without a jump
+    if len(starts) > MAX_JUMPS:
+        raise RecordingError(
+            f"{file}: {len(starts) - 1} times the position jumps as nothing moves, above {MAX_SPEED:g} m/s; "
+            "are the columns and units right?"
+        )
+    ends = np.r_[starts[1:], len(rows)]
+    most = ends - starts  # fixes in a chain that ends with each part
+    before = np.full(len(starts), -1)
+    for i in range(1, len(starts)):
+        chained = np.where(reached(rows[ends[:i] - 1], rows[starts[i]]), most[:i], 0)
+        if chained.max() > 0:
+            before[i] = int(chained.argmax())
+            most[i] += chained.max()
+    kept = np.zeros(len(rows), dtype=np.bool_)
+    i = int(most.argmax())
+    while i >= 0:
+        kept[starts[i] : ends[i]] = True
+        i = int(before[i])
+    return kept
 
 
 def _require_one_clock(file: str, clock: Array, rising: Mask) -> Mask:

@@ -31,7 +31,7 @@ HEADER = 76  # bytes of a tag
 PAIRS = tuple(np.dtype([("ms", "<u4"), ("size", size)]) for size in ("<u4", "<u8"))
 
 MAX_RECEIVER_LATENCY_S = 0.5  # s from the epoch of a fix to its arrival
-MAX_EARLY_S = 0.5  # s of a sample's arrival before the usual one: transport cannot, its tick is wrong
+EARLY_S = 0.02  # s before the earliest arrivals; what is earlier has a damaged time
 MAX_CLOCK_DRIFT_S = 0.05  # s, of the IMU's clock against the computer's over the recording
 
 
@@ -68,7 +68,8 @@ def timed_samples(path: Path, samples: SampleStream) -> tuple[SampleStream, floa
             f"{path}.tag: from the first half to the second the IMU's clock drifts {late - early:.3f} s "
             f"against the computer's, expected at most {MAX_CLOCK_DRIFT_S} s; is it the tag of this file?"
         )
-    timely = delay >= np.median(delay) - MAX_EARLY_S
+    early, median = np.percentile(delay, [5, 50])
+    timely = delay >= early - max(EARLY_S, median - early)
     samples = samples.only(timely, "IMU samples with a time after their arrival")
     return samples, float(delay[timely].min())
 

@@ -120,6 +120,7 @@ def _map(axes: Axes, gps: Track, tracks: Sequence[Track], color: str) -> None:
             zorder=4,
         )
     axes.set_aspect("equal")
+    axes.locator_params(nbins=5)
     axes.set_xlabel("east [m]", fontsize=SMALL)
 
 

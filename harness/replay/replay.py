@@ -41,6 +41,7 @@ CONFIGURATIONS: dict[str, dict[str, dict[str, float]]] = {
     }
 }
 COLUMNS = ("position_error_m", "velocity_error_m_s")
+NO_SPREAD = 1e-9  # of paired differences, relative: a t-test would divide by nothing
 
 
 def find_estimator(name: str) -> type[Block]:
@@ -215,12 +216,19 @@ def statistics(outages: Sequence[Outage]) -> dict[str, Any]:
             pair: dict[str, Any] = {"first": first, "second": names[k], "n": len(apart)}
             for j, column in enumerate(COLUMNS):
                 if len(apart) > 1:
-                    test = stats.ttest_rel(table[apart, i, j], table[apart, k, j])
-                    pair[column] = {"t": _number(test.statistic), "p": _number(test.pvalue)}
+                    pair[column] = _t_test(table[apart, i, j] - table[apart, k, j])
                 else:
                     pair[column] = None
             pairs.append(pair)
     return {"configurations": configurations, "paired_t_tests": pairs}
+
+
+def _t_test(differences: Array) -> dict[str, float | None]:
+    """The paired t-test of differences (n,); without spread they have no t."""
+    if np.ptp(differences) <= NO_SPREAD * np.abs(differences).max():
+        return {"t": None, "p": None}
+    test = stats.ttest_1samp(differences, 0.0)
+    return {"t": float(test.statistic), "p": float(test.pvalue)}
 
 
 def disjoint(outages: Sequence[Outage]) -> list[Outage]:
@@ -230,11 +238,6 @@ def disjoint(outages: Sequence[Outage]) -> list[Outage]:
         if not separate or outage.start >= separate[-1].end:
             separate.append(outage)
     return separate
-
-
-def _number(value: float) -> float | None:
-    """A number for JSON, which has no NaN."""
-    return float(value) if np.isfinite(value) else None
 
 
 def counts(causes: Mapping[str, int]) -> str:

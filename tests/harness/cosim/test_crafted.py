@@ -1,6 +1,7 @@
 """Packages that are damaged, or made to do harm: an error of ours in one line, in bounded time and memory."""
 
 import io
+import os
 import re
 import struct
 import subprocess
@@ -20,6 +21,7 @@ from harness.cosim import archive
 from harness.cosim.archive import ArchiveError, XmlError, parse_xml, read_member, unpack
 from harness.cosim.fmu import FmuError, describe
 from harness.cosim.ssp import SspError, open_ssp
+from harness.log.log import read_log
 from models.errors import CanineError
 from tests.harness.cosim.test_ssp import package
 from tests.harness.cosim.tiny_fmu import V, tiny_fmu
@@ -169,6 +171,17 @@ def test_the_source_of_a_component_is_checked(source: str, text: str, ssp: Path,
         pass
     assert text in str(caught.value)
     assert str(caught.value).isprintable()
+
+
+def test_a_pipe_is_refused_before_it_is_opened(tmp_path: Path) -> None:
+    # given pipes that nobody writes into, which would wait for ever
+    for name in ("dog.fmu", "trial.mcap"):
+        os.mkfifo(tmp_path / name)
+    # then
+    with pytest.raises(CanineError, match=r"dog\.fmu: is no file; expected a package"):
+        describe(tmp_path / "dog.fmu")
+    with pytest.raises(CanineError, match=r"log .*trial\.mcap: is no file"):
+        read_log(tmp_path / "trial.mcap")
 
 
 def test_bombs_cost_bounded_time_and_memory(tmp_path: Path) -> None:

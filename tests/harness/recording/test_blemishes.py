@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from harness.recording.read import read_recording
-from harness.recording.recording import Recording, RecordingError
+from harness.recording.recording import FixStream, Recording, RecordingError, SampleStream
 from harness.recording.signals import sensor_signals
 from tests.harness.recording.walks import FIXES, fixes, frame, pvt, samples, write_walk
 
@@ -167,6 +167,73 @@ def test_a_damaged_csv_loses_the_damaged_line_alone(
     got, expected = sensor_signals(recording), sensor_signals(clean)
     for name in ("accel_y", "gyro_z", "pitch_meas"):  # one sample of 1550 held for 20 ms longer
         np.testing.assert_allclose(getattr(got, name), getattr(expected, name), atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("far", "lost"),
+    [({60}, 1), ({0}, 1), ({FIXES - 1}, 1), ({60, 61, 62}, 3), ({30, 31, 90}, 3)],
+    ids=["one", "the first", "the last", "three in a row", "two places"],
+)
+def test_fixes_where_nothing_moves_so_fast_are_dropped_and_counted(
+    tmp_path: Path, clean: Recording, far: set[int], lost: int
+) -> None:
+    # given a receiver that states some fixes 1 km off
+    stream = [pvt(k, north_m=1000.0 * (k in far)) for k in range(FIXES)]
+    # when
+    recording = read_recording(write_walk(tmp_path, stream))
+    # then they alone are lost
+    assert len(recording.fixes.t) == len(clean.fixes.t) - lost
+    assert recording.dropped == {"fixes where nothing moves so fast": lost}
+    assert np.ptp(recording.fixes.latitude) < 1e-5
+
+
+def test_positions_that_jump_within_their_accuracy_are_kept(tmp_path: Path, clean: Recording) -> None:
+    # given a fix 1.5 m off, whose neighbours state 0.8 m and which is 0.25 s from them
+    stream = [pvt(k, north_m=1.5 * (k == 60)) for k in range(FIXES)]
+    assert len(read_recording(write_walk(tmp_path, stream)).fixes.t) == len(clean.fixes.t)
+
+
+def test_positions_that_jump_all_the_time_are_refused() -> None:
+    rows = np.column_stack(
+        [np.arange(2500.0), np.tile([0.0, 1.0], 1250), np.zeros((2500, 4)), np.ones((2500, 2))]
+    )
+    stream = FixStream("gps.csv", rows, np.arange(2500))
+    with pytest.raises(RecordingError, match=r"gps\.csv: 2499 times the position jumps .* above 100 m/s"):
+        stream.in_order()
+
+
+@pytest.mark.parametrize(
+    ("column", "value"), [(4, 101.0), (5, -101.0), (6, 0.0), (6, -1.0), (7, 0.0), (7, 2e6), (6, np.inf)]
+)
+def test_a_fix_with_an_impossible_speed_or_accuracy_is_dropped(column: int, value: float) -> None:
+    rows = np.column_stack([np.arange(5.0), np.zeros((5, 5)), np.ones((5, 2))])
+    rows[2, column] = value
+    assert FixStream("gps.csv", rows, np.arange(5)).in_order().dropped == {"fixes out of range": 1}
+
+
+@pytest.mark.parametrize(("value", "lost"), [(199.0, 0), (201.0, 1)])
+def test_a_sample_beyond_200_m_s2_or_100_rad_s_is_dropped(value: float, lost: int) -> None:
+    force, rate = np.zeros((3, 3)), np.zeros((3, 3))
+    force[1, 1], rate[1, 2] = value, value / 2
+    stream = SampleStream("imu.csv", np.arange(3.0), force, np.zeros((3, 3)), np.arange(3))
+    assert sum(stream.in_order().dropped.values()) == lost
+    stream = SampleStream("imu.csv", np.arange(3.0), np.zeros((3, 3)), rate, np.arange(3))
+    assert sum(stream.in_order().dropped.values()) == lost
+
+
+def test_a_tag_that_lost_bytes_does_not_shift_the_clocks(tmp_path: Path, clean: Recording) -> None:
+    # given a time tag that lost 21 pairs, 0.42 s: the time of the first goes with the size of the last
+    tag = write_walk(tmp_path) / "imu.csv.tag"
+    content = tag.read_bytes()
+    pairs = np.frombuffer(content, "<u4", offset=76).reshape(-1, 2).copy()
+    pairs[721, 0] = pairs[700, 0]
+    tag.write_bytes(content[:76] + np.delete(pairs, slice(700, 721), axis=0).tobytes())
+    # when
+    recording = read_recording(tmp_path)
+    # then the lines that seem to arrive before their time are dropped, and the clocks are tied as before
+    assert 19 <= recording.dropped["IMU samples with a time after their arrival"] <= 21
+    shift = float(recording.imu_t[0] - clean.imu_t[0])  # from the first fix, of one each 0.25 s
+    assert abs((shift + 0.125) % 0.25 - 0.125) <= 0.021
 
 
 def test_a_clock_that_was_set_amid_the_recording_is_refused(tmp_path: Path) -> None:

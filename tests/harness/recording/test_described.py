@@ -22,15 +22,15 @@ MOUNTING = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # o
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """The folder of the page's example: one logger whose clock counts ms."""
-    gps = ["t,lat,lon,speed,course,type"]
+    gps = ["t,lat,lon,speed,course,type,satellites,satellites"]
     for t in made_up.fix_times():
         where, (north, east) = made_up.place(float(t)), made_up.velocity(float(t))
         course = np.degrees(np.arctan2(east, north)) % 360
         gps.append(
             f"{1e6 + 1000 * t:.0f},{where['lat']:.9f},{where['lon']:.9f},"
-            f"{3.6 * np.hypot(north, east):.5f},{course:.5f},3"
+            f"{3.6 * np.hypot(north, east):.5f},{course:.5f},3,7,7"
         )
-    gps.insert(5, "1000000,0,0,0,0,0")  # no fix
+    gps.insert(5, "1000000,0,0,0,0,0,7,7")  # no fix
     gps.insert(9, "oops")
     times = np.arange(0, made_up.DURATION, 0.01)
     force, rate = made_up.force_and_rate(times)
@@ -96,13 +96,21 @@ WRONG = {
     "skew": (ROLL, "[[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]", r"no rotation, its rows are not at right angles"),
     "file": ('"gps.csv"', '"gsp.csv"', r"gps\.file is 'gsp\.csv', but .*gsp\.csv is not there"),
     "rate": ("rate = 4 ", "rate = 40 ", r"gps\.csv: its clock runs at 4 lines a second, .* says 40 Hz"),
-    "standing": ('{ column = "t", unit', '{ column = "type", unit', r"its clock runs at 0 lines a second"),
+    "standing": ('{ column = "t", unit', "{ column = 7, unit", r"its clock runs at 0 lines a second"),
     "fixes": (
         "fixes = [3, 4]",
         "fixes = [7]",
         r"gps\.csv: got no fix in \d+ lines; are gps\.fixes the",
     ),
     "clock": ("imu_offset = 0 ", "", r"nothing ties the clocks; give clock\.imu_offset in s"),
+    "accuracy": ("{ value = 2.5,", "{ value = -1,", r"h_acc\.value is -1, expected an accuracy above 0"),
+    "exact": ("{ value = 0.3,", "{ value = 0,", r"s_acc\.value is 0, expected an accuracy above 0"),
+    "twice": ("{ column = 2,", "{ column = 5,", r"imu\.columns\.\w+ is column 5, as another is"),
+    "namesakes": (
+        '{ column = "type" }',
+        '{ column = "satellites" }',
+        r'2 columns are called "satellites"; give that of fix by its number',
+    ),
     "toml": ("[imu]", "[imu", r"recording\.toml: line 16 is `\[imu`: expected '\]'"),
     "deep": ("imu_offset = 0 ", "imu_offset = " + "[" * 5000, r"line 31: brackets are nested 17 deep"),
     "long": ("imu_offset = 0 ", "imu_offset = " + "1" * 8000, r"line 31: .* has 8000 characters"),

@@ -38,6 +38,7 @@ def test_the_longest_run_left_out_between_two_records_is_found() -> None:
 
 def fixes_at(times: list[float]) -> FixStream:
     rows = np.zeros((len(times), 8))
+    rows[:, 6:] = 1.0  # m, m/s
     rows[:, 0] = times
     rows[:, 1] = np.arange(len(times)) * 1e-6  # each at another place: none is a repeat
     return FixStream("x.ubx", rows, np.arange(len(times)))
