@@ -28,7 +28,8 @@ from harness.fit.tracks import (
     Trial,
     measure,
 )
-from harness.log.log import Array, Log, LogError, read_log
+from harness.log.channel import Array
+from harness.log.log import Log, LogError, read_log
 from models.errors import CanineError, UsageError
 from models.kit.units import DEG
 

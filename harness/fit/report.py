@@ -16,7 +16,7 @@ from scipy import stats
 from harness.drawing import BELOW, ESTIMATES, GRID, TRUTH, house_style, new_figure, png_of
 from harness.files import make_folder, replaced, write_whole
 from harness.fit.estimate import reasons, rounded, settled
-from harness.log.log import Array
+from harness.log.channel import Array
 from harness.terminal import new_table, print_table
 
 FOLDER = Path("out/fit")

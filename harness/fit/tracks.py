@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from harness.log.log import Array
+from harness.log.channel import Array
 from harness.trial.plan import is_angular
 from models.canine import Canine
 from models.commands import Command

@@ -23,7 +23,8 @@ import numpy as np
 import numpy.typing as npt
 
 from harness.files import make_folder, write_whole
-from harness.log.log import Channel, Log
+from harness.log.channel import Channel
+from harness.log.log import Log
 from models.errors import UsageError, nearest
 
 TIME = {"unit": "s", "type": "Real", "meaning": "time of the tick"}

@@ -36,9 +36,10 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap_protobuf.schema import build_file_descriptor_set
 
+from harness.log.channel import SECOND, Array
 from harness.log.container import Container
 from harness.log.geodesy import TangentPlane
-from harness.log.log import SECOND, Array, named
+from harness.log.log import named
 from harness.log.route import Route
 from models.cmec import Anomaly
 from models.commands import Command, Status

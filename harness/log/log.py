@@ -9,26 +9,24 @@ and publish time are trial time in ns: nothing comes from a clock, and the same 
 from __future__ import annotations
 
 import json
-import struct
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
 from io import BytesIO
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, cast
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-import orjson
-import zstandard
 from mcap import records
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
 
 from harness.files import nearest_file
+from harness.log.channel import SECOND, Array, Channel
+from harness.log.contents import RECORD, UNREADABLE, Contents, DamageError
 from harness.log.route import Route
 from models.errors import CanineError, UsageError, nearest, printable
 
@@ -40,18 +38,7 @@ FORMAT = "2"  # "1" had no checksums of metadata and file; it is read too
 OWN_RECORD = "log"  # metadata of the log itself: format and origin
 CHECK_RECORD = "crc32"  # metadata with the checksums of the other metadata and the attachments
 END_RECORD = "ended"  # metadata of a run that a fault ended
-JSON_TYPES = {"Real": "number", "Integer": "integer", "Boolean": "boolean"}
-TYPES = {json_type: name for name, json_type in JSON_TYPES.items()}
-SECOND = 1_000_000_000  # ns
-LATEST = 2**53  # ns: float64 tells the ticks of 104 days apart
-
-# What a crafted log may cost. A trial's chunk is a second of it, 55 kB; logs pack to a sixth.
 MAX_RECORD = 512 * 2**20  # bytes: an attached package is as large at most (MAX_BYTES in cosim/archive)
-MAX_CHUNK = 128 * 2**20  # bytes unpacked: a second of 3,000 signals at 1 kHz
-MAX_ROW = 4 * 2**20  # bytes: 100,000 signals; JSON takes up to 20 times as much when it is read
-MAX_RATIO = 1000  # of all chunks unpacked to the file
-
-Array = npt.NDArray[np.float64]
 
 
 class LogError(CanineError):
@@ -60,44 +47,6 @@ class LogError(CanineError):
 
 class NoLogError(LogError, UsageError):
     """There is no file of this name that can be opened."""
-
-
-@dataclass(frozen=True)
-class Channel:
-    """A component's signals, inputs then outputs: names, units, types (Real, Integer, Boolean), meanings."""
-
-    component: str
-    block: str
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    types: tuple[str, ...]
-    meanings: tuple[str, ...]
-
-    def schema(self) -> bytes:
-        """The JSON Schema of a row."""
-        signals = zip(self.names, self.units, self.types, self.meanings, strict=True)
-        properties = {
-            name: {"type": JSON_TYPES[kind], "unit": unit, "description": meaning}
-            for name, unit, kind, meaning in signals
-        }
-        return json.dumps({"title": self.block, "type": "object", "properties": properties}).encode()
-
-    @classmethod
-    def from_schema(cls, component: str, block: str, schema: bytes) -> Channel:
-        """What `schema` stated.
-
-        Raises:
-            ValueError: it is no schema of a row.
-        """
-        try:
-            properties = orjson.loads(schema)["properties"]
-            columns = [(p["unit"], TYPES[p["type"]], p["description"]) for p in properties.values()]
-        except (orjson.JSONDecodeError, KeyError, TypeError, AttributeError):
-            raise ValueError(f'the schema of "{component:.80}" does not describe rows') from None
-        if not all(isinstance(text, str) for column in columns for text in column):
-            raise ValueError(f'the schema of "{component:.80}" has a unit or a meaning that is not a text')
-        units, types, meanings = zip(*columns, strict=True) if columns else ((), (), ())
-        return cls(component, block, tuple(properties), units, types, meanings)
 
 
 @dataclass(repr=False)
@@ -197,19 +146,6 @@ def _typed(column: Array, kind: str) -> npt.NDArray[Any]:
     return np.array(column) if (np.abs(column) >= 2.0**63).any() else column.astype(np.int64)
 
 
-class _DamageError(Exception):
-    """What is wrong with a record."""
-
-    def __str__(self) -> str:
-        return printable(super().__str__())
-
-
-_RECORD = struct.Struct("<BQ")  # opcode, length of the content
-_MESSAGE = struct.Struct("<HxxxxQxxxxxxxx")  # channel, (sequence,) log time, (publish time)
-# what mcap's records and the decompressors raise for bytes that they cannot read
-_UNREADABLE = (McapError, zstandard.ZstdError, RuntimeError, ValueError, OverflowError, struct.error)
-
-
 def checksums(records: Mapping[str, Mapping[str, str]], attachments: Mapping[str, bytes]) -> dict[str, str]:
     """CRC-32 of what is known before the first tick, by name; MCAP gives metadata none.
 
@@ -218,240 +154,6 @@ def checksums(records: Mapping[str, Mapping[str, str]], attachments: Mapping[str
     content = {f"metadata {name}": json.dumps(v, sort_keys=True).encode() for name, v in records.items()}
     content |= {f"attachment {name}": data for name, data in attachments.items()}
     return {name: f"{zlib.crc32(data):08x}" for name, data in content.items()}
-
-
-class _Topic:
-    """One component's rows as they are read."""
-
-    def __init__(self, channel: Channel) -> None:
-        self.channel = channel
-        self.times: list[int] = []  # ns, of the ticks
-        self.values: list[Array] = [np.empty((0, len(channel.names)))]
-        self.messages: list[bytes] = []
-        self.moments: list[int] = []  # of the messages
-
-    def decode(self) -> None:
-        """Turn the messages so far into values.
-
-        Raises:
-            _DamageError: a message is not a row of the channel; ticks go back, or some are missing.
-        """
-        messages, moments, self.messages, self.moments = self.messages, self.moments, [], []
-        start = size = 0
-        for end, message in enumerate(messages, 1):
-            size += len(message)
-            if size >= MAX_ROW or end == len(messages):
-                self._append(messages[start:end], moments[start:end])
-                start, size = end, 0
-
-    def _append(self, messages: list[bytes], moments: list[int]) -> None:
-        """Append the rows of some messages, those before the first that is damaged."""
-        try:
-            self._check_times(moments)
-            values = _values(self.channel, messages, moments)
-        except _DamageError:
-            if len(messages) > 1:
-                for message, moment in zip(messages, moments, strict=True):
-                    self._append([message], [moment])
-            raise
-        self.values.append(values)
-        self.times += moments
-
-    def _check_times(self, moments: list[int]) -> None:
-        """Times grow, and no step is longer than that of the first two ticks, but for rounding to 1 ns."""
-        if max(moments, default=0) > LATEST:
-            latest, last = max(moments) / SECOND, LATEST / SECOND
-            raise _DamageError(f"a tick is at {latest:g} s; a log has none after {last:g} s")
-        times = np.array(self.times[-1:] + moments, dtype=np.int64)
-        steps = np.diff(times)
-        if (steps <= 0).any():
-            at = times[np.argmax(steps <= 0)] / SECOND
-            raise _DamageError(f"the time does not grow after the tick at {at:g} s")
-        first = np.diff((self.times[:2] + moments)[:2])
-        holes = 2 * steps > 3 * first if len(first) else steps > LATEST
-        if holes.any():
-            before, after = times[np.argmax(holes)] / SECOND, times[np.argmax(holes) + 1] / SECOND
-            raise _DamageError(f"ticks between {before:g} and {after:g} s are missing")
-
-
-def _values(channel: Channel, messages: list[bytes], times: list[int]) -> Array:
-    """The values of some rows, (n, signals).
-
-    Raises:
-        _DamageError: a message is no JSON, or not a row of the channel.
-    """
-    try:
-        rows = orjson.loads(b"[" + b",".join(messages) + b"]")
-    except orjson.JSONDecodeError as reason:
-        raise _DamageError(f'a row of "{channel.component}" is no JSON ({reason})') from None
-    expected = dict.fromkeys(channel.names).keys()
-    if len(rows) != len(messages):
-        raise _DamageError(f'a message of "{channel.component}" is not one row')
-    for row, time in zip(rows, times, strict=True):
-        if type(row) is not dict or row.keys() != expected:
-            where = f'the row of "{channel.component}" at {time / SECOND:g} s'
-            if type(row) is not dict:
-                raise _DamageError(f"{where} is a {type(row).__name__}; expected an object")
-            missing, extra = sorted(expected - row.keys()), sorted(row.keys() - expected)
-            what = f"lacks the signal {missing[0]!r:.80}" if missing else f"has a signal {extra[0]!r:.80}"
-            raise _DamageError(f"{where} {what}, unlike its schema")
-    values = np.empty((len(rows), len(channel.names)))
-    for i, (name, kind) in enumerate(zip(channel.names, channel.types, strict=True)):
-        column = [row[name] for row in rows]
-        if not set(map(type, column)) <= _PLAIN[kind]:
-            column = [_number(channel, name, kind, value) for value in column]
-        values[:, i] = column
-    return values
-
-
-def _number(channel: Channel, name: str, kind: str, value: object) -> float:
-    if kind != "Boolean" and isinstance(value, str) and value in _NOT_FINITE:
-        return float(value)
-    if type(value) in _PLAIN[kind] or (kind == "Integer" and type(value) is float and value.is_integer()):
-        return float(cast("float", value))
-    raise _DamageError(f'"{channel.component}.{name}" is {value!r:.80}; expected a {kind}')
-
-
-_PLAIN: dict[str, set[type]] = {"Real": {float, int}, "Integer": {int}, "Boolean": {bool}}
-_NOT_FINITE = ("NaN", "Infinity", "-Infinity")
-
-
-class _Contents:
-    """What a log holds, as far as it is read."""
-
-    def __init__(self, size: int) -> None:
-        self.metadata: dict[str, dict[str, str]] = {}
-        self.attachments: dict[str, bytes] = {}
-        self.topics: dict[str, _Topic] = {}  # by component
-        self._schemas: dict[int, records.Schema] = {}
-        self._channels: dict[int, records.Channel] = {}
-        self._topics: dict[int, _Topic | None] = {}  # by channel; None for those of the viewers
-        self._room = max(MAX_CHUNK, MAX_RATIO * size)  # bytes that chunks may still unpack to
-
-    def take(self, opcode: int, content: bytes) -> None:
-        """Keep what a record says.
-
-        Raises:
-            _DamageError: the record is damaged.
-        """
-        try:
-            self._take(opcode, content)
-        except _UNREADABLE as reason:
-            raise _DamageError(str(reason) or type(reason).__name__) from None
-
-    def _take(self, opcode: int, content: bytes) -> None:
-        stream = ReadDataStream(BytesIO(content))
-        match opcode:
-            case Opcode.METADATA:
-                metadata = records.Metadata.read(stream)
-                self.metadata[metadata.name] = metadata.metadata
-            case Opcode.ATTACHMENT:
-                attachment = records.Attachment.read(stream)
-                stated = int.from_bytes(content[-4:], "little")
-                if stated not in (0, zlib.crc32(content[:-4])):
-                    raise _DamageError(f'the checksum of attachment "{attachment.name:.80}" differs')
-                self.attachments[attachment.name] = attachment.data
-            case Opcode.SCHEMA:
-                schema = records.Schema.read(stream)
-                if self._schemas.setdefault(schema.id, schema) != schema:
-                    raise _DamageError(f"two schemas have the number {schema.id}")
-            case Opcode.CHANNEL:
-                self._take_channel(records.Channel.read(stream))
-            case Opcode.MESSAGE:
-                self._take_message(content, 0, len(content))
-            case Opcode.CHUNK:
-                self._take_chunk(records.Chunk.read(stream))
-
-    def _take_channel(self, channel: records.Channel) -> None:
-        if self._channels.setdefault(channel.id, channel) != channel:
-            raise _DamageError(f"two channels have the number {channel.id}")
-        if channel.id in self._topics:
-            return
-        self._topics[channel.id] = None
-        if "component" not in channel.metadata:
-            return
-        component, block = channel.metadata["component"], channel.metadata.get("block", "")
-        if channel.schema_id not in self._schemas:
-            raise _DamageError(
-                f'channel "{channel.topic:.80}" names schema {channel.schema_id}, which is missing'
-            )
-        if component in self.topics:
-            raise _DamageError(f'two channels have the rows of "{component:.80}"')
-        schema = self._schemas[channel.schema_id].data
-        self.topics[component] = self._topics[channel.id] = _Topic(
-            Channel.from_schema(component, block, schema)
-        )
-
-    def _take_message(self, data: bytes, start: int, end: int) -> None:
-        channel, time = _MESSAGE.unpack_from(data, start)
-        if channel not in self._topics:
-            raise _DamageError(f"a message of channel {channel}, which is missing")
-        if topic := self._topics[channel]:
-            if end - start > MAX_ROW:
-                raise _DamageError(f"a row of {end - start} bytes; at most {MAX_ROW} are read")
-            topic.moments.append(time)
-            topic.messages.append(data[start + _MESSAGE.size : end])
-
-    def _take_chunk(self, chunk: records.Chunk) -> None:
-        """Keep a chunk's records; its thousands of messages are not made objects one by one."""
-        data, at = self._unpacked(chunk), 0
-        while at < len(data):
-            opcode, length = _RECORD.unpack_from(data, at)
-            start, at = at + _RECORD.size, at + _RECORD.size + length
-            if at > len(data):
-                raise _DamageError("a record leaves its chunk")
-            if opcode == Opcode.MESSAGE:
-                self._take_message(data, start, at)
-            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                self._take(opcode, data[start:at])
-            else:
-                raise _DamageError(f"a chunk holds a record of kind {opcode}, which has no place there")
-        self.decode()
-
-    def _unpacked(self, chunk: records.Chunk) -> bytes:
-        """The records of a chunk."""
-        size = chunk.uncompressed_size
-        if size > min(MAX_CHUNK, self._room):
-            raise _DamageError(f"a chunk unpacks to {size / 2**20:.0f} MiB, more than a log's chunk holds")
-        self._room -= size
-        match chunk.compression:
-            case "zstd":
-                stated = zstandard.get_frame_parameters(chunk.data).content_size
-                if stated not in (size, zstandard.CONTENTSIZE_UNKNOWN):
-                    raise _DamageError(f"a chunk of {size} bytes unpacks to {stated}")
-                data = zstandard.decompress(chunk.data, max_output_size=size) if size else b""
-            case "lz4":  # by a tool that wrote the log anew
-                import lz4.frame  # noqa: PLC0415 - never ours
-
-                data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
-            case "":
-                data = chunk.data
-            case _:
-                raise _DamageError(f'a chunk has compression "{chunk.compression:.80}"; expected zstd')
-        if len(data) != size:
-            raise _DamageError(f"a chunk of {size} bytes unpacks to {len(data)}")
-        if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
-            raise _DamageError("the checksum of a chunk differs")
-        return data
-
-    def decode(self) -> None:
-        """Turn the messages so far into values.
-
-        Raises:
-            _DamageError: as a topic does.
-        """
-        for topic in self.topics.values():
-            topic.decode()
-
-    def ticks(self) -> tuple[list[int], bool]:
-        """The times (ns) of the ticks that all components have; are they all that there are?"""
-        times = [topic.times for topic in self.topics.values()]
-        count = 0
-        for moments in zip(*times, strict=False):
-            if len(set(moments)) > 1:
-                break
-            count += 1
-        return times[0][:count] if times else [], all(len(t) == count for t in times)
 
 
 def read_log(path: Path) -> Log:
@@ -470,7 +172,7 @@ def read_log(path: Path) -> Log:
     try:
         with path.open("rb") as file:
             size = path.stat().st_size
-            contents = _Contents(size)
+            contents = Contents(size)
             broken = _read(path, file, size, contents)
     except (FileNotFoundError, NotADirectoryError, IsADirectoryError, PermissionError) as error:
         hint = "" if path.exists() else nearest_file(path)
@@ -479,7 +181,7 @@ def read_log(path: Path) -> Log:
         raise LogError(f"log {path}: cannot be read ({error.strerror})") from error
     try:
         contents.decode()  # messages outside chunks
-    except _DamageError as damage:
+    except DamageError as damage:
         broken = f"the file is damaged ({damage})"
     ticks, complete = contents.ticks()
     if not complete:
@@ -513,7 +215,7 @@ def read_log(path: Path) -> Log:
     )
 
 
-def _read(path: Path, file: IO[bytes], size: int, contents: _Contents) -> str:
+def _read(path: Path, file: IO[bytes], size: int, contents: Contents) -> str:
     """Read a file's records into `contents`; why they are not all, "" if they are.
 
     Raises:
@@ -528,10 +230,10 @@ def _read(path: Path, file: IO[bytes], size: int, contents: _Contents) -> str:
     ends = 0  # of sections
     early = f"the file ends early, at byte {size}: the run was killed or the file was cut"
     while True:
-        head = file.read(_RECORD.size)
-        if len(head) < _RECORD.size:
+        head = file.read(RECORD.size)
+        if len(head) < RECORD.size:
             return early
-        opcode, length = _RECORD.unpack(head)
+        opcode, length = RECORD.unpack(head)
         if length > size - at - len(head):
             return early
         if length > MAX_RECORD:
@@ -545,12 +247,12 @@ def _read(path: Path, file: IO[bytes], size: int, contents: _Contents) -> str:
                 covered, stated = head + content[:-4] if opcode == Opcode.FOOTER else b"", content[-4:]
                 actual = zlib.crc32(covered, checksum).to_bytes(4, "little")
                 if stated != actual and (checked or stated != bytes(4)):
-                    raise _DamageError(
+                    raise DamageError(
                         f"the checksum over all before is {stated.hex()}, expected {actual.hex()}"
                     )
             else:
                 contents.take(opcode, content)
-        except _DamageError as damage:
+        except DamageError as damage:
             return f"the file is damaged at byte {at} ({damage})"
         at += len(head) + length
         checksum = 0 if opcode == Opcode.DATA_END else zlib.crc32(content, zlib.crc32(head, checksum))
@@ -571,7 +273,7 @@ def _check_profile(path: Path, opcode: int, content: bytes) -> None:
         if opcode != Opcode.HEADER:
             raise ValueError
         profile = records.Header.read(ReadDataStream(BytesIO(content))).profile
-    except _UNREADABLE:
+    except UNREADABLE:
         raise LogError(
             f"log {path}: no tick to read, the file is damaged at its first record, which is not a header; "
             "run the trial again"
@@ -583,7 +285,7 @@ def _check_profile(path: Path, opcode: int, content: bytes) -> None:
         )
 
 
-def _checked_head(path: Path, contents: _Contents) -> dict[str, str]:
+def _checked_head(path: Path, contents: Contents) -> dict[str, str]:
     """The log's own record, out of the metadata, once all that say which run it is are known to be whole.
 
     Raises:

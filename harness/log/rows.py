@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import orjson
 
-from harness.log.log import Array, Channel
+from harness.log.channel import Array, Channel
 
 INTEGER_LIMIT = 2.0**63  # what fits into 64 bits is smaller in magnitude
 

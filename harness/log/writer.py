@@ -16,19 +16,9 @@ import numpy as np
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
 from harness.interrupts import held_interrupts
+from harness.log.channel import SECOND, Array, Channel
 from harness.log.container import Container, Times
-from harness.log.log import (
-    CHECK_RECORD,
-    END_RECORD,
-    FORMAT,
-    OWN_RECORD,
-    PROFILE,
-    SECOND,
-    Array,
-    Channel,
-    LogError,
-    checksums,
-)
+from harness.log.log import CHECK_RECORD, END_RECORD, FORMAT, OWN_RECORD, PROFILE, LogError, checksums
 from harness.log.route import Route
 from harness.log.rows import Rows
 

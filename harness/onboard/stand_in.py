@@ -18,8 +18,8 @@ import numpy.typing as npt
 
 from codegen.firmware.telemetry import FIELDS, POSITION_UNIT, Telemetry
 from harness.cosim.fmu import Call, FmuDescription, Quantity
+from harness.log.channel import Channel
 from harness.log.geodesy import TangentPlane
-from harness.log.log import Channel
 from harness.onboard import ROLES
 from harness.onboard.instruments import InertialUnit, Receiver
 from harness.onboard.memory import Memory

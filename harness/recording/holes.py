@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from harness.log.log import Array
+from harness.log.channel import Array
 
 Hole = tuple[float, float]  # s, the last sample before it and the first after it
 

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from harness.drawing import BELOW, ESTIMATES, GPS, GRID, TRUTH, drawable, house_style, new_figure, png_of
 from harness.files import write_whole
-from harness.log.log import Array
+from harness.log.channel import Array
 from harness.recording.holes import holes_of_fixes
 
 SMALL, LARGE = 11, 14  # pt

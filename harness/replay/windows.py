@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness.log.log import Array
+from harness.log.channel import Array
 from harness.recording.attitude import TICK_S
 from harness.recording.holes import Hole, holes_of_fixes, interval_of
 

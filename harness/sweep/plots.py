@@ -19,7 +19,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.polynomial import Polynomial
 
 from harness.drawing import BELOW, BESIDE, GRID, Style, drawable, house_style, new_figure, png_of
-from harness.log.log import Array
+from harness.log.channel import Array
 from harness.sweep.table import Z_95, Point, plain
 
 Varied = tuple[str, Sequence[Decimal]]  # label with unit, values

@@ -13,7 +13,7 @@ from fmus.archive import pack
 from harness.cosim.fmu import Quantity
 from harness.cosim.loop import Array, Simulation
 from harness.cosim.roles import Rename, Role, find_role
-from harness.log.log import Channel
+from harness.log.channel import Channel
 from harness.log.writer import LogWriter
 from harness.onboard.stand_in import Onboard
 from harness.trial.plan import values_of

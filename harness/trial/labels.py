@@ -12,7 +12,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.text import Annotation
 from matplotlib.transforms import Bbox
 
-from harness.log.log import Array
+from harness.log.channel import Array
 
 Place = tuple[str, float, float]  # name, x and y of its marker
 STEP = 1.0  # points between the samples of a path

@@ -46,7 +46,8 @@ from harness.drawing import (
     set_title,
     shade,
 )
-from harness.log.log import Array, Log, named
+from harness.log.channel import Array
+from harness.log.log import Log, named
 from harness.terminal import DEVIATION_THRESHOLD
 from harness.trial import disturbances as kinds
 from harness.trial.disturbances import Span, disturbances

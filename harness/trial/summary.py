@@ -15,7 +15,8 @@ from rich.markup import escape
 
 from codegen.templating import environment
 from harness.files import write_whole
-from harness.log.log import Array, Log, named
+from harness.log.channel import Array
+from harness.log.log import Log, named
 from harness.terminal import console_of, new_table, print_table
 from harness.trial.disturbances import disturbances
 from models.cmec import Anomaly

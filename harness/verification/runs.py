@@ -10,7 +10,8 @@ from functools import cache
 import numpy as np
 
 from codegen.scratch import Scratch
-from harness.log.log import Array, Log, read_log
+from harness.log.channel import Array
+from harness.log.log import Log, read_log
 from harness.sweep.chunks import ANOMALIES, Outcomes, batch_of, pool_at, run_all
 from harness.sweep.plots import trend
 from harness.sweep.recommend import Ticks, error_shares

@@ -13,7 +13,7 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
 
 from harness.cosim.loop import Array, Record, Simulation
-from harness.log.log import Channel
+from harness.log.channel import Channel
 from harness.log.writer import LogWriter
 from harness.trial.contents import LogRows, attachments, metadata
 from harness.trial.prepare import Prepared

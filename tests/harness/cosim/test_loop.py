@@ -12,7 +12,8 @@ import pytest
 from harness.cosim.loop import Array, Event, Simulation, Stop
 from harness.cosim.ssp import FmuComponent, FmuSystem, ScaledLink, StartValue
 from harness.cosim.stepping import Order
-from harness.log.log import Channel, read_log
+from harness.log.channel import Channel
+from harness.log.log import read_log
 from harness.log.writer import LogWriter
 from models.errors import ParameterError
 from tests.harness.cosim.tiny_fmu import V, tiny_fmu

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from harness.fit.tracks import MOTION_SOURCES, Track
-from harness.log.log import Array, Channel
+from harness.log.channel import Array, Channel
 from harness.log.writer import LogWriter
 from models.commands import Command
 from models.kit.units import DEG

@@ -23,7 +23,8 @@ from harness.fit.estimate import (
     read_tracks,
 )
 from harness.fit.tracks import STATISTICS, Trial, measure
-from harness.log.log import Array, LogError
+from harness.log.channel import Array
+from harness.log.log import LogError
 from harness.trial import trial
 from harness.trial.prepare import prepared
 from harness.trial.request import Changes, build_missing, requested

@@ -12,8 +12,9 @@ import pandas as pd
 import pytest
 from pyarrow import parquet
 
+from harness.log.channel import Channel
 from harness.log.export import export
-from harness.log.log import Channel, Log
+from harness.log.log import Log
 from models.errors import UsageError
 
 TRICKY = [0.1, -0.0, math.nan, math.inf, -math.inf, 5e-324]

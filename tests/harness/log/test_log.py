@@ -22,7 +22,8 @@ from mcap.writer import MCAP0_MAGIC, Writer
 from mcap_protobuf.decoder import DecoderFactory
 
 from harness.cosim.loop import ROWS
-from harness.log.log import Channel, LogError, read_log
+from harness.log.channel import Channel
+from harness.log.log import LogError, read_log
 from harness.log.writer import LogWriter
 
 TICK = 0.04  # s

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.log.log import Channel
+from harness.log.channel import Channel
 from harness.log.rows import Rows
 
 REALS = (

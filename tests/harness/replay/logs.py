@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.log.log import Array, Channel
+from harness.log.channel import Array, Channel
 from harness.log.writer import LogWriter
 from models.four_state import FourState
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness.log.log import Array
+from harness.log.channel import Array
 from harness.replay.windows import (
     NO_FIX_AT_THE_END,
     NO_FIXES_BEFORE,

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.log.log import Channel, Log, read_log
+from harness.log.channel import Channel
+from harness.log.log import Log, read_log
 from harness.trial import trial
 from harness.trial.disturbances import GPS_OUTAGE, LOST_RADIO, ORDER, Span, disturbances
 from harness.trial.prepare import prepared

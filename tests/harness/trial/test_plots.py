@@ -15,7 +15,8 @@ from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 from numpy.typing import ArrayLike
 
 from harness.drawing import ESTIMATE, LOST_RADIO, MAGENTA, ORDER, OUTAGE, png_of
-from harness.log.log import Channel, Log
+from harness.log.channel import Channel
+from harness.log.log import Log
 from harness.trial import plots
 from models.commands import Command
 from tests.harness.pictures import line, size

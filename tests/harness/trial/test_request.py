@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from fmus.folder import build_folder
-from harness.log.log import Channel, read_log
+from harness.log.channel import Channel
+from harness.log.log import read_log
 from harness.log.writer import LogWriter
 from harness.trial import request as request_module
 from harness.trial import trial

@@ -11,7 +11,8 @@ import pytest
 from rich.console import Console
 
 from harness.files import FileError
-from harness.log.log import Channel, Log
+from harness.log.channel import Channel
+from harness.log.log import Log
 from harness.trial.summary import show, summarize, write_page, write_summary
 
 VOID = {"meta", "img"}

@@ -12,7 +12,7 @@ import pytest
 from matplotlib.image import imread
 from scipy.stats import beta, binom
 
-from harness.log.log import Array
+from harness.log.channel import Array
 from harness.sweep import sweep
 from harness.sweep.chunks import Outcomes, pool_at, run_all
 from harness.sweep.recommend import Ticks
