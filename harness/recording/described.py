@@ -244,7 +244,8 @@ def _mounting(path: Path, written: Any) -> Array:
 def read_columns(file: FileDescription) -> tuple[dict[str, Array], Index, Counter[str]]:
     """The columns of a csv in SI, (n,) each; the position behind each line; lines dropped, by cause.
 
-    Lines that begin with # or % are comments, and the first line may be a header.
+    Lines that begin with # or % are comments, and the first line may be a header. Without a column
+    for it, the time of the first line is 0, and that of the others follows from the rate stated.
 
     Raises:
         RecordingError: a column that was named is not in the header, or no line has numbers.
@@ -264,8 +265,8 @@ def read_columns(file: FileDescription) -> tuple[dict[str, Array], Index, Counte
         if column.column is not None
     }
     dropped: Counter[str] = Counter()
-    rows, kept = [], []
-    for first, (number, fields) in enumerate(content):
+    rows, kept, indices = [], [], []
+    for index, (number, fields) in enumerate(content):
         try:
             row = [float(fields[place]) for place in places.values()]
         except (ValueError, IndexError):
@@ -273,8 +274,9 @@ def read_columns(file: FileDescription) -> tuple[dict[str, Array], Index, Counte
         if all(map(math.isfinite, row)):
             rows.append(row)
             kept.append(int(ends[number]))
+            indices.append(index)
         else:
-            dropped["lines without their numbers"] += first > 0
+            dropped["lines without their numbers"] += index > 0
     if not rows:
         raise RecordingError(
             f"{file.path}: got {len(lines)} lines, none with numbers in the columns that {DESCRIPTION} names"
@@ -284,6 +286,10 @@ def read_columns(file: FileDescription) -> tuple[dict[str, Array], Index, Counte
     for quantity, column in file.columns.items():
         if column.column is None:
             values[quantity] = np.full(len(rows), column.value * column.factor)
+    if "time" not in values and file.rate:
+        values["time"] = (
+            np.array(indices) - min(indices[0], 1)
+        ) / file.rate  # a dropped line takes its time, too
     return values, np.array(kept, dtype=np.int64), dropped
 
 

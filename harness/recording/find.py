@@ -296,12 +296,11 @@ def _described_samples(file: FileDescription) -> SampleStream:
             raise RecordingError(f"{file.path}: imu.rate is missing; at which rate [Hz] does the MT sample?")
         return read_xsens(file.path, file.rate)
     values, ends, dropped = read_columns(file)
-    clock = values["time"] if "time" in values else np.arange(len(ends)) / (file.rate or 1.0)
-    require_rate(file, clock)
+    require_rate(file, values["time"])
     force, rate = (
         np.column_stack([values[f"{name}_{axis}"] for axis in "xyz"]) for name in ("accel", "gyro")
     )
-    return SampleStream(file.path.name, clock, force, rate, ends, dropped)
+    return SampleStream(file.path.name, values["time"], force, rate, ends, dropped)
 
 
 def _read_fixes(path: Path) -> FixStream:

@@ -1,9 +1,11 @@
 """Replays: an estimator's FMU over recorded sensors, with simulated GPS outages.
 
-In: the folder of a recording (u-blox, IMU, time tags), or a trial's log. Out: outages.json and replay.png.
+In: a recording (`harness.recording` has the formats), a folder of them, or a trial's log. Out: outages.json
+and replay.png.
 
 `source` makes sensor signals of a recording (`harness.recording`) or of a log, and `windows` chooses the
-outages that can be judged. `replay` runs the estimator through them and compares it with the withheld fixes.
+outages that can be judged. `replay` runs the estimator through them and compares it with the withheld fixes;
+`several` does so for each recording below a folder.
 `plots` draws paths and errors.
 """
 

@@ -1,4 +1,4 @@
-"""Where the sensor signals of a replay come from: the folder of a recording, or the log of a trial."""
+"""Where the sensor signals of a replay come from: a recording, or the log of a trial."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class ReplaySource:
 
 
 def open_source(path: Path) -> ReplaySource:
-    """Open the folder of a recording, or a trial.mcap.
+    """Open a recording, or a trial.mcap.
 
     Raises:
         RecordingError, LogError: the path is neither, or is damaged.

@@ -12,6 +12,7 @@ from harness.recording.described import GPS_COLUMNS, IMU_COLUMNS, UNITS, read_de
 from harness.recording.read import read_recording
 from harness.recording.recording import RecordingError
 from tests.harness.recording import made_up
+from tests.harness.recording.made_up import force_and_rate
 from tests.harness.recording.test_ways_in import assert_is_the_walk
 
 PAGE = (Path(__file__).parents[3] / "harness" / "recording" / "README.md").read_text()
@@ -33,7 +34,7 @@ def folder(tmp_path: Path) -> Path:
     gps.insert(5, "1000000,0,0,0,0,0,7,7")  # no fix
     gps.insert(9, "oops")
     times = np.arange(0, made_up.DURATION, 0.01)
-    force, rate = made_up.force_and_rate(times)
+    force, rate = force_and_rate(times)
     table = np.column_stack([1e6 + 1000 * times, force @ MOUNTING / made_up.G, np.degrees(rate @ MOUNTING)])
     imu = ["# a comment", *(";".join(f"{value:.6f}" for value in row) for row in table)]
     (tmp_path / "gps.csv").write_text("\r\n".join(gps))
@@ -49,6 +50,30 @@ def test_the_example_of_the_page_reads_a_walk(folder: Path) -> None:
     assert len(recording.fixes.t) == len(made_up.fix_times())
     np.testing.assert_allclose(recording.fixes.h_acc, 2.5)
     assert recording.dropped == {"lines that are no fix": 1, "lines without their numbers": 1}
+
+
+@pytest.mark.parametrize("header", [True, False])
+def test_a_line_that_is_dropped_takes_its_time_where_a_rate_stands_for_the_clock(
+    folder: Path, header: bool
+) -> None:
+    # given an IMU without a time column whose samples 1000 to 1299 are not numbers
+    lines = [line.split(";", 1)[1] for line in (folder / "imu.csv").read_text().splitlines()[1:]]
+    lines[1000:1300] = ["nan;nan;nan;nan;nan;nan"] * 300
+    (folder / "imu.csv").write_text("\n".join([*["x;y;z;p;q;r"] * header, *lines]))
+    columns = re.sub(r"(?m)^time = { column = 1, .*\n", "", EXAMPLE)
+    columns = re.sub(r"column = ([2-7])", lambda found: f"column = {int(found[1]) - 1}", columns)
+    columns = columns.replace('separator = ";"', 'separator = ";"\nrate = 100')
+    columns = re.sub(r"(?m)^imu_offset = 0", "imu_offset = 1000", columns)
+    (folder / "recording.toml").write_text(columns)
+    # when it is read, then the samples behind them keep their time
+    recording = read_recording(folder)
+    assert recording.dropped["lines without their numbers"] == 1 + 300
+    assert np.diff(recording.imu_t).max() == pytest.approx(3.01)
+    assert recording.imu_t[-1] - recording.imu_t[0] == pytest.approx(59.99)
+    inner = recording.imu_t > 20
+    start = recording.fixes.t[0] - 0.25
+    _, rate = force_and_rate(recording.imu_t[inner] - start)
+    np.testing.assert_allclose(recording.rate[inner], rate, atol=2e-3)
 
 
 def test_the_page_names_every_unit_and_column() -> None:
