@@ -287,9 +287,8 @@ def read_columns(file: FileDescription) -> tuple[dict[str, Array], Index, Counte
         if column.column is None:
             values[quantity] = np.full(len(rows), column.value * column.factor)
     if "time" not in values and file.rate:
-        values["time"] = (
-            np.array(indices) - min(indices[0], 1)
-        ) / file.rate  # a dropped line takes its time, too
+        lines_before = np.array(indices) - min(indices[0], 1)  # with those that are dropped, without a header
+        values["time"] = lines_before / file.rate
     return values, np.array(kept, dtype=np.int64), dropped
 
 
