@@ -46,6 +46,21 @@ def test_without_velned_the_velocity_is_that_of_nav_sol(tmp_path: Path) -> None:
     assert fixes.dropped == {"epochs without a three-dimensional fix": 1}
 
 
+@pytest.mark.parametrize(("h_acc", "kept"), [(99_999, 2), (100_000, 1)])
+def test_without_nav_sol_a_position_of_100_m_accuracy_is_no_fix(
+    tmp_path: Path, h_acc: int, kept: int
+) -> None:
+    # given NAV-POSLLH and NAV-VELNED alone, which do not say whether there is a fix
+    velned = {"velN": 200, "velE": 0, "gSpeed": 200, "sAcc": 30}
+    epochs = [
+        message("POSLLH", t, **(PLACE | {"hAcc": accuracy})) + message("VELNED", t, **velned)
+        for t, accuracy in ((1, 3500), (2, h_acc))
+    ]
+    fixes = read_ubx(written(tmp_path, *epochs))
+    assert len(fixes.rows) == kept
+    assert sum(fixes.dropped.values()) == 2 - kept
+
+
 def test_velned_goes_before_nav_sol(tmp_path: Path) -> None:
     velned = message("VELNED", 1, velN=200, velE=0, gSpeed=200, sAcc=30)
     fixes = read_ubx(written(tmp_path, message("POSLLH", 1, **PLACE), sol(1), velned))

@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.recording.esf import decode_meas, decode_raw
+from harness.recording.esf import FORCES, RATES, decode_meas, decode_raw, esf_samples
 from harness.recording.find import find_parts, recordings_below
 from harness.recording.mounting import rotation
 from harness.recording.pos import read_pos
 from harness.recording.read import read_recording
 from harness.recording.recording import Recording, RecordingError
+from harness.recording.ubx import Frame
 from harness.recording.xsens import find_samples, read_xsens
 from tests.harness.recording import made_up
 from tests.harness.recording.made_up import DURATION, TOW, Array, force_and_rate
@@ -78,6 +79,22 @@ def test_measurements_of_esf_are_signed_numbers_of_24_bits() -> None:
     assert decode_meas(meas) == [(5, -6144, 9), (18, 9984, 9)]
     # and a length that is none is no measurement
     assert decode_raw(raw[:-1]) == decode_meas(meas[:-1]) == decode_meas(meas + bytes(4)) == []
+
+
+@pytest.mark.parametrize(("apart", "kept"), [(14, 3), (16, 2)])
+def test_a_rate_needs_a_force_within_one_and_a_half_of_their_gaps(apart: int, kept: int) -> None:
+    # given forces at the tags 0, 10, 20, and rates at 0, 10 and some ticks behind the last force
+    def measured(types: tuple[int, ...], tag: int) -> bytes:
+        return b"".join((t << 24).to_bytes(4, "little") + tag.to_bytes(4, "little") for t in types)
+
+    content = [measured(FORCES, tag) for tag in (0, 10, 20)]
+    content += [measured(RATES, tag) for tag in (0, 10, 20 + apart)]
+    # when
+    samples = esf_samples("f9r.ubx", [Frame(b"\x10\x03", bytes(4) + b"".join(content), 0)])
+    # then the far one is dropped and counted
+    assert samples is not None
+    assert len(samples.clock) == kept
+    assert samples.dropped.get("ESF rates without a force beside them", 0) == 3 - kept
 
 
 def test_a_sensor_clock_of_an_unknown_unit_is_refused(tmp_path: Path) -> None:
