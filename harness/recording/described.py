@@ -41,7 +41,7 @@ import numpy as np
 from harness.recording import STREAMS
 from harness.recording.attitude import Array
 from harness.recording.mounting import fault_of_rotation, rotation
-from harness.recording.recording import Index, RecordingError, read_file
+from harness.recording.recording import Index, RecordingError, as_number, read_file
 from harness.toml_file import TomlError, parse_toml, read_toml
 from models.errors import nearest, printable
 
@@ -268,7 +268,7 @@ def read_columns(file: FileDescription) -> tuple[dict[str, Array], Index, Counte
     rows, kept, indices = [], [], []
     for index, (number, fields) in enumerate(content):
         try:
-            row = [float(fields[place]) for place in places.values()]
+            row = [as_number(fields[place]) for place in places.values()]
         except (ValueError, IndexError):
             row = [math.nan]
         if all(map(math.isfinite, row)):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.recording.recording import RecordingError, SampleStream, read_file
+from harness.recording.recording import RecordingError, SampleStream, as_number, read_file
 
 LARGEST = 1e12  # ms are 30 years
 STANDARD_GRAVITY = 9.80665  # m/s2, the accelerometer's unit of 1 g
@@ -50,8 +50,8 @@ def read_imu_csv(path: Path) -> SampleStream:
 def _numbers(line: bytes) -> list[float] | None:
     """The seven numbers of a line; None if it has others, or such as no IMU sends."""
     try:
-        numbers = [float(field) for field in line.split(b",")]
+        numbers = [as_number(field) for field in line.split(b",")]
     except ValueError:
         return None
-    plain = all(abs(number) < LARGEST for number in numbers) and b"_" not in line  # float() allows 1_000
-    return numbers if len(numbers) == 7 and plain else None
+    possible = all(abs(value) < LARGEST for value in numbers)
+    return numbers if len(numbers) == 7 and possible else None

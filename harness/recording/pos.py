@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.recording.recording import WEEK_S, FixStream, RecordingError, read_file
+from harness.recording.recording import WEEK_S, FixStream, RecordingError, as_number, read_file
 from harness.recording.velocity import with_differences
 
 GPS_EPOCH = datetime(1980, 1, 6)  # without a time zone, as GPS time
@@ -63,7 +63,7 @@ def read_pos(path: Path) -> FixStream:
                         f"GPS time became {LEAP_S} s ahead; let RTKLIB write GPS time"
                     )
                 t += LEAP_S
-            value = dict(zip(column, map(float, fields[2:]), strict=False))
+            value = dict(zip(column, map(as_number, fields[2:]), strict=False))
             quality = QUALITIES.get(int(value["Q"]))
             north, east = (value["vn(m/s)"], value["ve(m/s)"]) if has_velocity else (0.0, 0.0)
             s_acc = math.hypot(value["sdvn"], value["sdve"]) if has_velocity else 0.0
@@ -96,9 +96,9 @@ def read_pos(path: Path) -> FixStream:
 def _week_and_time(day: str, time: str) -> tuple[int, float]:
     """GPS week and time of week [s] of a date and a time, or of a week and a time of week."""
     if "/" not in day:
-        return int(day), float(time)
+        return int(day), as_number(time)
     year, month, date = (int(part) for part in day.split("/"))
     hour, minute, second = time.split(":")
     whole = datetime(year, month, date, int(hour), int(minute)) - GPS_EPOCH
     week, of_week = divmod(whole.total_seconds(), WEEK_S)
-    return int(week), of_week + float(second)
+    return int(week), of_week + as_number(second)

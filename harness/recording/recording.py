@@ -295,6 +295,17 @@ def read_file(path: Path) -> bytes:
     return content
 
 
+def as_number(text: bytes | str) -> float:
+    """A number as instruments write it; `float` reads 1_000 as well.
+
+    Raises:
+        ValueError: it is none.
+    """
+    if ("_" if isinstance(text, str) else b"_") in text:  # type: ignore[operator]
+        raise ValueError
+    return float(text)
+
+
 def wrap_week(seconds: Array) -> Array:
     """A difference of times of week, wrapped to half a week around 0."""
     return (seconds + WEEK_S / 2) % WEEK_S - WEEK_S / 2

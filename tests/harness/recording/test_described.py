@@ -150,3 +150,10 @@ def test_a_wrong_description_is_refused_with_its_place(
     (folder / "recording.toml").write_text(EXAMPLE.replace(old, new, 1))
     with pytest.raises(RecordingError, match=message):
         read_recording(folder)
+
+
+def test_numbers_that_only_python_reads_are_dropped_and_counted(folder: Path) -> None:
+    lines = (folder / "imu.csv").read_text().split("\n")
+    lines[500] = lines[500].replace(".", "_", 1)
+    (folder / "imu.csv").write_text("\n".join(lines))
+    assert read_recording(folder).dropped["lines without their numbers"] == 2  # and "oops"
