@@ -1,7 +1,7 @@
 """The results of a fit: a table, a picture, parameters for a scenario, and fit.json."""
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -132,6 +132,7 @@ def figure(result: Mapping[str, Any]) -> Figure:
 
 def _draw_statistic(axes: Axes, row: Mapping[str, Any], values: Array) -> None:
     """A histogram with its curves, which are scaled to it; values without spread give one bar."""
+    axes.locator_params(axis="x", nbins=5)
     axes.set_xlabel(f"{row['label']} [{row['unit']}]")
     axes.set_ylabel("trials")
     axes.set_title(f"n = {row['n']}", fontsize=10)
@@ -158,7 +159,7 @@ def _draw_statistic(axes: Axes, row: Mapping[str, Any], values: Array) -> None:
         axes.plot(x, y, color=ESTIMATES[1], linewidth=1.4, linestyle="--", label="Table 5.1")
 
 
-def _draw_responses(axes: Axes, rates: Iterable[Mapping[str, Any]]) -> None:
+def _draw_responses(axes: Axes, rates: Sequence[Mapping[str, Any]]) -> None:
     """Success rates with their intervals."""
     for place, row in enumerate(rates):
         axes.plot(
@@ -169,13 +170,13 @@ def _draw_responses(axes: Axes, rates: Iterable[Mapping[str, Any]]) -> None:
             zorder=3,
             label="Table 5.1, rate",
         )
-        axes.annotate(f"n = {row['n']}", (place, 2), ha="center", fontsize=9)
         if row["rate"] is not None:
             low, rate, high = (100 * value for value in (row["interval"][0], row["rate"], row["interval"][1]))
             axes.bar(place, rate, 0.6, color=ESTIMATES[0], alpha=0.45, label="trials")
             error = [[rate - low], [high - rate]]
             axes.errorbar(place, rate, yerr=error, color=TRUTH, capsize=5, label="95 % interval (Wilson)")
-    axes.set_xticks([0, 1], ["LEFT", "RIGHT"])
+    names = [f"{name}, n = {row['n']}" for name, row in zip(("LEFT", "RIGHT"), rates, strict=True)]
+    axes.set_xticks([0, 1], names)
     axes.set_xlim(-0.6, 1.6)
     axes.set_ylim(0, 100)
     axes.set_xlabel("command")

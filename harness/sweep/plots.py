@@ -20,6 +20,7 @@ from numpy.polynomial import Polynomial
 
 from harness.drawing import BELOW, BESIDE, GRID, Style, drawable, house_style, new_figure, png_of
 from harness.log.channel import Array
+from harness.sweep.recommend import LEAST
 from harness.sweep.table import Z_95, Point, plain
 
 Varied = tuple[str, Sequence[Decimal]]  # label with unit, values
@@ -173,7 +174,7 @@ def _maps(axes: Sequence[Varied], table: Sequence[Point], result: Mapping[str, A
     x, y = (np.array([float(v) for v in written]) for written in (values, others))
     figure = new_figure(14, 7)
     rate = _numbers([point.success_rate for point in table])
-    time = _numbers([point.mean_time for point in table])
+    time = _numbers([point.mean_time if point.successes >= LEAST else None for point in table])
     front = [_place(point, 2) for point in result["pareto"]["points"]]
     scales: tuple[Style, Style] = ({"cmap": "cividis", "vmin": 0, "vmax": 100}, {"cmap": "plasma_r"})
     for panel, numbers, key, scale, words in zip(
@@ -211,7 +212,7 @@ def _maps(axes: Sequence[Varied], table: Sequence[Point], result: Mapping[str, A
         else:
             legend.append(Line2D([], [], linestyle="none", label=f"{FRONT}: empty"))
         if np.isnan(numbers).any():
-            legend.append(Patch(facecolor=NO_TIME, edgecolor=TREND, label="no trial succeeded"))
+            legend.append(Patch(facecolor=NO_TIME, edgecolor=TREND, label=f"fewer than {LEAST} successes"))
         panel.set_xlabel(label)
         _set_ticks(panel.xaxis, values)
         _set_ticks(panel.yaxis, others)

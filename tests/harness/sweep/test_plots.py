@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from decimal import Decimal
 from itertools import product
 
@@ -12,6 +13,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.legend import Legend
 from matplotlib.patches import Rectangle
 
+from harness.log.channel import Array
 from harness.sweep.plots import sweep_figure, trend
 from harness.sweep.recommend import recommend
 from harness.sweep.table import Point
@@ -134,7 +136,7 @@ def test_the_maps_have_the_first_parameter_to_the_right() -> None:
         "best for success", "fastest of the best for success", "did best", "Pareto front"
     ]  # fmt: skip
     # and none succeeded at 0, so there is no time
-    assert entries(figure.legends[1])[-1] == "no trial succeeded"
+    assert entries(figure.legends[1])[-1] == "fewer than 30 successes"
     # and the colours have names, units, and all rates as a scale
     assert [axes.get_ylabel() for axes in figure.axes[2:]] == [
         "success rate [%]", "mean time of successful trials [s]"
@@ -152,6 +154,20 @@ def test_the_maps_have_the_first_parameter_to_the_right() -> None:
     for panel in figure.axes[:2]:
         rings = next(line for line in panel.lines if line.get_label() == "Pareto front")
         assert rings.get_xydata() == pytest.approx(np.array([[2.0, 0.0], [2.0, 1.0]]))
+
+
+@pytest.mark.parametrize(("successes", "shown"), [(29, False), (30, True)])
+def test_the_map_of_times_shows_no_time_of_too_few_successes(successes: int, shown: bool) -> None:
+    places = list(product(range(1, 4), range(2)))
+    table = points(places, types=False)
+    table[3] = replace(table[3], successes=successes)
+    ticks = np.array([[500] * p.successes + [0] * (100 - p.successes) for p in table], dtype=np.uint16)
+    axes = [("a", "", [Decimal(k) for k in range(1, 4)]), ("b", "m", [Decimal(k) for k in range(2)])]
+    times = sweep_figure(labels(axes), table, recommend(axes, table, ticks), "title").axes[1]
+    field = np.ma.asarray(times.collections[0].get_array(), dtype=np.float64)
+    time: Array = np.ma.filled(field, np.nan)
+    assert np.isfinite(time[1, 1]) == shown  # the point (2, 1)
+    assert np.isfinite(np.delete(time.ravel(), 4)).all()
 
 
 def test_a_map_of_flat_results_has_no_outline() -> None:
