@@ -15,6 +15,7 @@ A topic is there only if the signals that it is made from are. Times are trial t
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -22,6 +23,7 @@ import numpy as np
 import numpy.typing as npt
 from foxglove_schemas_protobuf.ArrowPrimitive_pb2 import ArrowPrimitive
 from foxglove_schemas_protobuf.Color_pb2 import Color
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
@@ -33,6 +35,7 @@ from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.TextPrimitive_pb2 import TextPrimitive
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+from google.protobuf.timestamp_pb2 import Timestamp
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap_protobuf.schema import build_file_descriptor_set
 
@@ -52,7 +55,7 @@ MAGENTA, YELLOW = Color(r=0.80, g=0.20, b=0.60, a=1.0), Color(r=0.94, g=0.78, b=
 
 Times = npt.NDArray[np.int64]
 Ticks = npt.NDArray[np.intp]  # (n,) rows of a batch
-Moments = Sequence[tuple[int, int, int]]  # log time in ns; the same in whole seconds and ns
+Moments = Sequence[tuple[int, bytes]]  # log time in ns; the same as a Timestamp, its length before it
 Message = tuple[int, int, bytes]  # channel, log time in ns, protobuf
 
 
@@ -63,48 +66,55 @@ def _topic(container: Container, topic: str, schema: Any) -> int:
     return container.add_channel(topic, MessageEncoding.Protobuf, number)
 
 
+# Thousands of positions a second are laid out here: protobuf would set each field of each message by a call.
+# A field begins with a byte: 8 times its number, and 1 for a double or 2 for what has a length..
+_PLACE = struct.Struct("<BdBd")  # LocationFix: latitude, longitude
+_POSE = struct.Struct("<BBBdBdBBBdBd")  # FrameTransform: translation x, y; rotation z, w
+_HALF_POSE = 18  # bytes of either
+_FIX_TIME, _FRAME_TIME, _TRANSFORM = b"\x32", b"\x0a", b"\x0a"
+
+
 class _Fixes:
     """A track on the map; `columns` are those of north, east and, for GPS, of the accuracy h_acc."""
 
     def __init__(self, channel: int, component: str, columns: Sequence[int], plane: TangentPlane) -> None:
         self.channel, self.component, self.columns, self.plane = channel, component, columns, plane
-        self.message = LocationFix(frame_id="map")
-        self.message.timestamp.SetInParent()
+        self.rest = LocationFix(frame_id="map").SerializeToString()  # without time and place
         self.h_acc = math.nan  # m, what the covariance is made from
 
     def encode(self, moments: Moments, values: Mapping[str, Array], ticks: Ticks) -> list[Message]:
         """A fix for each tick, save where it has no finite position, which a map cannot show."""
-        message, timestamp, channel = self.message, self.message.timestamp, self.channel
+        rows = values[self.component][ticks].take(self.columns, axis=1).tolist()
         messages = []
-        rows = values[self.component][ticks].take(self.columns, axis=1)
-        shown = np.flatnonzero(np.isfinite(rows[:, :2]).all(axis=1))
-        rows = rows[shown]
-        latitudes, longitudes = np.degrees(self.plane.from_plane(rows[:, 0], rows[:, 1])).tolist()
-        for i, latitude, longitude, h_acc in zip(
-            shown.tolist(), latitudes, longitudes, rows[:, 2:].tolist(), strict=True
-        ):
-            time, timestamp.seconds, timestamp.nanos = moments[i]
-            message.latitude, message.longitude = latitude, longitude
-            if h_acc and h_acc[0] != self.h_acc:
-                self._state_accuracy(h_acc[0])
-            messages.append((channel, time, message.SerializeToString()))
+        for (time, stamp), (north, east, *h_acc) in zip(moments, rows, strict=True):
+            if math.isfinite(north) and math.isfinite(east):
+                if h_acc and h_acc[0] != self.h_acc:
+                    self._state_accuracy(h_acc[0])
+                latitude, longitude = self.plane.place(north, east)
+                place = _PLACE.pack(0x09, latitude, 0x11, longitude)
+                messages.append((self.channel, time, place + _FIX_TIME + stamp + self.rest))
         return messages
 
     def _state_accuracy(self, h_acc: float) -> None:
         self.h_acc = h_acc
         variance = (h_acc / 2) ** 2  # eq. 3.15 in m
-        self.message.position_covariance[:] = [variance, 0, 0, 0, variance, 0, 0, 0, 0]
-        self.message.position_covariance_type = LocationFix.APPROXIMATED
+        self.rest = LocationFix(
+            frame_id="map",
+            position_covariance=[variance, 0, 0, 0, variance, 0, 0, 0, 0],
+            position_covariance_type=LocationFix.APPROXIMATED,
+        ).SerializeToString()
 
 
 class _Frames:
     """Where the dog is, and where the estimator thinks it is, for the 3D panel."""
 
     def __init__(self, channel: int, tracks: Mapping[str, tuple[str, Sequence[int]]]) -> None:
-        self.channel, self.message = channel, FrameTransforms()
+        self.channel = channel
         self.tracks = list(tracks.values())
-        transforms = [self.message.transforms.add(parent_frame_id="map", child_frame_id=f) for f in tracks]
-        self.parts = [(t.timestamp, t.translation, t.rotation) for t in transforms]
+        self.names = [
+            FrameTransform(parent_frame_id="map", child_frame_id=frame).SerializeToString()
+            for frame in tracks
+        ]
 
     def encode(self, moments: Moments, values: Mapping[str, Array], ticks: Ticks) -> list[Message]:
         """All frames for each tick."""
@@ -112,15 +122,18 @@ class _Frames:
             values[component][ticks].take(columns, axis=1).tolist() for component, columns in self.tracks
         ]
         messages = []
-        for (time, seconds, nanos), of_frames in zip(moments, zip(*poses, strict=True), strict=True):
-            for (north, east, heading), parts in zip(of_frames, self.parts, strict=True):
-                timestamp, translation, rotation = parts
-                timestamp.seconds, timestamp.nanos = seconds, nanos
-                translation.x, translation.y = east, north
+        for (time, stamp), of_frames in zip(moments, zip(*poses, strict=True), strict=True):
+            message = b""
+            for (north, east, heading), names in zip(of_frames, self.names, strict=True):
                 # a heading is clockwise from north, a rotation counterclockwise from east
                 half = (math.pi / 2 - heading) / 2 if math.isfinite(heading) else 0.0
-                rotation.z, rotation.w = math.sin(half), math.cos(half)
-            messages.append((self.channel, time, self.message.SerializeToString()))
+                pose = _POSE.pack(
+                    0x22, _HALF_POSE, 0x09, east, 0x11, north,
+                    0x2A, _HALF_POSE, 0x19, math.sin(half), 0x21, math.cos(half),
+                )  # fmt: skip
+                transform = _FRAME_TIME + stamp + names + pose
+                message += _TRANSFORM + bytes([len(transform)]) + transform
+            messages.append((self.channel, time, message))
         return messages
 
 
@@ -245,7 +258,11 @@ class Views:
 
 
 def _moments(times: Times) -> Moments:
-    return [(time, *divmod(time, SECOND)) for time in times.tolist()]
+    moments = []
+    for time in times.tolist():
+        stamp = Timestamp(seconds=time // SECOND, nanos=time % SECOND).SerializeToString()
+        moments.append((time, bytes([len(stamp)]) + stamp))
+    return moments
 
 
 def _arrow(frame: str) -> SceneEntity:

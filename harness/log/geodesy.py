@@ -54,5 +54,10 @@ class TangentPlane:
 
     def place(self, north: float, east: float) -> tuple[float, float]:
         """Latitude and longitude in deg, the latter in [-180, 180), of `north` and `east` in m."""
-        latitude, longitude = self.from_plane(north, east)
-        return math.degrees(latitude), (math.degrees(longitude) + 180) % 360 - 180
+        meridian, parallel = self.radii
+        latitude = math.degrees(self.latitude + north / meridian)
+        longitude = math.degrees(self.longitude + east / parallel)
+        if abs(latitude) <= 90 and -180 <= longitude < 180:
+            return latitude, longitude
+        beyond, around = self.from_plane(north, east)
+        return math.degrees(beyond), (math.degrees(around) + 180) % 360 - 180
