@@ -366,6 +366,13 @@ def check(
         return
     if as_json:
         raise UsageError(f"--json: {fmu} is an FMU; --json is for a recording")
+    if fmu.suffix.lower() in (".toml", ".mcap"):
+        kind = (
+            "a scenario or a mapping file; `canine run`"
+            if fmu.suffix.lower() == ".toml"
+            else "a log; `canine replay`"
+        )
+        raise UsageError(f"{fmu}: is {kind} takes it; expected an FMU or a recording")
     from harness.cosim.fmu import describe
 
     if role is not None:
@@ -464,6 +471,8 @@ def _replay_all(
     else:
         several.show(results, out())
     several.require_one(path, results)
+    if failed := [result["recording"] for result in results if result["problem"]]:
+        _note(f"{path}: {len(failed)} of {len(results)} recordings cannot be replayed: {', '.join(failed)}")
     if not as_json:
         typer.echo(f"{_short(place)}/: a folder for each recording")
 

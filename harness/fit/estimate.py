@@ -394,7 +394,7 @@ def _mixed(tracks: Sequence[tuple[Track, MotionSource]]) -> Iterable[str]:
     again = sum(n - 1 for n in seeds.values())
     if again:
         yield (
-            f"{again} of the simulated logs have the seed of another, and so the same draws: they are not "
+            f"simulated logs with the seed of another, and so its draws: {again}; they are not "
             "independent, and the intervals are too narrow; give each its own seed"
         )
 

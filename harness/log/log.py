@@ -175,7 +175,8 @@ def read_log(path: Path) -> Log:
             contents = Contents(size)
             broken = _read(path, file, size, contents)
     except (FileNotFoundError, NotADirectoryError, IsADirectoryError, PermissionError) as error:
-        hint = "" if path.exists() else nearest_file(path)
+        inside = sorted(path.glob("*.mcap")) if path.is_dir() else []
+        hint = f'; did you mean "{inside[0]}"?' if inside else "" if path.exists() else nearest_file(path)
         raise NoLogError(f"log {path}: cannot be read ({error.strerror}){hint}") from error
     except OSError as error:
         raise LogError(f"log {path}: cannot be read ({error.strerror})") from error

@@ -166,9 +166,11 @@ def recordings_below(path: Path) -> list[Path]:
         found += [*one, *(place for name in files if _is_stream(place := Path(folder, name)))]
     found.sort()
     if not found:
+        logs = sorted(path.glob("*.mcap"))
+        hint = f'; did you mean the log "{logs[0]}"?' if logs else ""
         raise RecordingError(
-            f"{path}: got no recording, here or below; expected folders with *.ubx, *.pos or {DESCRIPTION}, "
-            f"or u-blox streams ({', '.join(STREAMS)})"
+            f"{path}: got no recording, here or below{hint}; expected folders with *.ubx, *.pos or "
+            f"{DESCRIPTION}, or u-blox streams ({', '.join(STREAMS)})"
         )
     return found
 

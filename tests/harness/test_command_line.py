@@ -180,3 +180,22 @@ def test_help_of_each_command_shows_how_to_call_it(capsys: pytest.CaptureFixture
         status, text, _ = canine(capsys, command, "--help")
         assert status == 0
         assert f"\n  canine {command} " in text
+
+
+def test_a_folder_or_a_file_that_a_command_does_not_take_names_what_it_does(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # given the folder of a trial
+    canine(capsys, *RUN, "--out", tmp_path)
+    log = tmp_path / "trial.mcap"
+    # then commands that take its log say so
+    for command in (("replay", tmp_path), ("check", tmp_path), ("export", tmp_path, "--to", "csv")):
+        status, _, error = canine(capsys, *command)
+        assert status != 0
+        assert str(log) in error, command
+    # and so do those that take no log and no scenario
+    (tmp_path / "mine.toml").write_text("")
+    for name, taken in (("trial.mcap", "canine replay"), ("mine.toml", "canine run")):
+        status, _, error = canine(capsys, "check", tmp_path / name)
+        assert status == 2
+        assert f"`{taken}` takes it; expected an FMU or a recording" in error

@@ -246,7 +246,7 @@ def test_odd_logs_are_noted(tmp_path: Path) -> None:
     assert (
         steps == "the logs have different sample times: 0.04 s in 3, 0.05 s in 1; each is read with its own"
     )
-    assert seeds.startswith("2 of the simulated logs have the seed of another, and so the same draws")
+    assert seeds.startswith("simulated logs with the seed of another, and so its draws: 2;")
     assert without == (
         f"no plant in 1 of 4 logs ({tmp_path.name}/e.mcap): their animal is not the plant of the others; all "
         "count"
