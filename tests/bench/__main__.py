@@ -12,13 +12,12 @@ from pathlib import Path
 import fmpy.fmi2
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
-from rich.console import Console
-from rich.table import Table
 
 from codegen.blocks.block_c import generate, write_files
 from codegen.toolchains.compiler import build_library
 from fmus.build import build_all
 from harness.cosim.loop import Simulation
+from harness.terminal import console_of, new_table, print_table
 from harness.trial.prepare import Prepared, prepared
 from harness.trial.request import Changes, requested
 from models.four_state import FourState
@@ -206,11 +205,9 @@ def _filterpy_ticks() -> None:
 
 
 def main() -> None:
-    console = Console()
+    console = console_of()
     build_all()
-    table = Table(
-        "figure", "ours", "peer", "peer / ours", box=None, padding=(0, 3, 0, 0), header_style="bold"
-    )
+    table = new_table("figure", "ours", "peer", "peer / ours", gap=3)
     with requested("three_waypoint", Changes()) as request, prepared(request) as ready:
         ours, wrappers, ratio = loop_against_wrappers(ready)
         logged, by_rows, log_ratio = paired(
@@ -247,7 +244,7 @@ def main() -> None:
         short += shortfalls
         for row in rows:
             table.add_row(*row)
-    console.print(table)
+    print_table(table, console)
     if ratio < DEMAND:
         short.append(f"the loop is {ratio:.2f} times as fast as fmpy's call wrappers; expected {DEMAND}")
     if short:
