@@ -40,11 +40,14 @@ class Scratch:
             self.path = Path(
                 tempfile.mkdtemp(prefix="." * (beside is not None) + PREFIX, dir=parent)
             ).absolute()
-            handle = os.open(self.path, os.O_RDONLY)
+            try:
+                handle = os.open(self.path, os.O_RDONLY)
+            except FileNotFoundError:  # another process removed it before it was locked
+                continue
             with suppress(OSError):  # a file system without locks: nobody else gets one there, either
                 fcntl.flock(handle, fcntl.LOCK_SH)
             self.close = weakref.finalize(self, _remove, self.path, handle)  # at exit, too
-            if _is_there(handle, self.path):  # else another process removed it before it was locked
+            if _is_there(handle, self.path):  # else it went in between
                 return
             self.close()
 

@@ -366,13 +366,10 @@ def check(
         return
     if as_json:
         raise UsageError(f"--json: {fmu} is an FMU; --json is for a recording")
-    if fmu.suffix.lower() in (".toml", ".mcap"):
-        kind = (
-            "a scenario or a mapping file; `canine run`"
-            if fmu.suffix.lower() == ".toml"
-            else "a log; `canine replay`"
-        )
-        raise UsageError(f"{fmu}: is {kind} takes it; expected an FMU or a recording")
+    if fmu.suffix.lower() == ".toml":
+        raise UsageError(f"{fmu}: `canine run` takes scenarios; expected an FMU or a recording")
+    if fmu.suffix.lower() == ".mcap":
+        raise UsageError(f"{fmu}: `canine replay` takes logs; expected an FMU or a recording")
     from harness.cosim.fmu import describe
 
     if role is not None:

@@ -10,7 +10,7 @@ import csv
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from numbers import Integral
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -169,6 +169,12 @@ class ReplayResult:
     def statistics(self) -> dict[str, dict[str, Any]]:
         """By configuration: `n`, and `mean`, `sd`, `median` and `p90` of the position and velocity errors."""
         return dict(self.report["configurations"])
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know: what the results rest on, and how a log that is not whole ends."""
+        broken = self.report["broken"]
+        return (*self.report["notes"], *([f"the log is not whole, {broken}"] if broken else []))
 
     @property
     def dropped(self) -> dict[str, int]:
@@ -357,7 +363,7 @@ def run_replay(
     (2, ['speed held', 'no pitch', 'pitch', 'fuzzy'])
 
     Args:
-        recording: a log of a trial with sensors, or a folder with .ubx, imu*.csv and their time tags.
+        recording: a log of a trial with sensors, or a recording (see harness/recording/README.md).
         estimator: the block to run.
         outage: s without GPS.
         every: s from the start of one outage to the start of the next.
@@ -373,6 +379,7 @@ def run_replay(
 
     replay.find_estimator(estimator)
     for name, value, low, high in (("outage", outage, *OUTAGE_S), ("every", every, *EVERY_S)):
+        _check_type(name, value, Real, "a number of seconds")
         if not low <= value <= high:
             raise UsageError(f"{name} is {value:g} s; expected {low:g} to {high:g}")
     source = open_source(Path(recording))

@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from types import FrameType, TracebackType
 
 Handler = Callable[[int, FrameType | None], object]
-# those that end a command, and SIGALRM, with which main.Signals tries again
+# those that end a command, and SIGALRM, with which main.CtrlC tries again
 SIGNALS = [
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGALRM") if hasattr(signal, name)
 ]

@@ -7,6 +7,7 @@ something to say.
 from __future__ import annotations
 
 import difflib
+import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -118,7 +119,9 @@ def _refused(error: Any, parameter: Any) -> str:
         quoted = re.search(r"'(.*)'", error.message)
         path = Path(quoted[1]) if quoted else Path()
         where = f"{_title(parameter)}: " if _is_option(parameter) else ""
-        if not path.exists():
+        if "not readable" in error.message:
+            return f'{where}"{path}" cannot be read; you lack the permission'
+        if not os.path.exists(path):  # unlike Path's, it takes names of any length
             return f'{where}there is no "{path}"{nearest_file(path)}'
         is_what = "a folder; expected a file" if path.is_dir() else "a file; expected a folder"
         return f'{where}"{path}" is {is_what}'

@@ -400,7 +400,7 @@ def _span(axis: Axis) -> str:
 
 
 def default_folder(sweep: Sweep) -> Path:
-    """The folder of the results by default; sweeps that differ in more than their ranges do not share it."""
+    """The folder of the results by default: its name carries reading, system, seed and what is varied."""
     name = "-".join(("sweep", sweep.name, *sweep.special))
     return Path("out") / name.translate({ord("["): None, ord("]"): None})
 

@@ -35,6 +35,11 @@ def idle_notes(scenario: Scenario, interfaces: Interfaces, values: Values) -> It
         for name, number, begin, until in windows(block, own):
             if begin == until:
                 yield f"{block}.{name}[{number}]: the window is empty, it starts and ends at {begin:g} s"
+            elif scenario.system in SYSTEMS and _tick(begin) == _tick(until):
+                yield (
+                    f"{block}.{name}[{number}]: no tick (every {TICK:g} s) is in the window "
+                    f"from {begin:g} to {until:g} s"
+                )
         if block == Canine.title():
             yield from _search(own)
         if block == Cmec.title() and interface.parameters.keys() >= CONTROLLER:
@@ -118,10 +123,8 @@ def _waypoints(scenario: Scenario, interface: Interface, values: Mapping[str, fl
     ]
     for (before, place), (name, point) in pairwise(points):
         apart = math.dist(place, point)
+        when = "it is reached at once" if before == "the start" else f"it may be reached where {before} is"
         if apart == 0:
-            yield f"{name} is where {before} is: it is reached at once"
+            yield f"{name} is where {before} is: {when}"
         elif apart <= radius:
-            yield (
-                f"{name} is {apart:.3g} m from {before}, within cmec.capture_radius = {radius:g} m: it is "
-                "reached at once"
-            )
+            yield f"{name} is {apart:.3g} m from {before}, within cmec.capture_radius = {radius:g} m: {when}"

@@ -185,10 +185,11 @@ def toml_of(value: Written | Sequence[Any], name: str = "the value") -> str:
 def _literal(text: str) -> Written:
     """The value behind `--set name=`: a TOML value, else a name."""
     try:
-        value: Written = parse_toml(f"value = {text}")["value"]
+        table = parse_toml(f"value = {text}")
     except TomlError:
         return text
-    return value
+    value: Written = table["value"]
+    return value if len(table) == 1 else text  # else a line break is in it
 
 
 def shipped() -> list[str]:

@@ -195,7 +195,16 @@ def test_a_folder_or_a_file_that_a_command_does_not_take_names_what_it_does(
         assert str(log) in error, command
     # and so do those that take no log and no scenario
     (tmp_path / "mine.toml").write_text("")
-    for name, taken in (("trial.mcap", "canine replay"), ("mine.toml", "canine run")):
+    for name, taken in (("trial.mcap", "canine replay` takes logs"), ("mine.toml", "canine run` takes")):
         status, _, error = canine(capsys, "check", tmp_path / name)
         assert status == 2
-        assert f"`{taken}` takes it; expected an FMU or a recording" in error
+        assert taken in error
+
+
+@pytest.mark.parametrize("command", [("replay",), ("check",), ("run", "--plant")])
+def test_a_name_too_long_for_a_file_is_refused(
+    command: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, _, error = canine(capsys, *command, "x" * 300)
+    assert status == 2
+    assert 'there is no "xxx' in error

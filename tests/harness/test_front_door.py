@@ -173,6 +173,7 @@ def test_a_trial_that_does_not_exist_or_does_not_fit_is_refused(tmp_path: Path) 
         ("run_sweep", {"vary": "x"}, "vary is 'x'; expected a mapping"),
         ("run_sweep", {"seed": 2**40}, "seed is 1099511627776; expected a whole number from 0 to 2147483647"),
         ("run_replay", {"recording": "x", "outage": -1}, "outage is -1 s; expected 1 to 600"),
+        ("run_replay", {"recording": "x", "outage": "5"}, "outage is '5'; expected a number of seconds"),
         ("run_replay", {"recording": "x", "every": 0}, "every is 0 s; expected 0.25 to 3600"),
     ],
 )

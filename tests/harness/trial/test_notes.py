@@ -29,23 +29,28 @@ STOP = Setting("controller.override", "STOP", 10.0)
         ),
         (
             replace(LEG, waypoints=((25.0, 0.0), (25.0, 0.0))),
-            ["waypoint 2 is where waypoint 1 is: it is reached at once"],
+            ["waypoint 2 is where waypoint 1 is: it may be reached where waypoint 1 is"],
         ),
         (
             replace(LEG, waypoints=((25.0, 0.0), (25.0, 7.0), (25.0, 14.01))),
             [
-                "waypoint 2 is 7 m from waypoint 1, within cmec.capture_radius = 7 m: it is reached at once",
+                "waypoint 2 is 7 m from waypoint 1, within cmec.capture_radius = 7 m: "
+                "it may be reached where waypoint 1 is",
             ],
         ),
         (
             replace(LEG, waypoints=((25.0, 0.0), (1.0, 0.0))),
-            ["home is 1 m from waypoint 2, within cmec.capture_radius = 7 m: it is reached at once"],
+            [
+                "home is 1 m from waypoint 2, within cmec.capture_radius = 7 m: "
+                "it may be reached where waypoint 2 is"
+            ],
         ),
         (
             LEG.override(["cmec.capture_radius=30"]),
             [
                 "waypoint 1 is 25 m from the start, within cmec.capture_radius = 30 m: it is reached at once",
-                "home is 25 m from waypoint 1, within cmec.capture_radius = 30 m: it is reached at once",
+                "home is 25 m from waypoint 1, within cmec.capture_radius = 30 m: "
+                "it may be reached where waypoint 1 is",
             ],
         ),
         (
@@ -71,6 +76,11 @@ STOP = Setting("controller.override", "STOP", 10.0)
             ],
         ),
         (replace(LEG, sets=(replace(STOP, at=10.01, until=10.05),)), []),
+        (
+            LEG.override(["sensors.outage_start=[3.05]", "sensors.outage_end=[3.06]"]),
+            ["sensors.outage_start[1]: no tick (every 0.04 s) is in the window from 3.05 to 3.06 s"],
+        ),
+        (LEG.override(["sensors.outage_start=[3.05]", "sensors.outage_end=[3.09]"]), []),
         (
             LEG.override(["sensors.outage_start=[12]", "sensors.outage_end=[12]"]),
             ["sensors.outage_start[1]: the window is empty, it starts and ends at 12 s"],

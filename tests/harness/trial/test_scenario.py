@@ -247,3 +247,8 @@ def test_each_shipped_scenario_is_described_by_one_sentence() -> None:
     for name in shipped():
         assert 20 < len(about(name)) < 140
         assert "#" not in about(name)
+
+
+def test_a_setting_with_a_line_break_is_kept_whole_and_so_no_number() -> None:
+    scenario = load("three_waypoint").override(["cmec.dead_time=2\nmax_turns=9"])
+    assert scenario.parameters["cmec.dead_time"] == "2\nmax_turns=9"
