@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -19,16 +19,21 @@ if TYPE_CHECKING:
     from harness.trial.plan import Interface
 
 CONTROLLER = {name for name, _ in flatten(Cmec.group("parameter"))}
+WAYPOINTS = ("capture_radius", "waypoint_", "home_", "start_")  # with what such names begin
 Values = Mapping[str, Mapping[str, float]]
 Interfaces = Mapping[str, "Interface"]
 
 
-def idle_notes(scenario: Scenario, interfaces: Interfaces, values: Values) -> Iterator[str]:
+def idle_notes(
+    scenario: Scenario, interfaces: Interfaces, values: Values, varied: Collection[str] = ()
+) -> Iterator[str]:
     """What cannot act, whatever the animal does.
 
     Args:
         values: of the plan (SI), by component and flat name.
+        varied: component and flat name of what a sweep varies; nothing is said of waypoints if it moves them.
     """
+    moving = any(name.partition(".")[2].startswith(WAYPOINTS) for name in varied)
     if scenario.system in SYSTEMS:
         yield from _below_a_tick(scenario)
     for interface, block, own in _components(interfaces, values):
@@ -42,7 +47,7 @@ def idle_notes(scenario: Scenario, interfaces: Interfaces, values: Values) -> It
                 )
         if block == Canine.title():
             yield from _search(own)
-        if block == Cmec.title() and interface.parameters.keys() >= CONTROLLER:
+        if block == Cmec.title() and not moving and interface.parameters.keys() >= CONTROLLER:
             yield from _waypoints(scenario, interface, own)
     yield from (
         f"{what} never acts: the trial lasts {scenario.duration:g} s"

@@ -167,9 +167,13 @@ class _Planner:
                     self.put(component, name, float(value))
         for component, values in self.mission.items():
             self.give(component, values)
+        addresses: dict[tuple[str, str], str] = {}
         for address, written in self.scenario.parameters.items():
             where = f"{self.scenario.name}: {address}"
             for component, name in self.find(address, "parameters"):
+                other = addresses.setdefault((component, name), address)
+                if other != address:
+                    raise ScenarioError(f"{where}: {other} is the same parameter; set it once")
                 known = self.interfaces[component].parameters
                 for flat, value in _converted(name, written, known, where).items():
                     self.values[component] |= [self.interfaces[component].converted(flat, value)]
@@ -179,7 +183,7 @@ class _Planner:
             for component, names in self.kept.items()
         ]
         self.check_pairs(varied)
-        self.notes += idle_notes(self.scenario, self.interfaces, self.all_values)
+        self.notes += idle_notes(self.scenario, self.interfaces, self.all_values, varied)
         return Plan(self.values, events, tuple(self.notes))
 
     @property

@@ -5,7 +5,6 @@ from __future__ import annotations
 import fcntl
 import os
 import time
-import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -18,6 +17,7 @@ from harness.log.log import Log, LogError, read_log
 from harness.log.writer import LogWriter
 from harness.onboard.processors import Processor, open_processor
 from harness.onboard.stand_in import Onboard
+from harness.toml_file import parse_toml
 from harness.trial.contents import LogRows, attachments, metadata
 from harness.trial.firmware import firmware_values
 from harness.trial.notes import late_notes
@@ -81,7 +81,7 @@ def replaced(request: Request, ready: Prepared, out: Path) -> str:
 def _identity(records: Mapping[str, Mapping[str, str]]) -> dict[str, Any]:
     """What tells a trial from others, of its log's metadata."""
     told = {key: value for key, value in records.items() if key in ("roles", "run", "swaps")}
-    return tomllib.loads(records["scenario"]["toml"]) | told
+    return parse_toml(records["scenario"]["toml"]) | told
 
 
 def has_begun(out: Path) -> bool:

@@ -100,6 +100,13 @@ def test_what_cannot_act_is_noted(scenario: Scenario, notes: list[str]) -> None:
     assert list(plan(scenario, FULL).notes) == notes
 
 
+@pytest.mark.parametrize(("varied", "said"), [("controller.dead_time", 1), ("controller.capture_radius", 0)])
+def test_nothing_is_said_of_waypoints_that_a_sweep_decides(varied: str, said: int) -> None:
+    near = replace(LEG, waypoints=((4.0, 0.0),))
+    notes = plan(near, FULL, varied={varied}).notes
+    assert sum("within cmec.capture_radius" in note for note in notes) == 2 * said  # waypoint and home
+
+
 def test_the_shipped_scenarios_need_no_note() -> None:
     for name in shipped():
         assert plan(load(name), FULL).notes == ()

@@ -81,6 +81,14 @@ def test_a_parameter_is_refused_by_its_address(setting: str, error: str) -> None
     assert str(caught.value) == error
 
 
+def test_a_parameter_that_a_scenario_sets_by_its_block_and_by_its_role_is_refused() -> None:
+    twice = Scenario("my", parameters={"cmec.capture_radius": 5.0, "controller.capture_radius": 9.0})
+    with pytest.raises(
+        ScenarioError, match=r"my: controller\.capture_radius: cmec\.capture_radius is the same"
+    ):
+        plan(twice, FULL)
+
+
 def test_the_heading_at_the_start_varies_in_two_waypoint_trials_only() -> None:
     for name, degrees in (("two_waypoint", 10.0), ("three_waypoint", 0.0)):
         deviation = plan(load(name), FULL).values["plant"]["start_heading_deviation"]
