@@ -47,7 +47,7 @@ class Scratch:
             with suppress(OSError):  # a file system without locks: nobody else gets one there, either
                 fcntl.flock(handle, fcntl.LOCK_SH)
             self.close = weakref.finalize(self, _remove, self.path, handle)  # at exit, too
-            if _is_there(handle, self.path):  # else it went in between
+            if is_there(handle, self.path):  # else it went in between
                 return
             self.close()
 
@@ -89,7 +89,8 @@ def _remove_if_abandoned(path: Path) -> None:
         os.close(handle)
 
 
-def _is_there(handle: int, path: Path) -> bool:
+def is_there(handle: int, path: Path) -> bool:
+    """Is an open file or folder still what the path names? Another process may have removed it."""
     try:
         return os.path.samestat(os.fstat(handle), os.stat(path))
     except FileNotFoundError:

@@ -52,9 +52,9 @@ def replaced(path: Path, new: Mapping[str, Any]) -> str:
     if not isinstance(held, dict):
         return f"{path.name} is not of canine"
     shared = {key: value for key, value in new.items() if key in held}
-    found = list(differences({key: held[key] for key in shared}, shared))
-    more = f" and {len(found) - DIFFERENCES} more" if len(found) > DIFFERENCES else ""
-    return ", ".join(found[:DIFFERENCES]) + more
+    named = list(differences({key: held[key] for key in shared}, shared))
+    more = f" and {len(named) - DIFFERENCES} more" if len(named) > DIFFERENCES else ""
+    return ", ".join(named[:DIFFERENCES]) + more
 
 
 def differences(held: Mapping[str, Any], new: Mapping[str, Any], within: str = "") -> Iterator[str]:
@@ -90,6 +90,11 @@ def write_whole(path: Path, data: bytes) -> None:
         raise FileError(
             f"{path}: cannot be written ({error.strerror}); make room, or choose another folder"
         ) from error
+
+
+def is_pipe(path: Path) -> bool:
+    """Is it a pipe or a device? To open one may wait for ever for its writer."""
+    return path.exists() and not path.is_file() and not path.is_dir()
 
 
 def nearest_file(path: Path) -> str:

@@ -82,11 +82,11 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 def _told(text: str, reason: str) -> str:
     """What is wrong: the line, what it holds, and what is expected."""
-    found = re.fullmatch(r"(.*) \(at (?:line (\d+), column \d+|end of document)\)", reason, re.DOTALL)
-    if found is None:
+    placed = re.fullmatch(r"(.*) \(at (?:line (\d+), column \d+|end of document)\)", reason, re.DOTALL)
+    if placed is None:
         return reason
-    what, lines = found[1], text.rstrip().split("\n")
-    line = min(int(found[2] or len(lines)), len(lines))
+    what, lines = placed[1], text.rstrip().split("\n")
+    line = min(int(placed[2] or len(lines)), len(lines))
     content = lines[line - 1].strip()
     shown = content if len(content) <= SHOWN_LINE else f"{content[:SHOWN_LINE]}..."
     if what.startswith("Expected") and what not in EXPECTED_TOML:

@@ -13,13 +13,12 @@ from pathlib import Path, PurePosixPath
 from xml.etree import ElementTree
 from xml.parsers import expat
 
+from harness.files import is_pipe
 from models.errors import CanineError, printable
 
 MAX_BYTES = 512 * 2**20  # unpacked; our largest package is 2 MiB, an FMU with a simulator inside 200 MiB
 MAX_MEMBERS = 10_000
-MAX_XML = (
-    32 * 2**20
-)  # bytes: a description of 100,000 variables; what is built of it takes up to ten times that
+MAX_XML = 32 * 2**20  # bytes: a description of 100,000 variables, of which up to ten times that is built
 MAX_PARTS = 2_000_000  # elements and attributes of an XML file: 100,000 variables have about 1,000,000
 MAX_DEPTH = 100  # of XML elements; a description needs 6, lxml takes 256
 METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # of FMI 2.0, 2.1.1; others may ask for GiB of memory
@@ -61,7 +60,7 @@ def _opened(path: Path) -> zipfile.ZipFile:
     Raises:
         ArchiveError, OSError, UNREADABLE: it is not.
     """
-    if path.exists() and not path.is_file() and not path.is_dir():  # to open a pipe would wait for its writer
+    if is_pipe(path):
         raise ArchiveError(f"{path}: is no file; expected a package")
     archive = zipfile.ZipFile(path)
     try:

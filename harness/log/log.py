@@ -24,7 +24,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
 
-from harness.files import nearest_file
+from harness.files import is_pipe, nearest_file
 from harness.log.channel import SECOND, Array, Channel
 from harness.log.contents import RECORD, UNREADABLE, Contents, DamageError
 from harness.log.route import Route
@@ -167,7 +167,7 @@ def read_log(path: Path) -> Log:
         LogError: the file is no MCAP, not one of ours, ends before its first tick, or a record that says
             which run it is is damaged.
     """
-    if path.exists() and not path.is_file() and not path.is_dir():  # to open a pipe would wait for its writer
+    if is_pipe(path):
         raise NoLogError(f"log {path}: is no file")
     try:
         with path.open("rb") as file:

@@ -78,13 +78,13 @@ def check_all(path: Path) -> list[dict[str, Any]]:
     Raises:
         RecordingError: there is none.
     """
-    found = recordings_below(path)
+    paths = recordings_below(path)
     results = []
-    for recording in found:
+    for recording in paths:
         try:
             results.append(check(recording))
         except RecordingError as reason:
-            if len(found) == 1:
+            if len(paths) == 1:
                 raise
             results.append({"recording": recording.name, "problem": str(reason)})
     return results

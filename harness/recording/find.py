@@ -157,22 +157,22 @@ def recordings_below(path: Path) -> list[Path]:
     """
     if not path.is_dir() or _is_recording(path):
         return [path]
-    found: list[Path] = []
+    recordings: list[Path] = []
     for folder, inner, files in os.walk(path):  # it passes over what vanishes meanwhile, or is another user's
         inner.sort()
         here = [Path(folder, name) for name in inner]
         one = [place for place in here if _is_recording(place)]
         inner[:] = [place.name for place in here if place not in one]
-        found += [*one, *(place for name in files if _is_stream(place := Path(folder, name)))]
-    found.sort()
-    if not found:
+        recordings += [*one, *(place for name in files if _is_stream(place := Path(folder, name)))]
+    recordings.sort()
+    if not recordings:
         logs = sorted(path.glob("*.mcap"))
         hint = f'; did you mean the log "{logs[0]}"?' if logs else ""
         raise RecordingError(
             f"{path}: got no recording, here or below{hint}; expected folders with *.ubx, *.pos or "
             f"{DESCRIPTION}, or u-blox streams ({', '.join(STREAMS)})"
         )
-    return found
+    return recordings
 
 
 def _is_recording(folder: Path) -> bool:

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from codegen.scratch import is_there
 from harness.files import differences
 from harness.sweep.chunks import SUMS, Chunk, Job
 from models.errors import CanineError, UsageError
@@ -187,7 +188,7 @@ def _locked(path: Path) -> int:
             ) from reason
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if _is_there(handle, path):
+            if is_there(handle, path):
                 return handle
         except BlockingIOError:
             os.close(handle)
@@ -198,14 +199,6 @@ def _locked(path: Path) -> int:
             os.close(handle)
             raise
         os.close(handle)
-
-
-def _is_there(handle: int, path: Path) -> bool:
-    """Whether the path still is this file: another process may have removed it before we locked it."""
-    try:
-        return os.path.samestat(os.fstat(handle), os.stat(path))
-    except FileNotFoundError:
-        return False
 
 
 def _line(content: dict[str, object]) -> bytes:

@@ -115,12 +115,12 @@ def _waypoints(scenario: Scenario, interface: Interface, values: Mapping[str, fl
         return interface.start(name, interface.parameters[name], values)
 
     radius, count = value("capture_radius"), int(value("waypoint_count"))
-    given = {int(name[len("waypoint_north[") : -1]) for name in values if name.startswith("waypoint_north[")}
-    if not given:
+    stated = {int(name[len("waypoint_north[") : -1]) for name in values if name.startswith("waypoint_north[")}
+    if not stated:
         return
-    yield from (f"waypoint {i} is not in use: waypoint_count is {count}" for i in sorted(given) if i > count)
+    yield from (f"waypoint {i} is not in use: waypoint_count is {count}" for i in sorted(stated) if i > count)
     used = range(1, count + 1)
-    yield from (f"waypoint {i} is not given: it is 0 m north, 0 m east" for i in used if i not in given)
+    yield from (f"waypoint {i} is not given: it is 0 m north, 0 m east" for i in used if i not in stated)
     points = [
         ("the start", scenario.start[:2]),
         *((f"waypoint {i}", (value(f"waypoint_north[{i}]"), value(f"waypoint_east[{i}]"))) for i in used),

@@ -142,7 +142,7 @@ class Scenario:
         if seed is not None and (not isinstance(seed, Integral) or not 0 <= seed <= MAX_SEED):
             raise ScenarioError(f"seed is {seed!r}; expected a whole number from 0 to {MAX_SEED}")
         parameters = dict(self.parameters)
-        given: dict[str, str] = {}
+        settings_by_name: dict[str, str] = {}
         for setting in settings:
             name, equals, text = setting.partition("=")
             if not equals or not name.strip() or not text.strip():
@@ -151,12 +151,12 @@ class Scenario:
                 )
             name = name.strip()
             same = {other for other in parameters if self._component_of(other) == self._component_of(name)}
-            twice = next((given[other] for other in same if other in given), None)
+            twice = next((settings_by_name[other] for other in same if other in settings_by_name), None)
             if twice is not None:
                 raise ScenarioError(f"--set {setting}: --set {twice} is the same parameter; set it once")
             for other in same:
                 del parameters[other]
-            parameters[name], given[name] = _literal(text.strip()), setting
+            parameters[name], settings_by_name[name] = _literal(text.strip()), setting
         return replace(self, parameters=parameters, seed=self.seed if seed is None else seed)
 
 
