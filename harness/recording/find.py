@@ -169,8 +169,8 @@ def recordings_below(path: Path) -> list[Path]:
         logs = sorted(path.glob("*.mcap"))
         hint = f'; did you mean the log "{logs[0]}"?' if logs else ""
         raise RecordingError(
-            f"{path}: got no recording, here or below{hint}; expected folders with *.ubx, *.pos or "
-            f"{DESCRIPTION}, or u-blox streams ({', '.join(STREAMS)})"
+            f"{path}: got no recording, here or below; expected folders with *.ubx, *.pos or "
+            f"{DESCRIPTION}, or u-blox streams ({', '.join(STREAMS)}){hint}"
         )
     return recordings
 
