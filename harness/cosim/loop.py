@@ -16,6 +16,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from time import perf_counter as clock
 from typing import Any
 
 import numpy as np
@@ -25,27 +26,20 @@ from harness.cosim.calls import Calls, Instance
 from harness.cosim.fmu import FmuDescription, FmuError, FmuInstance, Quantity
 from harness.cosim.layout import REALS, Array, Layout, Slot
 from harness.cosim.ssp import FmuSystem
-from harness.cosim.stepping import DURATION, Order
+from harness.cosim.stepping import DURATION, Event, Order
 from harness.cosim.walk import ROWS, Pause, Walk, walk_of
 from harness.cosim.wiring import Wiring, wire
 from harness.interrupts import held_interrupts, holdable_interrupts
 from models.errors import ParameterError, nearest
 from models.kit.link import Values
 
-__all__ = ["ROWS", "Array", "Event", "Instance", "Outcome", "Record", "Simulation", "Stop"]
+__all__ = ["Array", "Instance", "Outcome", "Record", "Simulation", "Stop"]
+
+BATCH = 25  # rows that are handed over together: a second's at 25 Hz
+QUICK = 0.01  # s in which a batch runs and is written for the next to be as long as there is room
 
 Record = Callable[[Array, dict[str, Array]], None]
 Changes = dict[int, dict[str, dict[str, float]]]  # values by tick, component and free input
-
-
-@dataclass(frozen=True)
-class Event:
-    """From the first tick at or after `time` [s] the free input has this value (SI)."""
-
-    time: float
-    component: str
-    variable: str
-    value: float
 
 
 @dataclass(frozen=True)
@@ -182,17 +176,18 @@ class Simulation:
             for name, values in self._free.items():
                 self._set(name, values)
             calls.carry_out(calls.first)
-        handed = 0
+        handed, batch = 0, BATCH
         reason: int | None = None
         with holdable_interrupts() as hold:
             walk.hold = hold
+            started = clock()
             try:
                 while reason is None and (tick := handed + walk.done) <= last:
                     calls.time.value = tick * step
                     with hold:
                         for name, values in changes.pop(tick, {}).items():
                             self._set(name, values)
-                    pause = walk.run(tick, min(last + 1, handed + ROWS, *changes), last)
+                    pause = walk.run(tick, min(last + 1, handed + batch, *changes), last)
                     if pause is Pause.NOT_FINITE:
                         self._report_not_finite()
                     if pause is Pause.CHANGED:
@@ -202,11 +197,14 @@ class Simulation:
                         if handed + walk.done <= last:
                             with hold:
                                 calls.carry_out(calls.advance)
-                    if walk.done == ROWS:
+                    if walk.done == batch:
                         with hold:
-                            first, handed = handed, handed + ROWS
+                            first, handed = handed, handed + batch
                             walk.clear()
-                            self._hand_over(first, walk.rows, record, progress)
+                            self._hand_over(first, walk.rows[:batch], record, progress)
+                        ended = clock()
+                        batch = ROWS if ended - started < QUICK else BATCH
+                        started = ended
             finally:
                 with hold:
                     self._hand_over(handed, walk.rows[: walk.done], record, progress)

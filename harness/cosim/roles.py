@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.cosim.fmu import FmuDescription, Quantity, Unit
+from harness.cosim.rename import Rename
 from harness.cosim.ssp import FmuComponent, FmuSystem, ScaledLink, StartValue
 from harness.toml_file import TomlError, parse_toml, read_toml
 from models.errors import CanineError, UsageError, nearest
@@ -60,16 +61,6 @@ class Role:
     parameters: Mapping[str, Variable]
     block: str
     own: Mapping[str, Variable]
-
-
-@dataclass(frozen=True)
-class Rename:
-    """A variable of the FMU for one of the role's, and the linear conversion of its value."""
-
-    name: str
-    factor: float = 1.0
-    offset: float = 0.0
-    mapped: bool = False
 
 
 @dataclass(frozen=True)

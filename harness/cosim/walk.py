@@ -24,7 +24,7 @@ from harness.cosim.calls import Calls
 from harness.cosim.fmu import Call, Function
 from harness.cosim.layout import Layout, Slot, copy
 
-ROWS = 25  # rows that are handed over together: a second's at 25 Hz
+ROWS = 100  # there is room for
 PATIENCE = 0.02  # s of C calls after which Ctrl-C should have its turn
 
 

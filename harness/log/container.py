@@ -15,6 +15,7 @@ import struct
 import zlib
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 from typing import IO, Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -106,30 +107,43 @@ class Container:
         self._append(_encoded(self._channels[-1]))
         return number
 
-    def add_messages(self, channels: npt.ArrayLike, times: npt.ArrayLike, messages: Sequence[bytes]) -> None:
-        """Add messages to the chunk in the order of their times; messages of one time keep their order.
+    def add_messages(
+        self,
+        channels: npt.ArrayLike,
+        times: npt.ArrayLike,
+        messages: Sequence[bytes],
+        ends: npt.ArrayLike = (),
+    ) -> None:
+        """Add messages in the order of their times; messages of one time keep their order.
 
         Args:
             channels: (n,) the channel of each message.
             times: (n,) the log time of each message, ns.
             messages: n encoded messages.
+            ends: (m,) ascending log times, ns, after each of which the chunk is flushed.
         """
-        if not messages:
-            return
         order = np.argsort(times, kind="stable")
+        numbers, moments = np.asarray(channels)[order], np.asarray(times)[order]
         ordered = [messages[i] for i in order.tolist()]
         headers = np.zeros(len(ordered), dtype=_MESSAGE)
         headers["opcode"] = Opcode.MESSAGE
         lengths = np.fromiter(map(len, ordered), dtype=np.int64, count=len(ordered)) + _MESSAGE.itemsize
         headers["length"] = lengths - _PREFIX
-        entries = np.empty((len(ordered), 2), dtype="<i8")
-        headers["channel"] = numbers = np.asarray(channels)[order]
-        headers["log_time"] = headers["publish_time"] = entries[:, 0] = np.asarray(times)[order]
-        entries[:, 1] = self._size + np.cumsum(lengths) - lengths
+        headers["channel"] = numbers
+        headers["log_time"] = headers["publish_time"] = moments
+        places = np.cumsum(lengths) - lengths
         pieces = [b""] * (2 * len(ordered))
         pieces[::2] = headers.view(f"V{_MESSAGE.itemsize}").tolist()
         pieces[1::2] = ordered
-        self._append(b"".join(pieces), (numbers, entries))
+        bounds = [0, *np.searchsorted(moments, ends, side="right").tolist(), len(ordered)]
+        for i, (start, end) in enumerate(pairwise(bounds)):
+            if start < end:
+                entries = np.empty((end - start, 2), dtype="<i8")
+                entries[:, 0] = moments[start:end]
+                entries[:, 1] = places[start:end] + (self._size - places[start])
+                self._append(b"".join(pieces[2 * start : 2 * end]), (numbers[start:end], entries))
+            if i < len(bounds) - 2:
+                self.flush()
 
     def flush(self) -> None:
         """Compress the messages so far into a chunk, and hand it to the operating system."""

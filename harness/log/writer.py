@@ -1,7 +1,7 @@
 """Writing the log of a run: batches of rows to chunks of an MCAP file.
 
-A chunk is flushed after the first tick, then with the last tick of every second of trial time (the last of a
-batch as the loop hands them over): whatever ends the process, all but the last second is on disk.
+A chunk is flushed after the first tick, then with the last tick of every second of trial time: whatever ends
+the process, all but the last second of the batches that were handed over is on disk.
 """
 
 from __future__ import annotations
@@ -109,24 +109,15 @@ class LogWriter:
         before = np.concatenate([self._last, moments])
         following = 2 * moments - before[:-1]  # when the tick after each will be
         seconds = np.concatenate([self._second, following // SECOND])
-        ends = np.flatnonzero(seconds[1:] > seconds[:-1]) + 1  # after the last tick of a second
+        ends = moments[seconds[1:] > seconds[:-1]]  # the last tick of a second
         self._last, self._second = before[-1:], seconds[-1:]
         try:
-            start = 0
-            for end in ends.tolist():
-                self._add_rows(moments, values, start, end)
-                self._container.flush()
-                start = end
-            self._add_rows(moments, values, start, len(moments))
+            self._container.add_messages(*self._messages(moments, values), ends)
         except OSError as error:
             raise self._failure(error) from error
 
-    def _add_rows(self, times: Times, values: Mapping[str, Array], start: int, end: int) -> None:
-        """Add the ticks from `start` up to `end` to the chunk."""
-        if start == end:
-            return
-        if end - start < len(times):
-            times, values = times[start:end], {name: rows[start:end] for name, rows in values.items()}
+    def _messages(self, times: Times, values: Mapping[str, Array]) -> tuple[list[int], Times, list[bytes]]:
+        """Channels, log times and messages of a batch of ticks."""
         messages = self._rows.encode(values)
         channels, moments = self._channels * len(times), times.repeat(len(self._channels))
         if views := self._views.encode(times, values):
@@ -134,7 +125,7 @@ class LogWriter:
             channels += of_views
             moments = np.concatenate([moments, at])
             messages += data
-        self._container.add_messages(channels, moments, messages)
+        return channels, moments, messages
 
     def close(self) -> None:
         """Write the last chunk and the index. Closing twice does no harm."""

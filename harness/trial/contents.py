@@ -12,7 +12,8 @@ from codegen.scratch import Scratch
 from fmus.archive import pack
 from harness.cosim.fmu import Quantity
 from harness.cosim.loop import Array, Simulation
-from harness.cosim.roles import Rename, Role, find_role
+from harness.cosim.rename import Rename
+from harness.cosim.roles import Role, find_role
 from harness.log.channel import Channel
 from harness.log.writer import LogWriter
 from harness.onboard.stand_in import Onboard

@@ -10,10 +10,10 @@ import math
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
-from harness.cosim.fmu import FmuDescription, Quantity
-from harness.cosim.loop import Event
-from harness.cosim.roles import Fit, Rename, Role
+from harness.cosim.rename import Rename
+from harness.cosim.stepping import Event
 from harness.trial.notes import idle_notes
 from harness.trial.pairs import check_points, check_windows
 from harness.trial.scenario import Scenario, ScenarioError, Written, toml_of
@@ -22,6 +22,10 @@ from models.kit.declaration import Type, Variable, flatten
 from models.kit.units import UNITS
 from models.readings import READINGS, start_heading_deviation
 from models.system import BLOCKS, SYSTEMS, System
+
+if TYPE_CHECKING:  # fmpy: sweeps do without
+    from harness.cosim.fmu import FmuDescription, Quantity
+    from harness.cosim.roles import Fit, Role
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from harness.cosim.fmu import FmuDescription, describe
-from harness.cosim.roles import Fit, Rename, find_role, misfits, read_adapter, replace_component, roles
+from harness.cosim.rename import Rename
+from harness.cosim.roles import Fit, find_role, misfits, read_adapter, replace_component, roles
 from harness.cosim.ssp import FmuSystem, open_ssp
 from harness.files import nearest_file
 from harness.trial.plan import Interface, Plan, interface_of_fmu, interfaces_of_system, plan

@@ -58,6 +58,12 @@ def test_commands_that_only_look_import_nothing_slow(command: str) -> None:
     assert not modules & SLOW
 
 
+def test_a_sweep_does_without_fmpy(tmp_path: Path) -> None:
+    modules = modules_of("sweep", "two", "--thresholds", "30", "--trials", "10", "--out", str(tmp_path))
+    assert "numpy" in modules
+    assert not modules & {"fmpy", "scipy", "mcap", "control", "distributed"}
+
+
 def test_declarations_are_read_without_casadi() -> None:
     script = "import sys, models.system, models.readings; assert 'casadi' not in sys.modules"
     subprocess.run([sys.executable, "-c", script], check=True)

@@ -4,14 +4,15 @@ import random
 import signal
 from collections.abc import Sequence
 from contextlib import suppress
+from itertools import count
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from harness.cosim.loop import Array, Event, Simulation, Stop
+from harness.cosim.loop import Array, Simulation, Stop
 from harness.cosim.ssp import FmuComponent, FmuSystem, ScaledLink, StartValue
-from harness.cosim.stepping import Order
+from harness.cosim.stepping import Event, Order
 from harness.log.channel import Channel
 from harness.log.log import read_log
 from harness.log.writer import LogWriter
@@ -92,12 +93,27 @@ def test_jacobi_every_link_delays_one_tick(fmus: dict[str, Path]) -> None:
 
 
 def test_time_is_a_multiple_and_rows_come_in_whole(fmus: dict[str, Path]) -> None:
-    # given 61 ticks: two batches of 25 and one of 11
+    # given 161 ticks: batches of 25, 100 and 36, or more of 25 if they take long
     times: list[float] = []
     with Simulation(system(fmus)) as simulation:
-        outcome = simulation.run(duration=2.4, record=lambda t, v: times.extend(t.tolist()))
-    assert times == [k * 0.04 for k in range(61)]
-    assert (outcome.ticks, outcome.time, outcome.stopped_by) == (61, 60 * 0.04, None)
+        outcome = simulation.run(duration=6.4, record=lambda t, v: times.extend(t.tolist()))
+    assert times == [k * 0.04 for k in range(161)]
+    assert (outcome.ticks, outcome.time, outcome.stopped_by) == (161, 160 * 0.04, None)
+
+
+@pytest.mark.parametrize(("seconds", "expected"), [(1.0, [25] * 6 + [11]), (0.0, [25, 100, 36])])
+def test_rows_are_handed_over_a_second_at_a_time_and_longer_where_the_loop_is_fast(
+    fmus: dict[str, Path], monkeypatch: pytest.MonkeyPatch, seconds: float, expected: list[int]
+) -> None:
+    # given a clock that goes on by so much from one batch to the next
+    moments = count()
+    monkeypatch.setattr("harness.cosim.loop.clock", lambda: next(moments) * seconds)
+    batches: list[int] = []
+    # when
+    with Simulation(system(fmus)) as simulation:
+        simulation.run(duration=6.4, record=lambda t, v: batches.append(len(t)))
+    # then
+    assert batches == expected
 
 
 def test_it_stops_with_a_row_for_the_tick_that_stops_it(fmus: dict[str, Path]) -> None:

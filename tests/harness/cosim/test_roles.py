@@ -6,10 +6,10 @@ import pytest
 
 from harness.cosim.fmu import describe
 from harness.cosim.loop import Simulation
+from harness.cosim.rename import Rename
 from harness.cosim.roles import (
     MISSION,
     Fit,
-    Rename,
     RoleError,
     find_role,
     fit,

@@ -11,9 +11,9 @@ import pytest
 from codegen.toolchains.compiler import CompileError
 from harness.cosim import walk
 from harness.cosim.fmu import FmuError
-from harness.cosim.loop import Array, Event, Outcome, Simulation, Stop
+from harness.cosim.loop import Array, Outcome, Simulation, Stop
 from harness.cosim.ssp import FmuComponent, FmuSystem, ScaledLink
-from harness.cosim.stepping import Order
+from harness.cosim.stepping import Event, Order
 from tests.harness.cosim.tiny_fmu import V, tiny_fmu
 
 # plant: x+ = 0.7 x + u, and its single precision twin; controller: y = -x / 3 + offset, n counts

@@ -66,6 +66,26 @@ def test_a_file_is_byte_for_byte_that_of_mcaps_writer(seconds: int, monkeypatch:
     assert file.getvalue() == expected.getvalue()
 
 
+def test_a_batch_that_spans_chunks_gives_the_bytes_of_its_parts() -> None:
+    def written(parts: list[tuple[list[int], list[int]]]) -> bytes:
+        file = io.BytesIO()
+        container = Container(file, "guided-canine")
+        schema = container.add_schema("s", "jsonschema", b"{}")
+        for topic in TOPICS[:2]:
+            container.add_channel(topic, "json", schema)
+        for times, ends in parts:
+            channels = [1 + i % 2 for i in range(len(times))]
+            container.add_messages(channels, times, [b"%d" % time for time in times], ends)
+        container.finish()
+        return file.getvalue()
+
+    # given messages that began a chunk, and a batch that ends it and two more
+    whole = written([([0, 0], []), ([1, 1, 2, 2, 3, 3, 4, 4], [1, 3])])
+    # when they come chunk by chunk, then
+    assert whole == written([([0, 0, 1, 1], [1]), ([2, 2, 3, 3], [3]), ([4, 4], [])])
+    assert whole != written([([0, 0], []), ([1, 1, 2, 2, 3, 3, 4, 4], [])])
+
+
 def test_messages_of_a_batch_come_in_the_order_of_their_times() -> None:
     # given two channels' messages, one channel after the other
     file = io.BytesIO()

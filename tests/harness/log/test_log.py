@@ -21,7 +21,7 @@ from mcap.reader import make_reader
 from mcap.writer import MCAP0_MAGIC, Writer
 from mcap_protobuf.decoder import DecoderFactory
 
-from harness.cosim.loop import ROWS
+from harness.cosim.loop import BATCH
 from harness.log.channel import Channel
 from harness.log.log import LogError, read_log
 from harness.log.writer import LogWriter
@@ -63,7 +63,7 @@ def open_writer(path: Path, channels: list[Channel], origin: tuple[float, float]
     return LogWriter(path, channels, origin=origin, metadata={}, attachments={})
 
 
-def write_ticks(log: LogWriter, ticks: Ticks, batch: int = ROWS) -> None:
+def write_ticks(log: LogWriter, ticks: Ticks, batch: int = BATCH) -> None:
     """Hand over ticks from t = 0, some at a time."""
     for start in range(0, len(ticks), batch):
         rows = ticks[start : start + batch]
@@ -71,7 +71,7 @@ def write_ticks(log: LogWriter, ticks: Ticks, batch: int = ROWS) -> None:
         log.write_rows(times, {name: np.array([row[name] for row in rows], dtype=float) for name in rows[0]})
 
 
-def write(path: Path, channels: list[Channel], ticks: Ticks, batch: int = ROWS) -> None:
+def write(path: Path, channels: list[Channel], ticks: Ticks, batch: int = BATCH) -> None:
     with LogWriter(
         path, channels, origin=ORIGIN, metadata=METADATA, attachments={"full.ssp": b"PK\0\1"}
     ) as log:
@@ -144,7 +144,8 @@ def test_the_batches_in_which_rows_come_leave_no_trace(tmp_path: Path, batch: in
 
 
 @pytest.mark.parametrize(
-    ("ticks", "batch"), [(1, 1), (2, 1), (40, 1), (137, 1), (26, ROWS), (99, ROWS), (100, ROWS), (137, ROWS)]
+    ("ticks", "batch"),
+    [(1, 1), (2, 1), (40, 1), (137, 1), (26, BATCH), (99, BATCH), (100, BATCH), (137, BATCH)],
 )
 def test_a_killed_run_loses_at_most_a_second(tmp_path: Path, ticks: int, batch: int) -> None:
     # given a process that is killed with -9 after some ticks, whose rows are handed over some at a time

@@ -16,7 +16,8 @@ import pytest
 
 from codegen.firmware.telemetry import FIELDS, Flag, Telemetry
 from harness.cosim.fmu import Call, FmuDescription, FmuError, Quantity
-from harness.cosim.loop import Event, Outcome, Simulation
+from harness.cosim.loop import Outcome, Simulation
+from harness.cosim.stepping import Event
 from harness.log.geodesy import TangentPlane
 from harness.log.log import Log, read_log
 from harness.onboard import radio

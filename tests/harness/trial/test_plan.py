@@ -4,8 +4,9 @@ import math
 
 import pytest
 
-from harness.cosim.loop import Event
-from harness.cosim.roles import MISSION, Rename
+from harness.cosim.rename import Rename
+from harness.cosim.roles import MISSION
+from harness.cosim.stepping import Event
 from harness.trial.plan import Interface, interfaces_of_system, plan, values_of
 from harness.trial.scenario import Scenario, ScenarioError, load, parse
 from models.canine import Canine
