@@ -88,7 +88,7 @@ TERMS: dict[str, tuple[Term, ...]] = {
         Term(
             "`_deviation`",
             "in a name: the standard deviation of what is drawn for the dog; `_sd` in an estimate",
-            (("drift_deviation", "models/canine.py"), ("north_sd", "models/four_state.py")),
+            (("drift_deviation", "models/canine.py"), ("north_sd", "models/estimator.py")),
         ),
         Term(
             "waypoint",
@@ -100,7 +100,7 @@ TERMS: dict[str, tuple[Term, ...]] = {
         Term(
             "fix",
             "one position and speed from the GPS receiver, four a second",
-            (("fix", "models/sensors.py"), ("judge", "models/four_state.py")),
+            (("fix", "models/sensors.py"), ("judge", "models/estimator.py")),
         ),
         Term(
             "outage",
@@ -132,9 +132,9 @@ TRAILS: dict[str, tuple[tuple[str, str, str], ...]] = {
         ("advance", "models/cmec.py", "aims at the next waypoint once the animal has stopped"),
     ),
     "A fix enters the filter": (
-        ("judge", "models/four_state.py", "accepts or rejects it"),
-        ("correct", "models/four_state.py", "updates state and covariance by an accepted one"),
-        ("recover", "models/four_state.py", "begins anew at the first, or after many rejected ones"),
+        ("judge", "models/estimator.py", "accepts or rejects it"),
+        ("correct", "models/estimator.py", "updates state and covariance by an accepted one"),
+        ("recover", "models/estimator.py", "begins anew at the first, or after many rejected ones"),
     ),
     "A row reaches the log": (
         ("Simulation", "harness/cosim/loop.py", "steps the components and hands their rows over"),

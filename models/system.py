@@ -10,6 +10,7 @@ from models.canine import Canine
 from models.cmec import Cmec
 from models.command_module import CommandModule
 from models.errors import UsageError, WiringError, nearest
+from models.estimator import Estimator
 from models.four_state import FourState
 from models.kit.block import Block
 from models.kit.declaration import Input, Output, Variable, flatten
@@ -126,11 +127,13 @@ def trial_simulator(plant: type[Block] = Canine) -> System:
     return System("cts", components, by_name(components, links))
 
 
+ESTIMATORS: dict[str, type[Estimator]] = {block.title(): block for block in (FourState,)}
 SYSTEMS: dict[str, System] = {"full": full_system(), "cts": trial_simulator()}
 BLOCKS: tuple[type[Block], ...] = tuple(
     dict.fromkeys(
         [
             *(block for system in SYSTEMS.values() for block in system.components.values()),
+            *ESTIMATORS.values(),
             Pedestrian,
             LocalPlane,  # these two work beside the estimator and the controller on board
             Watchdog,

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from functools import reduce
 from typing import Any, ClassVar
 
-from models.errors import DeclarationError, ParameterError
+from models.errors import DeclarationError, ParameterError, nearest
 from models.kit import casadi as ca
 from models.kit.declaration import SX, Output, State, Stream, Variable, flatten
 from models.kit.elementary import Precision
@@ -48,6 +48,16 @@ def triggered(guard: Guard, when: str = "", *, seldom: bool = False) -> Callable
 
     def mark(method: Method) -> Method:
         method.guard, method.when, method.seldom = guard, when, seldom  # type: ignore[attr-defined]
+        return method
+
+    return mark
+
+
+def before(update: str) -> Callable[[Method], Method]:
+    """Run an update that a base lacks before this one of the base; without it, it runs after all of them."""
+
+    def mark(method: Method) -> Method:
+        method.before = update  # type: ignore[attr-defined]
         return method
 
     return mark
@@ -199,18 +209,25 @@ class Block:
 
     @classmethod
     def updates(cls) -> dict[str, Method]:
-        """The updates in the order of their definition, bases first; a redefined one keeps its place."""
+        """The updates in the order of their definition, bases first; a redefined one keeps its place.
+
+        Raises:
+            DeclarationError: one stands before an update that there is not.
+        """
         own = set(dir(Block))
-        names: dict[str, None] = {}
+        names: list[str] = []
         for base in reversed(cls.__mro__):
             if issubclass(base, Block) and base is not Block:
-                names.update(
-                    {
-                        n: None
-                        for n, member in vars(base).items()
-                        if callable(member) and not n.startswith("_") and n not in own
-                    }
-                )
+                for n, member in vars(base).items():
+                    if not callable(member) or n.startswith("_") or n in own or n in names:
+                        continue
+                    following = getattr(member, "before", None)
+                    if following is not None and following not in names:
+                        raise DeclarationError(
+                            f'{cls.__name__}.{n} is before "{following}", which no base has'
+                            f"{nearest(following, names)}"
+                        )
+                    names.insert(names.index(following) if following else len(names), n)
         return {n: getattr(cls, n) for n in names}
 
     @classmethod

@@ -8,11 +8,15 @@ expressions.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from models.kit import casadi as ca
 from models.kit.declaration import SX
+from models.kit.geometry import wrap
+
+Row = int | Mapping[int, SX | float]  # of C in eq. 3.4: one state, or coefficients by state
 
 
 def propagate(state: SX, derivative: SX, time: float, order: int = 4) -> tuple[SX, SX]:
@@ -127,14 +131,19 @@ class Factors:
                     U[i][j] = U[i][j] + gain * vector[i]
         return Factors(U, D, self.order)
 
-    def correct(self, state: int, variance: SX, innovation: SX) -> tuple[list[SX], Factors]:
-        """One scalar measurement of a state, sequentially (eq. 3.1-3.3), by Bierman.
+    def correct(self, row: Row, variance: SX, innovation: SX, angle: bool = False) -> Correction:
+        """One scalar measurement, sequentially (eq. 3.1-3.3), by Bierman.
 
-        Returns:
-            what is to be added to the states (n,), in their order, and the corrected covariance.
+        Args:
+            row: what is measured: a state, or the coefficients of a sum of states.
+            variance: of the measurement's noise, above 0.
+            innovation: the measurement less what the states predict.
+            angle: the innovation is one, and is wrapped into (-pi, pi].
         """
         n = len(self.D)
-        f = self.U[self.order.index(state)]  # U^T h for the unit vector h
+        coefficients = {row: 1.0} if isinstance(row, int) else row
+        h = {self.order.index(state): c for state, c in coefficients.items()}
+        f = [sum((c * self.U[i][j] for i, c in h.items()), ca.SX(0)) for j in range(n)]  # U^T h
         g = [d * x for d, x in zip(self.D, f, strict=True)]
         U, D = [list(row) for row in self.U], list(self.D)
         gain: list[SX] = [ca.SX(0)] * n
@@ -147,8 +156,64 @@ class Factors:
                 U[i][j] = self.U[i][j] - scale * gain[i]
                 gain[i] = gain[i] + self.U[i][j] * g[j]
             gain[j] = g[j]
+        innovation = wrap(innovation) if angle else innovation
         weighted = innovation / alpha
-        return [gain[self.order.index(i)] * weighted for i in range(n)], Factors(U, D, self.order)
+        more = [gain[self.order.index(i)] * weighted for i in range(n)]
+        return Correction(more, Factors(U, D, self.order), innovation, alpha)
+
+
+class Correction(NamedTuple):
+    """What one scalar measurement does.
+
+    Attributes:
+        more: (n,) what is to be added to the states, in their order.
+        factors: the corrected covariance.
+        innovation: the measurement less its prediction, wrapped if it is an angle.
+        variance: the variance that the filter expects of the innovation.
+    """
+
+    more: list[SX]
+    factors: Factors
+    innovation: SX
+    variance: SX
+
+
+class Measurement(NamedTuple):
+    """One scalar of eq. 3.4, a pseudo-measurement too: `measured` is `row` times the states, and noise.
+
+    Attributes:
+        row: a state, or coefficients by state.
+        variance: of the noise; `UNUSED` where the measurement says nothing.
+        angle: it is an angle [rad], the same after a full turn.
+    """
+
+    row: Row
+    measured: SX | float
+    variance: SX
+    angle: bool = False
+
+    def innovation(self, x: Sequence[SX]) -> SX:
+        """The measurement less what the states (n,) predict, not wrapped."""
+        if isinstance(self.row, int):
+            return self.measured - x[self.row]
+        return self.measured - sum((c * x[state] for state, c in self.row.items()), ca.SX(0))
+
+
+UNUSED = 1e30  # a variance that leaves states and covariance as they are, in float32 too
+
+
+def correct(
+    state: SX, factors: Factors, measurements: Sequence[Measurement]
+) -> tuple[SX, Factors, list[Correction]]:
+    """Measurement update by scalars in turn (eq. 3.1-3.4): the state (n, 1), the covariance, each step."""
+    x = [state[i] for i in range(state.numel())]
+    steps = []
+    for measurement in measurements:
+        row, _, variance, angle = measurement
+        steps.append(factors.correct(row, variance, measurement.innovation(x), angle))
+        factors = steps[-1].factors
+        x = [value + more for value, more in zip(x, steps[-1].more, strict=True)]  # eq. 3.2
+    return ca.vertcat(*x), factors, steps
 
 
 def _identity(n: int) -> list[list[SX]]:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from models.errors import DeclarationError
-from models.kit.block import Block, Row, moves, table, triggered
+from models.kit.block import Block, Row, before, moves, table, triggered
 from models.kit.declaration import Boolean, Input, Integer, Output, Parameter, State, Stream
 from models.kit.tracing import Condition, Table, Update
 
@@ -100,6 +100,36 @@ def test_guards_keep_their_words_and_updates_their_transitions() -> None:
     assert (switch.when, switch.edges) == ("`key`", ((0, 1), (1, 0)))
     assert (fail.when, [row.when for row in fail.rows]) == ("too little power", ["key on, no power", ""])
     assert [float(fail.rows[0].guard([1], u, [], [])) for u in ([1, 0], [0, 0], [1, 1])] == [1, 0, 0]
+
+
+def test_updates_of_a_subclass_stand_before_the_one_that_they_name() -> None:
+    class First(Base):
+        """Two before `add`, one after everything."""
+
+        @before("add")
+        def one(m) -> None:
+            m.total = 1
+
+        def last(m) -> None:
+            m.total = 2
+
+        @before("add")
+        @triggered(lambda m: m.u > 0, "going on")
+        def two(m) -> None:
+            m.total = 3
+
+    assert list(First.updates()) == ["one", "two", "add", "last"]
+    assert [phase.when for phase in First.program().tick] == ["", "going on", "", ""]
+
+    class Wrong(Base):
+        """Before an update that there is not."""
+
+        @before("ad")
+        def early(m) -> None:
+            m.total = 1
+
+    with pytest.raises(DeclarationError, match=r'Wrong\.early is before "ad", .*; did you mean "add"'):
+        Wrong.updates()
 
 
 def test_a_summary_is_the_first_line_of_the_docstring() -> None:

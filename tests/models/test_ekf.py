@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.kit.ekf import Factors, propagate
+from models.kit.ekf import UNUSED, Factors, Measurement, correct, propagate
 from models.kit.elementary import lower
 
 Array = np.ndarray[Any, Any]
@@ -211,7 +211,7 @@ def predictor(n: int) -> Any:
 
 def corrector(n: int, component: int) -> Any:
     packed, r = ca.SX.sym("p", elements(n)), ca.SX.sym("r")
-    gain, factors = Factors.unpack(packed, n).correct(component, r, ca.SX(1))
+    gain, factors, *_ = Factors.unpack(packed, n).correct(component, r, ca.SX(1))
     return ca.Function("correct", [packed, r], [ca.vertcat(*gain), factors.pack()])
 
 
@@ -305,7 +305,7 @@ def test_another_order_of_the_factors_changes_only_the_packing(state: int) -> No
     factors = Factors.unpack(ca.SX(ca.DM(values)), ORDER)
     # when one state is measured, then the variance, the gain and the covariance are the textbook's
     assert float(ca.evalf(factors.variance(state))) == pytest.approx(P[state, state], rel=1e-9)
-    gain, corrected = factors.correct(state, ca.SX(0.7), ca.SX(1))
+    gain, corrected, *_ = factors.correct(state, ca.SX(0.7), ca.SX(1))
     L = P[:, state] / (P[state, state] + 0.7)
     assert [float(ca.evalf(k)) for k in gain] == pytest.approx(L.tolist(), rel=1e-6)
     result = np.array(ca.DM(ca.evalf(corrected.pack()))).ravel()
@@ -349,6 +349,89 @@ def test_sequential_corrections_equal_one_joint_correction(seed: int) -> None:
     assert x == pytest.approx(expected_x, rel=1e-8, abs=1e-8)
     scale = np.sqrt(np.outer(np.diag(expected_P), np.diag(expected_P)))
     assert np.abs((dense(packed, 4) - expected_P) / scale).max() < 1e-7
+
+
+# Any observation row, angles, pseudo-measurements
+
+
+def value(expression: Any) -> Array:
+    return np.array(ca.DM(ca.evalf(ca.densify(ca.SX(expression))))).ravel()
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.sampled_from((2, 4, 6, 7)), st.integers(0, 2**32 - 1))
+def test_a_sum_of_states_is_corrected_as_the_textbook_does(n: int, seed: int) -> None:
+    # given an observation row with some coefficients
+    rng = np.random.default_rng(seed)
+    packed, r, innovation = any_factors(rng, n), 10.0 ** rng.uniform(-3, 3), rng.normal()
+    measured = rng.choice(n, size=rng.integers(1, n + 1), replace=False)
+    row = {int(i): float(rng.normal()) for i in measured}
+    order = tuple(int(i) for i in rng.permutation(n))
+    place = np.argsort(order)
+    P, c = dense(packed, n)[np.ix_(place, place)], np.zeros(n)
+    c[list(row)] = list(row.values())
+    # when it is measured, then eq. 3.1-3.3 hold, and the innovation's variance is C P C^T + R
+    step = Factors.unpack(ca.SX(ca.DM(packed)), order).correct(row, ca.SX(r), ca.SX(innovation))
+    S = c @ P @ c + r
+    L = P @ c / S
+    deviation = np.sqrt(np.diag(P))
+    assert np.abs((value(ca.vertcat(*step.more)) - L * innovation) / deviation).max() < 1e-9 * abs(innovation)
+    assert value(step.variance)[0] == pytest.approx(S, rel=1e-10)
+    assert value(step.innovation)[0] == innovation
+    result = dense(value(step.factors.pack()), n)[np.ix_(place, place)]
+    assert np.abs((result - P + np.outer(L, c @ P)) / np.outer(deviation, deviation)).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("innovation", "wrapped"),
+    [(0.3, 0.3), (3.5, 3.5 - 2 * math.pi), (-6.0, 2 * math.pi - 6.0), (13.0, 13.0 - 4 * math.pi)],
+)
+def test_the_innovation_of_an_angle_is_the_shorter_way_round(innovation: float, wrapped: float) -> None:
+    factors = Factors.diagonal([ca.SX(2.0), ca.SX(1.0)])
+    as_angle = factors.correct(0, ca.SX(2.0), ca.SX(innovation), angle=True)
+    assert value(as_angle.innovation)[0] == pytest.approx(wrapped, abs=1e-12)
+    assert value(ca.vertcat(*as_angle.more)) == pytest.approx([wrapped / 2, 0])
+    as_length = factors.correct(0, ca.SX(2.0), ca.SX(innovation))
+    assert value(as_length.more[0])[0] == pytest.approx(innovation / 2)
+
+
+def test_measurements_are_taken_in_turn_each_with_what_the_last_one_left() -> None:
+    """Against one joint correction: a sum, an angle, and a speed of zero that nobody measured."""
+    rng = np.random.default_rng(3)
+    packed, x = any_factors(rng, 4), np.array([0.4, -0.2, 3.0, 5.0])
+    P, R = dense(packed, 4), np.diag([0.5, 0.2, 1e-4])
+    C = np.array([[1, 2, 0, 0], [0, 0, 1, 0], [1, 0, 0, 0]], dtype=float)
+    measurements = [
+        Measurement({0: 1, 1: 2}, 0.3, ca.SX(0.5)),
+        Measurement(2, -3.1, ca.SX(0.2), angle=True),
+        Measurement(0, 0, ca.SX(1e-4)),
+    ]
+    after, factors, steps = correct(ca.SX(ca.DM(x)), Factors.unpack(ca.SX(ca.DM(packed)), 4), measurements)
+    innovation = np.array([0.3, 2 * math.pi - 3.1, 0]) - C @ x
+    S = C @ P @ C.T + R
+    gain = P @ C.T @ np.linalg.inv(S)
+    assert value(after) == pytest.approx(x + gain @ innovation, rel=1e-8)
+    deviation = np.sqrt(np.diag(P))
+    result = dense(value(factors.pack()), 4)
+    assert np.abs((result - P + gain @ C @ P) / np.outer(deviation, deviation)).max() < 1e-8
+    # the squares of the innovations in turn, over their variances, sum to the joint NIS
+    nis = sum(value(s.innovation)[0] ** 2 / value(s.variance)[0] for s in steps)
+    assert nis == pytest.approx(innovation @ np.linalg.solve(S, innovation), rel=1e-8)
+
+
+@pytest.mark.parametrize("kind", ["float32", "float64"])
+def test_an_unused_measurement_changes_nothing_in_either_precision(kind: str) -> None:
+    rng = np.random.default_rng(4)
+    x, packed = ca.SX.sym("x", 4), ca.SX.sym("p", 10)
+    after, factors, _ = correct(
+        x, Factors.unpack(packed, 4), [Measurement({1: 1, 2: -3}, 700.0, ca.SX(UNUSED))]
+    )
+    changed = ca.Function("changed", [x, packed], [ca.vertcat(after, factors.pack())])
+    for _ in range(20):
+        given_x = rng.normal(0, 10, 4).astype(kind)
+        given_p = any_factors(rng, 4).astype(kind)
+        result = np.array(changed(given_x, given_p)).ravel().astype(kind)
+        assert np.array_equal(result, np.concatenate([given_x, given_p]))
 
 
 # The covariance over a step (CHOICES.md 2)

@@ -1,0 +1,224 @@
+"""What all estimators share: the role's signals, the judgement of a fix, the frame of the filter (3.2)."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from models.kit import casadi as ca
+from models.kit.block import Block, triggered
+from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State
+from models.kit.ekf import Correction, Factors, Measurement, correct
+from models.kit.geometry import COUNT_MAX, all_of, any_of, counted, where
+
+SPEED, BIAS = 0, 1  # every state begins with them
+
+
+class Estimator(Block):
+    """Base of the estimators: each is a hybrid EKF that a fix of the GPS receiver corrects.
+
+    A subclass declares `x`, `covariance`, `innovation` and `innovation_variance`, and says by `_listen`,
+    `_propagate`, `_process_noise` and `_heading` what is its own, and by `_measurements` and `_begin` what it
+    measures and begins with beyond speed, bias and position.
+
+    Attributes:
+        north_state, east_state: where the position stands in x.
+        order: of the covariance's factors: each state before those it depends on.
+        samples: the inputs of a tick; one of them that is out of range makes the sample bad.
+        fix: the inputs of a fix, likewise.
+    """
+
+    precisions = ("double", "float")
+    north_state: ClassVar[int]
+    east_state: ClassVar[int]
+    order: ClassVar[tuple[int, ...]]
+    samples: ClassVar[tuple[str, ...]]
+    fix: ClassVar[tuple[str, ...]] = ("gps_north", "gps_east", "gps_speed", "gps_h_acc", "gps_s_acc")
+    x: State
+    covariance: State
+    innovation: State
+    innovation_variance: State
+
+    accel_x = Input("m/s2", "longitudinal specific force from the IMU", min=-200, max=200)
+    gps_fix = Input(Boolean, "a fix arrived on this tick")
+    gps_north = Input("m", "position of the fix", min=-1e5, max=1e5)
+    gps_east = Input("m", "position of the fix", min=-1e5, max=1e5)
+    gps_speed = Input("m/s", "ground speed of the fix", min=0, max=50)
+    gps_h_acc = Input("m", "horizontal accuracy stated by the receiver", min=1e-3, max=1e3)
+    gps_s_acc = Input("m/s", "speed accuracy stated by the receiver", min=1e-3, max=1e2)
+
+    north = Output("m", "position")
+    east = Output("m", "position")
+    speed = Output("m/s", "ground speed")
+    heading = Output("rad", "heading, clockwise from north, in (-pi, pi]")
+    accel_bias = Output("m/s2", "accelerometer bias")
+    north_sd = Output("m", "standard deviation of the position")
+    east_sd = Output("m", "standard deviation of the position")
+    speed_sd = Output("m/s", "standard deviation of the speed")
+    heading_sd = Output("rad", "standard deviation of the heading")
+    accel_bias_sd = Output("m/s2", "standard deviation of the bias")
+    sigma_accel = Output("m/s2", "process noise of the acceleration in force")
+    valid = Output(Boolean, "the last accepted fix is no older than max_age")
+
+    sigma_constant = Parameter("m/s2", "process noise of the acceleration, not tuned (D.7)", start=0.1, min=0)
+    sigma_bias = Parameter("m/s2", "random walk of the bias per tick (eq. 3.16)", start=1e-3, min=0)
+    sigma_position = Parameter("m", "random walk of north and east per tick (eq. 3.16)", start=1e-6, min=1e-9)
+    initial_speed_variance = Parameter("1", "of P0, in (m/s)^2 (eq. 3.17)", start=0.1, min=1e-9)
+    initial_bias_variance = Parameter("1", "of P0, in (m/s2)^2 (eq. 3.17)", start=1, min=1e-9)
+    initial_position_variance = Parameter("1", "of P0, in m^2 (eq. 3.17)", start=0.01, min=1e-9)
+    # the floors, the gate and the recovery are ours: the text believes and accepts every fix
+    position_sd_floor = Parameter(
+        "m", "a fix's position is believed no better than this standard deviation", start=0, min=0
+    )
+    speed_sd_floor = Parameter(
+        "m/s", "a fix's speed is believed no better than this standard deviation", start=0, min=0
+    )
+    gate = Parameter("1", "a fix farther off than this many nominal deviations is rejected", start=5, min=0)
+    gate_speed_growth = Parameter("m/s2", "nominal growth of the speed's deviation", start=4, min=0)
+    gate_position_growth = Parameter("m/s", "nominal growth of the position's deviation", start=1.5, min=0)
+    recovery_fixes = Parameter(
+        Integer, "fixes rejected in a row after which the filter begins anew", start=4, min=1, max=1000
+    )
+    max_age = Parameter("s", "a fix older than this makes the estimate invalid", start=15, min=0, max=1e6)
+
+    started = State(Boolean, "a first fix has set the state")
+    acceleration = State(
+        "m/s2", "longitudinal acceleration with its bias; the bias alone where the sample is bad"
+    )
+    sigma = State("m/s2", "process noise of the acceleration in force", start=0.1)
+    age = State(Integer, "ticks since the last accepted fix", max=COUNT_MAX)
+    good = State(Boolean, "the last fix has all its values in range")
+    accepted = State(Boolean, "this tick's fix passed the gate")
+    rejected = State(Integer, "fixes rejected in a row")
+    bad_samples = State(Integer, "samples skipped for values out of range", max=COUNT_MAX)
+    bad_fixes = State(Integer, "fixes skipped for values out of range", max=COUNT_MAX)
+
+    def listen(m) -> None:
+        """Take the sample if all its values are good; else hold speed and heading, and count it."""
+        good = m.within(*m.samples)
+        m._listen(good)
+        m.bad_samples = counted(m.bad_samples, ca.logic_not(good))
+        m.age = counted(m.age)
+        m.accepted = 0
+        m.sigma = m.sigma_constant
+
+    @triggered("started")
+    def predict(m) -> None:
+        """Time update over one tick (eq. 3.5, 3.6)."""
+        m.x, transition = m._propagate()
+        m.covariance = m._factors().predict(transition, m._process_noise()).pack()
+
+    @triggered("gps_fix")
+    def judge(m) -> None:
+        """Accept or reject the fix: the gate of its innovations has a nominal width, without sigma."""
+        m.good = m.within(*m.fix)
+        age = m.age * m.sample_time
+        position_variance = 2 * m._position_variance() + (m.gate_position_growth * age) ** 2
+        speed_variance = 2 * m._speed_variance() + (m.gate_speed_growth * age) ** 2
+        near = all_of(
+            (m.gps_north - m.x[m.north_state]) ** 2 <= m.gate**2 * position_variance,
+            (m.gps_east - m.x[m.east_state]) ** 2 <= m.gate**2 * position_variance,
+            (m.gps_speed - m.x[SPEED]) ** 2 <= m.gate**2 * speed_variance,
+        )
+        m.accepted = all_of(m.good, near, m.started)
+        m.rejected = where(m.good, where(m.accepted, 0, m.rejected + 1), m.rejected)
+        m.bad_fixes = counted(m.bad_fixes, ca.logic_not(m.good))
+
+    @triggered("accepted")
+    def correct(m) -> None:
+        """Measurement update by the values of the fix in turn (eq. 3.1-3.4)."""
+        steps = m._correct(m._measurements())
+        m.innovation = ca.vertcat(*(step.innovation for step in steps))
+        m.innovation_variance = ca.vertcat(*(step.variance for step in steps))
+        m.age = 0
+
+    @triggered(
+        lambda m: all_of(m.gps_fix, m.good, any_of(ca.logic_not(m.started), m.rejected >= m.recovery_fixes)),
+        "a good fix is the first, or the last of `recovery_fixes` rejected in a row",
+    )
+    def recover(m) -> None:
+        """Begin, or begin anew, at the fix; keep the bias if there is one.
+
+        Eq. 3.9 begins with zeros at a known start, with P0 of eq. 3.17. A state taken from a fix is as
+        uncertain as the fix, so its variance is added.
+        """
+        begun = m._begin()
+        values, variances = zip(*(begun[state] for state in range(len(m.order))), strict=True)
+        m.x, m.covariance = ca.vertcat(*values), Factors.diagonal(variances, m.order).pack()
+        m.started = 1
+        m.age = m.rejected = 0
+
+    def output(m) -> None:
+        """The estimate for this tick."""
+        factors = m._factors()
+        m.speed, m.accel_bias, m.north, m.east = (m.x[i] for i in m._reported())
+        m.speed_sd, m.accel_bias_sd, m.north_sd, m.east_sd = (
+            ca.sqrt(factors.variance(i)) for i in m._reported()
+        )
+        m.heading, m.heading_sd = m._heading()
+        m.sigma_accel = m.sigma
+        m.valid = all_of(m.started, m.age * m.sample_time <= m.max_age)
+
+    # What is an estimator's own
+
+    def _listen(m, good: SX) -> None:
+        """Set `acceleration`, and what else is held from the sample."""
+        raise NotImplementedError
+
+    def _propagate(m) -> tuple[SX, SX]:
+        """The state after a tick (n, 1), and its derivative by the state (n, n)."""
+        raise NotImplementedError
+
+    def _process_noise(m) -> list[SX]:
+        """The diagonal of Q for a tick (n,)."""
+        raise NotImplementedError
+
+    def _measurements(m) -> list[Measurement]:
+        """The scalars of a fix, in the order of the corrections."""
+        variance = m._position_variance()
+        return [
+            Measurement(SPEED, m.gps_speed, m._speed_variance()),
+            Measurement(m.north_state, m.gps_north, variance),
+            Measurement(m.east_state, m.gps_east, variance),
+        ]
+
+    def _begin(m) -> dict[int, tuple[SX, SX]]:
+        """Each state at the first fix, or anew, and its variance."""
+        variance = m.initial_position_variance + m._position_variance()
+        return {
+            SPEED: (m.gps_speed, m.initial_speed_variance + m._speed_variance()),
+            BIAS: m._kept(BIAS, m.initial_bias_variance),
+            m.north_state: (m.gps_north, variance),
+            m.east_state: (m.gps_east, variance),
+        }
+
+    def _heading(m) -> tuple[SX, SX]:
+        """The heading in (-pi, pi] and its standard deviation [rad]."""
+        raise NotImplementedError
+
+    # What they use
+
+    def _factors(m) -> Factors:
+        return Factors.unpack(m.covariance, m.order)
+
+    def _reported(m) -> tuple[int, int, int, int]:
+        return SPEED, BIAS, m.north_state, m.east_state
+
+    def _correct(m, measurements: list[Measurement]) -> list[Correction]:
+        """Correct state and covariance by measurements, or by pseudo-measurements such as speed 0."""
+        m.x, factors, steps = correct(m.x, m._factors(), measurements)
+        m.covariance = factors.pack()
+        return steps
+
+    def _position_variance(m) -> SX:
+        return _at_least(0.5 * m.gps_h_acc, m.position_sd_floor) ** 2  # eq. 3.15
+
+    def _speed_variance(m) -> SX:
+        return _at_least(m.gps_s_acc, m.speed_sd_floor) ** 2  # eq. 3.15
+
+    def _kept(m, state: int, initial_variance: SX) -> tuple[SX, SX]:
+        """A state that goes on when the filter begins anew, and its variance."""
+        return m.x[state], where(m.started, m._factors().variance(state), initial_variance)
+
+
+def _at_least(value: SX, floor: SX) -> SX:
+    return where(value > floor, value, floor)
