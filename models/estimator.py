@@ -8,7 +8,7 @@ from models.kit import casadi as ca
 from models.kit.block import Block, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State
 from models.kit.ekf import Correction, Factors, Measurement, correct
-from models.kit.geometry import COUNT_MAX, all_of, any_of, counted, where
+from models.kit.geometry import COUNT_MAX, all_of, any_of, at_least, counted, where, wrap
 
 SPEED, BIAS = 0, 1  # every state begins with them
 
@@ -23,6 +23,7 @@ class Estimator(Block):
     Attributes:
         north_state, east_state: where the position stands in x.
         order: of the covariance's factors: each state before those it depends on.
+        angles: the states that are angles, kept in (-pi, pi].
         samples: the inputs of a tick; one of them that is out of range makes the sample bad.
         fix: the inputs of a fix, likewise.
     """
@@ -31,6 +32,7 @@ class Estimator(Block):
     north_state: ClassVar[int]
     east_state: ClassVar[int]
     order: ClassVar[tuple[int, ...]]
+    angles: ClassVar[tuple[int, ...]] = ()
     samples: ClassVar[tuple[str, ...]]
     fix: ClassVar[tuple[str, ...]] = ("gps_north", "gps_east", "gps_speed", "gps_h_acc", "gps_s_acc")
     x: State
@@ -104,7 +106,8 @@ class Estimator(Block):
     @triggered("started")
     def predict(m) -> None:
         """Time update over one tick (eq. 3.5, 3.6)."""
-        m.x, transition = m._propagate()
+        x, transition = m._propagate()
+        m.x = m._wrapped(x)
         m.covariance = m._factors().predict(transition, m._process_noise()).pack()
 
     @triggered("gps_fix")
@@ -200,25 +203,24 @@ class Estimator(Block):
     def _factors(m) -> Factors:
         return Factors.unpack(m.covariance, m.order)
 
+    def _wrapped(m, x: SX) -> SX:
+        return ca.vertcat(*(wrap(x[i]) if i in m.angles else x[i] for i in range(x.numel())))
+
     def _reported(m) -> tuple[int, int, int, int]:
         return SPEED, BIAS, m.north_state, m.east_state
 
     def _correct(m, measurements: list[Measurement]) -> list[Correction]:
         """Correct state and covariance by measurements, or by pseudo-measurements such as speed 0."""
-        m.x, factors, steps = correct(m.x, m._factors(), measurements)
-        m.covariance = factors.pack()
+        x, factors, steps = correct(m.x, m._factors(), measurements)
+        m.x, m.covariance = m._wrapped(x), factors.pack()
         return steps
 
     def _position_variance(m) -> SX:
-        return _at_least(0.5 * m.gps_h_acc, m.position_sd_floor) ** 2  # eq. 3.15
+        return at_least(0.5 * m.gps_h_acc, m.position_sd_floor) ** 2  # eq. 3.15
 
     def _speed_variance(m) -> SX:
-        return _at_least(m.gps_s_acc, m.speed_sd_floor) ** 2  # eq. 3.15
+        return at_least(m.gps_s_acc, m.speed_sd_floor) ** 2  # eq. 3.15
 
     def _kept(m, state: int, initial_variance: SX) -> tuple[SX, SX]:
         """A state that goes on when the filter begins anew, and its variance."""
         return m.x[state], where(m.started, m._factors().variance(state), initial_variance)
-
-
-def _at_least(value: SX, floor: SX) -> SX:
-    return where(value > floor, value, floor)

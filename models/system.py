@@ -18,6 +18,9 @@ from models.kit.link import Link
 from models.local_plane import LocalPlane
 from models.pedestrian import Pedestrian
 from models.sensors import Sensors
+from models.seven_state import SevenState
+from models.six_state import SixState
+from models.two_bias import TwoBias
 from models.watchdog import Watchdog
 
 
@@ -127,7 +130,9 @@ def trial_simulator(plant: type[Block] = Canine) -> System:
     return System("cts", components, by_name(components, links))
 
 
-ESTIMATORS: dict[str, type[Estimator]] = {block.title(): block for block in (FourState,)}
+ESTIMATORS: dict[str, type[Estimator]] = {
+    block.title(): block for block in (FourState, SixState, SevenState, TwoBias)
+}
 SYSTEMS: dict[str, System] = {"full": full_system(), "cts": trial_simulator()}
 BLOCKS: tuple[type[Block], ...] = tuple(
     dict.fromkeys(

@@ -45,6 +45,22 @@ def propagate(state: SX, derivative: SX, time: float, order: int = 4) -> tuple[S
     return result, ca.jacobian(result, state)
 
 
+def travel(speed: SX, acceleration: SX, heading: SX, rate: SX, time: float) -> tuple[SX, SX]:
+    """Way north and east [m] in `time` [s] at constant acceleration and turn rate (eq. B.5 integrated).
+
+    The integral about the middle of the step, by powers of the turn: cheaper than the Lie series, which does
+    not end where the heading is a state. What is dropped, speed rate^4 time^5/1920 + acceleration rate^3
+    time^5/480, is a fifth to a sixteenth of what the series drops at order 4: below 1 micrometre in a tick of
+    a dog that runs at 5 m/s, turns at 5 rad/s and is pushed at 20 m/s2.
+    """
+    half = 0.5 * time * rate
+    along = (speed + 0.5 * time * acceleration) * (time * (1 - half**2 * (1 / 6)))
+    across = acceleration * rate * (time**3 / 12)
+    middle = heading + half
+    cosine, sine = ca.cos(middle), ca.sin(middle)
+    return along * cosine - across * sine, along * sine + across * cosine
+
+
 @dataclass(frozen=True)
 class Factors:
     """The covariance as U (n, n) unit upper triangular and D (n,), its states in an order of their own.
@@ -98,9 +114,20 @@ class Factors:
         ):
             return self._orthogonalized(rows, noise)
         factors = Factors(rows, list(self.D), self.order)
-        for i, variance in enumerate(noise):
-            factors = factors._disturbed(i, variance)
+        for row, variance in zip(_identity(n), noise, strict=True):
+            factors = factors._disturbed(row, variance)
         return factors
+
+    def replaced(self, state: int, variance: SX) -> Factors:
+        """Another state in this one's place, uncorrelated with the rest, whose covariance stays."""
+        i = self.order.index(state)
+        U = [list(row) for row in self.U]
+        U[i] = _identity(len(self.D))[i]
+        column = [U[k][i] if k < i else ca.SX(0) for k in range(len(self.D))]
+        for k in range(i):
+            U[k][i] = ca.SX(0)
+        rest = Factors(U, list(self.D), self.order)._disturbed(column, self.D[i])
+        return Factors(rest.U, [variance if k == i else d for k, d in enumerate(rest.D)], self.order)
 
     def _orthogonalized(self, left: list[list[SX]], noise: Sequence[SX]) -> Factors:
         """Of any matrix `left` with P = left D left^T + diag(noise), by Thornton's weighted Gram-Schmidt."""
@@ -116,11 +143,11 @@ class Factors:
                 rows[i] = [a - U[i][j] * b for a, b in zip(rows[i], rows[j], strict=True)]
         return Factors(U, D, self.order)
 
-    def _disturbed(self, row: int, variance: SX) -> Factors:
-        """P <- P + variance e e^T, e the unit vector of a row, by Agee and Turner: adds positive terms."""
-        U, D = [list(r) for r in self.U], list(self.D)
-        vector = [ca.SX(float(i == row)) for i in range(row + 1)]
-        for j in reversed(range(row + 1)):
+    def _disturbed(self, vector: Sequence[SX], variance: SX) -> Factors:
+        """P <- P + variance v v^T for a vector in the factors' order, by Agee and Turner: adds positives."""
+        U, D, vector = [list(r) for r in self.U], list(self.D), list(vector)
+        last = max((j for j, x in enumerate(vector) if not ca.SX(x).is_zero()), default=0)
+        for j in reversed(range(last + 1)):
             share = variance * vector[j]
             D[j] = self.D[j] + share * vector[j]
             if j > 0:

@@ -25,6 +25,11 @@ def clip(value: SX, low: SX | float, high: SX | float) -> SX:
     return ca.if_else(value > high, high, value)
 
 
+def at_least(value: SX, low: SX | float) -> SX:
+    """The value, or `low` if that is larger."""
+    return ca.if_else(value > low, value, low)
+
+
 def counted(count: SX, more: SX | float = 1) -> SX:
     """The count and `more`, up to COUNT_MAX: a counter that stops is safer than one that overflows."""
     return ca.if_else(count < COUNT_MAX, count + more, count)
