@@ -8,8 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy import stats
 
 from models.canine import Canine
@@ -17,6 +15,7 @@ from models.commands import Command
 from models.four_state import FourState
 from models.kit.model import Model
 from models.sensors import Sensors
+from tests.models.motions import fix_ticks, motion, noisy, run_in_circles, walk, without_fixes
 
 Array = np.ndarray[Any, Any]
 Columns = dict[str, Array]
@@ -27,64 +26,6 @@ G = 9.81
 INPUTS = FourState.flat_names("input")
 OUTPUTS = FourState.flat_names("output")
 BOTH = pytest.mark.parametrize("precision", ["double", "float"])
-
-
-def fix_ticks(ticks: int) -> Array:
-    """Whether a fix falls on each tick: 4 Hz, on the first tick at or after its time."""
-    fix = np.zeros(ticks, dtype=bool)
-    fix[[k for n in range(ticks) if (k := -(-25 * n // 4)) < ticks]] = True
-    return fix
-
-
-def without_fixes(inputs: Columns, start: float, end: float) -> Columns:
-    time = np.arange(len(inputs["gps_fix"])) * T
-    return {**inputs, "gps_fix": inputs["gps_fix"] & ~((time >= start) & (time < end))}
-
-
-def motion(speed: Array, heading: Array, pitch: Any = 0.0) -> Columns:
-    """Exact measurements of a motion whose speed is linear and whose heading is held between ticks."""
-    past = np.concatenate([speed[:1], speed[:-1]])
-    way = 0.5 * (past + speed) * T
-    return {
-        "accel_x": (speed - past) / T + G * np.sin(pitch),
-        "pitch_meas": np.broadcast_to(pitch, speed.shape),
-        "heading_meas": heading,
-        "gps_fix": fix_ticks(len(speed)),
-        "gps_north": np.cumsum(way * np.cos(heading)),
-        "gps_east": np.cumsum(way * np.sin(heading)),
-        "gps_speed": speed,
-        "gps_h_acc": np.full(speed.shape, 3.5),
-        "gps_s_acc": np.full(speed.shape, 0.1),
-    }
-
-
-def noisy(
-    inputs: Columns, seed: int, accel: float = 1.0, position: float = 1.0, speed: float = 0.05
-) -> Columns:
-    rng = np.random.default_rng(seed)
-    n = len(inputs["accel_x"])
-    return {
-        **inputs,
-        "accel_x": inputs["accel_x"] + rng.normal(0, accel, n),
-        "gps_north": inputs["gps_north"] + rng.normal(0, position, n),
-        "gps_east": inputs["gps_east"] + rng.normal(0, position, n),
-        "gps_speed": np.abs(inputs["gps_speed"] + rng.normal(0, speed, n)),
-    }
-
-
-def walk(ticks: int, top: float = 2.0) -> Columns:
-    """Speed and heading that keep changing; the speed stays positive."""
-    t = np.arange(ticks) * T
-    return motion(top * (0.6 + 0.4 * np.sin(0.5 * t)), 2.5 * np.sin(0.2 * t))
-
-
-def run_in_circles(ticks: int) -> Columns:
-    """At the dog's 4.86 m/s, where sigma is 151.7 m/s2; GPS fails for 10 s of every 40."""
-    t = np.arange(ticks) * T
-    heading = (0.4 * t + np.pi) % (2 * np.pi) - np.pi
-    inputs = motion(np.full(ticks, 4.86), heading)
-    inputs["gps_fix"] &= t % 40 < 30
-    return inputs
 
 
 def dense(packed: Any) -> Array:
@@ -274,27 +215,6 @@ def test_the_float_estimate_equals_the_double_one_up_to_rounding(native: Make) -
 # The covariance in float32
 
 
-def test_the_covariance_stays_positive_in_float32_for_a_million_ticks(native: Make) -> None:
-    """Eleven hours at running speed, sigma 151.7, with GPS failing for 10 s of every 40: 1000 outages."""
-    chunk, chunks = 100_000, 10
-    inputs = noisy(run_in_circles(chunk), seed=5)  # a chunk is 100 periods of outage
-    estimator = native(FourState, "float")
-    least = math.inf
-    for _ in range(chunks):
-        out = estimator.run(**inputs)
-        for name, column in out.items():
-            assert np.isfinite(column).all(), name
-        d = vectors(out, "covariance", 10)[:, :4]
-        least = min(least, d.min())
-        assert (d > 0).all()
-        assert out["valid"].all()
-        assert (out["sigma_accel"] > 100).mean() > 0.7
-        assert out["speed_sd"].max() > 400  # sqrt(151.7^2 * 10 s): the outage has its effect
-        assert out["north_sd"][inputs["gps_fix"]].max() < 2.5
-    assert least == pytest.approx(0.1**2, rel=1e-3)  # the variance of the speed after a fix
-    assert estimator["bad_samples"] == 0
-
-
 def test_the_plain_covariance_of_the_textbook_turns_indefinite_in_float32() -> None:
     """The reason for the factors: the same sequence, eq. 3.1-3.5 with P itself; in double it holds."""
     inputs = noisy(run_in_circles(1100), seed=5)
@@ -305,22 +225,6 @@ def test_the_plain_covariance_of_the_textbook_turns_indefinite_in_float32() -> N
     double = textbook(inputs, sigma, x, P)
     assert min(np.diag(p).min() for _, p in single) < 0
     assert min(np.linalg.eigvalsh((p + p.T) / 2).min() for _, p in double) > 0
-
-
-def test_a_day_of_dead_reckoning_at_the_largest_force_stays_finite_and_recovers(native: Make) -> None:
-    estimator = native(FourState, "float")
-    first = motion(np.full(2, 1.0), np.zeros(2))
-    estimator.run(**first)
-    for _ in range(24):
-        out = estimator.run(accel_x=np.full(90_000, 200.0), heading_meas=0.5, gps_fix=False)
-        assert all(np.isfinite(column).all() for column in out.values())
-        assert (vectors(out, "covariance", 10)[:, :4] > 0).all()
-        assert not out["valid"][-1]
-    out = estimator.run(**motion(np.full(200, 1.0), np.zeros(200)))
-    assert all(np.isfinite(column).all() for column in out.values())
-    assert out["valid"][-1]
-    assert abs(out["north"][-1] - 199 * T) < 3
-    assert abs(out["speed"][-1] - 1) < 0.5
 
 
 # Trials
@@ -459,51 +363,6 @@ def test_the_bias_settles_within_the_trial_with_the_q_of_choice_13(native: Make)
 
 # Faults
 
-BAD = [math.nan, math.inf, -math.inf]
-OUT_OF_RANGE = {
-    "accel_x": 201, "pitch_meas": -4.1, "heading_meas": 7.1, "gps_north": 1.1e5, "gps_east": -1.1e5,
-    "gps_speed": -0.1, "gps_h_acc": 0, "gps_s_acc": 101,
-}  # fmt: skip
-SAMPLES = ("accel_x", "pitch_meas", "heading_meas")
-
-
-@BOTH
-@pytest.mark.parametrize("name", SAMPLES)
-def test_a_bad_sample_is_skipped_and_counted(native: Make, precision: str, name: str) -> None:
-    """Speed and heading are held through it."""
-    inputs = noisy(walk(200), seed=8)
-    bad = [51, 53, 58, 60]  # no fix falls on them
-    values = [*BAD, OUT_OF_RANGE[name]]
-    inputs[name] = np.array(inputs[name])
-    inputs[name][bad] = values
-    out = native(FourState, precision).run(**inputs)
-    assert out["bad_samples"][-1] == 4
-    assert [out["bad_samples"][k] - out["bad_samples"][k - 1] for k in bad] == [1, 1, 1, 1]
-    for k in bad:
-        assert not inputs["gps_fix"][k]
-        assert out["speed"][k] == pytest.approx(out["speed"][k - 1], abs=1e-6)
-        assert out["heading"][k] == out["heading"][k - 1]
-    for output in OUTPUTS:
-        assert np.isfinite(out[output]).all(), output
-
-
-@BOTH
-@pytest.mark.parametrize("name", [n for n in OUT_OF_RANGE if n not in SAMPLES])
-def test_a_bad_fix_is_skipped_and_counted(native: Make, precision: str, name: str) -> None:
-    """The estimate is that of a run in which these fixes never came."""
-    inputs = noisy(walk(200), seed=9)
-    bad = np.flatnonzero(inputs["gps_fix"])[[4, 6, 7, 12]]
-    skipped = {**inputs, "gps_fix": inputs["gps_fix"].copy()}
-    skipped["gps_fix"][bad] = False
-    inputs[name] = np.array(inputs[name])
-    inputs[name][bad] = [*BAD, OUT_OF_RANGE[name]]
-    out, expected = (native(FourState, precision).run(**x) for x in (inputs, skipped))
-    assert out["bad_fixes"][-1] == 4
-    assert out["rejected"].max() == 0
-    assert not out["accepted"][bad].any()
-    for output in OUTPUTS:
-        assert np.array_equal(out[output], expected[output]), output
-
 
 @BOTH
 def test_a_bad_first_fix_does_not_start_the_filter(native: Make, precision: str) -> None:
@@ -513,26 +372,6 @@ def test_a_bad_first_fix_does_not_start_the_filter(native: Make, precision: str)
     out = native(FourState, precision).run(**inputs)
     assert out["valid"].tolist() == [0.0] * 7 + [1.0] * 13
     assert all(np.isfinite(out[name]).all() for name in OUTPUTS)
-
-
-@settings(max_examples=30, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), precision=st.sampled_from(["double", "float"]))
-def test_the_estimate_is_finite_for_any_input(native: Make, seed: int, precision: str) -> None:
-    rng = np.random.default_rng(seed)
-    n = 1000
-    inputs: dict[str, Array] = {"gps_fix": rng.random(n) < rng.choice([0.02, 0.16, 1.0])}
-    for v in (v for v in FourState.group("input") if v.name != "gps_fix"):
-        assert v.min is not None
-        assert v.max is not None
-        column = rng.uniform(v.min, v.max, n) * rng.choice([1.0, 1e-3])
-        wild = rng.random(n) < 0.1
-        ends = [v.min, v.max, 2 * v.max, 1e30, -1e30, *BAD]
-        column[wild] = rng.choice(ends, wild.sum())
-        inputs[v.name] = column
-    out = native(FourState, precision, {"gate": float(rng.choice([0, 5, 1e6]))}).run(**inputs)
-    for name in OUTPUTS:
-        assert np.isfinite(out[name]).all(), name
-    assert (vectors(out, "covariance", 10)[out["started"] == 1][:, :4] > 0).all()
 
 
 # The gate

@@ -1,0 +1,567 @@
+"""Every estimator: transition, textbook filter, a million ticks in float32, bad input; what each adds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from models.kit.elementary import lower
+from models.seven_state import TUNINGS, SevenState
+from models.six_state import SixState
+from models.system import ESTIMATORS
+from models.two_bias import TwoBias
+from tests.models.motions import (
+    DECLINATION,
+    FIELD,
+    Array,
+    Columns,
+    G,
+    T,
+    motion,
+    noisy,
+    run_in_circles,
+    walk,
+    without_fixes,
+)
+
+Make = Callable[..., Any]
+long, complex_long = np.longdouble, np.clongdouble
+WIDE = np.finfo(long).nmant >= 63
+
+EACH = pytest.mark.parametrize("name", ESTIMATORS)
+EACH_BOTH = pytest.mark.parametrize(
+    ("name", "precision"), [(n, p) for n, block in ESTIMATORS.items() for p in block.precisions]
+)
+
+
+def measured(inputs: Columns, seed: int) -> Columns:
+    """With noise on every sensor."""
+    rng = np.random.default_rng(seed)
+    n = len(inputs["accel_x"])
+    extra = {
+        "gyro_z": 0.02,
+        "gps_course": 0.05,
+        "mag_x": 1e-6,
+        "mag_y": 1e-6,
+        "roll_meas": 0.1,
+        "pitch_meas": 0.1,
+    }
+    return noisy(inputs, seed) | {name: inputs[name] + rng.normal(0, sd, n) for name, sd in extra.items()}
+
+
+def vectors(out: Columns, name: str) -> Array:
+    """(ticks, size) of a vector state."""
+    return np.column_stack([out[n] for n in out if n.startswith(f"{name}[")])
+
+
+def dense(name: str, packed: Array) -> Array:
+    """P in the order of the state from its packed factors: D, then U by rows."""
+    order = list(ESTIMATORS[name].order)
+    n = len(order)
+    U = np.eye(n, dtype=long)
+    U[np.triu_indices(n, 1)] = packed[n:]
+    P = np.empty((n, n), dtype=long)
+    P[np.ix_(order, order)] = U @ np.diag(packed[:n].astype(long)) @ U.T
+    return P
+
+
+# The equations
+
+
+def four_states(x: Any, force: float, heading: float) -> Any:
+    """Eq. 3.10-3.12."""
+    return [force - x[1], 0, x[0] * np.cos(heading), x[0] * np.sin(heading)]
+
+
+def six_states(x: Any, force: float, rate: float) -> Any:
+    """Eq. B.2-B.5."""
+    return [force - x[1], 0, rate - x[3], 0, x[0] * np.cos(x[2]), x[0] * np.sin(x[2])]
+
+
+def seven_states(x: Any, force: float, rate: float) -> Any:
+    """Eq. C.1, C.2 with the scale factors taken already, B.4, B.5."""
+    return [*six_states(x, force, rate), 0]
+
+
+CONTINUOUS = {
+    "four_state": four_states, "two_bias": four_states, "six_state": six_states, "seven_state": seven_states,
+}  # fmt: skip
+
+
+def integrated(name: str, x: Any, force: float, other: float, steps: int = 8) -> Array:
+    """Runge-Kutta of order 4 over a tick, independent of CasADi; takes complex states."""
+    x, h = np.array(x), T / steps
+
+    def f(x: Array) -> Array:
+        return np.array(CONTINUOUS[name](x, force, other))
+
+    for _ in range(steps):
+        k1 = f(x)
+        k2 = f(x + h / 2 * k1)
+        k3 = f(x + h / 2 * k2)
+        x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + f(x + h * k3))
+    return np.asarray(x)
+
+
+def complex_step(f: Callable[[Array], Array], x: Array, kind: Any = np.complex128) -> Array:
+    """df/dx, exact to rounding."""
+    h = 1e-40
+    columns = [f(x.astype(kind) + 1j * h * np.eye(len(x), dtype=kind)[i]).imag / h for i in range(len(x))]
+    return np.array(columns).T
+
+
+def propagation(name: str) -> Any:
+    """(x, acceleration, heading or turn rate) -> (x a tick later, transition), as the block computes it."""
+    block = ESTIMATORS[name]
+    symbols = {v.name: ca.SX.sym(v.name, v.width) for v in block.variables().values()}
+    after, transition = block(symbols, set())._propagate()
+    other = symbols["held_heading" if "held_heading" in symbols else "turn_rate"]
+    both = lower(ca.horzcat(after, ca.densify(transition)), "double")
+    return ca.Function("f", [symbols["x"], symbols["acceleration"], other], [both[:, 0], both[:, 1:]])
+
+
+PROPAGATION = {name: propagation(name) for name in ESTIMATORS}
+QUARTERS = [math.radians(d) for d in range(-180, 181, 90)]
+
+
+@EACH
+@pytest.mark.parametrize("heading", [*QUARTERS, 3.13])  # the last turns past 180 degrees in the tick
+@pytest.mark.parametrize("speed", [0.0, 4.0, -0.5])
+def test_a_tick_and_its_transition_are_those_of_the_equations(
+    name: str, heading: float, speed: float
+) -> None:
+    """The way over a tick is off by less than 0.1 micrometres (`travel`), its derivatives likewise."""
+    own = {"four_state": [5.0, -6.0], "two_bias": [5.0, -6.0]}.get(name, [heading, 0.05, 5.0, -6.0])
+    x = np.array([speed, 0.2, *own, *([0.3] if name == "seven_state" else [])])
+    force, other = 8.0, heading if len(own) == 2 else 3.0
+    after, transition = (np.array(a) for a in PROPAGATION[name](x, force, other))
+    assert after.ravel() == pytest.approx(integrated(name, x, force, other), abs=1e-7)
+    expected = complex_step(lambda z: integrated(name, z, force, other), x)
+    assert transition == pytest.approx(expected, abs=2e-7)
+
+
+@EACH
+def test_the_transition_is_unit_upper_triangular_in_the_order_of_the_factors(name: str) -> None:
+    order = list(ESTIMATORS[name].order)
+    pattern = np.array(PROPAGATION[name](np.arange(1.0, len(order) + 1), 1.0, 1.0)[1])[np.ix_(order, order)]
+    assert np.array_equal(np.tril(pattern), np.eye(len(order)))
+
+
+def after_a_tick(name: str, x: Array, force: float, other: float) -> Array:
+    """The discrete equations by hand: exact for four states, `travel`'s formula for the others."""
+    half = long(T) / 2
+    if name in ("four_state", "two_bias"):
+        acceleration = force - x[1]
+        way = (x[0] + acceleration * half) * T
+        return np.array(
+            [x[0] + acceleration * T, x[1], x[2] + way * np.cos(other), x[3] + way * np.sin(other)]
+        )
+    acceleration, rate = force - x[1], other - x[3]
+    along = (x[0] + acceleration * half) * T * (1 - (rate * half) ** 2 / 6)
+    across = acceleration * rate * long(T) ** 3 / 12
+    c, s = np.cos(x[2] + rate * half), np.sin(x[2] + rate * half)
+    turned = [x[0] + acceleration * T, x[1], x[2] + rate * T, x[3], x[4] + along * c - across * s]
+    return np.array([*turned, x[5] + along * s + across * c, *x[6:]])
+
+
+class Plain:
+    """The EKF of 3.2 with P itself, in long double: complex-step Jacobian, Joseph's form, scalars in turn."""
+
+    def __init__(self, x: Array, P: Array) -> None:
+        self.x, self.P = x.astype(long), P.astype(long)
+
+    def predict(self, f: Callable[[Array], Array], Q: Any) -> None:
+        phi = complex_step(f, self.x, complex_long)
+        self.x = f(self.x)
+        self.P = phi @ self.P @ phi.T + np.diag(np.array(Q, dtype=long))
+
+    def correct(self, row: Mapping[int, float], y: float, r: float, angle: bool = False) -> tuple[Any, Any]:
+        h = np.zeros(len(self.x), dtype=long)
+        h[list(row)] = list(row.values())
+        innovation = y - h @ self.x
+        if angle:
+            innovation -= 2 * long(math.pi) * np.round(innovation / (2 * long(math.pi)))
+        variance = h @ self.P @ h + r
+        gain = self.P @ h / variance
+        self.x = self.x + gain * innovation
+        rest = np.eye(len(h), dtype=long) - np.outer(gain, h)
+        self.P = rest @ self.P @ rest.T + r * np.outer(gain, gain)
+        return innovation, variance
+
+
+def noise(name: str, sigma: float, p: Mapping[str, float]) -> list[float]:
+    position = p["sigma_position"] ** 2
+    if name in ("four_state", "two_bias"):
+        return [sigma**2 * T, p["sigma_bias"] ** 2, position, position]  # eq. 3.16
+    own = [sigma**2, *(p[n] ** 2 for n in ("sigma_bias", "sigma_heading", "sigma_gyro_bias"))]  # eq. B.10
+    return [
+        *own,
+        position,
+        position,
+        *([p["sigma_mag_bias"] ** 2] if name == "seven_state" else []),
+    ]  # eq. C.8
+
+
+def textbook(name: str, inputs: Columns, out: Columns, p: Mapping[str, float]) -> list[tuple[Any, ...]]:
+    """From the tick after the first on: x, P, and each scalar of the last fix as (innovation, variance)."""
+    plain = Plain(vectors(out, "x")[0], dense(name, vectors(out, "covariance")[0]))
+    four = name in ("four_state", "two_bias")
+    running, other = False, (long(0), long(p["initial_bias_variance"]))
+    results = []
+    steps: list[tuple[Any, Any]] = []
+    for k in range(1, len(out["x[1]"])):
+        u = {n: float(v[k]) for n, v in inputs.items()}
+        if four:
+            drive = (u["accel_x"] - G * math.sin(u["pitch_meas"]), u["heading_meas"])
+        else:
+            drive = (p.get("accel_scale", 1.0) * u["accel_x"], p.get("gyro_scale", 1.0) * u["gyro_z"])
+        plain.predict(
+            partial(after_a_tick, name, force=drive[0], other=drive[1]), noise(name, out["sigma"][k], p)
+        )
+        if name == "seven_state":
+            s, c = math.sin(u["roll_meas"]), math.cos(u["roll_meas"])
+            down = s * u["mag_y"] + c * u["mag_z"]
+            forward = math.cos(u["pitch_meas"]) * u["mag_x"] + math.sin(u["pitch_meas"]) * down
+            heading = math.atan2(s * u["mag_z"] - c * u["mag_y"], forward) + DECLINATION
+            plain.correct({2: 1, 6: 1}, heading, p["mag_heading_noise"] ** 2, angle=True)
+        if u["gps_fix"]:
+            r = (0.5 * u["gps_h_acc"]) ** 2
+            steps = [plain.correct({0: 1}, u["gps_speed"], u["gps_s_acc"] ** 2)]
+            if not four and u["gps_speed"] >= 0.5:
+                r_course = (p["course_noise"] / u["gps_speed"]) ** 2
+                steps.append(plain.correct({2: 1}, u["gps_course"], r_course, angle=True))
+            elif not four:
+                steps.append((0.0, math.inf))
+            north = 2 if four else 4
+            steps += [
+                plain.correct({north + i: 1}, u[f"gps_{n}"], r) for i, n in enumerate(("north", "east"))
+            ]
+        if name == "two_bias" and u["gps_fix"] and (u["gps_speed"] < 3 if running else u["gps_speed"] > 3.5):
+            kept = (plain.x[1], plain.P[1, 1])
+            plain.P[1, :] = plain.P[:, 1] = 0
+            plain.x[1], plain.P[1, 1] = other
+            running, other = not running, kept
+        results.append((plain.x.copy(), plain.P.copy(), steps))
+    return results
+
+
+def every_speed() -> Columns:
+    """0 to 4.7 m/s, at rest for 12 s; round and round, so that the heading wraps; 10 s without GPS."""
+    t = np.arange(1500) * T
+    speed = np.where((t > 24) & (t < 36), 0.0, 2.4 - 2.3 * np.cos(0.35 * t))
+    heading = (0.5 * t + 0.8 * np.sin(t) + math.pi) % (2 * math.pi) - math.pi
+    return without_fixes(measured(motion(speed, heading), seed=21), 42, 52)
+
+
+EXTREME: dict[str, list[dict[str, float]]] = {
+    "four_state": [{}, {"fuzzy": 0, "sigma_constant": 1e-3}],
+    "two_bias": [{}],
+    "six_state": [{}, {"sigma_constant": 100, "sigma_heading": 0.1}],
+    "seven_state": [TUNINGS["canine"], TUNINGS["pedestrian"]],
+}
+
+
+@pytest.mark.skipif(not WIDE, reason="a dense P needs more than a double's digits")
+@pytest.mark.parametrize(("name", "parameters"), [(n, p) for n, ps in EXTREME.items() for p in ps])
+def test_the_estimator_is_the_textbooks_filter(native: Make, name: str, parameters: dict[str, float]) -> None:
+    inputs = every_speed()
+    out = native(ESTIMATORS[name], "double", {"gate": 1e6, **parameters}).run(**inputs)
+    assert out["accepted"].sum() == inputs["gps_fix"].sum() - 1  # the first one starts the filter
+    p = {v.name: v.start[0] for v in ESTIMATORS[name].group("parameter")} | parameters
+    x, packed = vectors(out, "x"), vectors(out, "covariance")
+    innovation, variance = vectors(out, "innovation"), vectors(out, "innovation_variance")
+    worst = np.zeros(3)
+    for k, (expected_x, expected_P, steps) in enumerate(textbook(name, inputs, out, p), start=1):
+        sd = np.sqrt(np.diag(expected_P))
+        error = x[k] - expected_x
+        for i in ESTIMATORS[name].angles:
+            error[i] -= 2 * math.pi * np.round(error[i] / (2 * math.pi))
+        worst[0] = max(worst[0], np.abs(error / sd).max())
+        worst[1] = max(worst[1], np.abs((dense(name, packed[k]) - expected_P) / np.outer(sd, sd)).max())
+        for i, (one, its_variance) in enumerate(steps):
+            worst[2] = max(worst[2], abs(innovation[k, i] ** 2 / variance[k, i] - one**2 / its_variance))
+        assert worst[:2].max() < 1e-9
+    assert worst[2] < 1e-7
+
+
+# Float32
+
+
+HARD: list[tuple[str, dict[str, float]]] = [
+    ("four_state", {}),  # sigma 151.7 at running speed
+    ("two_bias", {"initial_bias_variance": 100}),
+    ("six_state", {}),
+    ("six_state", {"sigma_constant": 150, "sigma_heading": 1, "sigma_bias": 1}),
+    ("seven_state", TUNINGS["canine"]),
+    ("seven_state", TUNINGS["pedestrian"]),
+]
+
+
+@pytest.mark.parametrize(("name", "parameters"), HARD)
+def test_the_covariance_stays_positive_in_float32_for_a_million_ticks(
+    native: Make, name: str, parameters: dict[str, float]
+) -> None:
+    """Eleven hours at 4.86 m/s and slower, GPS failing for 10 s of every 40: 1000 outages."""
+    block = ESTIMATORS[name]
+    chunk, chunks = 100_000, 10
+    inputs = measured(run_in_circles(chunk), seed=5)  # a chunk is 100 periods of outage
+    inputs["gps_speed"] = np.where(np.arange(chunk) % 10_000 < 2_000, 2.0, inputs["gps_speed"])
+    estimator = native(block, "float", {"gate": 1e6, **parameters})
+    for _ in range(chunks):
+        out = estimator.run(**inputs)
+        assert all(np.isfinite(column).all() for column in out.values())
+        assert (vectors(out, "covariance")[:, : len(block.order)] > 0).all()
+        assert (vectors(out, "innovation_variance") > 0).all()
+        assert out["valid"].all()
+        assert np.abs(out["heading"]).max() <= math.pi
+        assert out["north_sd"][inputs["gps_fix"]].max() < 2.5
+        assert out["speed_sd"].max() > 4 * out["speed_sd"].min()  # the outage has its effect
+    assert (estimator["bad_samples"], estimator["bad_fixes"]) == (0, 0)
+
+
+@EACH
+def test_hours_of_dead_reckoning_at_the_largest_force_stay_finite_and_recover(
+    native: Make, name: str
+) -> None:
+    block = ESTIMATORS[name]
+    estimator = native(block, "float")
+    still = motion(np.full(200, 1.0), np.zeros(200))
+    estimator.run(**{n: column[:2] for n, column in still.items()})
+    for _ in range(6):
+        out = estimator.run(
+            accel_x=np.full(90_000, 200.0), heading_meas=0.5, gyro_z=3.0, mag_x=FIELD, gps_fix=False
+        )
+        assert all(np.isfinite(column).all() for column in out.values())
+        assert (vectors(out, "covariance")[:, : len(block.order)] > 0).all()
+        assert not out["valid"][-1]
+    out = estimator.run(**still)
+    assert all(np.isfinite(column).all() for column in out.values())
+    assert out["valid"][-1]
+    assert abs(out["north"][-1] - 199 * T) < 3
+    assert abs(out["speed"][-1] - 1) < 0.5
+
+
+@EACH
+def test_the_float_estimate_equals_the_double_one_up_to_rounding(native: Make, name: str) -> None:
+    inputs = without_fixes(measured(walk(1500), seed=4), 30, 40)
+    single, double = (native(ESTIMATORS[name], p).run(**inputs) for p in ("float", "double"))
+    for output in ("north", "east", "speed", "heading", "accel_bias"):
+        difference = np.abs(single[output] - double[output])
+        assert (difference < 5e-4 + 1e-3 * double[f"{output}_sd"]).all(), output
+        assert single[f"{output}_sd"] == pytest.approx(double[f"{output}_sd"], rel=5e-3), output
+
+
+# Bad input
+
+BAD = [math.nan, math.inf, -math.inf]
+
+
+def bad_values(name: str, variable: str) -> list[float]:
+    """Five: no number, and out of the declared range on both sides."""
+    declared = ESTIMATORS[name].variables()[variable]
+    assert declared.min is not None
+    assert declared.max is not None
+    return [*BAD, 1.01 * declared.max, declared.min - 0.01 * declared.max]
+
+
+@pytest.mark.parametrize(
+    ("name", "precision", "variable"),
+    [(n, p, v) for n, b in ESTIMATORS.items() for p in b.precisions for v in b.samples],
+)
+def test_speed_and_heading_are_held_through_bad_samples(
+    native: Make, name: str, precision: str, variable: str
+) -> None:
+    inputs = measured(walk(200), seed=8)
+    bad = [51, 53, 58, 60, 65]  # no fix falls on them
+    inputs[variable] = np.array(inputs[variable])
+    inputs[variable][bad] = bad_values(name, variable)
+    out = native(ESTIMATORS[name], precision, {"use_magnetometer": 0} if name == "seven_state" else {}).run(
+        **inputs
+    )
+    assert out["bad_samples"][-1] == 5
+    for k in bad:
+        assert not inputs["gps_fix"][k]
+        assert out["bad_samples"][k] == out["bad_samples"][k - 1] + 1
+        assert out["speed"][k] == pytest.approx(out["speed"][k - 1], abs=1e-6)
+        assert out["heading"][k] == pytest.approx(out["heading"][k - 1], abs=1e-6)
+    assert all(np.isfinite(column).all() for column in out.values())
+
+
+@pytest.mark.parametrize(
+    ("name", "precision", "variable"),
+    [(n, p, v) for n, b in ESTIMATORS.items() for p in b.precisions for v in b.fix],
+)
+def test_a_bad_fix_leaves_the_estimate_as_if_it_never_came(
+    native: Make, name: str, precision: str, variable: str
+) -> None:
+    inputs = measured(walk(200), seed=9)
+    bad = np.flatnonzero(inputs["gps_fix"])[[4, 6, 7, 12, 14]]
+    skipped = {**inputs, "gps_fix": inputs["gps_fix"].copy()}
+    skipped["gps_fix"][bad] = False
+    inputs[variable] = np.array(inputs[variable])
+    inputs[variable][bad] = bad_values(name, variable)
+    out, expected = (native(ESTIMATORS[name], precision).run(**x) for x in (inputs, skipped))
+    assert out["bad_fixes"][-1] == 5
+    assert not out["accepted"][bad].any()
+    for output in ESTIMATORS[name].flat_names("output"):
+        assert np.array_equal(out[output], expected[output]), output
+
+
+@EACH_BOTH
+@settings(max_examples=8, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_the_estimate_is_finite_and_its_covariance_positive_for_any_input(
+    native: Make, name: str, precision: str, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    block, n = ESTIMATORS[name], 1000
+    inputs: dict[str, Array] = {"gps_fix": rng.random(n) < rng.choice([0.02, 0.16, 1.0])}
+    for v in (v for v in block.group("input") if v.name != "gps_fix"):
+        assert v.min is not None
+        assert v.max is not None
+        column = rng.uniform(v.min, v.max, n) * rng.choice([1.0, 1e-3])
+        wild = rng.random(n) < 0.1
+        column[wild] = rng.choice([v.min, v.max, 2 * v.max, 1e30, -1e30, *BAD], wild.sum())
+        inputs[v.name] = column
+    out = native(block, precision, {"gate": float(rng.choice([0, 5, 1e6]))}).run(**inputs)
+    assert all(np.isfinite(out[output]).all() for output in block.flat_names("output"))
+    assert (vectors(out, "covariance")[out["started"] == 1][:, : len(block.order)] > 0).all()
+
+
+# Six and seven states
+
+
+@pytest.mark.parametrize("name", ["six_state", "seven_state"])
+def test_the_first_fix_gives_the_heading_if_it_moves(native: Make, name: str) -> None:
+    """With the variance of B.11 and C.9, else with that of B.13 and C.11; the speed's is the fix's alone."""
+    noise_, unknown = {"six_state": (0.5, 1e6), "seven_state": (0.1, 1e4)}[name]
+    still = motion(np.full(1, 0.4), np.full(1, 2.0))
+    moving = motion(np.full(1, 2.0), np.full(1, -2.0))
+    for inputs, heading, deviation in ((still, 0.0, math.sqrt(unknown)), (moving, -2.0, noise_ / 2.0)):
+        out = native(ESTIMATORS[name]).run(**inputs)
+        assert out["heading"][0] == pytest.approx(heading)
+        assert out["heading_sd"][0] == pytest.approx(deviation)
+        assert out["speed_sd"][0] == pytest.approx(0.1)
+        assert out["north_sd"][0] == pytest.approx(1.75)
+
+
+def test_the_course_of_a_fix_at_rest_is_not_used(native: Make) -> None:
+    inputs = motion(np.full(500, 2.0), np.full(500, 0.7))
+    slow = np.arange(500) > 250
+    inputs["gps_speed"] = np.where(slow, 0.49, 2.0)  # below `course_from`
+    inputs["gps_course"] = np.where(slow, -2.0, 0.7)
+    parameters = {"gate": 1e6, "sigma_position": 10.0}  # so that the positions say nothing of the heading
+    out = native(SixState, "double", parameters).run(**inputs)
+    assert out["heading"][-1] == pytest.approx(0.7, abs=0.02)
+    assert out["innovation[2]"][-1] ** 2 / out["innovation_variance[2]"][-1] < 1e-20
+    used = native(SixState, "double", parameters | {"course_from": 0.48}).run(**inputs)
+    assert abs(used["heading"][-1] - 0.7) > 0.3
+
+
+@pytest.mark.parametrize("name", ["six_state", "seven_state"])
+def test_a_biased_gyro_is_found_out_and_the_heading_holds_through_an_outage(native: Make, name: str) -> None:
+    inputs = without_fixes(walk(4000), 150, 160)
+    inputs["gyro_z"] = inputs["gyro_z"] + 0.05
+    parameters = {"accel_scale": 1, "gyro_scale": 1, "use_magnetometer": 0} if name == "seven_state" else {}
+    out = native(ESTIMATORS[name], "double", parameters).run(**inputs)
+    assert out["x[4]"][-1] == pytest.approx(0.05, abs=2e-3)
+    assert np.abs(out["heading"] - inputs["heading_meas"])[-500:].max() < math.radians(4)
+
+
+@pytest.mark.parametrize(("roll", "pitch"), [(0.0, 0.0), (0.3, -0.2), (-0.5, 0.6)])
+def test_the_magnetometer_gives_the_heading_at_rest_and_tilted(
+    native: Make, roll: float, pitch: float
+) -> None:
+    """The pedestrian's tuning trusts it; the field of a level heading is turned into the body by hand."""
+    heading = 2.4
+    level = np.array(
+        [math.cos(heading - DECLINATION) * FIELD, -math.sin(heading - DECLINATION) * FIELD, 4.3e-5]
+    )
+    cp, sp, cr, sr = math.cos(pitch), math.sin(pitch), math.cos(roll), math.sin(roll)
+    pitched = np.array([[cp, 0, -sp], [0, 1, 0], [sp, 0, cp]])
+    rolled = np.array([[1, 0, 0], [0, cr, sr], [0, -sr, cr]])
+    body = rolled @ pitched @ level
+    inputs = motion(np.zeros(1000), np.zeros(1000)) | {
+        f"mag_{axis}": np.full(1000, value) for axis, value in zip("xyz", body, strict=True)
+    }
+    inputs |= {"roll_meas": np.full(1000, roll), "pitch_meas": np.full(1000, pitch)}
+    out = native(SevenState, "double", TUNINGS["pedestrian"]).run(**inputs)
+    assert out["heading"][-1] == pytest.approx(heading, abs=0.01)
+    flat = native(SevenState, "double", TUNINGS["pedestrian"] | {"level_magnetometer": 0}).run(**inputs)
+    off = math.remainder(math.atan2(-body[1], body[0]) + DECLINATION - heading, 2 * math.pi)
+    assert math.remainder(flat["heading"][-1] - heading, 2 * math.pi) == pytest.approx(off, abs=0.01)
+
+
+def test_a_bad_magnetic_sample_is_counted_and_changes_nothing(native: Make) -> None:
+    for variable in SevenState.magnetic:
+        inputs = measured(walk(200), seed=10)
+        bad = [51, 53, 58, 60, 65]
+        inputs[variable] = np.array(inputs[variable])
+        inputs[variable][bad] = bad_values("seven_state", variable)
+        out = native(SevenState, "double", TUNINGS["pedestrian"]).run(**inputs)
+        assert out["bad_samples"][-1] == 5
+        assert all(np.isfinite(column).all() for column in out.values())
+    # a field of zero has no direction, which is no reason to fail
+    inputs |= {f"mag_{axis}": np.zeros(200) for axis in "xyz"}
+    assert np.isfinite(native(SevenState).run(**inputs)["heading"]).all()
+
+
+def test_course_teaches_the_magnetometers_bias(native: Make) -> None:
+    inputs = walk(4000)
+    magnetic = inputs["heading_meas"] - DECLINATION + 0.3
+    inputs |= {"mag_x": FIELD * np.cos(magnetic), "mag_y": -FIELD * np.sin(magnetic)}
+    parameters = TUNINGS["pedestrian"] | {"accel_scale": 1, "gyro_scale": 1}
+    out = native(SevenState, "double", parameters).run(**inputs)
+    assert out["x[7]"][-1000:].mean() == pytest.approx(0.3, abs=0.02)
+    assert np.abs(out["heading"] - inputs["heading_meas"])[-1000:].mean() < 0.03
+
+
+def test_the_parameters_start_at_the_dogs_tuning_and_both_tunings_name_the_same() -> None:
+    declared = SevenState.variables()
+    assert TUNINGS["canine"] == {n: declared[n].start[0] for n in TUNINGS["pedestrian"]}
+
+
+# Two biases
+
+
+def test_each_gait_learns_its_own_bias_and_keeps_it_through_the_other(native: Make) -> None:
+    """40 s of each in turn; the accelerometer is off by 0.2 m/s2 walking, by 1.5 m/s2 running."""
+    t = np.arange(8000) * T
+    levels = np.array([1, 1, 4.5, 1, 4.5, 1, 4.5, 1, 4.5])  # m/s, each from one multiple of 40 s to the next
+    turns = np.arange(8) * 40.0
+    speed = np.interp(
+        t, np.column_stack([turns, turns + 3]).ravel(), np.column_stack([levels[:-1], levels[1:]]).ravel()
+    )
+    inputs = motion(speed, 2.0 * np.sin(0.1 * t))
+    inputs["accel_x"] = inputs["accel_x"] + np.where(speed > 3.25, 1.5, 0.2)
+    out = native(TwoBias, "double", {"fuzzy": 0, "sigma_constant": 0.3}).run(**inputs)
+    switches = np.flatnonzero(np.diff(out["running"])) + 1
+    assert len(switches) == 7
+    for k in switches:
+        assert inputs["gps_fix"][k]
+        assert (inputs["gps_speed"][k] > 3.5) == out["running"][k]
+    assert out["accel_bias"][-1] == pytest.approx(1.5 if out["running"][-1] else 0.2, abs=0.1)
+    assert out["other_bias"][-1] == pytest.approx(0.2 if out["running"][-1] else 1.5, abs=0.15)
+
+
+def test_a_switch_leaves_speed_position_and_their_covariance(native: Make) -> None:
+    inputs = measured(motion(np.linspace(2.5, 4.5, 300), np.full(300, 0.4)), seed=13)
+    out = native(TwoBias, "double", {"detection_below": 0}).run(**inputs)
+    same = native(ESTIMATORS["four_state"]).run(**inputs)
+    (k,) = np.flatnonzero(np.diff(out["running"])) + 1
+    P, expected = (dense("four_state", vectors(o, "covariance")[k]) for o in (out, same))
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    rest = np.ix_([0, 2, 3], [0, 2, 3])
+    assert np.abs((P - expected) / scale)[rest].max() < 1e-12
+    assert P[1].tolist() == [0, 1, 0, 0]
+    assert [out[f"x[{i}]"][k] for i in (1, 3, 4)] == [same[f"x[{i}]"][k] for i in (1, 3, 4)]
+    assert (out["other_bias"][k], out["x[2]"][k]) == (same["x[2]"][k], 0)
+    assert out["other_bias_variance"][k] == pytest.approx(float(expected[1, 1]), rel=1e-12)
