@@ -12,6 +12,7 @@ from models.kit.block import Block
 from models.kit.declaration import Parameter, Type, Variable
 from models.kit.tracing import Table
 from models.readings import READINGS
+from models.seven_state import TUNINGS, SevenState
 from models.system import BLOCKS
 
 README = Path(__file__).with_name("README.md")
@@ -59,6 +60,8 @@ def readme() -> str:
         parts += [_block(block), _tick(block)]
         if block is Cmec:
             parts += [CONDITIONS, _rows(block), ARROWS, _diagram(block)]
+        if block is SevenState:
+            parts.append(_tunings())
     return "\n".join([*parts, _readings()])
 
 
@@ -167,6 +170,14 @@ def _readings() -> str:
         cells = [_reading(READINGS[name][parameter]) for name in names]
         lines.append(f"| `{parameter}` | {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
+
+
+def _tunings() -> str:
+    """The two columns of Table C.1."""
+    lines = ["| Table C.1, C.9, C.11 | " + " | ".join(TUNINGS) + " |", "|---|" + "---|" * len(TUNINGS)]
+    for parameter in TUNINGS["canine"]:
+        lines.append(_cells([f"`{parameter}`", *(f"{tuning[parameter]:g}" for tuning in TUNINGS.values())]))
+    return "\n".join([*lines, ""])
 
 
 def _reading(value: float) -> str:
