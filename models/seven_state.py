@@ -68,6 +68,9 @@ class SevenState(SixState):
     initial_heading_variance = Parameter("1", "of P0, in rad^2 (eq. C.11)", start=1e4, min=1e-9)
     initial_gyro_bias_variance = Parameter("1", "of P0, in (rad/s)^2 (eq. C.11)", start=10, min=1e-9)
 
+    # ours: with Table C.1 the bias follows each fix, and the speed strays by metres a second until the next
+    gate = Parameter("1", "a fix farther off than this many nominal deviations is rejected", start=100, min=0)
+
     x = State("1", "speed, bias, heading, gyro bias, north, east, magnetometer bias (eq. C.5)", size=7)
     covariance = State(
         "1",
@@ -84,8 +87,9 @@ class SevenState(SixState):
     def correct_heading(m) -> None:
         """Measurement update by the magnetometer's heading (eq. C.3, C.4, C.7)."""
         good = m.within(*m.magnetic)
-        heading = where(good, m._magnetic_heading() + m.declination, 0)
-        variance = where(good, m.mag_heading_noise**2, UNUSED)
+        there = all_of(good, m.mag_x**2 + m.mag_y**2 + m.mag_z**2 > 0)  # no field where no magnetometer is
+        heading = where(there, m._magnetic_heading() + m.declination, 0)
+        variance = where(there, m.mag_heading_noise**2, UNUSED)
         m._correct([Measurement({HEADING: 1, MAG_BIAS: 1}, heading, variance, angle=True)])
         m.bad_samples = counted(m.bad_samples, ca.logic_not(good))
 

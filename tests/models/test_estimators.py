@@ -509,9 +509,15 @@ def test_a_bad_magnetic_sample_is_counted_and_changes_nothing(native: Make) -> N
         out = native(SevenState, "double", TUNINGS["pedestrian"]).run(**inputs)
         assert out["bad_samples"][-1] == 5
         assert all(np.isfinite(column).all() for column in out.values())
-    # a field of zero has no direction, which is no reason to fail
-    inputs |= {f"mag_{axis}": np.zeros(200) for axis in "xyz"}
-    assert np.isfinite(native(SevenState).run(**inputs)["heading"]).all()
+
+
+def test_where_there_is_no_magnetometer_the_seven_states_go_without_it(native: Make) -> None:
+    inputs = measured(walk(200), seed=10) | {f"mag_{axis}": np.zeros(200) for axis in "xyz"}
+    out = native(SevenState, "double", TUNINGS["pedestrian"]).run(**inputs)
+    without = native(SevenState, "double", TUNINGS["pedestrian"] | {"use_magnetometer": 0}).run(**inputs)
+    assert out["bad_samples"][-1] == 0
+    for output in SevenState.flat_names("output"):
+        assert out[output] == pytest.approx(without[output], rel=1e-12), output
 
 
 def test_course_teaches_the_magnetometers_bias(native: Make) -> None:
@@ -527,6 +533,17 @@ def test_course_teaches_the_magnetometers_bias(native: Make) -> None:
 def test_the_parameters_start_at_the_dogs_tuning_and_both_tunings_name_the_same() -> None:
     declared = SevenState.variables()
     assert TUNINGS["canine"] == {n: declared[n].start[0] for n in TUNINGS["pedestrian"]}
+
+
+def test_with_either_tuning_of_table_c1_no_fix_of_a_walk_is_rejected(native: Make) -> None:
+    """R in centimetres as in eq. C.9: the bias takes up what motion does not explain; speed strays."""
+    inputs = noisy(walk(3000), seed=14, position=0.05)
+    inputs |= {"gps_h_acc": np.full(3000, 0.02), "gps_s_acc": np.full(3000, 0.05)}
+    for parameters in TUNINGS.values():
+        out = native(SevenState, "double", parameters).run(**inputs)
+        assert out["accepted"].sum() == inputs["gps_fix"].sum() - 1
+    strict = native(SevenState, "double", TUNINGS["pedestrian"] | {"gate": 5}).run(**inputs)
+    assert strict["accepted"].sum() < 0.9 * inputs["gps_fix"].sum()
 
 
 # Two biases
