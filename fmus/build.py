@@ -30,7 +30,7 @@ from fmus.ssp import write_ssp
 from models.errors import CanineError
 from models.kit.block import Block
 from models.kit.elementary import Precision
-from models.system import BLOCKS, SYSTEMS
+from models.system import BLOCKS, SYSTEMS, System
 
 SHIM = Path(__file__).parent / "shim"
 HEADERS: dict[FmiVersion, tuple[str, ...]] = {
@@ -104,12 +104,20 @@ def build_all(
             done(paths[-1])
     for system in SYSTEMS.values():
         for version in VERSIONS:
-            fmus = {role: built[block, version].result() for role, block in system.components.items()}
-            paths.append(write_ssp(system, fmus, folder / f"{system.name}.fmi{version}.ssp"))
+            paths.append(build_package(system, version, folder))
             done(paths[-1])
     # models that were imported before an edit are not those of the files
     write_whole(folder / STAMP, b"edited" if is_edited(BUILT_FROM) else built_from.encode())
     return paths
+
+
+def build_package(system: System, version: int, folder: Path | None = None) -> Path:
+    """Pack `<system>.fmi<n>.ssp` of FMUs that `build_all` has built; its path."""
+    folder = folder or build_folder()
+    fmus = {
+        role: folder / f"fmi{version}" / f"{block.title()}.fmu" for role, block in system.components.items()
+    }
+    return write_ssp(system, fmus, folder / f"{system.name}.fmi{version}.ssp")
 
 
 def contents(block: type[Block], version: FmiVersion, precision: Precision = "double") -> dict[str, bytes]:

@@ -43,6 +43,10 @@ app = typer.Typer(
 
 
 Fmu = Annotated[Path | None, typer.Option(exists=True, dir_okay=False, metavar="X.fmu")]
+Estimator = Annotated[
+    str | None, typer.Option(metavar="NAME|X.fmu", help="one of ours, such as six_state, or an FMU")
+]
+Ahrs = Annotated[bool, typer.Option("--ahrs", help="put canine_ahrs between sensors and estimator")]
 Target = Annotated[str, typer.Argument(metavar="[SCENARIO.toml|SYSTEM.ssp|LOG.mcap]")]
 Stepping = Annotated[Order | None, typer.Option(help="of stepping; sequential by default")]
 Fmi = Annotated[Literal["2", "3"] | None, typer.Option(help="version of our FMUs; 2 by default")]
@@ -129,8 +133,9 @@ def run(
         str | None, typer.Option(metavar="a:b", help="a trial with each seed from a to b: a table")
     ] = None,
     plant: Fmu = None,
-    estimator: Fmu = None,
+    estimator: Estimator = None,
     controller: Fmu = None,
+    ahrs: Ahrs = False,
     order: Stepping = None,
     fmi: Fmi = None,
     onboard: Annotated[
@@ -157,6 +162,7 @@ def run(
     canine run two_waypoint --seed 7 --set cmec.moving_deviation=37
     canine run my.toml --plant dog.fmu --order jacobi --fmi 3 --out out/dog
     canine run out/three_waypoint-1/trial.mcap    that trial again: the same log
+    canine run --estimator six_state --ahrs       another estimator of ours, fed by our AHRS
     canine run --onboard pil:cortex-m4f           the firmware in the loop, fed with its instruments' bytes
     canine run two_waypoint --seeds 1:20          twenty trials: a folder each, a table, seeds.csv
 
@@ -167,8 +173,8 @@ def run(
     from harness.trial.request import Changes, build_missing, requested
     from harness.trial.summary import show
 
-    swaps = {"plant": plant, "estimator": estimator, "controller": controller}
-    changes = Changes(order, fmi, swaps, settings or [], seed, onboard)
+    swaps = {"plant": plant, "controller": controller}
+    changes = Changes(order, fmi, swaps, settings or [], seed, onboard, estimator, ahrs)
     if seeds is not None and seed is not None:
         raise UsageError(f"--seed {seed} and --seeds {seeds}: expected one of both")
     with requested(target, changes) as request:
@@ -302,8 +308,9 @@ def wiring(
     order: Stepping = None,
     fmi: Fmi = None,
     plant: Fmu = None,
-    estimator: Fmu = None,
+    estimator: Estimator = None,
     controller: Fmu = None,
+    ahrs: Ahrs = False,
     as_json: Annotated[bool, typer.Option("--json", help="print it as JSON")] = False,
 ) -> None:
     """Print who is stepped when, and what delays.
@@ -316,8 +323,8 @@ def wiring(
     from harness.trial.prepare import prepared
     from harness.trial.request import Changes, build_missing, requested
 
-    swaps = {"plant": plant, "estimator": estimator, "controller": controller}
-    with requested(target, Changes(order, fmi, swaps)) as request:
+    swaps = {"plant": plant, "controller": controller}
+    with requested(target, Changes(order, fmi, swaps, estimator=estimator, ahrs=ahrs)) as request:
         with _telling("building the FMUs") as done:
             build_missing(request, done)
         with prepared(request) as ready:
@@ -494,6 +501,10 @@ def sweep_parameters(
         Literal["cts", "full"],
         typer.Option(help="cts: the true state into the controller; full: the estimate"),
     ] = "cts",
+    estimator: Annotated[
+        str | None, typer.Option(metavar="NAME", help="of ours, with --system full; four_state by default")
+    ] = None,
+    ahrs: Ahrs = False,
     reading: Annotated[
         Literal["calibrated", "literal"] | None, typer.Option(help="by default the scenario's, calibrated")
     ] = None,
@@ -521,6 +532,7 @@ def sweep_parameters(
     canine sweep three --thresholds 15:65         5.3.6: four types of trials in turns
     canine sweep my.toml --vary cmec.capture_radius=3:10:0.5 --trials 10000
     canine sweep two --vary canine.drift=-3:3:0.5 --vary cmec.moving_deviation=15:60:5
+    canine sweep three --system full --estimator six_state
     canine sweep three --dask tcp://host:8786     on a cluster
 
     The same command goes on where an earlier one was interrupted.
@@ -529,7 +541,7 @@ def sweep_parameters(
 
     planned = sweep.plan_sweep(
         target, thresholds=thresholds, vary=vary or [], trials=trials, system=system, reading=reading,
-        seed=seed, settings=settings or [], note=_note,
+        seed=seed, settings=settings or [], estimator=estimator, ahrs=ahrs, note=_note,
     )  # fmt: skip
     place = folder or sweep.default_folder(planned)
     with _bar("trials", planned.job.total, quiet=as_json) as progress:

@@ -210,6 +210,7 @@ def run_trial(
     plant: StrPath | None = None,
     estimator: StrPath | None = None,
     controller: StrPath | None = None,
+    ahrs: bool = False,
     order: Order | None = None,
     fmi: Literal[2, 3] | None = None,
     onboard: str | None = None,
@@ -236,6 +237,8 @@ def run_trial(
         seed: the trial's number; by default the scenario's.
         parameters: values over the scenario's, by `block.name`; angles in degrees.
         plant, estimator, controller: FMUs that take the places of ours; a mapping file may be beside each.
+            The estimator may be one of ours by its name, such as "six_state".
+        ahrs: put our AHRS between sensors and estimator.
         order: of stepping; by default `sequential`.
         fmi: version of our FMUs; by default 2.
         onboard: `pil:host`, `pil:cortex-m4f` or `pil:rabbit4000` puts the firmware into the loop.
@@ -248,7 +251,7 @@ def run_trial(
     """
     _check_choice("order", order, get_args(Order))
     _check_choice("fmi", fmi, (2, 3))
-    paths = {"plant": plant, "estimator": estimator, "controller": controller}
+    paths = {"plant": plant, "controller": controller}
     for role, path in paths.items():
         if path is not None and not Path(path).is_file():
             raise UsageError(f'{role} is "{path}"; expected the path of an FMU')
@@ -259,6 +262,8 @@ def run_trial(
         settings=_settings(parameters),
         seed=seed,
         onboard=onboard,
+        estimator=None if estimator is None else str(estimator),
+        ahrs=ahrs,
     )
     target = scenario if isinstance(scenario, Scenario) else str(scenario)
     with requested(target, changes) as request:
@@ -280,6 +285,8 @@ def run_sweep(
     reading: Literal["calibrated", "literal"] | None = None,
     seed: int | None = None,
     parameters: Mapping[str, Written] | None = None,
+    estimator: str | None = None,
+    ahrs: bool = False,
     dask: str | None = None,
     out: StrPath | None = None,
     progress: Callable[[int], None] | None = None,
@@ -307,6 +314,8 @@ def run_sweep(
         reading: over the scenario's.
         seed: of the first trial at each point; by default the scenario's.
         parameters: values over the scenario's, by `block.name`; angles in degrees.
+        estimator: of ours, in the system `full`; by default the scenario's.
+        ahrs: put our AHRS between sensors and estimator.
         dask: the address of the scheduler of a Dask cluster; by default this machine's cores.
         out: the folder of the results; by default out/sweep-<name>, and what differs from that plain sweep.
         progress: called with the number of trials done.
@@ -331,6 +340,8 @@ def run_sweep(
         reading=reading,
         seed=seed,
         settings=_settings(parameters),
+        estimator=estimator,
+        ahrs=ahrs,
         note=notes.append,
     )
     folder = sweep.default_folder(planned) if out is None else Path(out)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 
 from models.canine import Canine
@@ -94,33 +95,53 @@ class System:
             raise WiringError(f"{self.name}: no plant delays the loop {' -> '.join(cycle.args[1])}") from None
 
 
-def by_name(components: Mapping[str, type[Block]], links: Mapping[str, str]) -> tuple[Link, ...]:
-    """Link every input to the output of the same name: `links` gives the source component of each target."""
+def by_name(
+    components: Mapping[str, type[Block]], links: Mapping[str, str | tuple[str, ...]]
+) -> tuple[Link, ...]:
+    """Link every input to the output of the same name.
+
+    Args:
+        links: the source component of each target, or several: the first that has the output feeds the input.
+    """
     return tuple(
         Link(source, name, target, name)
-        for target, source in links.items()
+        for target, sources in links.items()
         for name in components[target].flat_names("input")
-        if name in components[source].flat_names("output")
+        for source in [
+            source
+            for source in ((sources,) if isinstance(sources, str) else sources)
+            if name in components[source].flat_names("output")
+        ][:1]
     )
 
 
-def full_system(plant: type[Block] = Canine, estimator: type[Block] = FourState) -> System:
-    """The whole loop: plant, sensors, estimator, controller, command module."""
+def full_system(
+    plant: type[Block] = Canine, estimator: type[Block] = FourState, ahrs: type[Block] | None = None
+) -> System:
+    """The whole loop: plant, sensors, estimator, controller, command module.
+
+    Args:
+        ahrs: a component between sensors and estimator; what it gives takes the place of the sensors' output
+            of the same name.
+    """
+    between: dict[str, type[Block]] = {} if ahrs is None else {"ahrs": ahrs}
     components: dict[str, type[Block]] = {
         "sensors": Sensors,
+        **between,
         "estimator": estimator,
         "controller": Cmec,
         "command_module": CommandModule,
         "plant": plant,
     }
-    links = {
+    links: dict[str, str | tuple[str, ...]] = {
         "sensors": "plant",
-        "estimator": "sensors",
+        **dict.fromkeys(between, "sensors"),
+        "estimator": (*between, "sensors"),
         "controller": "estimator",
         "command_module": "controller",
         "plant": "controller",
     }
-    return System("full", components, by_name(components, links))
+    return System("_".join(("full", *between)), components, by_name(components, links))
 
 
 def trial_simulator(plant: type[Block] = Canine) -> System:
@@ -133,6 +154,7 @@ def trial_simulator(plant: type[Block] = Canine) -> System:
 ESTIMATORS: dict[str, type[Estimator]] = {
     block.title(): block for block in (FourState, SixState, SevenState, TwoBias)
 }
+ESTIMATOR = FourState.title()  # by default
 SYSTEMS: dict[str, System] = {"full": full_system(), "cts": trial_simulator()}
 BLOCKS: tuple[type[Block], ...] = tuple(
     dict.fromkeys(
@@ -145,6 +167,35 @@ BLOCKS: tuple[type[Block], ...] = tuple(
         ]
     )
 )
+
+
+@cache
+def find_system(name: str, estimator: str = ESTIMATOR) -> System:
+    """A system by its name, with the estimator of this name in it.
+
+    Raises:
+        UsageError: there is no such system or estimator, or the system has no place for one.
+    """
+    if name not in SYSTEMS:
+        raise UsageError(f'there is no system "{name}"{nearest(name, SYSTEMS)}')
+    system, block = SYSTEMS[name], find_estimator(estimator)
+    if estimator == ESTIMATOR:
+        return system
+    if "estimator" not in system.components:
+        raise UsageError(f'system "{name}" has no estimator; {estimator} needs the system "full"')
+    own = full_system(system.components["plant"], block, system.components.get("ahrs"))
+    return replace(own, name=f"{name}_{estimator}")
+
+
+def find_estimator(name: str) -> type[Estimator]:
+    """An estimator by its name.
+
+    Raises:
+        UsageError: there is none.
+    """
+    if name not in ESTIMATORS:
+        raise UsageError(f'there is no estimator "{name}"{nearest(name, ESTIMATORS)}')
+    return ESTIMATORS[name]
 
 
 def find_block(name: str) -> type[Block]:

@@ -29,9 +29,10 @@ from harness.toml_file import TomlError, parse_toml, read_toml
 from models.errors import CanineError, UsageError, nearest
 from models.kit.declaration import Input, Output, Parameter, Type, Variable, flatten
 from models.kit.units import UNITS
+from models.sensors import Sensors
 from models.system import SYSTEMS
 
-OPTIONAL = {"plant": frozenset({"acceleration", "pitch", "roll", "yaw_rate", "slip", "slip_acceleration"})}
+OPTIONAL = {"plant": frozenset({"acceleration", "pitch", "roll", "yaw_rate"})}
 # parameters that a scenario sets by keys of its own: seed, waypoints, start
 MISSION = {
     "plant": frozenset({"seed", "start_north", "start_east", "start_heading", "start_heading_deviation"}),
@@ -50,6 +51,8 @@ class Role:
     """What a role is: outputs that others consume, those of them that may be absent, inputs, parameters.
 
     Attributes:
+        inputs: what it may take; an estimator all that the sensors give.
+        usual: the inputs that our block has.
         parameters: those that a scenario sets by keys of its own.
         block: our block's name, and `own` all its parameters: an FMU that bears the name has to mean them.
     """
@@ -58,6 +61,7 @@ class Role:
     needs: Mapping[str, Variable]
     optional: frozenset[str]
     inputs: Mapping[str, Variable]
+    usual: frozenset[str]
     parameters: Mapping[str, Variable]
     block: str
     own: Mapping[str, Variable]
@@ -92,11 +96,14 @@ def roles() -> dict[str, Role]:
         parameters = dict(flatten(list(block.variables(Parameter).values())))
         mission = MISSION.get(name, frozenset())
         consumed = {link.source_variable for link in system.links if link.source == name}
+        inputs = dict(flatten(list(block.variables(Input).values())))
+        offered = _SENSED if name == "estimator" else {}
         by_name[name] = Role(
             name,
             {n: v for n, v in flatten(list(block.variables(Output).values())) if v.name in consumed},
             OPTIONAL.get(name, frozenset()),
-            dict(flatten(list(block.variables(Input).values()))),
+            {**offered, **inputs},
+            frozenset(inputs),
             {n: v for n, v in parameters.items() if v.name in mission},
             block.title(),
             parameters,
@@ -181,7 +188,7 @@ def fit(fmu: FmuDescription, role: Role, adapter: Adapter, consumed: Iterable[st
     parameters, wrong = _parameters(checker)
     checker.problems += wrong.values()
     absent = [name for name in needs if name in role.optional and name not in outputs]
-    ignored = [name for name in role.inputs if name not in inputs]
+    ignored = [name for name in role.inputs if name in role.usual and name not in inputs]
     if absent and not checker.problems:
         checker.note(f"has no output {', '.join(absent)}; taken as zero")
     if ignored and not checker.problems:
@@ -306,9 +313,17 @@ def _near(name: str, known: Iterable[str]) -> str:
 
 
 def replace_component(
-    system: FmuSystem, role_name: str, fmu: FmuDescription, adapter: Adapter
+    system: FmuSystem,
+    role_name: str,
+    fmu: FmuDescription,
+    adapter: Adapter,
+    sources: Mapping[str, str] | None = None,
 ) -> tuple[FmuSystem, Fit]:
     """The system with an FMU in a role's place, and how it fits.
+
+    Args:
+        sources: the components that give what the FMU may take, by the role's name of the input; what the
+            system does not link to the role yet is linked from there.
 
     Raises:
         RoleError: the FMU does not fit.
@@ -334,10 +349,16 @@ def replace_component(
             components[link.target] = replace(
                 part, values=part.values | {link.target_variable: StartValue(0.0)}
             )
+    linked = {link.target_variable for link in system.links if link.target == role_name}
+    for name, source_component in (sources or {}).items():
+        if name in fitted.inputs and name not in linked:
+            link = ScaledLink(source_component, name, role_name, name)
+            links.append(_adapted(link, _AS_IT_IS, fitted.inputs[name]))
     return replace(system, components=components, links=tuple(links)), fitted
 
 
 _AS_IT_IS = Rename("")
+_SENSED = dict(flatten(Sensors.group("output")))
 
 
 def _adapted(link: ScaledLink, source: Rename, target: Rename) -> ScaledLink:

@@ -30,7 +30,7 @@ from codegen.cache import TRACED, sources
 from models.cmec import Anomaly
 from models.commands import ENDS, Status
 from models.errors import CanineError, UsageError
-from models.system import SYSTEMS
+from models.system import ESTIMATOR, find_system
 
 ANOMALIES = tuple(a.name.lower() for a in Anomaly if a is not Anomaly.NONE)
 OBSERVED = (
@@ -39,7 +39,8 @@ OBSERVED = (
     *(f"controller.anomalies[{i + 1}]" for i in range(len(ANOMALIES))),
 )
 SUMS = ("commands", "timeouts", *ANOMALIES)  # commands: of successful trials
-LARGEST = {"cts": 32_768, "full": 4_096}  # trials in a chunk at most: it takes some tenths of a second
+# trials in a chunk at most: it takes some tenths of a second
+LARGEST = {"cts": 32_768, "full": 4_096, "full_ahrs": 4_096}
 SMALLEST = 2048  # trials in a chunk at least: fewer would leave vector lanes empty
 USUAL = 7500  # ticks, 300 s; chunks of longer trials hold fewer, so that Ctrl-C is answered and loses little
 ROUNDS = 4  # chunks for each core at least, above SMALLEST: so no core waits long for another
@@ -84,6 +85,7 @@ class Job:
 
     Attributes:
         system: name of one of SYSTEMS.
+        estimator: which of ours it has, if it has one.
         varied: the parameters that differ between the points, `component.parameter`.
         points: (points, varied), SI.
         trial_types: they take turns; all set the same variables at the same ticks, to different values.
@@ -99,6 +101,7 @@ class Job:
     trials: int
     seed: int
     first: int = 0
+    estimator: str = ESTIMATOR
 
     def __post_init__(self) -> None:
         first, *others = self.trial_types
@@ -195,7 +198,7 @@ def cut(stretches: Iterable[tuple[int, int]], size: int) -> Iterator[tuple[int, 
             yield first, min(first + size, stop)
 
 
-_batches: dict[tuple[str, tuple[str, ...]], Batch] = {}
+_batches: dict[tuple[str, str, tuple[str, ...]], Batch] = {}
 _compiling = threading.Lock()
 
 
@@ -206,10 +209,12 @@ def batch_of(job: Job) -> Batch:
         CompileError: the compiler refuses it.
     """
     varied = (*job.varied, *job.by_type)
-    key = (job.system, varied)
+    key = (job.system, job.estimator, varied)
     with _compiling:
         if key not in _batches:
-            _batches[key] = Batch(SYSTEMS[job.system], varied, OBSERVED, ("controller.status", ENDS))
+            _batches[key] = Batch(
+                find_system(job.system, job.estimator), varied, OBSERVED, ("controller.status", ENDS)
+            )
         no_trials = np.zeros(0, dtype=np.int32)  # compile once, before the threads start
         first = job.trial_types[0]
         _batches[key].run(first.values, job.rows(), no_trials, no_trials, first.ticks, changes=first.changes)

@@ -30,11 +30,11 @@ from harness.sweep.table import THRESHOLD_COLUMN, TICK_S, Point, csv_of, name_of
 from harness.terminal import new_table, percent, print_table
 from harness.trial.pairs import check_windows, is_paired
 from harness.trial.plan import Interface, interfaces_of_system, is_angular, plan, si_value
-from harness.trial.scenario import Scenario, ScenarioError, checked, load
+from harness.trial.scenario import Scenario, ScenarioError, checked, load, with_estimator
 from models.errors import UsageError, nearest
 from models.kit.declaration import Type, Variable
 from models.kit.random import MAX_SEED
-from models.system import SYSTEMS
+from models.system import ESTIMATOR, SYSTEMS, find_estimator, find_system
 
 TRIAL_TYPES = {"two": ("two_waypoint",), "three": ("right_90", "left_90", "right_45", "left_45")}
 THRESHOLD = "cmec.moving_deviation"
@@ -103,7 +103,7 @@ class Sweep:
         ranges = ", ".join(f"{name_of(axis.column)} {_span(axis)}" for axis in self.axes)
         return (
             f"{self.name}: {ranges}, {self.job.trials} trials a point from seed {self.job.seed} on, "
-            f"{self.job.system}, {self.reading}"
+            f"{find_system(self.job.system, self.job.estimator).name}, {self.reading}"
         )
 
     @property
@@ -112,6 +112,7 @@ class Sweep:
         return {
             "sweep": self.name,
             "system": self.job.system,
+            **({"estimator": self.job.estimator} if self.job.estimator != ESTIMATOR else {}),
             "reading": self.reading,
             "trials": self.job.trials,
             "seed": self.job.seed,
@@ -149,6 +150,8 @@ def plan_sweep(
     reading: str | None = None,
     seed: int | None = None,
     settings: Sequence[str] = (),
+    estimator: str | None = None,
+    ahrs: bool = False,
     note: Callable[[str], None] = lambda text: None,
 ) -> Sweep:
     """Resolve the options of `canine sweep` to a sweep.
@@ -163,6 +166,8 @@ def plan_sweep(
         reading: overrides the scenario's.
         seed: of the first trial at each point; overrides the scenario's.
         settings: `block.name=value`; override the scenario's parameters.
+        estimator: of ours; by default the scenario's where the system has one.
+        ahrs: put our AHRS between sensors and estimator of the system full.
         note: called with a line for the user.
 
     Raises:
@@ -171,10 +176,20 @@ def plan_sweep(
     """
     if system not in SYSTEMS:
         raise SweepError(f"--system {system}: there is no such system{nearest(system, SYSTEMS)}")
+    if ahrs and system not in ("full", "full_ahrs"):
+        raise SweepError(f"--ahrs: the system {system} has no sensors; sweep with --system full")
+    system = "full_ahrs" if ahrs else system
+    if estimator is not None:
+        find_estimator(estimator)
+        if system not in with_estimator():
+            raise SweepError(
+                f"--estimator {estimator}: the system {system} gives the controller the true state; "
+                "sweep with --system full"
+            )
     targets = (target,) if isinstance(target, Scenario) else TRIAL_TYPES.get(target, (target,))
-    scenarios = [_adapted(one, system, reading, seed, settings) for one in targets]
+    scenarios = [_adapted(one, (system, estimator), reading, seed, settings) for one in targets]
     first = scenarios[0]
-    interfaces = interfaces_of_system(SYSTEMS[system])
+    interfaces = interfaces_of_system(find_system(system, first.estimator))
     ranges = [_split(text) for text in vary]
     if thresholds is not None or not ranges:
         default = TWO_WAYPOINTS if len(first.waypoints) == 1 else MORE_WAYPOINTS
@@ -198,6 +213,7 @@ def plan_sweep(
         tuple(_trial_type(scenario, interfaces, axes, note) for scenario in scenarios),
         trials,
         first.seed,
+        estimator=first.estimator,
     )
     _check_size(job)
     own = targets[0] if isinstance(targets[0], Scenario) else load(targets[0])
@@ -205,6 +221,7 @@ def plan_sweep(
     special = (
         *([first.reading] if first.reading != own.reading else []),
         *([system] if system != "cts" else []),
+        *([first.estimator] if first.estimator != ESTIMATOR else []),
         *([f"seed{first.seed}"] if first.seed != own.seed else []),
         *(columns if columns != (THRESHOLD_COLUMN,) else ()),
     )
@@ -215,7 +232,11 @@ def plan_sweep(
 def _told_by_scenario(scenario: Scenario) -> dict[str, Any]:
     """A scenario with its settings, without what the sweep states for all."""
     content = tomllib.loads(scenario.text())
-    return {key: value for key, value in content.items() if key not in ("name", "system", "reading", "seed")}
+    return {
+        key: value
+        for key, value in content.items()
+        if key not in ("name", "system", "estimator", "reading", "seed")
+    }
 
 
 def _check_size(job: Job) -> None:
@@ -236,19 +257,27 @@ def _check_size(job: Job) -> None:
 
 
 def _adapted(
-    target: str | Scenario, system: str, reading: str | None, seed: int | None, settings: Sequence[str]
+    target: str | Scenario,
+    chosen: tuple[str, str | None],
+    reading: str | None,
+    seed: int | None,
+    settings: Sequence[str],
 ) -> Scenario:
-    """A type of trial's scenario with the sweep's options."""
+    """A type of trial's scenario with the sweep's options: system and estimator, reading, seed, settings."""
+    system, estimator = chosen
     scenario = checked(target) if isinstance(target, Scenario) else load(target, known=TRIAL_TYPES)
     if scenario.package is not None:
         raise SweepError(
             f"{scenario.name}: runs the package {scenario.system}; a sweep compiles our own systems, "
             f"{' and '.join(SYSTEMS)}: name one of them as its system, or run it with `canine run`"
         )
-    scenario = replace(scenario.override(settings, seed), system=system)
+    if system not in with_estimator():
+        estimator = ESTIMATOR
+    scenario = replace(scenario, system=system, estimator=estimator or scenario.estimator)
+    scenario = scenario.override(settings, seed)
     if reading is not None:
         scenario = replace(scenario, reading=reading)
-    owners = _owners(interfaces_of_system(SYSTEMS[system]))
+    owners = _owners(interfaces_of_system(find_system(system, scenario.estimator)))
     for address in [*scenario.parameters, *(s.variable for s in scenario.sets)]:
         owner = address.partition(".")[0]
         for other in SYSTEMS:
@@ -292,7 +321,9 @@ def _trial_type(
     for text in resolved.notes:
         note(f"{scenario.name}: {text}")
     _check_windows(scenario, interfaces, axes, resolved.values)
-    connected = {(link.target, link.target_variable) for link in SYSTEMS[scenario.system].links}
+    connected = {
+        (link.target, link.target_variable) for link in find_system(scenario.system, scenario.estimator).links
+    }
     changes = []
     for event in resolved.events:
         if (event.component, event.variable) in connected:

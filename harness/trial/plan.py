@@ -21,7 +21,7 @@ from models.errors import nearest
 from models.kit.declaration import Type, Variable, flatten
 from models.kit.units import UNITS
 from models.readings import READINGS, start_heading_deviation
-from models.system import BLOCKS, SYSTEMS, System
+from models.system import BLOCKS, ESTIMATORS, SYSTEMS, System
 
 if TYPE_CHECKING:  # fmpy: sweeps do without
     from harness.cosim.fmu import FmuDescription, Quantity
@@ -277,7 +277,8 @@ class _Planner:
             self.notes.append(f"{address}: not set, since {foreign} takes the place of {owner}")
             return []
         if not components:
-            hint = self.elsewhere(name or owner, kind) or nearest(owner, set().union(*owners.values()))
+            hint = self.of_others(owner) or self.elsewhere(name or owner, kind)
+            hint = hint or nearest(owner, set().union(*owners.values()))
             raise ScenarioError(f'{where}: no block or component "{owner}"{hint}')
         for component in components:
             known: Mapping[str, Variable] = getattr(self.interfaces[component], kind)
@@ -294,6 +295,13 @@ class _Planner:
             hint = self.elsewhere(name, kind) or nearest(name, bases)
             raise ScenarioError(f'{where}: {label} has no {kind[:-1]} "{name}"{hint}')
         return [(component, name) for component in components]
+
+    def of_others(self, owner: str) -> str:
+        """A hint at the estimator in force, where the address is of another; "" if it is of none."""
+        there = self.interfaces.get("estimator")
+        if owner not in ESTIMATORS or there is None:
+            return ""
+        return f'; the estimator is {there.block}: set "{there.block}.name", or run with --estimator {owner}'
 
     def elsewhere(self, name: str, kind: str) -> str:
         """A hint at the block that has a variable of this name; "" if none has it, or several have."""

@@ -14,7 +14,7 @@ from harness.files import nearest_file
 from harness.trial.plan import Interface, Plan, interface_of_fmu, interfaces_of_system, plan
 from harness.trial.request import Request
 from harness.trial.scenario import ScenarioError
-from models.system import SYSTEMS
+from models.system import System
 
 
 @dataclass(frozen=True)
@@ -67,13 +67,15 @@ def prepared(request: Request) -> Iterator[Prepared]:
         for role, path in request.swaps.items():
             fmus[role] = describe(path)
             adapter = read_adapter(path, find_role(role))
-            system, fits[role] = replace_component(system, role, fmus[role], adapter)  # noqa: PLW2901
+            system, fits[role] = replace_component(  # noqa: PLW2901
+                system, role, fmus[role], adapter, _sources(role, fmus)
+            )
             notes += fits[role].notes
         renames = {
             role: {rename.name: (name, rename) for name, rename in fit.outputs.items()}
             for role, fit in fits.items()
         }
-        interfaces = _interfaces(scenario.system, fmus, fits)
+        interfaces = _interfaces(scenario.own_system, fmus, fits)
         if request.onboard:
             from harness.trial.firmware import interfaces_on_board  # noqa: PLC0415 - the firmware's C
 
@@ -86,10 +88,10 @@ def prepared(request: Request) -> Iterator[Prepared]:
 
 
 def _interfaces(
-    system: str, fmus: Mapping[str, FmuDescription], fits: Mapping[str, Fit]
+    system: System | None, fmus: Mapping[str, FmuDescription], fits: Mapping[str, Fit]
 ) -> dict[str, Interface]:
     """Each component's interface: our blocks' as declared, other FMUs' as they describe themselves."""
-    own = interfaces_of_system(SYSTEMS[system]) if system in SYSTEMS else {}
+    own = interfaces_of_system(system) if system else {}
     known = roles()
     interfaces = {}
     for name, fmu in fmus.items():
@@ -100,6 +102,12 @@ def _interfaces(
             wrong = misfits(fmu, role) if role and fit is None else {}
             interfaces[name] = interface_of_fmu(name, fmu, role, fit, wrong)
     return interfaces
+
+
+def _sources(role: str, fmus: Mapping[str, FmuDescription]) -> dict[str, str]:
+    """Which component of ours gives an estimator what it may take: an AHRS before the sensors."""
+    givers = [name for name in ("sensors", "ahrs") if role == "estimator" and name in fmus]
+    return {output: name for name in givers for output in fmus[name].outputs}
 
 
 def _bound_values(system: FmuSystem) -> dict[str, dict[str, float]]:

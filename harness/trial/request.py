@@ -17,9 +17,9 @@ from harness.cosim.stepping import Order
 from harness.files import nearest_file
 from harness.onboard import ROLES
 from harness.trial import DEFAULT
-from harness.trial.scenario import Scenario, ScenarioError, checked, load, parse
-from models.errors import UsageError, printable
-from models.system import SYSTEMS
+from harness.trial.scenario import Scenario, ScenarioError, checked, load, parse, with_estimator
+from models.errors import UsageError, nearest, printable
+from models.system import ESTIMATOR, ESTIMATORS, SYSTEMS, find_system
 
 PACKAGE = "system.ssp"  # a log's attachment
 
@@ -52,8 +52,11 @@ class Request:
     @property
     def ssp(self) -> Path:
         """The package that is run."""
-        own = build_folder() / f"{self.scenario.system}.fmi{self.fmi}.ssp"
-        return self.package or self.scenario.package or own
+        package = self.package or self.scenario.package
+        if package is not None:
+            return package
+        system = find_system(self.scenario.system, self.scenario.estimator)
+        return build_folder() / f"{system.name}.fmi{self.fmi}.ssp"
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -71,7 +74,12 @@ class Request:
 
 @dataclass(frozen=True)
 class Changes:
-    """Overrides of what the target states; None or empty keeps the target's value."""
+    """Overrides of what the target states; None or empty keeps the target's value.
+
+    Attributes:
+        estimator: the name of one of ours, or the path of an FMU.
+        ahrs: put our AHRS between sensors and estimator.
+    """
 
     order: Order | None = None
     fmi: str | None = None
@@ -79,6 +87,8 @@ class Changes:
     settings: Sequence[str] = ()
     seed: int | None = None
     onboard: str | None = None
+    estimator: str | None = None
+    ahrs: bool = False
 
 
 @contextmanager
@@ -100,6 +110,7 @@ def requested(target: str | Scenario, changes: Changes) -> Iterator[Request]:
             )
         if changes.fmi:
             request = replace(request, fmi=int(changes.fmi), package=None)
+        request = _with_ahrs(_with_estimator(request, changes.estimator), changes.ahrs)
         swaps = {role: path for role, path in changes.swaps.items() if path is not None}
         yield _checked(
             replace(
@@ -177,6 +188,51 @@ def _of_log(path: Path, folder: Path) -> Request:
     )
 
 
+def _with_estimator(request: Request, estimator: str | None) -> Request:
+    """The request with one of our estimators, or an FMU, in the estimator's place.
+
+    Raises:
+        UsageError: there is no such estimator or FMU, or the system has no place for one.
+    """
+    if estimator is None:
+        return request
+    scenario, swaps = request.scenario, dict(request.swaps)
+    if estimator not in ESTIMATORS:
+        path = Path(estimator)
+        if path.suffix != ".fmu" and not path.is_file():
+            raise UsageError(
+                f"--estimator {estimator}: expected the path of an FMU, or the name of one of ours"
+                f"{nearest(estimator, ESTIMATORS)}"
+            )
+        if not path.is_file():
+            raise UsageError(f'there is no FMU "{path}"{nearest_file(path)}')
+        return replace(request, swaps=swaps | {"estimator": path})
+    if scenario.system not in SYSTEMS:
+        own = build_folder() / f"fmi{request.fmi}" / f"{estimator}.fmu"
+        return replace(request, swaps=swaps | {"estimator": own})
+    if scenario.system not in with_estimator():
+        raise UsageError(
+            f'--estimator {estimator}: the system "{scenario.system}" has no estimator; '
+            f"expected one of {', '.join(with_estimator())}"
+        )
+    swaps.pop("estimator", None)
+    return replace(request, scenario=replace(scenario, estimator=estimator), swaps=swaps, package=None)
+
+
+def _with_ahrs(request: Request, ahrs: bool) -> Request:
+    """The request with our AHRS between sensors and estimator, if asked for.
+
+    Raises:
+        UsageError: it has no place in the system.
+    """
+    system = request.scenario.system
+    if not ahrs or system == "full_ahrs":
+        return request
+    if system != "full":
+        raise UsageError(f'--ahrs: the system "{system}" lacks our sensors and estimator; expected "full"')
+    return replace(request, scenario=replace(request.scenario, system="full_ahrs"), package=None)
+
+
 def _processor(onboard: str) -> str:
     """The processor that `--onboard` names; "" for the FMUs.
 
@@ -202,6 +258,10 @@ def _checked(request: Request) -> Request:
             raise UsageError(f"{option}: the firmware takes the place of the {taken}; leave --{taken} out")
         if request.order != "sequential":
             raise UsageError(f"{option}: the firmware answers within a tick; expected --order sequential")
+        if request.scenario.estimator != ESTIMATOR:
+            raise UsageError(
+                f"{option}: the firmware has {ESTIMATOR}; leave {request.scenario.estimator} out"
+            )
         if request.scenario.system != "full":
             raise UsageError(
                 f'{option}: system "{request.scenario.system}" lacks our sensors and estimator; '
@@ -211,8 +271,14 @@ def _checked(request: Request) -> Request:
 
 
 def build_missing(request: Request, done: Callable[[Path], None] = lambda path: None) -> None:
-    """Build our FMUs and packages if the requested package is missing, or older than the models."""
-    if request.ssp.parent == build_folder() and not (request.ssp.exists() and is_current()):
+    """Build our FMUs and packages if those that are requested are missing, or older than the models."""
+    own = [path for path in (request.ssp, *request.swaps.values()) if build_folder() in path.parents]
+    special = request.ssp in own and request.scenario.estimator != ESTIMATOR
+    if own and not (all(path.exists() for path in own) and is_current()):
         from fmus.build import build_all  # noqa: PLC0415 - CasADi and templates
 
         build_all(done=done)
+    if special:
+        from fmus.build import build_package  # noqa: PLC0415 - CasADi and templates
+
+        done(build_package(find_system(request.scenario.system, request.scenario.estimator), request.fmi))

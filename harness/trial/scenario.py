@@ -1,6 +1,7 @@
 """A scenario: what happens in a trial, as a user writes it, in a TOML file or in Python.
 
-    system = "full"                          # or "cts", or the path of an .ssp
+    system = "full"                          # or "full_ahrs", "cts", or the path of an .ssp
+    estimator = "four_state"                 # or another of ours
     reading = "calibrated"                   # or "literal"
     seed = 1
     duration = 300.0                         # s
@@ -41,7 +42,7 @@ from models.cmec import MAX_WAYPOINTS
 from models.errors import UsageError, nearest
 from models.kit.random import MAX_SEED
 from models.readings import READINGS
-from models.system import SYSTEMS
+from models.system import ESTIMATOR, ESTIMATORS, SYSTEMS, System, find_system
 
 Written = bool | int | float | str | list[Any]
 SHIPPED = Path(__file__).parents[1] / "scenarios"
@@ -79,6 +80,7 @@ class Scenario:
         start: north and east, m; heading, deg.
         parameters: by `block.name` or `component.name`.
         sets: changes of inputs by time.
+        estimator: which of ours a system with one has.
         folder: where its file is; the path of an .ssp starts there.
     """
 
@@ -92,6 +94,7 @@ class Scenario:
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
     parameters: Mapping[str, Written] = field(default_factory=dict)
     sets: tuple[Setting, ...] = ()
+    estimator: str = ESTIMATOR
     folder: Path = field(default=Path(), compare=False)
 
     @property
@@ -99,10 +102,15 @@ class Scenario:
         """The .ssp that it runs; None for a system of ours."""
         return None if self.system in SYSTEMS else self.folder / self.system
 
+    @property
+    def own_system(self) -> System | None:
+        """The system of ours that it runs; None for a package."""
+        return find_system(self.system, self.estimator) if self.system in SYSTEMS else None
+
     def _component_of(self, address: str) -> str:
         """An address by its component's name, where its block's name is given."""
         owner, dot, name = address.partition(".")
-        components = SYSTEMS[self.system].components if self.system in SYSTEMS else {}
+        components = self.own_system.components if self.own_system else {}
         return f"{next((c for c, block in components.items() if block.title() == owner), owner)}{dot}{name}"
 
     def text(self) -> str:
@@ -116,6 +124,7 @@ class Scenario:
         lines = [
             f"name = {toml_of(self.name)}",
             f"system = {toml_of(self.system)}",
+            *([f"estimator = {toml_of(self.estimator)}"] if self.estimator != ESTIMATOR else []),
             f"reading = {toml_of(self.reading)}",
             f"seed = {toml_of(self.seed)}",
             f"duration = {toml_of(self.duration)}",
@@ -190,6 +199,11 @@ def _literal(text: str) -> Written:
         return text
     value: Written = table["value"]
     return value if len(table) == 1 else text  # else a line break is in it
+
+
+def with_estimator() -> list[str]:
+    """The systems of ours that have an estimator."""
+    return [name for name, system in SYSTEMS.items() if "estimator" in system.components]
 
 
 def shipped() -> list[str]:
@@ -315,12 +329,18 @@ def parse(text: str, where: str, default_name: str = "scenario", folder: Path = 
         ),
         parameters=table.table("parameters").all(),
         sets=tuple(setting for entry in table.tables("set") for setting in entry.settings()),
+        estimator=table.word("estimator", ESTIMATOR, ESTIMATORS),
         folder=folder,
     )
     if scenario.system not in SYSTEMS and not scenario.system.endswith(".ssp"):
         hint = nearest(scenario.system, SYSTEMS)
         raise ScenarioError(
             f'{where}: system is "{scenario.system}"; expected the path of an .ssp, or{hint[1:]}'
+        )
+    if scenario.estimator != ESTIMATOR and scenario.system not in with_estimator():
+        raise ScenarioError(
+            f'{where}: estimator is "{scenario.estimator}", and the system "{scenario.system}" takes none of '
+            f"ours; expected one of {', '.join(with_estimator())}"
         )
     for each in (table, origin, start):
         each.finish()

@@ -10,6 +10,7 @@ import control
 import numpy as np
 import pytest
 
+from models.canine import Plant
 from models.cmec import Cmec
 from models.commands import Command
 from models.errors import WiringError
@@ -20,7 +21,6 @@ from models.kit.link import Link
 from models.kit.model import Model
 from models.kit.timing import TICK
 from models.pedestrian import Pedestrian
-from models.plant import Plant
 from models.system import SYSTEMS, System, full_system, trial_simulator
 
 MISSION = {
