@@ -11,6 +11,7 @@ import contextlib
 import hashlib
 import os
 import platform
+import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache
@@ -57,6 +58,15 @@ def stored(name: str, asked: object, make: Callable[[Path], object]) -> Path:
         make: writes the file.
     """
     return _entry(name, asked, make, is_valid=lambda: True)
+
+
+def knows(blocks: Iterable[type]) -> bool:
+    """Do all these classes come from `models/`? `kept` knows the sources of those only."""
+    return all(
+        block.__module__.startswith("models.")
+        and getattr(sys.modules.get(block.__module__), block.__name__, None) is block
+        for block in blocks
+    )
 
 
 def _entry(name: str, asked: object, make: Callable[[Path], object], is_valid: Callable[[], bool]) -> Path:

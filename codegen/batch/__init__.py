@@ -1,9 +1,11 @@
-"""Many trials at native speed: a wired system of blocks becomes a library that runs thousands in a call.
+"""Wired systems at native speed: many trials in a call, or one long run over arrays.
 
-In: a system, the variables to vary and to observe, then values, points and seeds. Out: the last tick of each
-trial and the observed values after it, with the bits that the blocks give one by one.
+`batch`, in: a system, the variables to vary and to observe, then values, points and seeds. Out: the last tick
+of each trial and the observed values after it, with the bits that the blocks give one by one.
 
-`batch` is the way in. `pruning` finds what the observed variables depend on. `lanes` joins the blocks'
-updates to an ordinary tick without branches, `graph` simplifies its expressions, and `sources` writes the
-runner's C.
+`series`, in: a block or a system, its signals and parameters. Out: what is observed, on each tick. `loop`
+writes its C, which calls the blocks' step functions in turn.
+
+Behind `batch`, `pruning` finds what the observed variables depend on. `lanes` joins the blocks' updates to an
+ordinary tick without branches, `graph` simplifies its expressions, and `sources` writes the runner's C.
 """

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import json
 import math
-import sys
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -15,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from codegen.cache import kept
+from codegen.cache import kept, knows
 from codegen.files import write_whole
 from codegen.scratch import Scratch
 from codegen.toolchains.compiler import FLAGS, build_library, processor
@@ -236,12 +235,7 @@ class Batch:
 
     @property
     def _is_shipped(self) -> bool:
-        """Do all blocks come from `models/`? The cache knows the sources of those only."""
-        return all(
-            block.__module__.startswith("models.")
-            and getattr(sys.modules.get(block.__module__), block.__name__, None) is block
-            for block in self.system.components.values()
-        )
+        return knows(self.system.components.values())
 
     @property
     def _asked(self) -> object:
