@@ -8,6 +8,7 @@ from functools import cache
 from graphlib import CycleError, TopologicalSorter
 
 from models.canine import Canine
+from models.canine_ahrs import CanineAhrs
 from models.cmec import Cmec
 from models.command_module import CommandModule
 from models.errors import UsageError, WiringError, nearest
@@ -166,6 +167,7 @@ BLOCKS: tuple[type[Block], ...] = tuple(
             *(block for system in SYSTEMS.values() for block in system.components.values()),
             *ESTIMATORS.values(),
             Pedestrian,
+            CanineAhrs,
             LocalPlane,  # these two work beside the estimator and the controller on board
             Watchdog,
         ]

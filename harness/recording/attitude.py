@@ -24,17 +24,22 @@ CUTOFF_HZ = 8.0  # -3 dB; the ticks' Nyquist frequency is 12.5 Hz, and 25 Hz (-4
 FILTER_ORDER = 4  # below 2 Hz its group delay is 2.613 / (2 pi CUTOFF_HZ) = 52 ms
 
 
-def anti_alias(t: Array, samples: Array, ticks: int) -> Array:
+def anti_alias(t: Array, samples: Array, ticks: int, *, mean: bool = False) -> Array:
     """Low-pass `samples` (n, m) taken at uneven times `t` (n,) s, and sample them at the ticks k * TICK_S.
 
     A uniform grid of 1 kHz holds the last sample at each instant (before the first sample, the first). It
-    passes a Butterworth filter that starts settled on its first input. Returns (ticks, m).
+    passes a Butterworth filter that starts settled on its first input. With `mean`, each value is the mean
+    of the filtered signal since the last tick, as the integral of a turn rate needs. Returns (ticks, m).
     """
     grid = np.arange((ticks - 1) * OVERSAMPLING + 1) * (TICK_S / OVERSAMPLING)
     held = samples[np.maximum(np.searchsorted(t, grid + 1e-9, side="right") - 1, 0)]
     sos = butter(FILTER_ORDER, CUTOFF_HZ, fs=OVERSAMPLING / TICK_S, output="sos")
     settled = sosfilt_zi(sos)[:, :, None] * held[0]
     filtered, _ = sosfilt(sos, held, axis=0, zi=settled)
+    if mean:
+        filtered[1:] = np.repeat(
+            filtered[1:].reshape(ticks - 1, OVERSAMPLING, -1).mean(axis=1), OVERSAMPLING, axis=0
+        )
     return np.asarray(filtered[::OVERSAMPLING], dtype=np.float64)
 
 
