@@ -60,6 +60,13 @@ Constants = Annotated[
     bool, typer.Option("--constants", help="parameters are constants, not fields that can be set")
 ]
 
+OnboardEstimator = Annotated[
+    str | None, typer.Option("--estimator", metavar="NAME", help="of ours; by default the scenario's")
+]
+OnboardAhrs = Annotated[
+    bool, typer.Option("--ahrs", help="attitude by canine_ahrs, not by the inertial unit itself")
+]
+
 
 def _print_version(asked: bool) -> None:
     if asked:
@@ -241,6 +248,8 @@ def firmware(
     ] = "",
     settings: Settings = None,
     constants: Constants = False,
+    estimator: OnboardEstimator = None,
+    ahrs: OnboardAhrs = False,
 ) -> None:
     """Write the sources of the onboard program for a processor: estimator, controller, drivers, main loop.
 
@@ -248,15 +257,16 @@ def firmware(
     canine firmware --target cortex-m4f --out firmware
     canine firmware --target rabbit4000 --parameters my.toml --constants --out firmware
     canine firmware --target host --set cmec.moving_deviation=37 --out firmware
+    canine firmware --target cortex-m4f --estimator six_state --ahrs --out firmware
 
     Waypoints come by radio, not with the parameters.
     """
     from codegen.firmware import bundle
-    from harness.trial.firmware import values_on_board
+    from harness.trial.firmware import firmware_of
 
     processor = find_target(target)
-    values = values_on_board(parameters, settings or [])
-    paths = bundle.write(processor, folder, values, constants=constants)
+    navigation, values = firmware_of(parameters, settings or [], estimator, ahrs=ahrs)
+    paths = bundle.write(processor, folder, values, navigation, constants=constants)
     typer.echo(f"{len(paths)} files for {processor.processor} in {_short(folder)}: see README.md there")
 
 
@@ -268,6 +278,8 @@ def processor_in_the_loop(
     seed: Seed = None,
     settings: Settings = None,
     constants: Constants = False,
+    estimator: OnboardEstimator = None,
+    ahrs: OnboardAhrs = False,
     folder: Annotated[
         Path | None, typer.Option("--out", file_okay=False, help="by default out/pil-<target>")
     ] = None,
@@ -278,27 +290,29 @@ def processor_in_the_loop(
     \b
     canine pil --target cortex-m4f
     canine pil three_waypoint --target rabbit4000 --seed 7
+    canine pil --target cortex-m4f --estimator six_state --ahrs
 
     It leaves pil.json with what a tick costs, and the trial's files as `canine run` does.
     """
     from harness.pil import compare
     from harness.trial.request import Changes
 
-    changes = Changes(settings=settings or [], seed=seed)
+    changes = Changes(settings=settings or [], seed=seed, estimator=estimator, ahrs=ahrs)
+    place = folder or compare.default_folder(target, changes)
     with _telling("building the FMUs") as done, _bar("trial [s]", DURATION, quiet=as_json) as progress:
         try:
             result = compare.run(
-                target, scenario, changes, folder, constants=constants, built=done, progress=progress
+                target, scenario, changes, place, constants=constants, built=done, progress=progress
             )
         except KeyboardInterrupt as interrupt:
-            _ended(interrupt, _kept(folder or compare.default_folder(target)))
+            _ended(interrupt, _kept(place))
     for note in result["trial"]["notes"]:
         _note(note)
     if as_json:
         typer.echo(_as_json(result))
     else:
         compare.show(result, out())
-        _say_where(folder or compare.default_folder(target))
+        _say_where(place)
 
 
 @app.command()

@@ -16,36 +16,29 @@ from typing import Any
 
 from codegen.blocks.block_c import comment, generate, start_literal, write_files
 from codegen.firmware.fixes import MESSAGES, limits
+from codegen.firmware.navigation import DEFAULT, Navigation
 from codegen.firmware.record import Entry, drivers, is_mission, of_block, words_of
 from codegen.firmware.structs import Headers, read_headers
 from codegen.firmware.targets import TARGETS, Target
 from codegen.firmware.telemetry import FIELDS, OFFSETS, PAYLOAD, Flag
 from codegen.templating import environment
-from models.cmec import MAX_WAYPOINTS, Cmec
-from models.command_module import CommandModule
+from models.cmec import MAX_WAYPOINTS
 from models.errors import UsageError
-from models.four_state import FourState
 from models.kit.block import Block
 from models.kit.declaration import Type, Variable
 from models.kit.link import Values
-from models.local_plane import LocalPlane
-from models.watchdog import Watchdog
+from models.system import ESTIMATORS
 
 SOURCES = Path(__file__).parent / "onboard"
 TEMPLATES = environment(Path(__file__).parent / "templates")
 SUMS = "SHA256SUMS"  # of a bundle's files, as `sha256sum -c` reads it
 PORT = "port.c"  # each target's own, by the same name
-COSTS = SOURCES / "costs.json"  # by target, measured by the processor in the loop
+COSTS = SOURCES / "costs.json"  # by target and estimator, measured by the processor in the loop
+DRIVERS = ("link.h", "mt.h", "ubx.h")  # headers of the members of `onboard` that are no blocks
+GENERATED = ("models.h", "fixes.h", "telemetry.h", "telemetry.c", "onboard.h", "navigation.h")
 # numbers that the program shares with the models
 SHARED: dict[str, Any] = {"tick_ms": round(1000 * Block.sample_time), "max_waypoints": MAX_WAYPOINTS}
-# the members of `onboard` in onboard.h that are blocks
-BLOCKS: dict[str, type[Block]] = {
-    "local_plane": LocalPlane,
-    "estimator": FourState,
-    "watchdog": Watchdog,
-    "controller": Cmec,
-    "command_module": CommandModule,
-}
+BLOCKS = DEFAULT.blocks
 
 
 def settable(block: type[Block]) -> dict[str, Variable]:
@@ -53,59 +46,68 @@ def settable(block: type[Block]) -> dict[str, Variable]:
     return {v.name: v for v in block.group("parameter") if not is_mission(v) and not v.size}
 
 
-def program() -> dict[str, str]:
+def program(navigation: Navigation = DEFAULT) -> dict[str, str]:
     """The sources beside the blocks and parameters, file name to text: by hand, or from tables."""
     files = {path.name: path.read_text() for path in sorted(SOURCES.glob("*.[ch]"))}
     context = SHARED | {"fields": FIELDS, "offsets": OFFSETS, "flags": list(Flag), "size": PAYLOAD.size}
-    context |= {"messages": MESSAGES, "limits": limits()}
-    for name in ("models.h", "fixes.h", "telemetry.h", "telemetry.c"):
+    context |= {"messages": MESSAGES, "limits": limits(), "navigation": navigation}
+    context["headers"] = sorted(
+        [*DRIVERS, "models.h", *(f"{block.title()}.h" for block in navigation.blocks.values())]
+    )
+    for name in GENERATED:
         files[name] = TEMPLATES.get_template(f"{name}.jinja").render(context)
     return {name: text for name, text in files.items() if not name.startswith("pil")}
 
 
-def headers() -> Headers:
+def headers(navigation: Navigation = DEFAULT) -> Headers:
     """The structs and enumerations of `program`."""
-    return read_headers({name: text for name, text in program().items() if name.endswith(".h")})
+    texts = program(navigation)
+    return read_headers({name: text for name, text in texts.items() if name.endswith(".h")})
 
 
-def _record() -> dict[str, list[Entry]]:
+def _record(navigation: Navigation) -> dict[str, list[Entry]]:
     """The record by the part of the program that writes it."""
-    beside = list(drivers(headers(), BLOCKS))
-    return {"drivers": beside} | {m: list(of_block(m, b)) for m, b in BLOCKS.items()}
+    blocks = navigation.blocks
+    beside = list(drivers(headers(navigation), blocks))
+    return {"drivers": beside} | {m: list(of_block(m, b)) for m, b in blocks.items()}
 
 
 @cache
-def recorded() -> Mapping[str, Type]:
+def recorded(navigation: Navigation = DEFAULT) -> Mapping[str, Type]:
     """The words of the record by name, such as `controller.output.distance`, with their types.
 
     Raises:
         DeclarationError: two words have the same name.
     """
-    return words_of(entry for entries in _record().values() for entry in entries)
+    return words_of(entry for entries in _record(navigation).values() for entry in entries)
 
 
-def library(values: Values | None = None, *, constants: bool = False) -> dict[str, str]:
+def library(
+    values: Values | None = None, navigation: Navigation = DEFAULT, *, constants: bool = False
+) -> dict[str, str]:
     """The sources that are the same for every target, file name to text.
 
     Args:
         values: of parameters (SI), over their start values.
+        navigation: the program's estimator, and what comes before it.
         constants: parameters are macros of the blocks' headers instead of fields.
     """
     files: dict[str, str] = {}
+    blocks = navigation.blocks
     chosen = {
         member: {n: (values or {}).get(member, {}).get(n, v.start[0]) for n, v in settable(block).items()}
-        for member, block in BLOCKS.items()
+        for member, block in blocks.items()
     }
-    for member, block in BLOCKS.items():
+    for member, block in blocks.items():
         files |= generate(block, "float", constants=chosen[member] if constants else None)
-    files |= program()
-    context = {"assignments": [] if constants else list(_assignments(chosen))}
+    files |= program(navigation)
+    context = {"assignments": [] if constants else list(_assignments(blocks, chosen))}
     files["parameters.c"] = TEMPLATES.get_template("parameters.c.jinja").render(context)
     return files
 
 
-def _assignments(chosen: Values) -> Iterator[dict[str, str]]:
-    for member, block in BLOCKS.items():
+def _assignments(blocks: Mapping[str, type[Block]], chosen: Values) -> Iterator[dict[str, str]]:
+    for member, block in blocks.items():
         for name, variable in settable(block).items():
             yield {
                 "field": f"m->{member}.par.{name}",
@@ -114,9 +116,15 @@ def _assignments(chosen: Values) -> Iterator[dict[str, str]]:
             }
 
 
-def bundle(target: Target, values: Values | None = None, *, constants: bool = False) -> dict[str, str]:
+def bundle(
+    target: Target,
+    values: Values | None = None,
+    navigation: Navigation = DEFAULT,
+    *,
+    constants: bool = False,
+) -> dict[str, str]:
     """A processor's project except its board, file name to text (see `library`)."""
-    files = library(values, constants=constants)
+    files = library(values, navigation, constants=constants)
     for source in sorted((SOURCES / target.folder).iterdir()):
         if not source.name.startswith("pil"):
             files[source.name] = source.read_text()
@@ -125,8 +133,10 @@ def bundle(target: Target, values: Values | None = None, *, constants: bool = Fa
         "constants": constants,
         "sources": sorted(name for name in files if name.endswith(".c")),
         "assembly": sorted(name for name in files if name.endswith(".s")),
-        "blocks": BLOCKS,
-        "costs": json.loads(COSTS.read_text()).get(target.name),
+        "navigation": navigation,
+        "default": DEFAULT,
+        "estimators": ESTIMATORS,
+        "costs": json.loads(COSTS.read_text()).get(target.name, {}).get(navigation.name),
     }
     files["Makefile"] = TEMPLATES.get_template(f"{target.folder}.mk.jinja").render(context)
     files["README.md"] = TEMPLATES.get_template("firmware.md.jinja").render(context)
@@ -134,7 +144,12 @@ def bundle(target: Target, values: Values | None = None, *, constants: bool = Fa
 
 
 def write(
-    target: Target, folder: Path, values: Values | None = None, *, constants: bool = False
+    target: Target,
+    folder: Path,
+    values: Values | None = None,
+    navigation: Navigation = DEFAULT,
+    *,
+    constants: bool = False,
 ) -> list[Path]:
     """Write the bundle into a folder, which is made if need be; the files written, each whole or not at all.
 
@@ -146,7 +161,7 @@ def write(
         UsageError: the folder cannot be written, holds another target's bundle, or has such a file by a name
             of the bundle's; then nothing is written.
     """
-    files = bundle(target, values, constants=constants)
+    files = bundle(target, values, navigation, constants=constants)
     files[SUMS] = "".join(f"{_digest(text.encode())}  {name}\n" for name, text in sorted(files.items()))
     try:
         made, there = _made_here(folder), _contents(folder)
@@ -216,10 +231,10 @@ def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def processor_in_the_loop() -> dict[str, str]:
+def processor_in_the_loop(navigation: Navigation = DEFAULT) -> dict[str, str]:
     """The sources in the board's place when the program is compared between processors."""
     files = {source.name: source.read_text() for source in sorted(SOURCES.glob("pil*.c"))}
-    context = {"groups": _record(), "words": len(recorded())}
+    context = {"groups": _record(navigation), "words": len(recorded(navigation))}
     files["pil.h"] = TEMPLATES.get_template("pil.h.jinja").render(context)
     files["pil_record.c"] = TEMPLATES.get_template("pil.c.jinja").render(context)
     return files

@@ -29,7 +29,7 @@ TARGETS: dict[str, Target] = {
     t.name: t
     for t in (
         Target("host", "host", "any 32- or 64-bit processor with a POSIX system", 48_000, 4_000),
-        Target("cortex-m4f", "cortex_m4f", "ARM Cortex-M4F", 24_000, 4_000, pvt=True),
+        Target("cortex-m4f", "cortex_m4f", "ARM Cortex-M4F", 48_000, 4_000, pvt=True),
         Target("rabbit4000", "rabbit4000", "Rabbit 4000 (RCM4100), 58.98 MHz", 48_000, 4_000),
     )
 }

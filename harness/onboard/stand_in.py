@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from codegen.firmware.navigation import DEFAULT, Navigation
 from codegen.firmware.telemetry import FIELDS, POSITION_UNIT, Telemetry
 from harness.cosim.fmu import Call, FmuDescription, Quantity
 from harness.log.channel import Channel
@@ -42,6 +43,7 @@ class Onboard:
         origin: latitude and longitude of north = east = 0 [deg].
         values: the controller's and the command module's parameters (SI) by component, mission included.
         pvt: the receiver is a newer one (see `Receiver`).
+        navigation: of its program.
 
     Attributes:
         memory: the program's memory after the last tick.
@@ -55,8 +57,9 @@ class Onboard:
         values: Values,
         *,
         pvt: bool = False,
+        navigation: Navigation = DEFAULT,
     ) -> None:
-        self.processor = processor
+        self.processor, self.navigation = processor, navigation
         self.plane = TangentPlane(*(math.radians(x) for x in origin))
         self.receiver, self.unit = Receiver(self.plane, pvt), InertialUnit()
         self.operator = Operator(self._mission(values.get("controller", {})))
@@ -64,7 +67,7 @@ class Onboard:
         self._telemetry: Telemetry | None = None
         self._rows: dict[float, Telemetry | None] = {}  # the last telemetry by the time of each tick
         self.tick = 0
-        self.memory = Memory(processor.start)
+        self.memory = Memory(processor.start, navigation)
         self.command = Command.NONE
         self._shift: tuple[float, float] | None = None
         self._stand_ins: dict[str, StandIn] = {}
@@ -93,7 +96,7 @@ class Onboard:
         )
         reply = self.processor.tick(received)
         self.tick += 1
-        self.memory = Memory(reply.record)
+        self.memory = Memory(reply.record, self.navigation)
         telemetry = self.operator.receive(reply.sent) if link_ok else None
         self._telemetry = telemetry or self._telemetry
         self._rows[time] = self._telemetry
@@ -150,7 +153,8 @@ class Onboard:
 
     def stand_ins(self, fmus: Mapping[str, FmuDescription]) -> dict[str, StandIn]:
         """The stand-ins for the components' FMUs in the loop."""
-        self._stand_ins = {name: StandIn(self, name, fmus[name]) for name in ROLES}
+        names = [name for name in (*self.navigation.chain, *ROLES) if name in fmus]
+        self._stand_ins = {name: StandIn(self, name, fmus[name]) for name in names}
         return self._stand_ins
 
     def connect(self, sensors: Live) -> None:
@@ -197,7 +201,8 @@ class StandIn:
 
     def stepping(self, time: Any, step: float, ended: int) -> Call:
         """As an FMU's; `time` is a ctypes double."""
-        return (self._tick if self.name == "estimator" else _nothing), (time,)
+        first = next(iter(self.onboard.navigation.chain))
+        return (self._tick if self.name == first else _nothing), (time,)
 
     def _tick(self, time: Any) -> None:
         self.onboard.make_tick(time.value)

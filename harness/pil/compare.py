@@ -16,6 +16,7 @@ import numpy as np
 from rich.console import Console
 
 from codegen.firmware.bundle import recorded
+from codegen.firmware.navigation import DEFAULT, Navigation
 from codegen.firmware.targets import SIMULATED, find_target
 from harness.files import make_folder
 from harness.onboard.processors import Cost, Processor, ProcessorError, Received, Reply, open_processor
@@ -47,6 +48,7 @@ class Compared:
 
     Attributes:
         costs: of each tick, and whether it had a fix.
+        navigation: of the program.
         most_stack: bytes, once it is closed.
     """
 
@@ -54,6 +56,7 @@ class Compared:
     processor: Processor
     host: Processor
     costs: list[tuple[Cost, bool]] = field(default_factory=list)
+    navigation: Navigation = DEFAULT
     ticks: int = 0
     most_stack: int | None = None
 
@@ -86,7 +89,7 @@ class Compared:
         if len(got) != len(ours):
             raise DifferenceError(f"{self.target}: {len(got)} words {when}, on the host {len(ours)}")
         index = int(np.flatnonzero(got != ours)[0])
-        name, kind = list(recorded().items())[index]
+        name, kind = list(recorded(self.navigation).items())[index]
         there, here = (_word(words[index], kind) for words in (got, ours))
         raise DifferenceError(f"{self.target}: {name} is {there} {when}, on the host {here}")
 
@@ -136,20 +139,20 @@ def run(
         raise UsageError(f'--target "{target}": expected a simulated one: {", ".join(SIMULATED)}')
     watched: list[Compared] = []
 
-    def start(name: str, values: Values) -> Processor:
+    def start(name: str, values: Values, navigation: Navigation) -> Processor:
         with ExitStack() as opened:
-            processor = open_processor(name, values, constants=constants)
+            processor = open_processor(name, values, navigation, constants=constants)
             opened.callback(processor.close)
-            host = open_processor("host", values, constants=constants)
+            host = open_processor("host", values, navigation, constants=constants)
             opened.callback(host.close)
-            watched.append(Compared(name, processor, host))
+            watched.append(Compared(name, processor, host, navigation=navigation))
             opened.pop_all()
         return watched[-1]
 
     with requested(scenario, replace(changes, onboard=f"pil:{target}")) as request:
         build_missing(request, built)
         with prepared(request) as ready:
-            place = out or default_folder(target)
+            place = out or default_folder(target, changes)
             make_folder(place)
             (place / REPORT).unlink(missing_ok=True)  # of an earlier run
             summary = trial.run(request, ready, place, progress, start)
@@ -161,9 +164,10 @@ def run(
     return result
 
 
-def default_folder(target: str) -> Path:
+def default_folder(target: str, changes: Changes) -> Path:
     """The folder for the files without --out."""
-    return Path("out") / f"pil-{target}"
+    parts = ["pil", target, changes.estimator, "ahrs" if changes.ahrs else None]
+    return Path("out") / "-".join(filter(None, parts))
 
 
 def report(target: str, watched: Compared) -> dict[str, Any]:
@@ -171,6 +175,7 @@ def report(target: str, watched: Compared) -> dict[str, Any]:
     footprint = watched.image.footprint
     figures: dict[str, Any] = {
         "target": target,
+        "estimator": watched.navigation.name,
         "receiver": "NAV-PVT" if find_target(target).pvt else "NAV-POSLLH, NAV-SOL, NAV-VELNED",
         "ticks": len(watched.costs),
         "identical": True,
@@ -208,9 +213,9 @@ def show(result: Mapping[str, Any], console: Console) -> None:
     """Print it as a table."""
     trial_ = result["trial"]
     console.print(
-        f"{result['target']}: {result['ticks']} ticks of {trial_['scenario']}, seed {trial_['seed']} "
-        f"({trial_['outcome']}, {trial_['time_s']:.2f} s): every bit as on this machine; "
-        f"fixes as {result['receiver']}",
+        f"{result['target']}, {result['estimator']}: {result['ticks']} ticks of {trial_['scenario']}, "
+        f"seed {trial_['seed']} ({trial_['outcome']}, {trial_['time_s']:.2f} s): "
+        f"every bit as on this machine; fixes as {result['receiver']}",
         soft_wrap=True,
     )
     table = new_table("", "worst", "mean")
@@ -231,8 +236,8 @@ def show(result: Mapping[str, Any], console: Console) -> None:
     print_table(table, console)
 
 
-def costs(target: str, out: Path) -> dict[str, Any]:
+def costs(target: str, out: Path, estimator: str | None = None, *, ahrs: bool = False) -> dict[str, Any]:
     """The figures in the bundle's README: those of the standard trial."""
-    result = run(target, SCENARIO, Changes(), out)
+    result = run(target, SCENARIO, Changes(estimator=estimator, ahrs=ahrs), out)
     summary = result.pop("trial")
     return result | {"scenario": summary["scenario"], "seed": summary["seed"]}

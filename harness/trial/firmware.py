@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
-from codegen.firmware.bundle import BLOCKS, settable
+from codegen.firmware.bundle import settable
+from codegen.firmware.navigation import DEFAULT, Navigation
 from harness.onboard import ROLES
 from harness.onboard.tones import commands
 from harness.trial.plan import Interface, interfaces_of_system, plan
@@ -12,51 +14,64 @@ from harness.trial.scenario import Scenario, load
 from models.errors import UsageError
 from models.kit.declaration import flatten
 from models.kit.link import Values
-from models.system import SYSTEMS
+from models.system import System, find_system
 
 
 def interfaces_on_board() -> dict[str, Interface]:
-    """The interfaces of the onboard program's own components, those that no role has."""
+    """The interfaces of the onboard program's own components, those that no system has."""
     return {
         component: Interface(
             block.title(), dict(flatten(list(settable(block).values()))), {}, f"{component} {block.title()}"
         )
-        for component, block in BLOCKS.items()
+        for component, block in DEFAULT.blocks.items()
         if component not in ROLES
     }
 
 
-def values_on_board(scenario: str, settings: Sequence[str]) -> Values:
-    """The firmware's parameters (SI), by component and flat name.
+def navigation_of(system: System) -> Navigation:
+    """The estimator of a system, and what comes before it, as the firmware has them."""
+    return Navigation(system.components["estimator"], system.components.get("ahrs"))
+
+
+def firmware_of(
+    scenario: str, settings: Sequence[str], estimator: str | None = None, *, ahrs: bool = False
+) -> tuple[Navigation, Values]:
+    """The firmware's estimator, and its parameters (SI) by component and flat name.
 
     Args:
         scenario: the file of a scenario, waypoints or not, or the name of a shipped one; "" for start values.
         settings: `block.name=value` over it.
+        estimator: its name; None for the scenario's.
+        ahrs: with the AHRS before it, even if the scenario has none.
 
     Raises:
         ScenarioError: it cannot be read, or a parameter does not exist or is out of its range.
-        UsageError: the firmware lacks the parameter of a setting, or two commands sound alike.
+        UsageError: there is no such estimator, the firmware lacks the parameter of a setting, or two commands
+            sound alike.
     """
-    interfaces = interfaces_of_system(SYSTEMS["full"]) | interfaces_on_board()
-    written = (load(scenario, mission=False) if scenario else Scenario("--set")).override(settings)
-    values = plan(written, interfaces).values
+    written = load(scenario, mission=False) if scenario else Scenario("--set")
+    name = "full_ahrs" if ahrs or written.system == "full_ahrs" else "full"
+    system = find_system(name, estimator or written.estimator)
+    written = replace(written, system=name, estimator=estimator or written.estimator).override(settings)
+    navigation = navigation_of(system)
+    values = plan(written, interfaces_of_system(system) | interfaces_on_board()).values
     for setting in settings:
         owner, _, name = setting.partition("=")[0].strip().partition(".")
         if not any(
             owner in (component, block.title()) and name in settable(block)
-            for component, block in BLOCKS.items()
+            for component, block in navigation.blocks.items()
         ):
             raise UsageError(
-                f"--set {owner}.{name}: not in the firmware, whose blocks are {', '.join(BLOCKS)}; "
-                "waypoints and home come by radio"
+                f"--set {owner}.{name}: not in the firmware, whose blocks are "
+                f"{', '.join(navigation.blocks)}; waypoints and home come by radio"
             )
     commands(values["command_module"])
-    return firmware_values(values)
+    return navigation, firmware_values(values, navigation)
 
 
-def firmware_values(values: Mapping[str, Mapping[str, float]]) -> Values:
+def firmware_values(values: Mapping[str, Mapping[str, float]], navigation: Navigation) -> Values:
     """Those of all components' values that are parameters of the firmware."""
     return {
         component: {n: x for n, x in values.get(component, {}).items() if n in settable(block)}
-        for component, block in BLOCKS.items()
+        for component, block in navigation.blocks.items()
     }

@@ -258,11 +258,7 @@ def _checked(request: Request) -> Request:
             raise UsageError(f"{option}: the firmware takes the place of the {taken}; leave --{taken} out")
         if request.order != "sequential":
             raise UsageError(f"{option}: the firmware answers within a tick; expected --order sequential")
-        if request.scenario.estimator != ESTIMATOR:
-            raise UsageError(
-                f"{option}: the firmware has {ESTIMATOR}; leave {request.scenario.estimator} out"
-            )
-        if request.scenario.system != "full":
+        if request.scenario.system not in with_estimator():
             raise UsageError(
                 f'{option}: system "{request.scenario.system}" lacks our sensors and estimator; '
                 'expected a scenario with system = "full"'

@@ -10,6 +10,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from codegen.firmware.navigation import Navigation
 from codegen.firmware.targets import find_target
 from harness.cosim.loop import Simulation, Stop
 from harness.files import differences, make_folder, write_whole
@@ -19,7 +20,7 @@ from harness.onboard.processors import Processor, open_processor
 from harness.onboard.stand_in import Onboard
 from harness.toml_file import parse_toml
 from harness.trial.contents import LogRows, attachments, metadata
-from harness.trial.firmware import firmware_values
+from harness.trial.firmware import firmware_values, navigation_of
 from harness.trial.notes import late_notes
 from harness.trial.plots import trial_png
 from harness.trial.prepare import Prepared
@@ -28,9 +29,10 @@ from harness.trial.summary import summarize, write_page, write_summary
 from models.commands import ENDS
 from models.errors import UsageError
 from models.kit.link import Values
+from models.system import find_system
 
 LOG, SUMMARY, PAGE, PICTURE = "trial.mcap", "summary.json", "trial.html", "trial.png"
-OpenProcessor = Callable[[str, Values], Processor]
+OpenProcessor = Callable[[str, Values, Navigation], Processor]
 
 
 def run(
@@ -107,9 +109,16 @@ def alone_in(folder: Path) -> Iterator[None]:
 
 def open_onboard(request: Request, ready: Prepared, start: OpenProcessor) -> Onboard:
     """The onboard computer with the scenario's parameters in its firmware."""
-    processor = start(request.onboard, firmware_values(ready.values))
+    navigation = navigation_of(find_system(request.scenario.system, request.scenario.estimator))
+    processor = start(request.onboard, firmware_values(ready.values, navigation), navigation)
     try:
-        return Onboard(processor, request.scenario.origin, ready.values, pvt=find_target(request.onboard).pvt)
+        return Onboard(
+            processor,
+            request.scenario.origin,
+            ready.values,
+            pvt=find_target(request.onboard).pvt,
+            navigation=navigation,
+        )
     except BaseException:
         processor.close()
         raise

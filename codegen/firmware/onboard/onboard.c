@@ -5,14 +5,13 @@
  * silent inertial unit or operator. The controller then stops the animal. */
 #include "onboard.h"
 
+#include "navigation.h"
 #include "port.h"
 
 #include <stddef.h>
 #include <string.h>
 
 #define LONGEST_PAUSE 5U     /* ticks: the longest pause in a frame from the radio, two packets */
-#define NO_SAMPLE 1.0e9f     /* out of range: the estimator then holds speed and heading */
-#define PER_MILLE 0.001f     /* mm to m, mm/s to m/s */
 #define FARTHEST 1.0e5f      /* m: the controller's range of positions */
 #define QUARTER 900000000    /* 1e-7 deg: 90 deg */
 #define HALF 1800000000      /* 1e-7 deg: 180 deg */
@@ -137,16 +136,7 @@ static bool hear_receiver(onboard *m)
         } while (event != UBX_NOTHING);
     }
     fixed = fixed && project_fix(m, &m->gps.fix);
-    if (fixed) {
-        const ubx_fix *const fix = &m->gps.fix;
-
-        m->estimator.in.gps_north = m->local_plane.out.north;
-        m->estimator.in.gps_east = m->local_plane.out.east;
-        m->estimator.in.gps_speed = PER_MILLE * (float)fix->speed;
-        m->estimator.in.gps_h_acc = PER_MILLE * (float)fix->h_acc;
-        m->estimator.in.gps_s_acc = PER_MILLE * (float)fix->s_acc;
-    }
-    m->estimator.in.gps_fix = fixed;
+    navigation_take_fix(m, fixed);
     return fixed;
 }
 
@@ -162,12 +152,7 @@ static bool hear_imu(onboard *m)
             sampled = true;
         }
     }
-    m->estimator.in.accel_x = NO_SAMPLE;
-    if (sampled) {
-        m->estimator.in.accel_x = mt_value(&m->imu, MT_ACCEL_X);
-        m->estimator.in.pitch_meas = mt_value(&m->imu, MT_PITCH);
-        m->estimator.in.heading_meas = mt_value(&m->imu, MT_HEADING);
-    }
+    navigation_take_sample(m, sampled);
     return sampled;
 }
 
@@ -332,13 +317,13 @@ void onboard_init(onboard *m)
     mt_init(&m->imu, ONBOARD_IMU_Z_UP);
     link_init(&m->radio);
     local_plane_defaults(&m->local_plane);
-    four_state_defaults(&m->estimator);
+    navigation_defaults(m);
     watchdog_defaults(&m->watchdog);
     cmec_defaults(&m->controller);
     command_module_defaults(&m->command_module);
     onboard_parameters(m);
     local_plane_initialize(&m->local_plane);
-    four_state_initialize(&m->estimator);
+    navigation_initialize(m);
     watchdog_initialize(&m->watchdog);
     cmec_initialize(&m->controller);
     command_module_initialize(&m->command_module);
@@ -348,14 +333,14 @@ void onboard_tick(onboard *m)
 {
     const bool fixed = hear_receiver(m);
     const bool busy = fixed && !m->busy; /* a fix takes long: radio and telemetry wait for one tick */
-    const int32_t bad_samples = m->estimator.state.bad_samples;
     bool sampled;
+    bool taken;
 
     m->busy = busy;
     m->watchdog.in.heard = !busy && hear_operator(m);
     sampled = hear_imu(m);
-    four_state_step(&m->estimator);
-    m->watchdog.in.sampled = sampled && (m->estimator.state.bad_samples == bad_samples); /* taken */
+    taken = navigation_step(m);
+    m->watchdog.in.sampled = sampled && taken;
     m->watchdog.in.valid = m->estimator.out.valid;
     watchdog_step(&m->watchdog);
     begin(m);

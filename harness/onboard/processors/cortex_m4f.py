@@ -18,6 +18,7 @@ from unicorn.unicorn_py3.unicorn import Uc, UcError
 from codegen.firmware.bundle import recorded
 from codegen.firmware.cortex_m4f import cortex_m4f_image
 from codegen.firmware.image import Image
+from codegen.firmware.navigation import DEFAULT, Navigation
 from codegen.firmware.targets import Target
 from harness.interrupts import held_interrupts
 from harness.onboard.processors.processor import (
@@ -45,8 +46,9 @@ INVALID = u.UC_HOOK_MEM_READ_INVALID | u.UC_HOOK_MEM_WRITE_INVALID | u.UC_HOOK_M
 class CortexM4F:
     """The processor from its reset on, stopped before each tick."""
 
-    def __init__(self, image: Image) -> None:
+    def __init__(self, image: Image, navigation: Navigation = DEFAULT) -> None:
         self.image, self.mailbox = image, Mailbox()
+        self._record_bytes = 4 * len(recorded(navigation))
         self.instructions = 0  # executed since the last stop
         self._fault = ""
         self._lengths: dict[tuple[int, int], int] = {}  # instructions by address and bytes of a block
@@ -192,7 +194,7 @@ class CortexM4F:
         return int.from_bytes(self.simulator.mem_read(self.image.symbols[name], size), "little")
 
     def _record(self) -> bytes:
-        return bytes(self.simulator.mem_read(self.image.symbols["pil_recorded"], 4 * len(recorded())))
+        return bytes(self.simulator.mem_read(self.image.symbols["pil_recorded"], self._record_bytes))
 
     def place(self, pc: int) -> str:
         """An address in the program, with the function that it is in."""
@@ -229,6 +231,6 @@ def instructions_in(block: bytes) -> int:
     return count
 
 
-def start(target: Target, files: Mapping[str, str]) -> CortexM4F:
+def start(target: Target, files: Mapping[str, str], navigation: Navigation = DEFAULT) -> CortexM4F:
     """The processor with a program of these sources."""
-    return CortexM4F(cortex_m4f_image(target, files))
+    return CortexM4F(cortex_m4f_image(target, files), navigation)

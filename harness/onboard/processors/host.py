@@ -11,6 +11,7 @@ from typing import Any
 
 from codegen.firmware.bundle import recorded
 from codegen.firmware.image import Image, host_image
+from codegen.firmware.navigation import DEFAULT, Navigation
 from codegen.firmware.targets import Target
 from codegen.scratch import Scratch
 from codegen.toolchains.library import LoadError, load_library
@@ -20,7 +21,7 @@ from harness.onboard.processors.processor import MAX_BYTES, SOURCES, Mailbox, Pr
 class Host:
     """The program in this process. Each instance loads a copy of the library, whose state is static."""
 
-    def __init__(self, image: Image) -> None:
+    def __init__(self, image: Image, navigation: Navigation = DEFAULT) -> None:
         self.image, self.mailbox = image, Mailbox()
         self._scratch = Scratch()
         try:
@@ -39,7 +40,7 @@ class Host:
         self._tone = self._variable("pil_tone_hz", ctypes.c_uint16)
         self._left = self._variable("pil_vibrate_left", ctypes.c_uint8)
         self._right = self._variable("pil_vibrate_right", ctypes.c_uint8)
-        self._record = self._variable("pil_recorded", ctypes.c_uint32 * len(recorded()))
+        self._record = self._variable("pil_recorded", ctypes.c_uint32 * len(recorded(navigation)))
         self._library.pil_start()
         self.start = bytes(self._record)
 
@@ -70,6 +71,6 @@ class Host:
         self._scratch.close()
 
 
-def start(target: Target, files: Mapping[str, str]) -> Host:
+def start(target: Target, files: Mapping[str, str], navigation: Navigation = DEFAULT) -> Host:
     """The processor with a program of these sources."""
-    return Host(host_image(target, files))
+    return Host(host_image(target, files), navigation)

@@ -10,6 +10,7 @@ from typing import Protocol
 
 from codegen.firmware import bundle
 from codegen.firmware.image import Image
+from codegen.firmware.navigation import DEFAULT, Navigation
 from codegen.firmware.targets import Target, find_target
 from models.errors import CanineError
 from models.kit.link import Values
@@ -93,7 +94,13 @@ class Processor(Protocol):
         ...
 
 
-def open_processor(target: str, values: Values | None = None, *, constants: bool = False) -> Processor:
+def open_processor(
+    target: str,
+    values: Values | None = None,
+    navigation: Navigation = DEFAULT,
+    *,
+    constants: bool = False,
+) -> Processor:
     """A processor that runs the onboard program with these parameters (see `bundle.library`).
 
     Raises:
@@ -102,11 +109,12 @@ def open_processor(target: str, values: Values | None = None, *, constants: bool
         ProcessorError: the simulator cannot be started.
     """
     chosen = find_target(target)
-    files = bundle.library(values, constants=constants) | bundle.processor_in_the_loop()
+    files = bundle.library(values, navigation, constants=constants)
+    files |= bundle.processor_in_the_loop(navigation)
     # imported here: only users of a simulator need it
     module = import_module(f"harness.onboard.processors.{chosen.folder}")
-    start: Callable[[Target, Mapping[str, str]], Processor] = module.start
-    return start(chosen, files)
+    start: Callable[[Target, Mapping[str, str], Navigation], Processor] = module.start
+    return start(chosen, files, navigation)
 
 
 class Mailbox:

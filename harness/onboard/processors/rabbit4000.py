@@ -15,6 +15,7 @@ from typing import Any
 from codegen.cache import stored
 from codegen.firmware.bundle import recorded
 from codegen.firmware.image import Image
+from codegen.firmware.navigation import DEFAULT, Navigation
 from codegen.firmware.rabbit4000 import rabbit4000_image
 from codegen.firmware.targets import Target
 from codegen.toolchains.compiler import NUMERICS, WARNINGS, build_library, compiler_version, this_platform
@@ -208,10 +209,11 @@ class Machine:
 class Rabbit4000(Machine):
     """The processor with the onboard program, stopped before each tick."""
 
-    def __init__(self, image: Image) -> None:
+    def __init__(self, image: Image, navigation: Navigation = DEFAULT) -> None:
         super().__init__(image)
         self.mailbox = Mailbox()
-        self.start = self._word_bytes("pil_recorded", 4 * len(recorded()))
+        self._record_bytes = 4 * len(recorded(navigation))
+        self.start = self._word_bytes("pil_recorded", self._record_bytes)
 
     def tick(self, received: Received) -> Reply:
         """One tick of the program."""
@@ -227,7 +229,7 @@ class Rabbit4000(Machine):
         count, tone = (self._word("pil_sent_count"), self._word("pil_tone_hz"))
         left, right = (self._word_bytes(f"pil_vibrate_{side}", 1) != b"\0" for side in ("left", "right"))
         return Reply(
-            self._word_bytes("pil_recorded", 4 * len(recorded())),
+            self._word_bytes("pil_recorded", self._record_bytes),
             self._word_bytes("pil_sent", count) if count else b"",
             tone,
             left,
@@ -251,6 +253,6 @@ def _group(match: Any, number: int) -> bytes:
     return group
 
 
-def start(target: Target, files: Mapping[str, str]) -> Rabbit4000:
+def start(target: Target, files: Mapping[str, str], navigation: Navigation = DEFAULT) -> Rabbit4000:
     """The processor with a program of these sources."""
-    return Rabbit4000(rabbit4000_image(target, files))
+    return Rabbit4000(rabbit4000_image(target, files), navigation)

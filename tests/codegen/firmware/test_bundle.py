@@ -31,6 +31,7 @@ from elftools.elf.elffile import ELFFile
 import codegen
 from codegen.firmware import bundle
 from codegen.firmware.bundle import BLOCKS, COSTS, SOURCES
+from codegen.firmware.navigation import DEFAULT
 from codegen.firmware.targets import TARGETS
 from codegen.firmware.telemetry import Flag, Telemetry
 from codegen.toolchains import sdcc
@@ -165,7 +166,7 @@ def test_the_cortex_bundle_builds_with_zig_too(tmp_path: Path) -> None:
 def test_an_image_for_the_rabbit_that_reaches_into_the_ram_is_refused(tmp_path: Path, made: Make) -> None:
     # given the bundle's objects, and constants that fill all below the RAM, so that start-up finds no room
     settings = rabbit_tools()
-    cost = json.loads(COSTS.read_text())["rabbit4000"]
+    cost = json.loads(COSTS.read_text())["rabbit4000"][DEFAULT.name]
     filler = 0xC000 - cost["code_bytes"] - cost["constants_bytes"]
     for path in made("rabbit4000").iterdir():
         shutil.copy2(path, tmp_path)
@@ -445,7 +446,7 @@ def test_the_readme_of_a_bundle_states_the_measured_cost_of_a_tick(
              "without_fix": cost, "stack_bytes": None, "code_bytes": 43210, "constants_bytes": 18,
              "ram_bytes": 2100, "scenario": "patrol", "seed": 1}  # fmt: skip
     path = tmp_path / "costs.json"
-    path.write_text(json.dumps({"rabbit4000": entry}))
+    path.write_text(json.dumps({"rabbit4000": {DEFAULT.name: entry}}))
     monkeypatch.setattr("codegen.firmware.bundle.COSTS", path)
 
     # when the READMEs are written

@@ -105,7 +105,7 @@ def test_what_is_recorded_in_another_form_is_in_the_headers() -> None:
 def test_two_words_of_one_name_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     # given a counter of the radio's own with the name of its scanner's, whose name is left out
     declared = program_with("link.h", "    uint32_t refused;", "    uint32_t errors; uint32_t refused;")
-    monkeypatch.setattr("codegen.firmware.bundle.headers", lambda: declared)
+    monkeypatch.setattr("codegen.firmware.bundle.headers", lambda navigation: declared)
     recorded.cache_clear()
     # when the record is named, then no word is lost in silence
     with pytest.raises(DeclarationError, match=r'two words are called "radio\.errors"'):

@@ -295,7 +295,7 @@ def test_program_keeps_within_its_memory(cortex: CortexM4F) -> None:
     footprint = cortex.image.footprint
     # then code and constants, and variables and stack, fit
     assert footprint
-    assert footprint.code + footprint.constants <= TARGET.code == 24_000
+    assert footprint.code + footprint.constants <= TARGET.code == 48_000
     assert footprint.ram + cortex.stack() <= TARGET.ram == 4_000
     assert 100 < cortex.stack() <= 512
 

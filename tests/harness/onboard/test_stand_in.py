@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from codegen.firmware.bundle import recorded
 from codegen.firmware.telemetry import FIELDS, Flag, Telemetry
 from harness.cosim.fmu import Call, FmuDescription, FmuError, Quantity
 from harness.cosim.loop import Outcome, Simulation
@@ -484,7 +485,7 @@ def test_a_sound_without_a_command_ends_the_trial() -> None:
     ],
 )
 def test_commands_with_the_same_tone_are_refused(tones: dict[str, float], message: str) -> None:
-    processor: Any = SimpleNamespace(start=bytes(4 * len(Memory._kinds)))
+    processor: Any = SimpleNamespace(start=bytes(4 * len(recorded())))
     with pytest.raises(UsageError, match=message):
         Onboard(processor, ORIGIN, {"command_module": tones})
 

@@ -22,7 +22,7 @@ from harness.onboard.memory import Memory
 from harness.onboard.processors import Cost, Processor, Received, Reply, open_processor
 from harness.pil import compare
 from harness.pil.compare import Compared, DifferenceError, report, show
-from harness.trial.firmware import values_on_board
+from harness.trial.firmware import firmware_of
 from models.cmec import Anomaly
 from tests.harness.command import canine
 from tests.harness.onboard.traffic import traffic
@@ -206,6 +206,7 @@ def test_reported_costs_are_worst_and_mean_with_and_without_a_fix() -> None:
     figures = report("rabbit4000", measured("rabbit4000", RABBIT, Footprint(30_000, 2_000, 1_500)))
     assert figures == {
         "target": "rabbit4000",
+        "estimator": "four_state",
         "ticks": 3,
         "identical": True,
         "receiver": "NAV-POSLLH, NAV-SOL, NAV-VELNED",
@@ -255,7 +256,7 @@ def test_printed_table_shows_the_costs_and_the_bytes() -> None:
         result | {"trial": {"scenario": "patrol", "seed": 3, "outcome": "success", "time_s": 107.48}}, console
     )
     text = console.export_text()
-    assert "rabbit4000: 3 ticks of patrol, seed 3 (success, 107.48 s): every bit as on this machine" in text
+    assert "rabbit4000, four_state: 3 ticks of patrol, seed 3 (success, 107.48 s): every bit as" in text
     for row in (
         "tick without a fix, clocks 589,800 442,350",
         "tick without a fix, ms of 40 at 0 to 4 wait states 10.00, 12.00, 14.00, 16.00, 18.00",
@@ -278,8 +279,8 @@ def simulated(monkeypatch: pytest.MonkeyPatch) -> Callable[[Change], list[Plante
     def install(change: Change = lambda tick, reply: reply) -> list[Planted]:
         made: list[Planted] = []
 
-        def opened(target: str, values: Any = None, *, constants: bool = False) -> Any:
-            processor = open_processor("host", values, constants=constants)
+        def opened(target: str, values: Any, navigation: Any, *, constants: bool = False) -> Any:
+            processor = open_processor("host", values, navigation, constants=constants)
             if target == "host":
                 return processor
             made.append(Planted(processor, change))
@@ -499,7 +500,7 @@ def test_parameters_come_from_the_scenario_in_deg_and_from_set_over_it(
 
 def test_parameters_of_firmware_from_a_scenario_are_those_of_its_trial(tmp_path: Path) -> None:
     # patrol sets the controller's, the sensors' and no others: the program has no sensors
-    values = values_on_board("patrol", ["watchdog.report_period=0.4"])
+    _, values = firmware_of("patrol", ["watchdog.report_period=0.4"])
     assert values["controller"]["reset_turns"] == 1
     assert values["controller"]["max_turns"] == 3
     assert values["watchdog"] == {"report_period": 0.4}

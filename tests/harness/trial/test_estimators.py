@@ -103,10 +103,6 @@ def test_a_sweeps_folder_bears_the_name_of_its_estimator() -> None:
             "with --estimator four_state",
         ),
         (["--estimator", "six_state", "--set", "six_state.max_agee=2"], 'did you mean "max_age"?'),
-        (
-            ["--estimator", "six_state", "--onboard", "pil:host"],
-            "the firmware has four_state; leave six_state out",
-        ),
     ],
 )
 def test_an_estimator_that_cannot_be_had_is_refused_with_a_hint(

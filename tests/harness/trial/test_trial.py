@@ -178,6 +178,6 @@ def test_a_processor_is_closed_if_the_onboard_computer_cannot_be_made(
     build_missing(request)
     # when
     with prepared(request) as ready, pytest.raises(UsageError, match="refused"):
-        trial.open_onboard(request, ready, lambda target, values: processor)  # type: ignore[arg-type, return-value]
+        trial.open_onboard(request, ready, lambda target, values, navigation: processor)  # type: ignore
     # then
     assert processor.closed
