@@ -83,6 +83,7 @@ class Estimator(Block):
     max_age = Parameter("s", "a fix older than this makes the estimate invalid", start=15, min=0, max=1e6)
 
     started = State(Boolean, "a first fix has set the state")
+    renewed = State(Boolean, "the filter has begun anew, and no fix passed the gate since")
     acceleration = State(
         "m/s2", "longitudinal acceleration with its bias; the bias alone where the sample is bad"
     )
@@ -132,14 +133,14 @@ class Estimator(Block):
         steps = m._correct(m._measurements())
         m.innovation = ca.vertcat(*(step.innovation for step in steps))
         m.innovation_variance = ca.vertcat(*(step.variance for step in steps))
-        m.age = 0
+        m.age = m.renewed = 0
 
     @triggered(
         lambda m: all_of(m.gps_fix, m.good, any_of(ca.logic_not(m.started), m.rejected >= m.recovery_fixes)),
         "a good fix is the first, or the last of `recovery_fixes` rejected in a row",
     )
     def recover(m) -> None:
-        """Begin, or begin anew, at the fix; keep the bias if there is one.
+        """Begin, or begin anew, at the fix; keep the bias if there is one that has not failed so already.
 
         Eq. 3.9 begins with zeros at a known start, with P0 of eq. 3.17. A state taken from a fix is as
         uncertain as the fix, so its variance is added.
@@ -147,6 +148,7 @@ class Estimator(Block):
         begun = m._begin()
         values, variances = zip(*(begun[state] for state in range(len(m.order))), strict=True)
         m.x, m.covariance = ca.vertcat(*values), Factors.diagonal(variances, m.order).pack()
+        m.renewed = m.started
         m.started = 1
         m.age = m.rejected = 0
 
@@ -222,5 +224,7 @@ class Estimator(Block):
         return at_least(m.gps_s_acc, m.speed_sd_floor) ** 2  # eq. 3.15
 
     def _kept(m, state: int, initial_variance: SX) -> tuple[SX, SX]:
-        """A state that goes on when the filter begins anew, and its variance."""
-        return m.x[state], where(m.started, m._factors().variance(state), initial_variance)
+        """A state that goes on when the filter begins anew, or 0 if that did not help; and its variance."""
+        variance = m._factors().variance(state)
+        known = all_of(m.started, ca.logic_not(m.renewed))
+        return where(m.renewed, 0, m.x[state]), where(known, variance, initial_variance)

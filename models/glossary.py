@@ -108,6 +108,33 @@ TERMS: dict[str, tuple[Term, ...]] = {
             (("outage_start", "models/sensors.py"), ("Outage", "harness/replay/replay.py")),
         ),
     ),
+    "Estimation": (
+        Term(
+            "estimator",
+            "an extended Kalman filter that tells position, speed and heading between fixes",
+            (("Estimator", "models/estimator.py"), ("ESTIMATORS", "models/system.py")),
+        ),
+        Term(
+            "innovation",
+            "a measurement less what the filter expects; its square over its variance is near 1",
+            (("Correction", "models/kit/ekf.py"), ("innovation", "models/four_state.py")),
+        ),
+        Term(
+            "gate",
+            "how far off a fix may be and still be believed",
+            (("gate", "models/estimator.py"), ("judge", "models/estimator.py")),
+        ),
+        Term(
+            "sigma",
+            "the deviation of the acceleration that the filter allows for, in its process noise Q",
+            (("sigma", "models/estimator.py"), ("sigma_constant", "models/estimator.py")),
+        ),
+        Term(
+            "pseudo-measurement",
+            "something known that nobody measured, such as speed 0 of an animal at rest",
+            (("Measurement", "models/kit/ekf.py"),),
+        ),
+    ),
     "Control": (
         Term("mode", "what the controller is doing", (("Mode", "models/cmec.py"),)),
         Term("command", "what the animal is told", (("Command", "models/commands.py"),)),
