@@ -74,12 +74,12 @@ TERMS: dict[str, tuple[Term, ...]] = {
         Term(
             "heading",
             "where the body looks; clockwise from north, as all directions",
-            (("body_heading", "models/canine.py"), ("held_heading", "models/four_state.py")),
+            (("body_heading", "models/plant.py"), ("held_heading", "models/four_state.py")),
         ),
         Term(
-            "course", "where it moves", (("gps_course", "models/sensors.py"), ("course", "models/canine.py"))
+            "course", "where it moves", (("gps_course", "models/sensors.py"), ("course", "models/plant.py"))
         ),
-        Term("bearing", "where another place lies", (("bearing", "models/canine.py"),)),
+        Term("bearing", "where another place lies", (("bearing", "models/plant.py"),)),
         Term(
             "deviation",
             "h, the bearing of the target less the heading: how far to turn, to the right if positive",

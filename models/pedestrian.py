@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from models.canine import Plant
 from models.commands import Command
 from models.kit.declaration import Parameter
-from models.kit.geometry import any_of, where, wrap
+from models.kit.geometry import any_of, where
 from models.kit.units import DEG
+from models.plant import Guided
 
 
-class Pedestrian(Plant):
+class Pedestrian(Guided):
     """A person who carries the system and obeys its commands."""
 
     source = "Miller 2010, 4.1.5"
@@ -31,8 +31,4 @@ class Pedestrian(Plant):
 
     def output(m) -> None:
         """The person's motion; the pack stays level."""
-        m.north, m.east = m.position_north, m.position_east
-        m.speed, m.heading = m.velocity, m.body_heading
-        m.acceleration = (m.velocity - m.past_velocity) / m.sample_time
-        m.pitch = m.roll = 0
-        m.yaw_rate = wrap(m.body_heading - m.past_heading) / m.sample_time
+        m._report()

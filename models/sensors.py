@@ -7,7 +7,7 @@ from models.kit import casadi as ca
 from models.kit.block import Block, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State, Stream
 from models.kit.geometry import COUNT_MAX, all_of, any_of, clip, counted, where, wrap
-from models.kit.random import MAX_SEED, normals
+from models.kit.random import MAX_SEED, normals, uniform
 from models.kit.timing import TICK, lasted
 from models.kit.units import DEG
 
@@ -17,7 +17,7 @@ OUTAGES = 8  # time windows without GPS
 class Sensors(Block):
     """Sensor suite: GPS, IMU, AHRS and magnetometer measure the animal's motion."""
 
-    source = "Miller 2010, 2.3, eq. C.3, D.12-D.17"
+    source = "Miller 2010, 2.3, eq. C.3, D.12-D.17; multipath and the leaning AHRS: ours"
 
     north = Input("m", "true position")
     east = Input("m", "true position")
@@ -27,6 +27,8 @@ class Sensors(Block):
     pitch = Input("rad", "true pitch, nose up positive", start=0)
     roll = Input("rad", "true roll, right side down positive", start=0)
     yaw_rate = Input("rad/s", "true yaw rate, clockwise positive", start=0)
+    slip = Input("rad", "true slip: course less heading", start=0)
+    slip_acceleration = Input("m/s2", "true lateral acceleration by slip, rightwards", start=0)
 
     accel_x = Output("m/s2", "specific force, forward")
     accel_y = Output("m/s2", "specific force, right")
@@ -65,6 +67,10 @@ class Sensors(Block):
     outage_end = Parameter(
         "s", "windows without GPS: until", start=0, size=OUTAGES, min=0, begins="outage_start"
     )
+    # near buildings, ours: a fix by a reflected signal is off until the signal is gone; off
+    multipath = Parameter("m", "position error by a reflected signal, standard deviation", start=10, min=0)
+    multipath_rate = Parameter("Hz", "reflections that begin in a second", start=0, min=0, max=10)
+    multipath_time = Parameter("s", "mean time that a reflection lasts", start=5, min=0, max=1e4)
     accel_noise = Parameter("m/s2", "specific force noise (eq. D.14)", start=1.0, min=0)
     accel_bias = Parameter("m/s2", "bias forward, right, down (eq. D.14)", start=(0.1, 0.1, 0.1), size=3)
     accel_limit = Parameter("m/s2", "the accelerometers saturate", start=50, min=0)
@@ -73,6 +79,11 @@ class Sensors(Block):
     gyro_limit = Parameter("rad/s", "the gyroscopes saturate", start=300 * DEG, min=0)
     attitude_noise = Parameter("rad", "AHRS roll and pitch noise", start=0.5 * DEG, min=0)
     heading_noise = Parameter("rad", "AHRS heading noise", start=1.0 * DEG, min=0)
+    # an AHRS that levels itself by its accelerometers leans with them (6.2); ours, off
+    attitude_lean = Parameter(
+        "1", "share of the acceleration that the AHRS takes for gravity", start=0, min=0, max=1
+    )
+    attitude_lean_time = Parameter("s", "time constant in which it does", start=1, min=0, max=1e3)
     mag_noise = Parameter("T", "magnetometer noise", start=5e-7, min=0)
     mag_horizontal = Parameter("T", "horizontal component of the earth's field", start=2.4e-5, min=0)
     mag_down = Parameter("T", "downward component of the earth's field", start=4.3e-5)
@@ -84,6 +95,10 @@ class Sensors(Block):
     past_roll = State("rad", "roll a tick ago")
     wander_north = State("m", "slowly varying position error")
     wander_east = State("m", "slowly varying position error")
+    reflected_north = State("m", "position error by a reflected signal")
+    reflected_east = State("m", "position error by a reflected signal")
+    leaning_pitch = State("rad", "error of the AHRS's pitch by acceleration")
+    leaning_roll = State("rad", "error of the AHRS's roll by acceleration")
     noise = State("1", "this tick's normal draws", size=12)
     fixed = State(Boolean, "a fix arrived on this tick")
     fix_north = State("m", "position of the last fix")
@@ -92,6 +107,7 @@ class Sensors(Block):
     fix_course = State("rad", "course over ground of the last fix")
     gps_stream = Stream("GPS noise", substream=8)
     imu_stream = Stream("IMU, AHRS and magnetometer noise", substream=9)
+    multipath_stream = Stream("reflected GPS signals", substream=10)
 
     def initialize(m) -> None:
         """Draw the slowly varying position error as it might be at any time."""
@@ -109,9 +125,26 @@ class Sensors(Block):
         m.fixed = 0
 
     @triggered(
-        lambda m: lasted(m.tick, m.fixes * m.gps_period, m.sample_time, tolerance=1e-6),
-        "a fix is due, every `gps_period`",
+        lambda m: all_of(m.noisy, m.multipath_rate > 0, m._fix_is_due()),
+        "`noisy`, `multipath_rate` is above 0, and a fix is due",
+        seldom=True,
     )
+    def reflect(m) -> None:
+        """By chance a reflected signal takes the place of the direct one, or of another, or is gone.
+
+        The receiver does not know: the accuracy that it states stays as it is.
+        """
+        begin, stream = uniform(m.multipath_stream)
+        end, stream = uniform(stream)
+        draws, m.multipath_stream = normals(stream, 2)
+        begins = begin < m.multipath_rate * m.gps_period
+        ends = end * m.multipath_time < m.gps_period
+        m.reflected_north, m.reflected_east = (
+            where(begins, m.multipath * draw, where(ends, 0, held))
+            for draw, held in zip(draws, (m.reflected_north, m.reflected_east), strict=True)
+        )
+
+    @triggered(lambda m: m._fix_is_due(), "a fix is due, every `gps_period`")
     def fix(m) -> None:
         """The receiver's fix, on the first tick at or after its time (eq. D.12, D.15; 2.3)."""
         draws, m.gps_stream = normals(m.gps_stream, 6)
@@ -125,11 +158,11 @@ class Sensors(Block):
         m.fixed = ca.logic_not(
             any_of(*(all_of(time >= m.outage_start[i], time < m.outage_end[i]) for i in range(OUTAGES)))
         )
-        north = m.north + on * (m.wander_north + m.gps_position_noise * draws[2])
-        east = m.east + on * (m.wander_east + m.gps_position_noise * draws[3])
+        north = m.north + on * (m.wander_north + m.gps_position_noise * draws[2] + m.reflected_north)
+        east = m.east + on * (m.wander_east + m.gps_position_noise * draws[3] + m.reflected_east)
         speed = ca.fabs(m.speed + on * m.gps_speed_noise * draws[4])
         course_noise = m.gps_speed_noise / where(m.speed > m.gps_slow_speed, m.speed, m.gps_slow_speed)
-        course = wrap(m.heading + on * course_noise * draws[5])
+        course = wrap(m.heading + m.slip + on * course_noise * draws[5])
         m.fix_north, m.fix_east = where(m.fixed, north, m.fix_north), where(m.fixed, east, m.fix_east)
         m.fix_speed, m.fix_course = where(m.fixed, speed, m.fix_speed), where(m.fixed, course, m.fix_course)
 
@@ -142,7 +175,7 @@ class Sensors(Block):
         level = cosine_pitch * GRAVITY
         force = (
             m.acceleration + sine_pitch * GRAVITY,  # eq. D.17
-            m.speed * m.yaw_rate - level * sine_roll,
+            m.speed * m.yaw_rate - level * sine_roll + m.slip_acceleration,
             -level * cosine_roll,
         )
         m.accel_x, m.accel_y, m.accel_z = (
@@ -169,8 +202,8 @@ class Sensors(Block):
         m.mag_y = cosine_roll * right + sine_roll * pitched_down + m.mag_noise * n[7]
         m.mag_z = cosine_roll * pitched_down - sine_roll * right + m.mag_noise * n[8]
 
-        m.roll_meas = m.roll + m.attitude_noise * n[9]
-        m.pitch_meas = m.pitch + m.attitude_noise * n[10]
+        m.roll_meas = m.roll + m.attitude_noise * n[9] + m.leaning_roll
+        m.pitch_meas = m.pitch + m.attitude_noise * n[10] + m.leaning_pitch
         m.heading_meas = wrap(m.heading + m.heading_noise * n[11])
 
         m.gps_fix = m.fixed
@@ -178,10 +211,28 @@ class Sensors(Block):
         m.gps_speed, m.gps_course = m.fix_speed, m.fix_course
         m.gps_h_acc, m.gps_s_acc = m.gps_reported_h_acc, m.gps_reported_s_acc
 
+    @triggered(
+        lambda m: all_of(m.noisy, m.attitude_lean > 0), "`noisy`, `attitude_lean` is above 0", seldom=True
+    )
+    def lean(m) -> None:
+        """The AHRS takes a share of the acceleration for gravity: its error follows the acceleration's tilt.
+
+        It levels itself by what its accelerometers give, bias and saturation included.
+        """
+        kept = m.attitude_lean_time / (m.attitude_lean_time + m.sample_time)
+        forward = m.accel_x - GRAVITY * ca.sin(m.pitch)
+        right = m.accel_y + GRAVITY * ca.cos(m.pitch) * ca.sin(m.roll)
+        m.leaning_pitch = kept * m.leaning_pitch + (1 - kept) * m.attitude_lean * ca.atan2(forward, GRAVITY)
+        m.leaning_roll = kept * m.leaning_roll - (1 - kept) * m.attitude_lean * ca.atan2(right, GRAVITY)
+
     def remember(m) -> None:
         """Keep pitch and roll, whose differences are rates, and count the tick."""
         m.past_pitch, m.past_roll = m.pitch, m.roll
         m.tick = counted(m.tick)
+
+    def _fix_is_due(m) -> SX:
+        """Is this the first tick at or after the next fix's time?"""
+        return lasted(m.tick, m.fixes * m.gps_period, m.sample_time, tolerance=1e-6)
 
     def _sensed(m, truth: SX, bias: SX, noise: SX, limit: SX) -> SX:
         return where(m.noisy, clip(truth + bias + noise, -limit, limit), truth)

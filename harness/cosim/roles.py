@@ -32,7 +32,7 @@ from models.kit.units import UNITS
 from models.sensors import Sensors
 from models.system import SYSTEMS
 
-OPTIONAL = {"plant": frozenset({"acceleration", "pitch", "roll", "yaw_rate"})}
+OPTIONAL = {"plant": frozenset({"acceleration", "pitch", "roll", "yaw_rate", "slip", "slip_acceleration"})}
 # parameters that a scenario sets by keys of its own: seed, waypoints, start
 MISSION = {
     "plant": frozenset({"seed", "start_north", "start_east", "start_heading", "start_heading_deviation"}),

@@ -305,13 +305,78 @@ def test_equal_seeds_repeat_the_noise_and_others_do_not(native: Make) -> None:
         assert (first[name] != other[name]).any(), name
 
 
+# What AHRS and receiver do not know
+
+
+def test_an_ahrs_that_leans_takes_its_share_of_the_acceleration_for_gravity(native: Make) -> None:
+    # given a level animal that speeds up by 2 m/s2 at 3 m/s while it turns by 0.5 rad/s, and a share of 0.4
+    lean = QUIET | {"attitude_lean": 0.4, "attitude_lean_time": 0.46}
+    out = native(Sensors, "double", lean).run(
+        **{n: np.full(200, v) for n, v in (("acceleration", 2.0), ("speed", 3.0), ("yaw_rate", 0.5))}
+    )
+    # then pitch and roll follow the tilt of the force, of which a tick keeps 0.46/0.5; they lag by a tick
+    follows = 1 - (0.46 / 0.5) ** np.arange(200)
+    assert out["pitch_meas"] == pytest.approx(0.4 * math.atan2(2.0, 9.81) * follows)
+    # and a force to the right looks as if the right side were up
+    assert out["roll_meas"] == pytest.approx(-0.4 * math.atan2(1.5, 9.81) * follows)
+
+
+def test_a_tilted_ahrs_that_does_not_accelerate_does_not_lean(native: Make) -> None:
+    out = native(Sensors, "double", QUIET | {"attitude_lean": 1.0}).run(
+        pitch=np.full(100, 0.3), roll=np.full(100, -0.2)
+    )
+    assert out["pitch_meas"] == pytest.approx(0.3)
+    assert out["roll_meas"] == pytest.approx(-0.2)
+
+
+def test_reflected_fixes_begin_at_their_rate_and_last_their_time(native: Make) -> None:
+    # given reflections of 10 m, one in 10 s, that last 5 s, and 16,000 fixes without other errors
+    reflecting = QUIET | {"multipath": 10.0, "multipath_rate": 0.1, "multipath_time": 5.0}
+    out = native(Sensors, "double", reflecting).run(north=np.zeros(100_000))
+    fix = out["gps_fix"] > 0
+    off = np.column_stack([out["gps_north"][fix], out["gps_east"][fix]])
+    assert len(off) == 16_000
+    # then 0.025 of the fixes begin one: 400, within 4 deviations (p = 6e-5)
+    begin = np.flatnonzero(np.any(np.diff(off, axis=0), axis=1) & np.any(off[1:], axis=1)) + 1
+    assert len(begin) == pytest.approx(400, abs=4 * math.sqrt(400))
+    # and their errors are N(0, 10 m) to the north and to the east, independent of each other
+    assert off[begin].std(axis=0) == pytest.approx(10, rel=4 / math.sqrt(800))
+    assert np.corrcoef(off[begin].T)[0, 1] == pytest.approx(0, abs=4 / math.sqrt(400))
+    # and a fix is reflected with p/(p + (1 - p) q): p = 0.025 begins one, q = 0.05 ends one
+    share = 0.025 / (0.025 + 0.975 * 0.05)
+    assert np.any(off, axis=1).mean() == pytest.approx(share, abs=0.06)
+    # and the receiver states what it always states
+    assert set(out["gps_h_acc"]) == {3.5}
+
+
+def test_a_slipping_animal_is_seen_by_course_and_lateral_force() -> None:
+    # given an animal that slips by 0.3 rad at 2 m/s and turns by 0.5 rad/s
+    slipping = {"heading": 1.0, "speed": 2.0, "yaw_rate": 0.5, "slip": 0.3, "slip_acceleration": -0.2}
+    sensors = answer({"noisy": 0}, **slipping)
+    # then the course is off by the slip, and heading and compass are not
+    assert sensors["gps_course"] == pytest.approx(1.3)
+    assert sensors["heading_meas"] == pytest.approx(1.0)
+    assert sensors["accel_y"] == pytest.approx(2.0 * 0.5 - 0.2)
+
+
+def test_by_default_neither_ahrs_nor_receiver_err_in_these_ways(native: Make) -> None:
+    out = native(Sensors, "double", {}).run(**moving(500))
+    for name in ("leaning_pitch", "leaning_roll", "reflected_north", "reflected_east"):
+        assert not out[name].any(), name
+    # nor where noise is off
+    on = {"noisy": 0, "attitude_lean": 1.0, "multipath_rate": 10.0}
+    out = native(Sensors, "double", on).run(**moving(500))
+    for name in ("leaning_pitch", "leaning_roll", "reflected_north", "reflected_east"):
+        assert not out[name].any(), name
+
+
 def test_for_equal_seeds_plant_and_sensors_draw_from_different_streams() -> None:
     starts = []
     for block in (Canine, Sensors):
         model = Model(block, {"seed": 5})
         model.initialize()
         starts += [tuple(model[f"{s.name}[{i}]"] for i in range(1, 7)) for s in block.streams()]
-    assert len(starts) == len(set(starts)) == 7
+    assert len(starts) == len(set(starts)) == 11
 
 
 def test_the_model_in_python_is_the_compiled_one(native: Make) -> None:

@@ -10,7 +10,6 @@ import control
 import numpy as np
 import pytest
 
-from models.canine import Plant
 from models.cmec import Cmec
 from models.commands import Command
 from models.errors import WiringError
@@ -21,6 +20,7 @@ from models.kit.link import Link
 from models.kit.model import Model
 from models.kit.timing import TICK
 from models.pedestrian import Pedestrian
+from models.plant import Plant
 from models.system import SYSTEMS, System, full_system, trial_simulator
 
 MISSION = {

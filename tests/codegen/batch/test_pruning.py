@@ -38,7 +38,7 @@ def test_shaking_is_not_needed_where_the_controller_sees_the_true_state() -> Non
     # then gait, jerks and the motion of the pack are left out, and the tones and vibrations of the vest
     assert not stems(keep["plant"]) & {
         "stride", "jerk", "jerk_due", "jerk_stream", "acceleration", "pitch", "roll", "yaw_rate",
-        "past_heading",
+        "wandered_pitch", "jolt", "jolt_stream", "shift_stream",
     }  # fmt: skip
     assert not keep["command_module"]
     assert not stems(keep["controller"]) & {"anomaly", "anomalies", "issued", "waypoint", "mode"}

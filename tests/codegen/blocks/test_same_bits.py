@@ -114,6 +114,14 @@ TRIALS: dict[str, tuple[System, dict[str, dict[str, float]]]] = {
         )
         for seed in (5, 6, 2147483647)
     },
+    "full-restless": (  # all that the pack and the sensors can do, and do not by default
+        full_system(),
+        {
+            "controller": LEFT,
+            "plant": {"pitch_wander": 0.07, "pitch_shift_rate": 0.2, "jolt_rate": 0.3, "slip_wander": 0.1},
+            "sensors": {"multipath_rate": 0.1, "attitude_lean": 0.3},
+        },
+    ),
     "pedestrian": (trial_simulator(Pedestrian), {"controller": LEFT}),
 }
 

@@ -40,7 +40,10 @@ def test_a_dog_with_the_four_outputs_fits(tmp_path: Path, version: int) -> None:
     fit = fitted(tmp_path, [*DOG, HEADING], version=version)
     assert fit.problems == ()
     assert set(fit.outputs) == {"north", "east", "speed", "heading"}
-    assert fit.notes == ("plant dog.fmu: has no output acceleration, pitch, roll, yaw_rate; taken as zero",)
+    assert fit.notes == (
+        "plant dog.fmu: has no output acceleration, pitch, roll, yaw_rate, slip, slip_acceleration; "
+        "taken as zero",
+    )
 
 
 @pytest.mark.parametrize(
