@@ -79,6 +79,7 @@ TERMS: dict[str, tuple[Term, ...]] = {
         Term(
             "course", "where it moves", (("gps_course", "models/sensors.py"), ("course", "models/plant.py"))
         ),
+        Term("slip", "course less heading", (("side_slip", "models/plant.py"),)),
         Term("bearing", "where another place lies", (("bearing", "models/plant.py"),)),
         Term(
             "deviation",

@@ -73,18 +73,22 @@ class PackMotion(Plant):
     settling_pitch = State("rad", "where the last shift leaves the pitch, about its mean")
     shifted_pitch = State("rad", "the pitch on its way there")
     jolt = State("m/s2", "what is left of the jolts")
+    past_slip = State("rad", "slip a tick ago")
     slip_brake = State("m/s2", "longitudinal acceleration by slip")
     slip_force = State("m/s2", "lateral acceleration by slip")
     wander_stream = Stream("wander of pitch and slip", substream=5)
     shift_stream = Stream("shifts of the pitch", substream=6)
     jolt_stream = Stream("jolts of the pack", substream=7)
 
-    @triggered(lambda m: m._wanders(), "pitch or slip wanders, or there is slip")
+    @triggered(
+        lambda m: any_of(m.pitch_wander > 0, m._draws_slip()),
+        "`pitch_wander` is above 0, or one of slip is not 0",
+    )
     def initialize_wander(m) -> None:
         """Draw pitch and slip as they might be at any time."""
         draws, m.wander_stream = normals(m.wander_stream, 2)
         m.wandered_pitch = m.pitch_wander * draws[0]
-        m.side_slip = m.slip_mean + m.slip_wander * draws[1]
+        m.side_slip = m.past_slip = m.slip_mean + m.slip_wander * draws[1]
 
     @triggered("shaking")
     def swing(m) -> None:
@@ -104,23 +108,35 @@ class PackMotion(Plant):
         m.jerk = where(chance <= m.jerk_rate, m.jerk_deviation * size, 0)
         m.jerk_due = 0
 
-    @triggered(lambda m: m._wanders(), "pitch or slip wanders, or there is slip", seldom=True)
+    @triggered(
+        lambda m: any_of(m.pitch_wander > 0, m._draws_slip()),
+        "`pitch_wander` is above 0, or one of slip is not 0",
+        seldom=True,
+    )
     def wander(m) -> None:
         """Wander in pitch and slip: first-order Gauss-Markov processes (ours)."""
         draws, m.wander_stream = normals(m.wander_stream, 2)
         kept = m._kept(m.pitch_wander_time)
         m.wandered_pitch = kept * m.wandered_pitch + m.pitch_wander * ca.sqrt(1 - kept * kept) * draws[0]
-        turned = wrap(m.body_heading - m.past_heading)
-        past, kept = m.side_slip, m._kept(m.slip_time)
-        led = m.slip_mean + m.slip_lead * turned / m.sample_time
-        wandered = led + kept * (past - led) + m.slip_wander * ca.sqrt(1 - kept * kept) * draws[1]
+        kept = m._kept(m.slip_time)
+        led = m.slip_mean + m.slip_lead * m._turned() / m.sample_time
+        wandered = led + kept * (m.side_slip - led) + m.slip_wander * ca.sqrt(1 - kept * kept) * draws[1]
         m.side_slip = clip(wandered, -LARGEST_SLIP, LARGEST_SLIP)
-        # the change of the velocity in the body's axes, without the rate of the speed, which stands in
-        # `output`, and without speed times yaw rate, which is the sensors' own
-        ahead = m.velocity * ca.cos(m.side_slip) - m.past_velocity * ca.cos(past - turned)
-        aside = m.velocity * ca.sin(m.side_slip) - m.past_velocity * ca.sin(past - turned)
+
+    @triggered(lambda m: m._slips(), "there is slip", seldom=True)
+    def slide(m) -> None:
+        """Slip, and the acceleration that comes of it.
+
+        It is the change of the velocity in the body's axes, without the rate of the speed, which stands in
+        `output`, and without speed times yaw rate, which is the sensors' own.
+        """
+        turned = wrap(m.body_heading - m.past_heading)
+        slip, past = m._slip(), m.past_slip - turned  # both in the axes of now
+        ahead = m.velocity * ca.cos(slip) - m.past_velocity * ca.cos(past)
+        aside = m.velocity * ca.sin(slip) - m.past_velocity * ca.sin(past)
         m.slip_brake = (ahead - (m.velocity - m.past_velocity)) / m.sample_time
         m.slip_force = (aside - m.velocity * turned) / m.sample_time
+        m.past_slip = slip
 
     @triggered(lambda m: m.pitch_shift_rate > 0, "`pitch_shift_rate` is above 0", seldom=True)
     def shift(m) -> None:
@@ -155,7 +171,7 @@ class PackMotion(Plant):
         shaken = 0.5 * forward * cosine + (m.jerk + m.jolt)
         m.acceleration = m.acceleration + where(m.shaking, shaken, 0) + m.slip_brake
         pitch = m.pitch_mean + 0.5 * nodding * sine + (m.wandered_pitch + m.shifted_pitch)
-        m.pitch = where(m.shaking, pitch, 0)
+        m.pitch = m.incline + where(m.shaking, pitch, 0)
         m.roll = moving * 0.5 * m.roll_swing * cosine
         m.yaw_rate = m.yaw_rate + moving * 0.5 * m.yaw_rate_swing * sine
         m.slip_acceleration = m.slip_force
@@ -165,9 +181,13 @@ class PackMotion(Plant):
         run = clip(m.velocity - 3.0, 0.0, 1.0)
         return clip(m.velocity / 0.5, 0.0, 1.0) * (1 - run), run
 
-    def _wanders(m) -> SX:
-        """Does the pitch wander, or is there slip?"""
-        return any_of(m.pitch_wander > 0, m.slip_wander > 0, m.slip_mean != 0, m.slip_lead != 0)
+    def _draws_slip(m) -> SX:
+        """Is there slip by the parameters?"""
+        return any_of(m.slip_wander > 0, m.slip_mean != 0, m.slip_lead != 0)
+
+    def _slips(m) -> SX:
+        """Is there slip?"""
+        return m._draws_slip()
 
     def _kept(m, time: SX) -> SX:
         """What a first-order lag of this time constant keeps over a tick."""

@@ -40,7 +40,8 @@ class Plant(Block):
     body_heading = State("rad", "heading")
     past_velocity = State("m/s", "ground speed a tick ago")
     past_heading = State("rad", "heading a tick ago")
-    side_slip = State("rad", "course less heading")
+    side_slip = State("rad", "slip that the animal takes: course less heading")
+    incline = State("rad", "pitch of the ground, uphill positive")
 
     def remember(m) -> None:
         """Keep speed and heading: acceleration and yaw rate are differences from them."""
@@ -59,13 +60,21 @@ class Plant(Block):
         m.position_east = m.position_east + step * ca.sin(course)
 
     def _report(m) -> None:
-        """The outputs of a pack that moves as the animal's centre, and stays level."""
+        """The outputs of a pack that moves as the animal's centre, and lies level on it."""
         m.north, m.east = m.position_north, m.position_east
         m.speed, m.heading = m.velocity, m.body_heading
         m.acceleration = (m.velocity - m.past_velocity) / m.sample_time
-        m.pitch = m.roll = 0
+        m.pitch, m.roll = m.incline, 0
         m.yaw_rate = wrap(m.body_heading - m.past_heading) / m.sample_time
-        m.slip, m.slip_acceleration = m.side_slip, 0
+        m.slip, m.slip_acceleration = m._slip(), 0
+
+    def _slip(m) -> SX:
+        """Course less heading."""
+        return m.side_slip
+
+    def _turned(m) -> SX:
+        """The turn over the last tick that slip follows [rad]."""
+        return wrap(m.body_heading - m.past_heading)
 
 
 class Guided(Plant):

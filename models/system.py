@@ -19,6 +19,8 @@ from models.kit.declaration import Input, Output, Variable, flatten
 from models.kit.link import Link
 from models.local_plane import LocalPlane
 from models.pedestrian import Pedestrian
+from models.profile import Profile
+from models.recorded import Recorded
 from models.sensors import Sensors
 from models.seven_state import SevenState
 from models.six_state import SixState
@@ -168,6 +170,8 @@ BLOCKS: tuple[type[Block], ...] = tuple(
             *ESTIMATORS.values(),
             Pedestrian,
             CanineAhrs,
+            Profile,
+            Recorded,
             LocalPlane,  # these two work beside the estimator and the controller on board
             Watchdog,
         ]
