@@ -67,6 +67,12 @@ class Estimator(Block):
     initial_speed_variance = Parameter("1", "of P0, in (m/s)^2 (eq. 3.17)", start=0.1, min=1e-9)
     initial_bias_variance = Parameter("1", "of P0, in (m/s2)^2 (eq. 3.17)", start=1, min=1e-9)
     initial_position_variance = Parameter("1", "of P0, in m^2 (eq. 3.17)", start=0.01, min=1e-9)
+    position_sd_scale = Parameter(
+        "1", "standard deviation of a fix's position per stated accuracy (eq. 3.15)", start=0.5, min=1e-6
+    )
+    speed_sd_scale = Parameter(
+        "1", "standard deviation of a fix's speed per stated accuracy (eq. 3.15)", start=1, min=1e-6
+    )
     # the floors, the gate and the recovery are ours: the text believes and accepts every fix
     position_sd_floor = Parameter(
         "m", "a fix's position is believed no better than this standard deviation", start=0, min=0
@@ -218,10 +224,10 @@ class Estimator(Block):
         return steps
 
     def _position_variance(m) -> SX:
-        return at_least(0.5 * m.gps_h_acc, m.position_sd_floor) ** 2  # eq. 3.15
+        return at_least(m.position_sd_scale * m.gps_h_acc, m.position_sd_floor) ** 2  # eq. 3.15
 
     def _speed_variance(m) -> SX:
-        return at_least(m.gps_s_acc, m.speed_sd_floor) ** 2  # eq. 3.15
+        return at_least(m.speed_sd_scale * m.gps_s_acc, m.speed_sd_floor) ** 2  # eq. 3.15
 
     def _kept(m, state: int, initial_variance: SX) -> tuple[SX, SX]:
         """A state that goes on when the filter begins anew, or 0 if that did not help; and its variance."""
