@@ -1,0 +1,67 @@
+"""Named sets of sensors and pack: parameters by component, for studies and trials.
+
+`dissertation` is chosen for being near the text's figures: of the motion (B.4, D.5) and of the errors after
+an outage (Tables 3.1 and D.1). `measured` has gait and swings of a real dog that wore an inertial unit, as
+`canine study motion` finds them; it leaves the sensors as they are. `built_up` is that dog among buildings,
+with what pack and instruments may do there; its sizes are ours. `ideal` has the noise of D.12 to D.14 alone.
+"""
+
+from __future__ import annotations
+
+from models.kit.units import DEG
+
+Set = dict[str, dict[str, float]]  # component -> parameter -> value
+
+# A dog's unit of unknown place and mounting, 105 readings a second: swings of the longitudinal reading within
+# a quarter of a second have median and 90th percentile 6 and 18 m/s2 walking, 22 and 37 running, at 3.5
+# to 4.0 and 4.6 Hz; pitch swings by 10 deg in half a second; the walking yaw rate stays within 100 deg/s.
+_MEASURED: dict[str, float] = {
+    "shaking": 1.0,
+    "walk_stride": 3.8,
+    "run_stride": 4.6,
+    "walk_acceleration_swing": 5.0,
+    "run_acceleration_swing": 24.0,
+    "jerk_deviation": 12.0,
+    "jerk_rate": 0.5,
+    "walk_pitch_swing": 4 * DEG,
+    "run_pitch_swing": 8 * DEG,
+    "pitch_mean": 5 * DEG,
+    "pitch_wander": 9 * DEG,
+    "pitch_wander_time": 2.0,
+    "pitch_shift": 15 * DEG,
+    "pitch_shift_rate": 0.2,
+    "pitch_shift_time": 0.2,
+    "yaw_rate_swing": 200 * DEG,
+}
+
+SETS: dict[str, Set] = {
+    "dissertation": {
+        "plant": {
+            "shaking": 1.0,
+            "walk_acceleration_swing": 10.5,
+            "pitch_wander": 4 * DEG,
+            "pitch_wander_time": 2.0,
+            "jolt_peak": 10.0,
+            "jolt_rate": 0.3,
+        },
+        "sensors": {"accel_bias[1]": 0.5, "gps_reported_s_acc": 0.1},
+    },
+    "measured": {"plant": _MEASURED, "sensors": {}},
+    "built_up": {
+        "plant": {**_MEASURED, "slip_lead": 0.2, "slip_wander": 5 * DEG, "slip_time": 1.0},
+        "sensors": {"multipath": 10.0, "multipath_rate": 0.02, "multipath_time": 5.0, "attitude_lean": 0.2},
+    },
+    "ideal": {
+        "plant": {"shaking": 0.0},
+        "sensors": {
+            "gps_wander": 0.0,
+            "gps_position_noise": 0.1,  # eq. D.12
+            "gps_speed_noise": 0.05,
+            "gps_reported_h_acc": 0.2,  # twice the noise, as eq. 3.15 takes it
+            "gps_reported_s_acc": 0.05,
+            "attitude_noise": 0.0,
+            "heading_noise": 0.0,
+            "mag_noise": 0.0,
+        },
+    },
+}
