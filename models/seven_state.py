@@ -56,7 +56,7 @@ class SevenState(SixState):
         "rad/s", "random walk of the gyro's bias per tick (eq. C.10)", start=1e-6, min=0
     )
     sigma_mag_bias = Parameter(
-        "rad", "random walk of the magnetometer's bias per tick (Table C.1)", start=0.1, min=0
+        "rad", "random walk of the magnetometer's bias per tick (Table C.1)", start=0.1, min=1e-9
     )
     mag_heading_noise = Parameter(
         "rad", "deviation of the magnetometer's heading (eq. C.9)", start=10, min=1e-3

@@ -327,6 +327,20 @@ def test_the_covariance_stays_positive_in_float32_for_a_million_ticks(
     assert (estimator["bad_samples"], estimator["bad_fixes"]) == (0, 0)
 
 
+@EACH_BOTH
+def test_with_every_noise_and_variance_at_its_least_the_covariance_stays_positive(
+    native: Make, name: str, precision: str
+) -> None:
+    """None of the least values makes a variance 0, by which the factors are divided."""
+    block = ESTIMATORS[name]
+    words = ("sigma_", "initial_", "_noise", "_floor", "_scale")
+    least = {v.name: v.min for v in block.group("parameter") if any(word in v.name for word in words)}
+    inputs = without_fixes(measured(walk(2000), seed=15), 20, 40)
+    out = native(block, precision, {"gate": 1e6, **least}).run(**inputs)
+    assert all(np.isfinite(column).all() for column in out.values())
+    assert (vectors(out, "covariance")[:, : len(block.order)] > 0).all()
+
+
 @EACH
 def test_hours_of_dead_reckoning_at_the_largest_force_stay_finite_and_recover(
     native: Make, name: str
