@@ -20,6 +20,7 @@ from harness.cosim.stepping import DURATION, Order
 from harness.pil import SCENARIO
 from harness.recording import STREAMS
 from harness.replay import EVERY_S, OUTAGE_S
+from harness.studies import STUDIES
 from harness.trial import DEFAULT
 from models.errors import CanineError, UsageError
 from models.kit.random import MAX_SEED
@@ -93,6 +94,7 @@ def canine(
     canine wiring --order jacobi                  what is stepped when, and what delays
     canine replay out/demo/trial.mcap             the estimator over a recording, with GPS outages
     canine fit out                                the dog's statistics from logged trials
+    canine study outage                           estimators through outages, beside the text's numbers
     canine sweep two                              many trials at each value of a parameter
     canine firmware --target cortex-m4f --out fw  the onboard program's sources
     canine pil --target cortex-m4f                runs them on the simulated processor, bit by bit
@@ -610,6 +612,48 @@ def fit_animal(
         typer.echo(_as_json(result))
     else:
         report.show(result, out())
+        _say_where(place)
+
+
+@app.command()
+def study(
+    name: Annotated[str, typer.Argument(metavar=f"[{'|'.join(STUDIES)}]")] = "",
+    recording: Annotated[
+        Path | None, typer.Argument(exists=True, metavar="[FOLDER|LOG.mcap]", help="of study recording")
+    ] = None,
+    *,
+    seeds: Annotated[int | None, typer.Option(help="trials of each kind; by default the study's own")] = None,
+    sensor_set: Annotated[
+        str | None,
+        typer.Option("--set", metavar="NAME", help="of sensors and pack: dissertation, measured..."),
+    ] = None,
+    folder: Annotated[
+        Path | None, typer.Option("--out", file_okay=False, help="by default out/study-<name>")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print the result as JSON")] = False,
+) -> None:
+    """Carry out a study of Chapter 3 or Appendices B to D: tables, pictures, <name>.json.
+
+    \b
+    canine study                                  the studies, a line each
+    canine study pitch
+    canine study outage --seeds 1000 --set measured
+
+    """
+    from harness.studies.study import Options, find_study, report, run_study
+
+    if not name:
+        for title, summary in STUDIES.items():
+            out().print(f"{title:<14}{summary}", soft_wrap=True, markup=False, highlight=False)
+        return
+    with _bar("percent", 100, quiet=as_json) as progress:
+        result = run_study(name, Options(seeds, sensor_set, recording), progress)
+    place = folder or Path("out", f"study-{name}")
+    report(name, result, place)
+    if as_json:
+        typer.echo(_as_json(result))
+    else:
+        find_study(name).show(result, out())
         _say_where(place)
 
 

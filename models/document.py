@@ -19,10 +19,9 @@ README = Path(__file__).with_name("README.md")
 INTRODUCTION = """# The models
 
 Each block is one file, with the dissertation's equations in their order; every equation names its number.
-`kit/` is what blocks are declared with, `estimator.py` what all estimators share, `system.py` links blocks,
-and `readings.py` holds the two readings of what the text leaves open. [CHOICES.md](CHOICES.md) lists where
-the text errs or is silent, and what is done. Angles are in rad here and in the FMUs, in degrees at the
-command line and in scenarios.
+`kit/` is what blocks are declared with, `system.py` links them, and `readings.py` holds the two readings of
+what the text leaves open. [CHOICES.md](CHOICES.md) lists where the text errs or is silent, and what is done.
+Angles are in rad here and in the FMUs, in degrees at the command line and in scenarios.
 
 A block is a class that declares its variables, one to a line. Its public methods are the updates of a tick,
 in their order. The class gives the C, the FMUs, the log's schema, this page, and the reference in Python:

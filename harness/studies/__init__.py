@@ -1,0 +1,14 @@
+"""Studies: what Chapter 3 and Appendices B to D found out, done again: `canine study NAME`.
+
+In: the study's name, how many seeds, a set of sensors and pack, a recording where one is studied. Out, in a
+folder of its own: the result as JSON, which says all that tables and pictures show, and the pictures.
+
+`study` finds a study and carries it out. A study is a module with `run`, which gives the result as plain
+data, `show`, which prints it as tables, and `draw`, which draws it. `tracking` has the trials that studies
+share: along one of `paths`, with pack, sensors and any estimators, in C by `codegen.batch.series`.
+`statistics` judges errors, and `published` has the text's own numbers.
+"""
+
+STUDIES = {
+    "pitch": "what an incline does to an estimator that does not know of it (D.6)",
+}

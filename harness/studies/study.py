@@ -1,0 +1,98 @@
+"""A study by its name: found, carried out, written."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Protocol, cast
+
+from matplotlib.figure import Figure
+from rich.console import Console
+
+from harness.drawing import png_of
+from harness.files import make_folder, write_whole
+from harness.studies import STUDIES
+from models.errors import UsageError, nearest
+
+Result = dict[str, Any]  # JSON
+Progress = Callable[[float], None]  # called with the percentage that is done
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a user may choose; a study refuses what it has no use for.
+
+    Attributes:
+        seeds: how many trials of each kind; None: the study's own number.
+        set: of sensors and pack, one of `models.sets.SETS`; None: the study's own choice.
+        recording: a folder or a log.
+    """
+
+    seeds: int | None = None
+    set: str | None = None
+    recording: Path | None = None
+
+
+class Study(Protocol):
+    """What a study's module has.
+
+    Attributes:
+        TAKES: the options that it has a use for.
+    """
+
+    TAKES: frozenset[str]
+
+    def run(self, options: Options, progress: Progress) -> Result:
+        """Carry it out."""
+
+    def show(self, result: Mapping[str, Any], console: Console) -> None:
+        """Print the result as tables."""
+
+    def draw(self, result: Mapping[str, Any]) -> Mapping[str, Figure]:
+        """The result as pictures, by the names of their files without `.png`."""
+
+
+def find_study(name: str) -> Study:
+    """The study of this name.
+
+    Raises:
+        UsageError: there is none.
+    """
+    if name not in STUDIES:
+        raise UsageError(f'there is no study "{name}"{nearest(name, STUDIES)}')
+    return cast(Study, import_module(f"harness.studies.{name}"))
+
+
+def run_study(name: str, options: Options = Options(), progress: Progress | None = None) -> Result:
+    """Carry a study out; the result is plain data.
+
+    Raises:
+        UsageError: there is no such study, or it has no use for an option.
+    """
+    study = find_study(name)
+    for option, value in vars(options).items():
+        if value is not None and option not in study.TAKES:
+            takes = ", ".join(f"--{o}" if o != "recording" else "a recording" for o in sorted(study.TAKES))
+            what = "a recording" if option == "recording" else f"--{option}"
+            raise UsageError(f"study {name} has no use for {what}; it takes {takes or 'no options'}")
+    if options.seeds is not None and options.seeds < 2:
+        raise UsageError(f"--seeds {options.seeds}: expected 2 or more, since a spread is stated")
+    result = study.run(options, progress or (lambda percent: None))
+    return {"study": name, **result}
+
+
+def report(name: str, result: Result, folder: Path) -> None:
+    """Write `<name>.json` and the pictures into a folder.
+
+    Raises:
+        UsageError: the folder cannot be made.
+        FileError: they cannot be written.
+    """
+    make_folder(folder)
+    text = json.dumps(result, indent=1, ensure_ascii=False, allow_nan=False)
+    write_whole(folder / f"{name}.json", (text + "\n").encode())
+    for title, figure in find_study(name).draw(result).items():
+        write_whole(folder / f"{title}.png", png_of(figure))

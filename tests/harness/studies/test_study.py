@@ -1,0 +1,61 @@
+"""The frame of studies: the command, its files, wrong usage."""
+
+from __future__ import annotations
+
+import json
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from harness.main import run
+from harness.studies import STUDIES
+from harness.studies.study import Options, find_study, run_study
+from models.errors import UsageError
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_every_study_has_what_a_study_needs(name: str) -> None:
+    study = find_study(name)
+    assert {"seeds", "set", "recording"} >= study.TAKES
+    assert all(callable(getattr(study, part)) for part in ("run", "show", "draw"))
+    assert import_module(f"harness.studies.{name}").__doc__
+
+
+def test_the_command_without_a_name_lists_the_studies(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["study"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == list(STUDIES)
+
+
+def test_the_command_writes_json_and_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    # given a folder that is not there yet
+    folder = tmp_path / "here"
+    assert run(["study", "pitch", "--seeds", "2", "--out", str(folder), "--json"]) == 0
+    printed: dict[str, Any] = json.loads(capsys.readouterr().out)
+    assert printed == json.loads((folder / "pitch.json").read_text())
+    assert printed["study"] == "pitch"
+    assert sorted(path.name for path in folder.iterdir()) == ["pitch.json", "pitch.png"]
+    assert (folder / "pitch.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["pich"], 'there is no study "pich"; did you mean "pitch"?'),
+        (["pitch", "--seeds", "1"], "--seeds 1: expected 2 or more, since a spread is stated"),
+        (["pitch", "--set", "ideal"], "study pitch has no use for --set; it takes --seeds"),
+    ],
+)
+def test_wrong_usage_is_told_in_a_line(
+    arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["study", *arguments, "--out", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err == f"canine: {message}\n"
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_recording_is_refused_where_none_is_studied(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="study pitch has no use for a recording"):
+        run_study("pitch", Options(recording=tmp_path))
