@@ -133,7 +133,17 @@ TERMS: dict[str, tuple[Term, ...]] = {
         Term(
             "pseudo-measurement",
             "something known that nobody measured, such as speed 0 of an animal at rest",
-            (("Measurement", "models/kit/ekf.py"),),
+            (("Measurement", "models/kit/ekf.py"), ("rest", "models/canine_tracker.py")),
+        ),
+        Term(
+            "slip",
+            "course less heading: an offset, and a lead in time by which the course is ahead in a turn",
+            (("slip", "models/canine_tracker.py"),),
+        ),
+        Term(
+            "rehearsal",
+            "an outage of the speed that the tracker imagines while it has fixes, to learn from its end",
+            (("imagine", "models/canine_tracker.py"), ("compare", "models/canine_tracker.py")),
         ),
     ),
     "Control": (

@@ -9,6 +9,7 @@ from graphlib import CycleError, TopologicalSorter
 
 from models.canine import Canine
 from models.canine_ahrs import CanineAhrs
+from models.canine_tracker import CanineTracker
 from models.cmec import Cmec
 from models.command_module import CommandModule
 from models.errors import UsageError, WiringError, nearest
@@ -159,7 +160,7 @@ def trial_simulator(plant: type[Block] = Canine) -> System:
 
 
 ESTIMATORS: dict[str, type[Estimator]] = {
-    block.title(): block for block in (FourState, SixState, SevenState, TwoBias)
+    block.title(): block for block in (FourState, SixState, SevenState, TwoBias, CanineTracker)
 }
 ESTIMATOR = FourState.title()  # by default
 SYSTEMS: dict[str, System] = {"full": full_system(), "cts": trial_simulator()}

@@ -65,8 +65,8 @@ def travel(speed: SX, acceleration: SX, heading: SX, rate: SX, time: float) -> t
 class Factors:
     """The covariance as U (n, n) unit upper triangular and D (n,), its states in an order of their own.
 
-    With each state before those it depends on, the transition is unit upper triangular as well, and a
-    prediction takes half the operations.
+    With each state before those it depends on, the transition is upper triangular as well, and a prediction
+    takes half the operations.
 
     Attributes:
         order: (n,) which state belongs to each row.
@@ -109,11 +109,17 @@ class Factors:
         noise = [noise[state] for state in self.order]
         left = phi @ ca.vertcat(*(ca.horzcat(*row) for row in self.U))
         rows = [[left[i, j] for j in range(n)] for i in range(n)]
-        if not all(
-            phi[i, j].is_zero() if j < i else phi[i, i].is_one() for i in range(n) for j in range(i + 1)
-        ):
+        if not all(phi[i, j].is_zero() for i in range(n) for j in range(i)):
             return self._orthogonalized(rows, noise)
-        factors = Factors(rows, list(self.D), self.order)
+        D = list(self.D)
+        for j in range(n):
+            if not phi[j, j].is_one():  # U's diagonal is to be 1: the column's scale goes into D
+                D[j] = D[j] * phi[j, j] ** 2
+                inverse = 1 / phi[j, j]
+                for i in range(j):
+                    rows[i][j] = rows[i][j] * inverse
+                rows[j][j] = ca.SX(1)
+        factors = Factors(rows, D, self.order)
         for row, variance in zip(_identity(n), noise, strict=True):
             factors = factors._disturbed(row, variance)
         return factors

@@ -30,6 +30,11 @@ def at_least(value: SX, low: SX | float) -> SX:
     return ca.if_else(value > low, value, low)
 
 
+def at_most(value: SX, high: SX | float) -> SX:
+    """The value, or `high` if that is smaller."""
+    return ca.if_else(value < high, value, high)
+
+
 def counted(count: SX, more: SX | float = 1) -> SX:
     """The count and `more`, up to COUNT_MAX: a counter that stops is safer than one that overflows."""
     return ca.if_else(count < COUNT_MAX, count + more, count)

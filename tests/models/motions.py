@@ -35,9 +35,14 @@ def motion(speed: Array, heading: Array, pitch: Any = 0.0) -> Columns:
     past = np.concatenate([speed[:1], speed[:-1]])
     way = 0.5 * (past + speed) * T
     magnetic = heading - DECLINATION
+    rate = np.diff(np.unwrap(heading), prepend=heading[0]) / T
     return {
         "accel_x": (speed - past) / T + G * np.sin(pitch),
-        "gyro_z": np.diff(np.unwrap(heading), prepend=heading[0]) / T,
+        "accel_y": speed * rate,
+        "accel_z": np.broadcast_to(-G * np.cos(pitch), speed.shape),
+        "gyro_x": np.zeros(speed.shape),
+        "gyro_y": np.zeros(speed.shape),
+        "gyro_z": rate,
         "mag_x": FIELD * np.cos(magnetic),
         "mag_y": -FIELD * np.sin(magnetic),
         "mag_z": np.full(speed.shape, 4.3e-5),

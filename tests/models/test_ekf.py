@@ -263,18 +263,22 @@ def test_predict_is_phi_p_phi_transposed_plus_q(n: int, seed: int) -> None:
 ORDER = (2, 3, 0, 1)  # of four states of which each depends on those behind it in it
 
 
-def triangular(rng: np.random.Generator, n: int, order: tuple[int, ...]) -> Array:
-    """A transition in the order of the states that is unit upper triangular in `order`."""
+def triangular(
+    rng: np.random.Generator, n: int, order: tuple[int, ...], diagonal: tuple[float, ...]
+) -> Array:
+    """A transition in the order of the states that is upper triangular in `order`."""
     place = np.argsort(order)
-    return (np.eye(n) + np.triu(rng.normal(0, 1, (n, n)), 1))[np.ix_(place, place)]
+    return (np.diag(diagonal) + np.triu(rng.normal(0, 1, (n, n)), 1))[np.ix_(place, place)]
 
 
-@settings(max_examples=80, deadline=None)
+@pytest.mark.parametrize("diagonal", [(1, 1, 1, 1), (1, 1, 0.94, 1), (0.5, 2, 0.9, 0.1)])
+@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32 - 1))
-def test_predict_of_a_triangular_transition_is_the_same(seed: int) -> None:
+def test_predict_of_a_triangular_transition_is_the_same(diagonal: tuple[float, ...], seed: int) -> None:
     # given factors in an order of their own, and a transition without what is structurally zero in it
     rng = np.random.default_rng(seed)
-    values, phi, q = any_factors(rng, 4), triangular(rng, 4, ORDER), 10.0 ** rng.uniform(-6, 2, 4)
+    values, phi = any_factors(rng, 4), triangular(rng, 4, ORDER, diagonal)
+    q = 10.0 ** rng.uniform(-6, 2, 4)
     packed, noise = ca.SX.sym("p", 10), ca.SX.sym("q", 4)
     factors = Factors.unpack(packed, ORDER).predict(ca.SX(ca.DM(phi)), [noise[i] for i in range(4)])
     predict = ca.Function("predict", [packed, noise], [factors.pack()])
@@ -285,8 +289,8 @@ def test_predict_of_a_triangular_transition_is_the_same(seed: int) -> None:
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     assert np.abs((dense(result, 4)[np.ix_(place, place)] - expected) / scale).max() < 1e-10
     assert (result[:4] > 0).all()
-    # and takes less than half the operations of an arbitrary one
-    assert predict.n_instructions() < 0.5 * PREDICT[4].n_instructions()
+    # and takes about half the operations of an arbitrary one
+    assert predict.n_instructions() < 0.6 * PREDICT[4].n_instructions()
 
 
 @pytest.mark.parametrize("state", range(4))

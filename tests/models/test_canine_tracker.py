@@ -1,0 +1,380 @@
+"""Our own estimator: against an independent filter with a dense P, and what each of its parts is for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from models.canine_tracker import CanineTracker
+from tests.models.motions import Array, Columns, G, T, motion, without_fixes
+
+Make = Callable[..., Any]
+
+
+def carried(
+    speed: Array,
+    heading: Array,
+    *,
+    seed: int,
+    lead: float = 0.0,
+    offset: float = 0.0,
+    swing: float = 1.0,
+    shake: float = 0.1,
+    hidden: Any = 0.0,
+    noise: float = 0.1,
+) -> Columns:
+    """Signals of a unit whose course leads its heading by `offset` + `lead` * turn rate.
+
+    Its stride of 2 Hz pushes by `swing` [m/s2] and turns it by `shake` [rad/s] while it moves; `hidden`
+    [m/s2] is felt although nothing accelerates, as by a wrong pitch.
+    """
+    rng = np.random.default_rng(seed)
+    n = len(speed)
+    t = np.arange(n) * T
+    rate = np.gradient(np.unwrap(heading)) / T
+    course = np.unwrap(heading) + offset + lead * rate
+    velocity = speed * np.exp(1j * course)
+    push = np.gradient(velocity) / T * np.exp(-1j * heading)  # ahead + 1j * to the right
+    stride = np.sin(4 * math.pi * t) * (speed > 0.05)
+    signals = motion(speed, course)
+    return signals | {
+        "accel_x": push.real + swing * stride + hidden + rng.normal(0, 0.02, n),
+        "accel_y": push.imag + rng.normal(0, 0.02, n),
+        "accel_z": -G + 0.5 * swing * stride + rng.normal(0, 0.02, n),
+        "gyro_x": shake * stride + rng.normal(0, 1e-3, n),
+        "gyro_y": rng.normal(0, 1e-3, n),
+        "gyro_z": rate + rng.normal(0, 1e-3, n),
+        "heading_meas": (heading + math.pi) % (2 * math.pi) - math.pi,
+        "gps_course": (course + rng.normal(0, noise, n) + math.pi) % (2 * math.pi) - math.pi,
+        "gps_speed": np.abs(speed + rng.normal(0, noise, n)),
+        "gps_north": signals["gps_north"] + rng.normal(0, 0.2, n),
+        "gps_east": signals["gps_east"] + rng.normal(0, 0.2, n),
+        "true_north": signals["gps_north"],
+        "true_east": signals["gps_east"],
+        "true_speed": speed,
+    }
+
+
+def ramps(duration: float, *points: tuple[float, float]) -> Array:
+    """Speeds on each tick, straight between (time, speed)."""
+    times, speeds = np.array(points).T
+    return np.asarray(np.interp(np.arange(round(duration / T)) * T, times, speeds))
+
+
+def turns(n: int, size: float = 0.8) -> Array:
+    """A heading that turns to both sides, by 0.5 rad/s at most for a size of 0.8."""
+    t = np.arange(n) * T
+    return np.asarray(size * np.sin(0.4 * t) + size * 0.6 * np.sin(0.31 * t + 1))
+
+
+def run(native: Make, signals: Columns, precision: str = "double", **parameters: float) -> Columns:
+    inputs = {n: v for n, v in signals.items() if not n.startswith("true_")}
+    out: Columns = native(CanineTracker, precision, parameters).run(**inputs)
+    return out
+
+
+def error(out: Columns, signals: Columns, tick: int = -1) -> float:
+    """Of the position [m]."""
+    return math.hypot(
+        out["north"][tick] - signals["true_north"][tick], out["east"][tick] - signals["true_east"][tick]
+    )
+
+
+class Reference:
+    """The filter again: P itself, matrices, no CasADi; values are those of the defaults."""
+
+    def __init__(self) -> None:
+        self.x, self.P = np.zeros(5), np.zeros((5, 5))
+        self.slip, self.S = np.zeros(2), np.diag([0.3**2, 0.5**2])
+        self.sigma, self.T = 0.4, 0.7
+        self.age = self.moving = self.counted = 0
+        self.means, self.motion = np.zeros((2, 3)), np.zeros(2)
+        self.least = np.full(2, 1e6)
+        self.errors = np.full(2, self.sigma**2 / 4 * 5)
+        self.rehearsal: dict[str, Any] = {}
+        self.long_bias = 0.0
+        self.started = self.still = False
+
+    def step(self, u: dict[str, float]) -> None:
+        roll, pitch, heading = u["roll_meas"], u["pitch_meas"], u["heading_meas"]
+        to_level = np.array(
+            [[math.cos(pitch), 0, math.sin(pitch)], [0, 1, 0], [-math.sin(pitch), 0, math.cos(pitch)]]
+        )
+        to_level = to_level @ np.array(
+            [[1, 0, 0], [0, math.cos(roll), -math.sin(roll)], [0, math.sin(roll), math.cos(roll)]]
+        )
+        force, rate = (np.array([u[f"{s}_{a}"] for a in "xyz"]) for s in ("accel", "gyro"))
+        ahead, right, _ = to_level @ force
+        yaw_rate = ((to_level @ rate)[2] + math.sin(pitch) * rate[0]) / math.cos(pitch) ** 2
+        beta = float(np.clip(self.slip @ [1, yaw_rate], -1, 1))
+        a = ahead * (1 - beta**2 / 2 + beta**4 / 24) + right * (beta - beta**3 / 6)
+        self.age += 1
+        # at rest?
+        for i, sample in enumerate((force, rate)):
+            off = sample - self.means[i]
+            self.means[i] += T / 0.3 * off
+            self.motion[i] += T / 0.3 * (off @ off - self.motion[i])
+        quiet = (self.motion < self.least / 4).any() and (self.motion < 2 * self.least).all()
+        told = self.age * T < 0.6 and u["gps_speed"] > 0.5
+        self.still = bool(self.moving >= 40 and quiet and not told)
+        for one in self.rehearsal.get("speeds", []):
+            one["v"] += T * (a - one["bias"] - (one["v"] - self.rehearsal["mean"]) / one["T"])
+        if self.rehearsal:
+            self.rehearsal["age"] += 1
+        if self.started:
+            self.predict(a, heading + beta)
+            if self.still:
+                self.correct(0, 0.0, 0.15**2)
+        if u["gps_fix"]:
+            self.fix(u, heading, yaw_rate)
+
+    def predict(self, a: float, course: float) -> None:
+        pull = 0.0 if self.still else 1 / self.T
+        kept = 1 - T * pull + (T * pull) ** 2 / 2
+        driven = (1 - kept) / pull if pull else T
+        F = np.eye(5)
+        F[0] = [kept, -driven, 0, 0, 1 - kept]
+        after = F[0] @ self.x + driven * a
+        for i, part in ((2, math.cos(course)), (3, math.sin(course))):
+            F[i] += T / 2 * part * (F[0] + np.eye(5)[0])
+        step = T / 2 * (self.x[0] + after)
+        aside = 2 * self.age * (0.1 * after * T) ** 2 + 1e-12
+        self.x = np.array(
+            [
+                after,
+                self.x[1],
+                self.x[2] + step * math.cos(course),
+                self.x[3] + step * math.sin(course),
+                self.x[4],
+            ]
+        )
+        Q = [self.sigma**2 * T, 1e-6, aside, aside, self.sigma**2 / 16 * T]
+        self.P = F @ self.P @ F.T + np.diag(Q)
+
+    def correct(self, i: int, measured: float, variance: float) -> float:
+        expected = self.P[i, i] + variance
+        innovation = measured - self.x[i]
+        gain = self.P[:, i] / expected
+        rest = np.eye(5) - np.outer(gain, np.eye(5)[i])
+        self.x = self.x + gain * innovation
+        self.P = rest @ self.P @ rest.T + variance * np.outer(gain, gain)
+        return float(innovation**2 / expected)
+
+    def fix(self, u: dict[str, float], heading: float, yaw_rate: float) -> None:
+        z, course = u["gps_speed"], u["gps_course"]
+        r, r_position = max(u["gps_s_acc"], 0.1) ** 2, max(u["gps_h_acc"] / 2, 0.5) ** 2
+        if not self.started:
+            self.x = np.array([z, 0, u["gps_north"], u["gps_east"], z])
+            self.P = np.diag([0.1 + r, 1, 0.01 + r_position, 0.01 + r_position, 0.1 + r])
+            self.started = True
+        else:
+            if z > 0.5:
+                self.S = self.S + np.diag([0.02**2, 0.005**2]) * self.age * T
+                h = np.array([1, yaw_rate])
+                off = np.clip(math.remainder(course - heading - self.slip @ h, 2 * math.pi), -1, 1)
+                gain = self.S @ h / (h @ self.S @ h + 0.2**2 + r / z**2)
+                self.slip = self.slip + gain * off
+                self.S = self.S - np.outer(gain, h @ self.S)
+                self.moving += 1
+                self.least = np.minimum(self.motion, 1.002 * self.least)
+            if self.rehearsal and self.rehearsal["age"] * T > 4.99:
+                self.compare(z)
+            for i, name in ((0, "gps_speed"), (2, "gps_north"), (3, "gps_east")):
+                self.correct(i, u[name], r if i == 0 else r_position)
+        self.age = 0
+        if not self.rehearsal:
+            speeds = [
+                {"v": self.x[0], "T": 0.7, "bias": self.x[1]},
+                {"v": self.x[0], "T": 60.0, "bias": self.long_bias},
+            ]
+            self.rehearsal = {"age": 0, "mean": self.x[4], "from": self.x[0], "speeds": speeds}
+
+    def compare(self, z: float) -> None:
+        lasting = self.rehearsal["age"] * T
+        if lasting < 6 and max(z, self.rehearsal["from"]) > 0.5:
+            off = np.array([z - one["v"] for one in self.rehearsal["speeds"]])
+            self.counted += 1
+            self.errors += max(1 / (self.counted + 2), 1 / 8) * (off**2 - self.errors)
+            self.long_bias -= 0.3 * off[1] / lasting
+        good = self.errors[1] * 4 < self.errors[0]
+        self.T = 60.0 if good else 0.7
+        self.sigma = math.sqrt(4 * max(self.errors[int(good)], 0.1**2) / 5)
+        self.rehearsal = {}
+
+
+def test_the_tracker_agrees_with_an_independent_filter(native: Make) -> None:
+    """Two minutes: walking, standing, driving off; two outages, one of them ends at rest."""
+    speed = ramps(120, (4, 0), (6, 1.2), (50, 1.4), (51, 0), (70, 0), (73, 8), (90, 3), (120, 12))
+    signals = carried(speed, turns(len(speed)), seed=1, lead=0.3, offset=0.1, hidden=0.2)
+    n = len(speed)
+    t = np.arange(n) * T
+    roll, pitch = 0.2 * np.sin(0.5 * t), 0.1 + 0.15 * np.sin(0.7 * t)
+    tilted = signals | {"roll_meas": roll, "pitch_meas": pitch}
+    tilted["accel_x"] = signals["accel_x"] * np.cos(pitch) + G * np.sin(pitch)
+    tilted = without_fixes(without_fixes(tilted, 45, 55), 95, 105)
+    out = run(native, tilted, gate=1e6)
+    reference = Reference()
+    names = [n for n in tilted if not n.startswith(("true_", "mag_"))]
+    for k in range(n):
+        reference.step({name: float(tilted[name][k]) for name in names})
+        assert bool(out["still"][k]) == reference.still, k
+        if not reference.started:
+            continue
+        sd = np.sqrt(np.diag(reference.P))
+        x = np.array([out[f"x[{i}]"][k] for i in range(1, 6)])
+        assert (np.abs(x - reference.x) < 1e-6 * sd).all(), k
+        for name, i in (("speed", 0), ("accel_bias", 1), ("north", 2), ("east", 3)):
+            assert out[f"{name}_sd"][k] == pytest.approx(sd[i], rel=1e-6), (k, name)
+        assert [out["slip[1]"][k], out["slip[2]"][k]] == pytest.approx(list(reference.slip), abs=1e-9)
+        assert out["sigma"][k] == pytest.approx(reference.sigma, rel=1e-7)
+        assert out["reversion"][k] == pytest.approx(1 / reference.T)
+    assert out["still"].any()
+    assert set(np.round(1 / out["reversion"], 1)) == {0.7, 60.0}
+
+
+# Slip
+
+
+@pytest.mark.parametrize(("offset", "lead"), [(0.0, 0.45), (0.15, 0.0), (-0.2, 0.3), (0.0, -0.3)])
+def test_offset_and_lead_of_the_course_are_learned(native: Make, offset: float, lead: float) -> None:
+    speed = np.full(3000, 1.3)
+    signals = carried(speed, turns(3000), seed=2, lead=lead, offset=offset)
+    out = run(native, signals)
+    assert out["slip[1]"][-500:].mean() == pytest.approx(offset, abs=0.03)
+    assert out["slip[2]"][-500:].mean() == pytest.approx(lead, abs=0.06)
+
+
+def test_slip_keeps_place_and_bias_right_in_turns(native: Make) -> None:
+    """A unit held 0.6 m ahead feels V * course rate * sin(slip) to the side, which is no bias."""
+    signals = carried(np.full(3000, 1.3), turns(3000, 1.6), seed=3, lead=0.45)
+    off = {}
+    for use in (1, 0):
+        ends = []
+        for end in range(40, 120, 8):
+            ticks = round(end / T)
+            cut = without_fixes({n: v[:ticks] for n, v in signals.items()}, end - 10, end)
+            ends.append(error(run(native, cut, use_slip=use), signals, ticks - 1))
+        off[use] = float(np.mean(ends))
+    assert off[1] < 0.7
+    assert off[1] < 0.7 * off[0]
+
+
+@pytest.mark.parametrize("course", [math.nan, math.inf, 100.0])
+def test_a_bad_course_teaches_no_slip_but_the_fix_is_used(native: Make, course: float) -> None:
+    signals = carried(np.full(500, 1.3), turns(500), seed=4)
+    signals["gps_course"] = np.full(500, course)
+    out = run(native, signals)
+    assert (out["slip[1]"] == 0).all()
+    assert (out["slip[2]"] == 0).all()
+    assert out["accepted"].sum() == signals["gps_fix"].sum() - 1
+
+
+def test_a_slow_fix_teaches_no_slip(native: Make) -> None:
+    signals = carried(np.full(500, 0.1), turns(500), seed=4, offset=0.5)
+    out = run(native, signals, moving_speed=0.6)
+    assert (out["slip[1]"] == 0).all()
+
+
+# The speed about its mean
+
+
+def test_the_speed_reverts_to_its_mean(native: Make) -> None:
+    """Pushed by 1 m/s2 that is not there, it comes to rest T * 1 m/s2 above the mean of the fixes."""
+    n = 2500
+    felt = np.where(np.arange(n) * T < 80, 0.0, 1.0)
+    signals = without_fixes(carried(np.full(n, 1.3), np.zeros(n), seed=5, swing=0, hidden=felt), 80, 100)
+    for time in (0.7, 1.5):
+        out = run(native, signals, rehearse=0, reversion_time=time)
+        assert out["speed"][-1] - 1.3 == pytest.approx(time, abs=0.1)
+    integrated = run(native, signals, rehearse=0, reversion_time=1e4)
+    assert integrated["speed"][-1] - 1.3 == pytest.approx(20, rel=0.1)
+
+
+def test_a_good_accelerometer_is_believed_for_long_and_one_on_a_swaying_pack_is_not(native: Make) -> None:
+    """The car's speed goes up and down by 8 m/s, as the sensors tell; the dog's hardly, but they say so."""
+    t = np.arange(3000) * T
+    car = carried(10 + 8 * np.sin(0.3 * t), turns(3000, 0.3), seed=6, swing=0.3)
+    dog = carried(2 + 0.2 * np.sin(0.5 * t), turns(3000), seed=7, swing=4, hidden=np.sin(1.1 * t))
+    assert run(native, car)["reversion"][-1000:] == pytest.approx(1 / 60)
+    assert run(native, dog)["reversion"][-1000:] == pytest.approx(1 / 0.7)
+    assert run(native, car)["sigma"][-1] < 1
+    assert run(native, dog, rehearse=0)["sigma"][-1] == 0.4
+
+
+@pytest.mark.parametrize(("size", "bounds"), [(0.1, (0.2, 4)), (0.8, (0.2, 4))])
+def test_the_stated_deviation_at_the_end_of_an_outage_is_that_of_the_errors(
+    native: Make, size: float, bounds: tuple[float, float]
+) -> None:
+    """Mean of error^2 / variance over outages, of a speed that wanders little or much: a factor of 4."""
+    rng = np.random.default_rng(8)
+    n = 6000
+    smooth = np.convolve(rng.normal(size=n + 200), np.hanning(200), mode="same")[100:-100]
+    speed = np.maximum(2 + size * smooth / smooth.std(), 0.2)
+    drift = np.convolve(rng.normal(size=n + 100), np.hanning(100), mode="same")[50:-50]
+    signals = carried(speed, turns(n), seed=9, hidden=0.5 * drift / drift.std())
+    squares = []
+    for end in range(60, 240, 10):
+        ticks = round(end / T)
+        out = run(native, without_fixes({m: v[:ticks] for m, v in signals.items()}, end - 10, end))
+        squares.append((out["speed"][-1] - speed[ticks - 1]) ** 2 / out["speed_sd"][-1] ** 2)
+    assert bounds[0] < np.mean(squares) < bounds[1]
+
+
+# Standing still
+
+
+def test_a_body_that_stops_in_an_outage_stays_in_its_place(native: Make) -> None:
+    speed = ramps(60, (2, 0), (3, 1.3), (40, 1.3), (41, 0), (60, 0))
+    signals = without_fixes(carried(speed, turns(len(speed)) * (speed > 0), seed=10, hidden=0.2), 39, 60)
+    out = run(native, signals)
+    settled = round(43 / T)
+    assert out["still"][settled:].all()
+    assert np.ptp(out["north"][settled:]) < 0.05
+    assert np.ptp(out["east"][settled:]) < 0.05
+    assert np.abs(out["speed"][settled:]).max() < 0.05
+    assert error(out, signals) < 1
+    assert error(run(native, signals, use_stillness=0), signals) > 10
+
+
+def test_standing_through_a_whole_outage_costs_centimetres(native: Make) -> None:
+    speed = ramps(60, (2, 0), (3, 1.3), (30, 1.3), (31, 0), (60, 0))
+    signals = without_fixes(carried(speed, turns(len(speed)) * (speed > 0), seed=11, hidden=0.2), 45, 60)
+    assert error(run(native, signals), signals) < 0.3
+
+
+@pytest.mark.parametrize("outage", [False, True])
+def test_a_smooth_ride_at_constant_speed_is_no_rest(native: Make, outage: bool) -> None:
+    speed = ramps(100, (2, 0), (12, 20), (100, 20))
+    signals = carried(speed, turns(len(speed), 0.1), seed=12, swing=0, shake=0)
+    if outage:
+        signals = without_fixes(signals, 60, 100)
+    assert not run(native, signals)["still"][round(3 / T) :].any()
+
+
+def test_before_motion_is_known_nothing_counts_as_rest(native: Make) -> None:
+    speed = ramps(20, (2, 0), (3, 1.3), (10, 1.3), (11, 0), (20, 0))  # 7 s of motion: 28 fixes
+    assert not run(native, carried(speed, np.zeros(len(speed)), seed=13))["still"].any()
+
+
+def test_a_body_that_goes_on_in_an_outage_takes_up_its_speed_again(native: Make) -> None:
+    speed = ramps(60, (2, 0), (3, 1.3), (40, 1.3), (41, 0), (46, 0), (47, 1.3), (60, 1.3))
+    signals = without_fixes(carried(speed, np.zeros(len(speed)), seed=14), 42, 60)
+    out = run(native, signals)
+    assert not out["still"][round(48 / T) :].any()
+    assert out["speed"][-1] > 0.6
+
+
+def test_rest_is_told_apart_at_any_noise_of_the_sensors(native: Make) -> None:
+    """As the shipped sensors' 1 m/s2, in which a stride is drowned: the gyroscope tells."""
+    speed = ramps(60, (2, 0), (3, 1.3), (40, 1.3), (41, 0), (60, 0))
+    rng = np.random.default_rng(15)
+    signals = carried(speed, turns(len(speed)) * (speed > 0), seed=15)
+    for axis in "xyz":
+        signals[f"accel_{axis}"] = signals[f"accel_{axis}"] + rng.normal(0, 1, len(speed))
+    out = run(native, without_fixes(signals, 39, 60))
+    assert out["still"][round(45 / T) :].mean() > 0.9
+    assert not out["still"][: round(40 / T)].any()
