@@ -24,11 +24,13 @@ from harness.studies import STUDIES
 from harness.trial import DEFAULT
 from models.errors import CanineError, UsageError
 from models.kit.random import MAX_SEED
+from models.system import ESTIMATOR
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from harness.cosim.fmu import FmuDescription
+    from harness.replay.comparison import Comparison
     from harness.trial.request import Request
 
 LONG_S = 60.0  # s of trial time, from which on a run shows its progress
@@ -420,7 +422,13 @@ def check(
 def replay_recording(
     recording: Annotated[Path, typer.Argument(exists=True, metavar="FOLDER|LOG.mcap")],
     *,
-    estimator: Annotated[str, typer.Option(help="the block to run")] = "four_state",
+    estimator: Annotated[
+        str, typer.Option(metavar="NAME,...|all", help="of ours; also paths of FMUs")
+    ] = ESTIMATOR,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="estimator.name=value", help="a parameter; angles in deg"),
+    ] = None,
     outage: Annotated[float, typer.Option(min=OUTAGE_S[0], max=OUTAGE_S[1], help="s without GPS")] = 10,
     every: Annotated[
         float, typer.Option(min=EVERY_S[0], max=EVERY_S[1], help="s from one outage's start to the next")
@@ -430,10 +438,12 @@ def replay_recording(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="print the result as JSON")] = False,
 ) -> None:
-    """Run the estimator FMU over a recording with simulated outages: a table, outages.json, replay.png.
+    """Run estimators over a recording with simulated outages: a table, outages.json, replay.png.
 
     \b
     canine replay ../walk                         a folder with .ubx, imu*.csv and their time tags
+    canine replay ../walk --estimator all         every estimator of ours, in each of its configurations
+    canine replay ../walk --estimator six_state,four_state --set six_state.sigma_heading=0.01
     canine replay out/demo/trial.mcap --outage 5  the log of a trial
     canine replay field                           every recording below a folder: a table of all
 
@@ -442,25 +452,26 @@ def replay_recording(
     from harness.files import replaced
     from harness.recording.find import recordings_below
     from harness.replay import replay
+    from harness.replay.comparison import compare
     from harness.replay.source import open_source
 
-    replay.find_estimator(estimator)
+    comparison = compare(estimator, settings or [])
     paths = recordings_below(recording)
     if paths != [recording]:
-        _replay_all(recording, paths, estimator, (outage, every), folder, as_json=as_json)
+        _replay_all(recording, paths, comparison, (outage, every), folder, as_json=as_json)
         return
     source = open_source(recording)
     if source.broken:
         _note(f"{recording}: the log is not whole, {source.broken}")
-    for note in source.notes:
+    for note in (*source.notes, *comparison.notes(source)):
         _note(f"{recording}: {note}")
     chosen = source.outages(outage, every)
     with _bar("outages", len(chosen.windows), quiet=as_json) as progress:
-        outages = replay.replay(source, estimator, chosen, progress)
+        outages = replay.replay(source, comparison, chosen, progress)
     place = folder or source.folder
-    if others := replaced(place / "outages.json", replay.identity(source, estimator, chosen)):
+    if others := replaced(place / "outages.json", replay.identity(source, comparison, chosen)):
         _note(f"{place}: has another replay, which this replaces ({others})")
-    result = replay.report(source, estimator, chosen, outages, place)
+    result = replay.report(source, comparison, chosen, outages, place)
     if as_json:
         typer.echo(_as_json(result))
     else:
@@ -471,7 +482,7 @@ def replay_recording(
 def _replay_all(
     path: Path,
     paths: list[Path],
-    estimator: str,
+    comparison: Comparison,
     outage: tuple[float, float],
     folder: Path | None,
     *,
@@ -483,7 +494,7 @@ def _replay_all(
     place, results = folder or several.default_folder(path), []
     with _bar("recordings", len(paths), quiet=as_json) as progress:
         for recording in paths:
-            results.append(several.replay_one(path, recording, estimator, outage, place))
+            results.append(several.replay_one(path, recording, comparison, outage, place))
             if progress:
                 progress(len(results))
     if as_json:

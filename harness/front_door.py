@@ -358,12 +358,13 @@ def run_replay(
     recording: StrPath,
     *,
     estimator: str = "four_state",
+    parameters: Mapping[str, Written] | None = None,
     outage: float = 10.0,
     every: float = 5.0,
     out: StrPath | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> ReplayResult:
-    """Run an estimator over a recording with simulated GPS outages.
+    """Run estimators over a recording with simulated GPS outages.
 
     >>> from harness import run_replay, run_trial
     >>> trial = run_trial("three_waypoint", out="out/recorded")
@@ -371,11 +372,12 @@ def run_replay(
     >>> len(replay.outages)
     2
     >>> replay.statistics["pitch"]["n"], list(replay.statistics)
-    (2, ['speed held', 'no pitch', 'pitch', 'fuzzy'])
+    (2, ['speed held', 'mean speed', 'no pitch', 'pitch', 'fuzzy', 'pitch, floor', 'fuzzy, floor, cap'])
 
     Args:
         recording: a log of a trial with sensors, or a recording (see harness/recording/README.md).
-        estimator: the block to run.
+        estimator: one of ours, several with commas between, or `all`; paths of FMUs too.
+        parameters: values by `six_state.name`, or `estimator.name` for all; angles in degrees.
         outage: s without GPS.
         every: s from the start of one outage to the start of the next.
         out: the folder of the results; by default out/replay-<recording>.
@@ -386,18 +388,19 @@ def run_replay(
         CanineError: the recording cannot be read or is too short, or the FMU fails.
     """
     from harness.replay import replay  # noqa: PLC0415 - scipy.stats, which trials need not wait for
+    from harness.replay.comparison import compare  # noqa: PLC0415
     from harness.replay.source import open_source  # noqa: PLC0415
 
-    replay.find_estimator(estimator)
+    comparison = compare(estimator, _settings(parameters))
     for name, value, low, high in (("outage", outage, *OUTAGE_S), ("every", every, *EVERY_S)):
         _check_type(name, value, Real, "a number of seconds")
         if not low <= value <= high:
             raise UsageError(f"{name} is {value:g} s; expected {low:g} to {high:g}")
     source = open_source(Path(recording))
     chosen = source.outages(outage, every)
-    outages = replay.replay(source, estimator, chosen, progress)
+    outages = replay.replay(source, comparison, chosen, progress)
     folder = source.folder if out is None else Path(out)
-    return ReplayResult(folder, replay.report(source, estimator, chosen, outages, folder))
+    return ReplayResult(folder, replay.report(source, comparison, chosen, outages, folder))
 
 
 def open_log(path: StrPath) -> Log:

@@ -163,7 +163,11 @@ ESTIMATORS: dict[str, type[Estimator]] = {
     block.title(): block for block in (FourState, SixState, SevenState, TwoBias, CanineTracker)
 }
 ESTIMATOR = FourState.title()  # by default
-SYSTEMS: dict[str, System] = {"full": full_system(), "cts": trial_simulator()}
+SYSTEMS: dict[str, System] = {
+    "full": full_system(),
+    "full_ahrs": full_system(ahrs=CanineAhrs),
+    "cts": trial_simulator(),
+}
 BLOCKS: tuple[type[Block], ...] = tuple(
     dict.fromkeys(
         [

@@ -1,11 +1,12 @@
-"""Replays: an estimator's FMU over recorded sensors, with simulated GPS outages.
+"""Replays: estimators over recorded sensors, with simulated GPS outages.
 
 In: a recording (`harness.recording` has the formats), a folder of them, or a trial's log. Out: outages.json
 and replay.png.
 
 `source` makes sensor signals of a recording (`harness.recording`) or of a log, and `windows` chooses the
-outages that can be judged. `replay` runs the estimator through them and compares it with the withheld fixes;
-`several` does so for each recording below a folder.
+outages that can be judged. `comparison` holds the estimators and their configurations, which run in C, or as
+FMUs (`fmu`). `replay` runs them through the outages and compares them with the withheld fixes; `several` does
+so for each recording below a folder.
 `plots` draws paths and errors.
 """
 

@@ -18,6 +18,7 @@ from harness.recording.holes import holes_of_fixes
 
 SMALL, LARGE = 11, 14  # pt
 SHOWN = "estimate, in outages that do not overlap"
+WIDE = 4  # configurations abreast
 WRAP = 130  # characters of LARGE on a line
 
 
@@ -68,19 +69,22 @@ def replay_figure(
     title: str = "",
     not_used: str = "",
 ) -> Figure:
-    """The figure of `replay_picture`: a column for each configuration, its map above its errors.
+    """The figure of `replay_picture`: for each configuration a map above its errors, WIDE of them abreast.
 
     All maps have one scale, and so have all errors.
     """
     gps = _broken(gps)
-    figure = new_figure(4.2 * len(estimates), 9)
-    grid = figure.subplots(2, len(estimates), squeeze=False)
+    wide = min(len(estimates), WIDE)
+    bands = -(-len(estimates) // wide)
+    figure = new_figure(4.2 * wide, 9 * bands)
+    grid = figure.subplots(2 * bands, wide, squeeze=False)
     top = 1.05 * max(np.nanmax(_error(gps, track)) for tracks in estimates.values() for track in tracks)
     shown = [gps, *(tracks[i] for tracks in estimates.values() for i in on_map)]
     middle, half = _square(shown)
     for number, (name, tracks) in enumerate(estimates.items()):
         color = ESTIMATES[number % len(ESTIMATES)]
-        above, below = grid[:, number]
+        band, column = divmod(number, wide)
+        above, below = grid[2 * band : 2 * band + 2, column]
         _map(above, gps, [tracks[i] for i in on_map], color)
         above.set_title(name, fontsize=LARGE, fontweight="bold", color=color)
         _errors(below, gps, tracks, color)
@@ -88,9 +92,13 @@ def replay_figure(
         above.set_ylim(middle[0] - half, middle[0] + half)
         below.set_ylim(0, top)
         below.set_title(_in_words(errors[name], len(tracks)), fontsize=SMALL)
-    grid[0, 0].set_ylabel("north [m]", fontsize=SMALL)
-    grid[1, 0].set_ylabel("distance from GPS [m]", fontsize=SMALL)
-    for axes in grid.flat:
+    for band in range(bands):
+        grid[2 * band, 0].set_ylabel("north [m]", fontsize=SMALL)
+        grid[2 * band + 1, 0].set_ylabel("distance from GPS [m]", fontsize=SMALL)
+    for empty in range(len(estimates), bands * wide):
+        for axes in grid[2 * (empty // wide) : 2 * (empty // wide) + 2, empty % wide]:
+            axes.remove()
+    for axes in figure.axes:
         axes.grid(**GRID)
         axes.tick_params(labelsize=SMALL, labelbottom=True, labelleft=True)
     handles, labels = grid[0, 0].get_legend_handles_labels()

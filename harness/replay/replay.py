@@ -1,16 +1,16 @@
-"""Replays a recording through the estimator's FMU, with simulated GPS outages (3.3.6, D.7).
+"""Replays a recording through estimators, with simulated GPS outages (3.3.6, D.7).
 
-For each outage the estimator runs from the start of the recording to the end of the outage, as on board. Its
-error is measured there, against the last withheld fix. `speed held` is dead reckoning without a filter: after
-the last fix its speed continues along the measured heading.
+For each outage each configuration runs from the start of the recording to the end of the outage, as on board.
+Its error is measured there, against the last withheld fix. `speed held` and `mean speed` are dead reckoning
+without a filter: after the last fix its speed, or the mean speed of the last fixes, continues along the
+measured heading. Outages that end standing still are judged apart from the others.
 """
 
 from __future__ import annotations
 
-import ctypes
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,109 +18,19 @@ import numpy as np
 from rich.console import Console
 from scipy import stats
 
-from fmus.build import build_fmu
-from fmus.folder import build_folder
-from harness.cosim.fmu import FmuError, FmuInstance
 from harness.files import make_folder, write_whole
-from harness.recording.attitude import TICK_S, Array
+from harness.recording.attitude import Array
 from harness.recording.recording import RecordingError
-from harness.recording.signals import SensorSignals
+from harness.recording.signals import MOVING_M_S
+from harness.replay.comparison import BASELINES, HELD, Comparison, hold_speed
 from harness.replay.plots import Track, replay_picture
-from harness.replay.source import ESTIMATORS, ReplaySource
+from harness.replay.source import ReplaySource
 from harness.replay.windows import SETTLE, Outages
 from harness.terminal import new_table, print_table
-from models.errors import UsageError, nearest
-from models.kit.block import Block
 
-HELD = "speed held"
-CONFIGURATIONS: dict[str, dict[str, dict[str, float]]] = {
-    "four_state": {
-        "no pitch": {"use_pitch": 0, "fuzzy": 0},
-        "pitch": {"use_pitch": 1, "fuzzy": 0},
-        "fuzzy": {"use_pitch": 1, "fuzzy": 1},
-    }
-}
 COLUMNS = ("position_error_m", "velocity_error_m_s")
+CLASSIC = ("no pitch", "pitch", "fuzzy")  # the text's own comparison: its tests are always shown
 NO_SPREAD = 1e-9  # of paired differences, relative: a t-test would divide by nothing
-
-
-def find_estimator(name: str) -> type[Block]:
-    """The estimator's block of this name.
-
-    Raises:
-        UsageError: there is none.
-    """
-    if name not in ESTIMATORS:
-        raise UsageError(f'there is no estimator "{name}"{nearest(name, ESTIMATORS)}')
-    return ESTIMATORS[name]
-
-
-def run_fmu(
-    path: Path, signals: SensorSignals, ticks: int, parameters: Mapping[str, float]
-) -> dict[str, Array]:
-    """Run an estimator's FMU over the first `ticks` ticks; its outputs by name, (ticks,) each.
-
-    Raises:
-        FmuError: the FMU fails, has an input that is not a sensor signal, or answers no finite number.
-    """
-    with FmuInstance("estimator", path) as component:
-        inputs, outputs = component.description.inputs.values(), component.description.outputs.values()
-        signal_names = {f.name for f in fields(SensorSignals)}
-        for quantity in inputs:
-            if quantity.name not in signal_names:
-                raise FmuError(
-                    f'{path}: input "{quantity.name}" is not a sensor signal; it cannot be replayed'
-                )
-        component.initialize(parameters)
-        setters, getters = [], []  # (call, one tick's values, all ticks' values, what it does)
-        for access in dict.fromkeys(q.access for q in inputs):
-            group = [q for q in inputs if q.access == access]
-            table = np.column_stack([getattr(signals, q.name)[:ticks] for q in group]).astype(access.dtype)
-            now = np.zeros(len(group), dtype=access.dtype)
-            setters.append((component.setting(group, now.ctypes.data), now, table, f"set of {access.fmi}"))
-        estimate = {q.name: np.zeros(ticks) for q in outputs}
-        for access in dict.fromkeys(q.access for q in outputs):
-            group = [q for q in outputs if q.access == access]
-            now = np.zeros(len(group), dtype=access.dtype)
-            table = np.zeros((ticks, len(group)), dtype=access.dtype)
-            getters.append((component.getting(group, now.ctypes.data), now, table, f"get of {access.fmi}"))
-            estimate |= {q.name: table[:, i] for i, q in enumerate(group)}
-        time, ended = ctypes.c_double(), ctypes.c_char()
-        step = component.stepping(time, TICK_S, ctypes.addressof(ended))
-        for tick in range(ticks):
-            time.value = tick * TICK_S
-            for call, now, table, what in setters:
-                now[:] = table[tick]
-                component.call(call, what, time.value)
-            component.call(step, "doStep", time.value)
-            for call, now, table, what in getters:
-                component.call(call, what, time.value)
-                table[tick] = now
-    for name, values in estimate.items():
-        for tick in np.flatnonzero(~np.isfinite(values))[:1]:
-            raise FmuError(
-                f'{path}: output "{name}" is {values[tick]} at t = {tick * TICK_S:.10g} s; '
-                "expected a finite number"
-            )
-    return estimate
-
-
-def hold_speed(signals: SensorSignals, ticks: int) -> dict[str, Array]:
-    """Dead reckoning without a filter, (ticks,) each: after the last fix its speed along the heading.
-
-    A heading that is not finite is bridged by the one before it, as the estimators do.
-    """
-    north, east, speed = (
-        getattr(signals, f"gps_{name}")[:ticks].copy() for name in ("north", "east", "speed")
-    )
-    last = int(np.flatnonzero(signals.gps_fix[:ticks])[-1])
-    finite = np.isfinite(signals.heading_meas[:ticks])
-    latest = np.maximum.accumulate(np.where(finite, np.arange(ticks), 0))
-    steps = speed[last] * TICK_S * np.exp(1j * signals.heading_meas[latest][last + 1 :])
-    way = np.cumsum(steps)
-    north[last + 1 :], east[last + 1 :] = north[last] + way.real, east[last] + way.imag
-    speed[last + 1 :] = speed[last]
-    return {"north": north, "east": east, "speed": speed}
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,15 +43,16 @@ class Outage:
     errors: dict[str, tuple[float, float]]  # configuration -> position [m], velocity [m/s]
     estimates: dict[str, tuple[Array, Array]]  # configuration -> north, east during the outage
     time: Array  # s, of the estimates
+    standing: bool = False  # the animal stood still at its end
 
 
 def replay(
     source: ReplaySource,
-    estimator: str,
+    comparison: Comparison,
     chosen: Outages,
     progress: Callable[[int], None] | None = None,
 ) -> list[Outage]:
-    """Run every configuration of an estimator through every outage.
+    """Run every configuration through every outage.
 
     Args:
         progress: called with the number of outages done.
@@ -157,7 +68,7 @@ def replay(
             f"expected {SETTLE:g} s of motion, and {chosen.length:g} s after that with IMU samples and with "
             "fixes at both ends; record longer or take shorter outages"
         )
-    path = build_fmu(find_estimator(estimator), build_folder() / "fmi2", 2)
+    configurations = comparison.usable(source)
     outages = []
     for number, window in enumerate(chosen.windows):
         signals = source.signals([window])
@@ -165,9 +76,8 @@ def replay(
         withheld = inside[signals.reference_fix[inside]]
         last = int(withheld[-1])  # where the errors are measured
         ticks = last + 1
-        runs = {HELD: hold_speed(signals, ticks)}
-        for name, parameters in CONFIGURATIONS[estimator].items():
-            runs[name] = run_fmu(path, signals, ticks, parameters)
+        runs = {name: hold_speed(signals, ticks, mean_s) for name, mean_s in BASELINES.items()}
+        runs |= {configuration.name: configuration.run(signals, ticks) for configuration in configurations}
         errors = {
             name: (
                 float(
@@ -184,7 +94,8 @@ def replay(
         path_m = float(np.hypot(np.diff(north), np.diff(east)).sum())
         during = slice(int(inside[0]), ticks)
         estimates = {name: (run["north"][during], run["east"][during]) for name, run in runs.items()}
-        outages.append(Outage(*window, path_m, errors, estimates, signals.t[during]))
+        standing = bool(signals.reference_speed[last] < MOVING_M_S)
+        outages.append(Outage(*window, path_m, errors, estimates, signals.t[during], standing))
         if progress:
             progress(number + 1)
     return outages
@@ -223,6 +134,17 @@ def statistics(outages: Sequence[Outage]) -> dict[str, Any]:
     return {"configurations": configurations, "paired_t_tests": pairs}
 
 
+def apart(outages: Sequence[Outage]) -> dict[str, Any]:
+    """The statistics of the outages that end in motion and of those that end standing still.
+
+    Either is None where there is none. A filter without zero-velocity updates runs away while the animal
+    stands, so one such outage would outweigh all others.
+    """
+    groups = {"moving": False, "standing": True}
+    parts = {key: [o for o in outages if o.standing == standing] for key, standing in groups.items()}
+    return {key: statistics(part) if part else None for key, part in parts.items()}
+
+
 def _t_test(differences: Array) -> dict[str, float | None]:
     """The paired t-test of differences (n,); without spread they have no t."""
     if np.ptp(differences) <= NO_SPREAD * np.abs(differences).max():
@@ -245,13 +167,18 @@ def counts(causes: Mapping[str, int]) -> str:
     return ", ".join(f"{number} × {cause}" for cause, number in causes.items())
 
 
-def identity(source: ReplaySource, estimator: str, chosen: Outages) -> dict[str, Any]:
+def identity(source: ReplaySource, comparison: Comparison, chosen: Outages) -> dict[str, Any]:
     """What tells a replay from others, as outages.json states it."""
-    return {"recording": source.name, "estimator": estimator, "outage_s": chosen.length}
+    return {
+        "recording": source.name,
+        "estimator": comparison.name,
+        "settings": ", ".join(comparison.settings),
+        "outage_s": chosen.length,
+    }
 
 
 def report(
-    source: ReplaySource, estimator: str, chosen: Outages, outages: Sequence[Outage], out: Path
+    source: ReplaySource, comparison: Comparison, chosen: Outages, outages: Sequence[Outage], out: Path
 ) -> dict[str, Any]:
     """Write outages.json and replay.png; returns the content of the JSON.
 
@@ -260,18 +187,21 @@ def report(
         FileError: they cannot be written.
     """
     make_folder(out)
+    signals = source.signals([])
     result = {
-        **identity(source, estimator, chosen),
+        **identity(source, comparison, chosen),
         "dropped": dict(source.dropped),
         "left_out": dict(chosen.left_out),
         "broken": source.broken,
-        "notes": list(source.notes),
+        "notes": [*source.notes, *comparison.notes(source)],
         **statistics(outages),
+        **apart(outages),
         "outages": [
             {
                 "start_s": outage.start,
                 "end_s": outage.end,
                 "path_m": outage.path_m,
+                "standing": outage.standing,
                 "errors": {
                     name: dict(zip(COLUMNS, values, strict=True)) for name, values in outage.errors.items()
                 },
@@ -280,7 +210,6 @@ def report(
         ],
     }
     write_whole(out / "outages.json", (json.dumps(result, indent=2, ensure_ascii=False) + "\n").encode())
-    signals = source.signals([])
     fixes = signals.reference_fix
     replay_picture(
         out / "replay.png",
@@ -288,7 +217,7 @@ def report(
         {name: [Track(o.time, *o.estimates[name]) for o in outages] for name in outages[0].errors},
         {name: values[COLUMNS[0]] for name, values in result["configurations"].items()},
         on_map=[outages.index(outage) for outage in disjoint(outages)],
-        title=f"{source.name}: {estimator} through outages of {chosen.length:g} s",
+        title=f"{source.name}: {comparison.name} through outages of {chosen.length:g} s",
         not_used="\n".join(
             [not_used(result), f"not whole: {source.broken}" if source.broken else ""]
         ).strip(),
@@ -308,24 +237,53 @@ def not_used(result: Mapping[str, Any]) -> str:
 
 
 def show(result: Mapping[str, Any], console: Console) -> None:
-    """Print the table of errors at the ends of the outages, and the t-tests."""
+    """Print the table of errors at the ends of the outages, standing ones apart, and the t-tests."""
+    parts = {"error at the end of the outage": result}
+    if result.get("standing"):
+        parts = {
+            "error at the end of the outage,\nin motion": result["moving"],
+            "error at the end of the outage,\nstanding still": result["standing"],
+        }
+    parts = {heading: part for heading, part in parts.items() if part}
+    for heading, part in parts.items():
+        _show_errors(heading, part, console)
+    if lines := not_used(result):
+        console.print(lines, markup=False, highlight=False)
+    _show_tests(next(iter(parts.values()))["paired_t_tests"], console)
+
+
+def _show_errors(heading: str, part: Mapping[str, Any], console: Console) -> None:
     table = new_table()
-    table.add_column("error at the end of the outage")
-    for heading in ("n", "position [m]\nmean", "\nsd", "\nmedian", "\np90"):
-        table.add_column(heading, justify="right")
-    for heading in ("speed [m/s]\nmean", "\nsd", "\nmedian", "\np90"):
-        table.add_column(heading, justify="right")
-    for name, values in result["configurations"].items():
+    table.add_column(heading)
+    for column in ("n", "position [m]\nmean", "\nsd", "\nmedian", "\np90"):
+        table.add_column(column, justify="right")
+    for column in ("speed [m/s]\nmean", "\nsd", "\nmedian", "\np90"):
+        table.add_column(column, justify="right")
+    for name, values in part["configurations"].items():
         cells = [values[column][key] for column in COLUMNS for key in ("mean", "sd", "median", "p90")]
         table.add_row(name, str(values["n"]), *("-" if cell is None else f"{cell:.2f}" for cell in cells))
     print_table(table, console)
-    if lines := not_used(result):
-        console.print(lines, markup=False, highlight=False)
-    for pair in result["paired_t_tests"]:
-        test = pair[COLUMNS[0]]
-        if test and test["t"] is not None:
-            console.print(
-                f"position, {pair['first']} against {pair['second']}: "
-                f"t = {test['t']:+.2f}, p = {test['p']:.2g} (paired, n = {pair['n']})",
-                style="dim",
-            )
+
+
+def _show_tests(pairs: Sequence[Mapping[str, Any]], console: Console) -> None:
+    """The tests against the speed held, and of the text's configurations against each other."""
+    shown = [
+        pair
+        for pair in pairs
+        if any(pair[column] and pair[column]["t"] is not None for column in COLUMNS)
+        and (pair["first"] == HELD or {pair["first"], pair["second"]} <= set(CLASSIC))
+    ]
+    if not shown:
+        return
+    table = new_table()
+    table.add_column(f"paired t-test, n = {shown[0]['n']}\noutages that do not overlap")
+    for column in ("position\nt", "\np", "speed\nt", "\np"):
+        table.add_column(column, justify="right")
+    for pair in shown:
+        cells = []
+        for column in COLUMNS:
+            test = pair[column]
+            known = test and test["t"] is not None
+            cells += [f"{test['t']:+.2f}", f"{test['p']:.2g}"] if known else ["-", "-"]
+        table.add_row(f"{pair['second']} against {pair['first']}", *cells)
+    print_table(table, console)

@@ -9,6 +9,7 @@ from typing import Any
 from rich.console import Console
 
 from harness.recording.find import name_below
+from harness.replay.comparison import Comparison
 from harness.replay.replay import COLUMNS, not_used, replay, report
 from harness.replay.source import open_source
 from harness.terminal import new_table, print_table
@@ -21,7 +22,7 @@ def default_folder(path: Path) -> Path:
 
 
 def replay_one(
-    path: Path, recording: Path, estimator: str, outage: tuple[float, float], folder: Path
+    path: Path, recording: Path, comparison: Comparison, outage: tuple[float, float], folder: Path
 ) -> dict[str, Any]:
     """Replay one recording below `path`: the content of outages.json, and a `problem`, "" if none.
 
@@ -33,8 +34,8 @@ def replay_one(
     try:
         source = open_source(recording)
         chosen = source.outages(*outage)
-        outages = replay(source, estimator, chosen)
-        result = report(source, estimator, chosen, outages, folder / name)
+        outages = replay(source, comparison, chosen)
+        result = report(source, comparison, chosen, outages, folder / name)
     except CanineError as reason:
         return {"recording": name, "problem": str(reason)}
     return result | {"recording": name, "problem": ""}

@@ -16,10 +16,7 @@ from harness.recording.read import read_recording
 from harness.recording.recording import RecordingError
 from harness.recording.signals import MOVING_M_S, SensorSignals, sensor_signals
 from harness.replay.windows import Outages, Window, choose
-from models.four_state import FourState
-from models.kit.block import Block
-
-ESTIMATORS: dict[str, type[Block]] = {block.title(): block for block in (FourState,)}
+from models.system import ESTIMATOR, ESTIMATORS
 
 
 @dataclass(frozen=True)
@@ -77,8 +74,8 @@ def _of_recording(folder: Path) -> ReplaySource:
 
 def _of_log(path: Path) -> ReplaySource:
     log = read_log(path)
-    inputs = {name for block in ESTIMATORS.values() for name in block.flat_names("input")}
-    missing = [s for s in (f"sensors.{name}" for name in sorted(inputs | {"gps_course"})) if s not in log]
+    needed = {*ESTIMATORS[ESTIMATOR].flat_names("input"), "gps_course"}
+    missing = [s for s in (f"sensors.{name}" for name in sorted(needed)) if s not in log]
     if missing:
         raise RecordingError(
             f'{path}: the log has no signal "{missing[0]}"; expected a trial with sensors, such as '
@@ -87,7 +84,8 @@ def _of_log(path: Path) -> ReplaySource:
     _require_ticks(path, log)
     gps = [f"sensors.{f.name}" for f in fields(SensorSignals) if f.name.startswith("gps_")]
     finite_fix = np.all([np.isfinite(log[name]) for name in gps if name in log], axis=0)
-    imu = [f"sensors.{name}" for name in inputs if not name.startswith("gps_")]
+    inputs = {name for block in ESTIMATORS.values() for name in block.flat_names("input")}
+    imu = [f"sensors.{n}" for n in inputs if not n.startswith("gps_") and f"sensors.{n}" in log]
     finite_sample = np.all([np.isfinite(log[name]) for name in imu], axis=0)
     arrived = log["sensors.gps_fix"] > 0
     received = arrived & finite_fix

@@ -111,8 +111,7 @@ class Sweep:
         """What tells the sweep from others, as recommendation.json states it."""
         return {
             "sweep": self.name,
-            "system": self.job.system,
-            **({"estimator": self.job.estimator} if self.job.estimator != ESTIMATOR else {}),
+            "system": find_system(self.job.system, self.job.estimator).name,
             "reading": self.reading,
             "trials": self.job.trials,
             "seed": self.job.seed,

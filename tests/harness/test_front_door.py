@@ -152,8 +152,8 @@ def test_a_trial_that_does_not_exist_or_does_not_fit_is_refused(tmp_path: Path) 
         harness.run_trial("three_waypoints", out=tmp_path)
     with pytest.raises(UsageError, match='cmec has no parameter "max_turn"; did you mean "max_turns"'):
         harness.run_trial("two_waypoint", parameters={"cmec.max_turn": 1}, out=tmp_path)
-    with pytest.raises(UsageError, match='there is no estimator "three_state"; did you mean "four_state"'):
-        harness.run_replay(tmp_path, estimator="three_state")
+    with pytest.raises(UsageError, match='there is no estimator "three_stat"; did you mean'):
+        harness.run_replay(tmp_path, estimator="three_stat")
     assert list(tmp_path.iterdir()) == []
 
 

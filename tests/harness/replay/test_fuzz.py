@@ -12,7 +12,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from harness.replay.replay import CONFIGURATIONS, HELD, replay, statistics
+from harness.replay.comparison import CONFIGURATIONS, HELD, MEAN, compare
+from harness.replay.replay import replay, statistics
 from harness.replay.source import open_source
 from harness.replay.windows import Outages
 from models.errors import CanineError
@@ -23,7 +24,7 @@ PROJECT = Path(__file__).resolve().parents[3]
 WALK = Path(os.environ.get("CANINE_DATA", PROJECT.parent / "shared" / "data")) / "walk_ublox_imu"
 
 MADE = walks.files()
-NAMES = (HELD, *CONFIGURATIONS["four_state"])
+NAMES = (HELD, MEAN, *CONFIGURATIONS["four_state"])
 NOISE_M, NOISE_RATIO = (
     1.0,
     0.1,
@@ -60,7 +61,7 @@ class Judged:
 def judge(folder: Path, length: float, every: float) -> Judged:
     source = open_source(folder)
     chosen = source.outages(length, every)
-    result = statistics(replay(source, "four_state", chosen))
+    result = statistics(replay(source, compare("four_state"), chosen))
     means = {name: c["position_error_m"]["mean"] for name, c in result["configurations"].items()}
     return Judged(chosen, means, dict(source.dropped))
 

@@ -18,7 +18,9 @@ from harness.cosim.fmu import FmuError
 from harness.log.log import read_log
 from harness.recording.recording import RecordingError
 from harness.recording.signals import SensorSignals
-from harness.replay.replay import HELD, Outage, hold_speed, replay, report, run_fmu, show, statistics
+from harness.replay.comparison import HELD, MEAN, compare, hold_speed
+from harness.replay.fmu import run_fmu
+from harness.replay.replay import Outage, apart, replay, report, show, statistics
 from harness.replay.source import ReplaySource, open_source
 from harness.replay.windows import Outages
 from harness.trial import trial
@@ -33,6 +35,7 @@ from tests.harness.replay.logs import write
 
 PROJECT = Path(__file__).resolve().parents[3]
 WALK = Path(os.environ.get("CANINE_DATA", PROJECT.parent / "shared" / "data")) / "walk_ublox_imu"
+FOUR = compare("four_state")
 walk_is_there = pytest.mark.skipif(not WALK.is_dir(), reason=f"no recording in {WALK}")
 
 
@@ -41,8 +44,8 @@ def walk() -> ReplaySource:
     return open_source(WALK)
 
 
-def outage(errors: dict[str, tuple[float, float]], start: float = 0.0) -> Outage:
-    return Outage(start, start + 10.0, 12.0, errors, {}, np.zeros(0))
+def outage(errors: dict[str, tuple[float, float]], start: float = 0.0, standing: bool = False) -> Outage:
+    return Outage(start, start + 10.0, 12.0, errors, {}, np.zeros(0), standing)
 
 
 @walk_is_there
@@ -95,10 +98,11 @@ def test_a_fix_inside_an_outage_does_not_reach_the_estimator(walk: ReplaySource)
 @walk_is_there
 def test_every_configuration_is_compared_with_the_same_fix(walk: ReplaySource, tmp_path: Path) -> None:
     chosen = walk.outages(10, 40)
-    outages = replay(walk, "four_state", chosen)
+    outages = replay(walk, FOUR, chosen)
     assert len(outages) == 3
-    result = report(walk, "four_state", chosen, outages, tmp_path)
-    assert list(result["configurations"]) == [HELD, "no pitch", "pitch", "fuzzy"]
+    result = report(walk, FOUR, chosen, outages, tmp_path)
+    expected = [HELD, MEAN, "no pitch", "pitch", "fuzzy", "pitch, floor", "fuzzy, floor, cap"]
+    assert list(result["configurations"]) == expected
     written = json.loads((tmp_path / "outages.json").read_text())
     assert written == result
     assert (tmp_path / "replay.png").read_bytes().startswith(b"\x89PNG")
@@ -123,6 +127,44 @@ def test_speed_held_goes_on_along_the_heading() -> None:
     assert held["speed"][50] == 2.0
 
 
+def test_the_mean_speed_is_that_of_the_fixes_of_three_seconds() -> None:
+    # given fixes each second with the speeds 9, 1, 2, 3, 6 m/s, the last of them at 4 s
+    ticks = 126
+    values: dict[str, Any] = {name: np.zeros(ticks) for name in SensorSignals.__dataclass_fields__}
+    values["gps_fix"] = (np.arange(ticks) % 25 == 0) & (np.arange(ticks) <= 100)
+    values["gps_speed"] = np.repeat([9.0, 1.0, 2.0, 3.0, 6.0, 6.0], 25)[:ticks]
+    values["gps_speed"] = np.append(values["gps_speed"], 6.0)[:ticks]
+    values["origin_latitude"] = values["origin_longitude"] = 0.0
+    # when it is held for a second
+    held = hold_speed(SensorSignals(**values), ticks, 3.0)
+    # then it is (1 + 2 + 3 + 6) / 4 = 3 m/s, north
+    assert held["speed"][125] == 3.0
+    assert held["north"][125] == pytest.approx(3.0, abs=1e-12)
+
+
+def test_outages_that_end_standing_still_are_judged_apart(capsys: pytest.CaptureFixture[str]) -> None:
+    # given two outages that end in motion, and one at rest in which a filter ran away
+    outages = [
+        outage({HELD: (1.0, 0.1), "pitch": (2.0, 0.2)}),
+        outage({HELD: (3.0, 0.1), "pitch": (6.0, 0.2)}, start=10.0),
+        outage({HELD: (0.5, 0.0), "pitch": (40.0, 4.0)}, start=20.0, standing=True),
+    ]
+    # when
+    parts = apart(outages)
+    show({"dropped": {}, "left_out": {}, **statistics(outages), **parts}, Console(width=120))
+    # then
+    assert parts["moving"]["configurations"]["pitch"]["position_error_m"]["mean"] == pytest.approx(4.0)
+    assert parts["standing"]["configurations"]["pitch"]["position_error_m"]["mean"] == pytest.approx(40.0)
+    assert parts["moving"]["paired_t_tests"][0]["position_error_m"]["t"] == pytest.approx(-2.0)
+    assert apart(outages[:2])["standing"] is None
+    # and the terminal has both, and the test of those in motion
+    text = capsys.readouterr().out
+    assert "in motion" in text
+    assert "standing still" in text
+    assert "40.00" in text
+    assert "-2.00" in text
+
+
 def test_the_log_of_a_trial_gives_the_trials_estimate_again(tmp_path: Path) -> None:
     # given the log of a trial through sensors and estimator
     request = Request(replace(load("three_waypoint"), duration=20.0))
@@ -142,7 +184,7 @@ def test_the_log_of_a_trial_gives_the_trials_estimate_again(tmp_path: Path) -> N
     )
     assert not np.array_equal(without["north"], again["north"])
     # and the baseline, which holds the speed of the last fix, errs by the change of the dog's speed
-    (replayed,) = replay(source, "four_state", Outages(4, [(10.0, 14.0)], {}, ""))
+    (replayed,) = replay(source, FOUR, Outages(4, [(10.0, 14.0)], {}, ""))
     signals = source.signals([(10.0, 14.0)])
     before = signals.gps_speed[np.flatnonzero(signals.gps_fix & (signals.t < 10.0))[-1]]
     at_end = signals.reference_speed[np.flatnonzero(signals.reference_fix & (signals.t <= 14.0))[-1]]
@@ -158,7 +200,7 @@ def test_a_log_without_fixes_has_no_outages(tmp_path: Path) -> None:
         trial.run(request, ready, tmp_path)
     source = open_source(tmp_path / "trial.mcap")
     with pytest.raises(RecordingError, match="no outage of 1 s can be judged; it has no fix"):
-        replay(source, "four_state", source.outages(1, 1))
+        replay(source, FOUR, source.outages(1, 1))
 
 
 def test_the_log_of_a_trial_without_sensors_is_refused(tmp_path: Path) -> None:
@@ -197,7 +239,7 @@ def test_what_was_left_out_or_dropped_is_told_in_all_places(
     drawn: dict[str, Any] = {}
     monkeypatch.setattr("harness.replay.replay.replay_picture", lambda *_, **words: drawn.update(words))
     # when
-    result = report(source, "four_state", chosen, replay(source, "four_state", chosen), tmp_path)
+    result = report(source, FOUR, chosen, replay(source, FOUR, chosen), tmp_path)
     show(result, Console(width=120))
     # then the file, the picture and the terminal have the numbers by cause
     written = json.loads((tmp_path / "outages.json").read_text())

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from harness.recording.recording import RecordingError
-from harness.replay.replay import HELD, replay
+from harness.replay.comparison import HELD, compare
+from harness.replay.replay import replay
 from harness.replay.source import open_source
 from harness.replay.windows import NO_FIX_AT_THE_END, NO_FIXES_BEFORE, NO_SAMPLES
 from tests.harness.replay.logs import TICK_S, walk, write
@@ -43,7 +44,7 @@ def test_a_fix_that_is_not_finite_is_dropped_and_counted(tmp_path: Path, name: s
     source = open_source(write(tmp_path / "trial.mcap", signals))
     # then the outage is judged at the fix before it, 0.2 s earlier
     assert source.dropped == {"fixes with a value that is not finite": 1}
-    outages = replay(source, "four_state", source.outages(5, 5))
+    outages = replay(source, compare("four_state"), source.outages(5, 5))
     assert len(outages) == 2
     assert np.isfinite(list(outages[0].errors.values())).all()
     assert outages[0].time[-1] == pytest.approx(19.8)
@@ -56,7 +57,7 @@ def test_a_sample_that_is_not_finite_is_counted_and_bridged(tmp_path: Path) -> N
     source = open_source(write(tmp_path / "trial.mcap", signals))
     assert source.dropped == {"IMU samples with a value that is not finite": 1}
     # then holding the speed goes on with the heading before it, and errs by nothing
-    outages = replay(source, "four_state", source.outages(5, 5))
+    outages = replay(source, compare("four_state"), source.outages(5, 5))
     assert outages[0].errors[HELD] == pytest.approx((0, 0), abs=1e-9)
     assert np.isfinite(list(outages[0].errors.values())).all()
 
@@ -97,13 +98,13 @@ def test_an_outage_longer_than_the_log_is_refused(tmp_path: Path) -> None:
         RecordingError,
         match=r"no outage of 60 s can be judged; it moves from 4.2 s on and has its last fix at 29.8 s; ",
     ):
-        replay(source, "four_state", source.outages(60, 5))
+        replay(source, compare("four_state"), source.outages(60, 5))
 
 
 def test_a_log_of_one_tick_has_no_outages(tmp_path: Path) -> None:
     source = open_source(write(tmp_path / "trial.mcap", walk(0.04)))
     with pytest.raises(RecordingError, match="no outage of 5 s can be judged; it never moves"):
-        replay(source, "four_state", source.outages(5, 5))
+        replay(source, compare("four_state"), source.outages(5, 5))
 
 
 def test_a_refusal_counts_the_outages_that_were_left_out(tmp_path: Path) -> None:
@@ -111,4 +112,4 @@ def test_a_refusal_counts_the_outages_that_were_left_out(tmp_path: Path) -> None
     signals["accel_x"][tick(16) : tick(17)] = np.nan
     source = open_source(write(tmp_path / "trial.mcap", signals))
     with pytest.raises(RecordingError, match=r"can be judged, left out: 1 × IMU samples missing; "):
-        replay(source, "four_state", source.outages(5, 5))
+        replay(source, compare("four_state"), source.outages(5, 5))

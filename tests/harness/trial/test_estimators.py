@@ -79,7 +79,7 @@ def test_trials_of_a_sweep_with_another_estimator_end_as_single_trials_do(tmp_pa
     assert sweep.rows[0]["successes"] == len(successes)
     mean = sum(trial.time_s for trial in successes) / len(successes)
     assert sweep.rows[0]["mean_time_s"] == pytest.approx(mean, abs=1e-3)
-    assert json.loads(sweep.recommendation_path.read_text())["estimator"] == "six_state"
+    assert json.loads(sweep.recommendation_path.read_text())["system"] == "full_six_state"
 
 
 def test_a_sweeps_folder_bears_the_name_of_its_estimator() -> None:
@@ -88,7 +88,7 @@ def test_a_sweeps_folder_bears_the_name_of_its_estimator() -> None:
     plain, six = (plan_sweep("three", system="full", estimator=name) for name in (None, "six_state"))
     assert default_folder(plain) == Path("out/sweep-three-full")
     assert default_folder(six) == Path("out/sweep-three-full-six_state")
-    assert "estimator" not in plain.identity
+    assert plain.identity["system"] == "full"
     assert plain.fingerprint != six.fingerprint
 
 
@@ -131,13 +131,55 @@ def test_a_scenario_states_its_estimator_only_where_it_is_another_than_the_defau
     assert "estimator" not in Scenario(waypoints=[(25.0, 0.0)]).text()
 
 
+def test_our_ahrs_stands_between_sensors_and_estimator(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # when
+    status, _, errors = canine(
+        capsys, "run", "two_waypoint", "--ahrs", "--estimator", "two_bias", "--out", tmp_path / "first"
+    )
+    again = run_trial(tmp_path / "first" / "trial.mcap", out=tmp_path / "again")
+    # then the estimator takes its angles, and not those of the sensors
+    assert (status, errors) == (0, "")
+    log = again.log
+    assert (log["estimator.heading_meas"] == log["ahrs.heading_meas"]).all()
+    assert not (log["ahrs.heading_meas"] == log["sensors.heading_meas"]).all()
+    assert log.metadata["roles"]["ahrs"] == "canine_ahrs"
+    assert again.log_path.read_bytes() == (tmp_path / "first" / "trial.mcap").read_bytes()
+    # and its parameters are set by its name
+    with pytest.raises(UsageError, match='canine_ahrs has no parameter "no_such"'):
+        run_trial("two_waypoint", ahrs=True, parameters={"canine_ahrs.no_such": 1}, out=tmp_path / "bad")
+    with pytest.raises(UsageError, match="canine_ahrs"):
+        run_trial("two_waypoint", parameters={"canine_ahrs.no_such": 1}, out=tmp_path / "bad")
+
+
+def test_an_estimators_fmu_from_a_file_takes_the_angles_of_our_ahrs(tmp_path: Path) -> None:
+    by_name = run_trial("two_waypoint", estimator="seven_state", ahrs=True, out=tmp_path / "name")
+    path = build_folder() / "fmi2" / "seven_state.fmu"
+    by_path = run_trial("two_waypoint", estimator=path, ahrs=True, out=tmp_path / "path")
+    for signal in ("roll_meas", "pitch_meas", "north", "heading"):
+        name = f"estimator.{signal}"
+        assert (by_name.log[name] == by_path.log[name]).all(), name
+
+
+def test_an_ahrs_needs_our_sensors(tmp_path: Path) -> None:
+    scenario = Scenario(name="true", system="cts", waypoints=[(25.0, 0.0)])
+    with pytest.raises(UsageError, match='--ahrs: the system "cts" lacks our sensors'):
+        run_trial(scenario, ahrs=True, out=tmp_path)
+    with pytest.raises(UsageError, match="--ahrs: the system cts has no sensors; sweep with --system full"):
+        run_sweep("two", ahrs=True, out=tmp_path)
+
+
 def test_the_role_of_an_estimator_offers_all_that_the_sensors_give() -> None:
     assert set(find_role("estimator").inputs) == set(Sensors.flat_names("output"))
 
 
+@pytest.mark.parametrize("whole", ["full", "full_ahrs"])
 @pytest.mark.parametrize("name", ESTIMATORS)
-def test_every_input_of_an_estimator_is_fed_by_name(name: str) -> None:
-    system = find_system("full", name)
-    fed = {link.target_variable for link in system.links if link.target == "estimator"}
-    assert fed == set(ESTIMATORS[name].flat_names("input"))
-    assert system is SYSTEMS["full"] or system.name == f"full_{name}"
+def test_every_input_of_an_estimator_is_fed_by_name(name: str, whole: str) -> None:
+    system = find_system(whole, name)
+    sources = {link.target_variable: link.source for link in system.links if link.target == "estimator"}
+    assert set(sources) == set(ESTIMATORS[name].flat_names("input"))
+    angles = {"roll_meas", "pitch_meas", "heading_meas"} & set(sources)
+    assert {sources[angle] for angle in angles} <= {"ahrs" if whole == "full_ahrs" else "sensors"}
+    assert system is SYSTEMS[whole] or system.name == f"{whole}_{name}"

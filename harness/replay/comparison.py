@@ -1,0 +1,235 @@
+"""What a replay compares: estimators in their configurations, beside dead reckoning without a filter."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from codegen.batch.series import Series
+from harness.cosim.fmu import FmuError
+from harness.files import nearest_file
+from harness.recording.attitude import TICK_S, Array
+from harness.recording.recording import RecordingError
+from harness.recording.signals import SensorSignals
+from harness.replay.fmu import run_fmu
+from harness.replay.source import ReplaySource
+from harness.trial.plan import si_value
+from harness.trial.scenario import Scenario, ScenarioError
+from models.errors import UsageError, nearest
+from models.kit.block import Block
+from models.kit.declaration import Variable, flatten
+from models.seven_state import TUNINGS
+from models.system import ESTIMATORS, find_estimator
+
+HELD, MEAN = "speed held", "mean speed"
+MEAN_S = 3.0  # s of GPS speed before an outage, of which `mean speed` takes the mean
+ALL = "all"
+# ours: what a receiver with carrier phase states in centimetres is not so good on an animal (slip, pack), and
+# a running dog's sigma is cut where the speed's own noise would step it up
+FLOORS = {"position_sd_floor": 0.5, "speed_sd_floor": 0.1}  # m, m/s
+CAP = {"sigma_cap": 1.2}  # m/s2
+CONFIGURATIONS: dict[str, dict[str, dict[str, float]]] = {
+    "four_state": {
+        "no pitch": {"use_pitch": 0, "fuzzy": 0},
+        "pitch": {"use_pitch": 1, "fuzzy": 0},
+        "fuzzy": {"use_pitch": 1, "fuzzy": 1},
+        "pitch, floor": {"use_pitch": 1, "fuzzy": 0, **FLOORS},
+        "fuzzy, floor, cap": {"use_pitch": 1, "fuzzy": 1, **FLOORS, **CAP},
+    },
+    "two_bias": {"two_bias": {}, "two_bias, floor, cap": {**FLOORS, **CAP}},
+    "seven_state": {
+        "seven_state": dict(TUNINGS["canine"]),
+        "seven_state, pedestrian": dict(TUNINGS["pedestrian"]),
+    },
+}
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """An estimator with some of its parameters set.
+
+    Attributes:
+        estimator: of ours, or the path of an FMU.
+        parameters: SI, by flat name.
+    """
+
+    name: str
+    estimator: str
+    parameters: Mapping[str, float] = field(default_factory=dict)
+
+    def run(self, signals: SensorSignals, ticks: int, observe: Sequence[str] = ()) -> dict[str, Array]:
+        """Run it over the first `ticks` ticks, from the start: each output and observed state, (ticks,).
+
+        Raises:
+            FmuError: its FMU fails, has an input that is no sensor signal, or answers no finite number.
+        """
+        if self.estimator not in ESTIMATORS:
+            return run_fmu(Path(self.estimator), signals, ticks, self.parameters)
+        block = ESTIMATORS[self.estimator]
+        names = (*block.flat_names("output"), *observe)
+        rows = _series(self.estimator, names).run(
+            {
+                f"{self.estimator}.{name}": np.asarray(getattr(signals, name)[:ticks], np.float64)
+                for name in block.flat_names("input")
+            },
+            {self.estimator: self.parameters},
+        )
+        estimate = {name: rows[f"{self.estimator}.{name}"] for name in names}
+        for name, values in estimate.items():
+            for tick in np.flatnonzero(~np.isfinite(values))[:1]:
+                raise FmuError(
+                    f'{self.name}: output "{name}" is {values[tick]} at t = {tick * TICK_S:.10g} s; '
+                    "expected a finite number"
+                )
+        return estimate
+
+
+@cache
+def _series(estimator: str, names: tuple[str, ...]) -> Series:
+    return Series(ESTIMATORS[estimator], [f"{estimator}.{name}" for name in names])
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What a replay compares.
+
+    Attributes:
+        estimators: names or paths, as asked for.
+        settings: `estimator.name=value`, as asked for.
+        configurations: of all estimators.
+    """
+
+    estimators: tuple[str, ...]
+    settings: tuple[str, ...]
+    configurations: tuple[Configuration, ...]
+
+    @property
+    def name(self) -> str:
+        """The estimators, in a word for titles and files."""
+        return ",".join(self.estimators)
+
+    def usable(self, source: ReplaySource) -> list[Configuration]:
+        """The configurations that a recording has the sensors for.
+
+        Raises:
+            RecordingError: there is none.
+        """
+        blind = self._blind(source)
+        left = [c for c in self.configurations if c.estimator not in blind]
+        if not left:
+            raise RecordingError(
+                f"{source.name}: has no magnetometer, which {' and '.join(blind)} needs; "
+                "choose another estimator"
+            )
+        return left
+
+    def notes(self, source: ReplaySource) -> list[str]:
+        """A note on each estimator that a recording has no sensors for."""
+        return [f"{e}: left out, since the recording has no magnetometer" for e in self._blind(source)]
+
+    def _blind(self, source: ReplaySource) -> list[str]:
+        takers = [e for e in self.estimators if e in ESTIMATORS and _takes_field(e)]
+        signals = source.signals([]) if takers else None
+        if signals is None or any(np.any(getattr(signals, f"mag_{axis}")) for axis in "xyz"):
+            return []
+        return takers
+
+
+def _takes_field(estimator: str) -> bool:
+    """Does it correct itself by the magnetometer?"""
+    return "mag_x" in ESTIMATORS[estimator].flat_names("input")
+
+
+def compare(estimators: str, settings: Sequence[str] = ()) -> Comparison:
+    """What to compare, from the options of `canine replay`.
+
+    Args:
+        estimators: names of ours and paths of FMUs with commas between, or `all` of ours.
+        settings: `six_state.name=value`, or `estimator.name=value` for all that have the parameter; angles in
+            degrees. They hold in every configuration.
+
+    Raises:
+        UsageError: there is no such estimator or parameter, the value is out of its range, or the parameter
+            is what configurations differ by.
+    """
+    names = [name.strip() for name in estimators.split(",")]
+    chosen = list(ESTIMATORS) if names == [ALL] else list(dict.fromkeys(names))
+    configurations = [c for name in chosen for c in _configurations(name)]
+    parameters = Scenario().override(settings).parameters
+    for address, written in parameters.items():
+        owner, _, name = address.partition(".")
+        having = _owners(owner, name, chosen, f"--set {address}")
+        for i, configuration in enumerate(configurations):
+            if configuration.estimator in having:
+                own = _parameters(ESTIMATORS[configuration.estimator])
+                value = si_value(written, own[name], f"--set {address}")
+                configurations[i] = Configuration(
+                    configuration.name, configuration.estimator, {**configuration.parameters, name: value}
+                )
+    return Comparison(tuple(chosen), tuple(settings), tuple(configurations))
+
+
+def _configurations(name: str) -> list[Configuration]:
+    if name.endswith(".fmu"):
+        if not Path(name).is_file():
+            raise UsageError(f'there is no FMU "{name}"{nearest_file(Path(name))}')
+        return [Configuration(Path(name).name, name)]
+    find_estimator(name)
+    own: Mapping[str, Mapping[str, float]] = CONFIGURATIONS.get(name, {name: {}})
+    return [Configuration(label, name, parameters) for label, parameters in own.items()]
+
+
+def _owners(owner: str, name: str, chosen: Sequence[str], where: str) -> list[str]:
+    """The estimators in which a setting's parameter is."""
+    ours = [estimator for estimator in chosen if estimator in ESTIMATORS]
+    if owner not in (*ours, "estimator"):
+        raise ScenarioError(
+            f'{where}: no estimator "{owner}" is replayed{nearest(owner, (*ours, "estimator"))}'
+        )
+    asked = ours if owner == "estimator" else [owner]
+    having = [e for e in asked if name in _parameters(ESTIMATORS[e])]
+    if not having:
+        known = {n for e in asked for n in _parameters(ESTIMATORS[e])}
+        raise ScenarioError(f'{where}: {" and ".join(asked)} has no parameter "{name}"{nearest(name, known)}')
+    for estimator in having:
+        rows = CONFIGURATIONS.get(estimator, {}).values()
+        if len(rows) > 1 and all(name in row for row in rows):
+            raise ScenarioError(
+                f"{where}: the configurations of {estimator} set it themselves, and all are in the table"
+            )
+    return having
+
+
+def _parameters(block: type[Block]) -> dict[str, Variable]:
+    return dict(flatten(block.group("parameter")))
+
+
+def hold_speed(signals: SensorSignals, ticks: int, mean_s: float = 0.0) -> dict[str, Array]:
+    """Dead reckoning without a filter, (ticks,) each: after the last fix its speed along the heading.
+
+    A heading that is not finite is bridged by the one before it, as the estimators do.
+
+    Args:
+        mean_s: the mean speed of the fixes in that time [s] before the last one, and of it, is held.
+    """
+    north, east, speed = (
+        getattr(signals, f"gps_{name}")[:ticks].copy() for name in ("north", "east", "speed")
+    )
+    fixes = np.flatnonzero(signals.gps_fix[:ticks])
+    last = int(fixes[-1])
+    recent = fixes[fixes >= last - round(mean_s / TICK_S)]
+    held = float(speed[recent].mean())
+    finite = np.isfinite(signals.heading_meas[:ticks])
+    latest = np.maximum.accumulate(np.where(finite, np.arange(ticks), 0))
+    steps = held * TICK_S * np.exp(1j * signals.heading_meas[latest][last + 1 :])
+    way = np.cumsum(steps)
+    north[last + 1 :], east[last + 1 :] = north[last] + way.real, east[last] + way.imag
+    speed[last + 1 :] = held
+    return {"north": north, "east": east, "speed": speed}
+
+
+BASELINES = {HELD: 0.0, MEAN: MEAN_S}  # without a filter: the s of whose fixes the mean speed is held

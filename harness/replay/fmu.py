@@ -1,0 +1,64 @@
+"""An estimator's FMU over sensor signals: an estimator made elsewhere, and the reference for ours in C."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+
+from harness.cosim.fmu import FmuError, FmuInstance
+from harness.recording.attitude import TICK_S, Array
+from harness.recording.signals import SensorSignals
+
+
+def run_fmu(
+    path: Path, signals: SensorSignals, ticks: int, parameters: Mapping[str, float]
+) -> dict[str, Array]:
+    """Run an estimator's FMU over the first `ticks` ticks; its outputs by name, (ticks,) each.
+
+    Raises:
+        FmuError: the FMU fails, has an input that is not a sensor signal, or answers no finite number.
+    """
+    with FmuInstance("estimator", path) as component:
+        inputs, outputs = component.description.inputs.values(), component.description.outputs.values()
+        signal_names = {f.name for f in fields(SensorSignals)}
+        for quantity in inputs:
+            if quantity.name not in signal_names:
+                raise FmuError(
+                    f'{path}: input "{quantity.name}" is not a sensor signal; it cannot be replayed'
+                )
+        component.initialize(parameters)
+        setters, getters = [], []  # (call, one tick's values, all ticks' values, what it does)
+        for access in dict.fromkeys(q.access for q in inputs):
+            group = [q for q in inputs if q.access == access]
+            table = np.column_stack([getattr(signals, q.name)[:ticks] for q in group]).astype(access.dtype)
+            now = np.zeros(len(group), dtype=access.dtype)
+            setters.append((component.setting(group, now.ctypes.data), now, table, f"set of {access.fmi}"))
+        estimate = {q.name: np.zeros(ticks) for q in outputs}
+        for access in dict.fromkeys(q.access for q in outputs):
+            group = [q for q in outputs if q.access == access]
+            now = np.zeros(len(group), dtype=access.dtype)
+            table = np.zeros((ticks, len(group)), dtype=access.dtype)
+            getters.append((component.getting(group, now.ctypes.data), now, table, f"get of {access.fmi}"))
+            estimate |= {q.name: table[:, i] for i, q in enumerate(group)}
+        time, ended = ctypes.c_double(), ctypes.c_char()
+        step = component.stepping(time, TICK_S, ctypes.addressof(ended))
+        for tick in range(ticks):
+            time.value = tick * TICK_S
+            for call, now, table, what in setters:
+                now[:] = table[tick]
+                component.call(call, what, time.value)
+            component.call(step, "doStep", time.value)
+            for call, now, table, what in getters:
+                component.call(call, what, time.value)
+                table[tick] = now
+    for name, values in estimate.items():
+        for tick in np.flatnonzero(~np.isfinite(values))[:1]:
+            raise FmuError(
+                f'{path}: output "{name}" is {values[tick]} at t = {tick * TICK_S:.10g} s; '
+                "expected a finite number"
+            )
+    return estimate
