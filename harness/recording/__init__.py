@@ -9,7 +9,7 @@ inertial samples on the clock of the IMU (a `SampleStream`); `recording` joins t
 `imu_csv` a table of samples, `xsens` the stream of an MT, `described` what a recording.toml names (with
 `mounting`), `velocity` has the velocities that a receiver did not send, `tags` the time tags that tie clocks.
 `check` looks at a recording, and `agreement` at whether its sensors agree. `signals` resamples a recording to
-ticks; `attitude` filters it and finds roll, pitch and heading.
+ticks; `attitude` filters it and finds roll, pitch and heading. `positions` has paths to drive trials with.
 """
 
 STREAMS = (".ubx", ".log", ".bin")  # a u-blox receiver's bytes
