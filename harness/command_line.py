@@ -649,7 +649,7 @@ def study(
     canine study                                  the studies, a line each
     canine study pitch
     canine study outage --seeds 1000 --set measured
-
+    canine study recording ../walk                all estimators on a recording, as canine replay reads them
     """
     from harness.studies.study import Options, find_study, report, run_study
 

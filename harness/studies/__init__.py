@@ -11,4 +11,5 @@ share: along one of `paths`, with pack, sensors and any estimators, in C by `cod
 
 STUDIES = {
     "pitch": "what an incline does to an estimator that does not know of it (D.6)",
+    "recording": "all our estimators on a recording: outages, halves, innovations",
 }

@@ -2,32 +2,23 @@
 
 from __future__ import annotations
 
-import ctypes
 import statistics
-import tempfile
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import fmpy.fmi2
-import numpy as np
-from filterpy.kalman import ExtendedKalmanFilter
 
-from codegen.blocks.block_c import generate, write_files
-from codegen.toolchains.compiler import build_library
 from fmus.build import build_all
 from harness.cosim.loop import Simulation
 from harness.terminal import console_of, new_table, print_table
 from harness.trial.prepare import Prepared, prepared
 from harness.trial.request import Changes, requested
-from models.four_state import FourState
 from models.kit.timing import TICK
 from models.system import SYSTEMS
-from tests.bench import logs, startup, sweeps
+from tests.bench import estimators, logs, startup, sweeps
 
 TICKS = 891  # of the trial that is timed: three_waypoint, seed 1
 ROUNDS = 15
-EKF_TICKS = 2000
 DEMAND = 2.5  # what the loop must be faster than fmpy's wrappers
 
 
@@ -140,70 +131,6 @@ def loop_against_wrappers(ready: Prepared) -> tuple[float, float, float]:
     return paired(ours, wrappers)
 
 
-def ekf_against_filterpy() -> tuple[float, float, float]:
-    """Seconds for ticks of the four-state EKF, a fix each sixth: our C, filterpy with the same matrices."""
-    with tempfile.TemporaryDirectory() as folder:
-        sources = Path(folder)
-        files = generate(FourState)
-        files["drive.c"] = _DRIVER
-        write_files(files, sources)
-        library = build_library(sources, ["four_state.c", "drive.c"], sources / "drive.so", what="four_state")
-        drive = ctypes.CDLL(str(library)).drive
-
-        def native() -> float:
-            return timed(lambda: drive(ctypes.c_int(EKF_TICKS)))
-
-        return paired(native, lambda: timed(_filterpy_ticks), rounds=5)
-
-
-_DRIVER = """
-#include "four_state.h"
-__attribute__((visibility("default"))) double drive(int ticks);
-double drive(int ticks)
-{
-    static four_state m;
-    four_state_defaults(&m);
-    four_state_initialize(&m);
-    m.in.gps_h_acc = 3.5;
-    m.in.gps_s_acc = 0.1;
-    m.in.gps_speed = 1.0;
-    for (int i = 0; i < ticks; i++) {
-        m.in.accel_x = (i & 8) ? 0.5 : -0.5;
-        m.in.heading_meas = 0.3;
-        m.in.gps_fix = i % 6 == 0;
-        m.in.gps_north = 0.04 * 0.955 * i;
-        m.in.gps_east = 0.04 * 0.296 * i;
-        four_state_step(&m);
-    }
-    return m.out.north;
-}
-"""
-
-
-def _filterpy_ticks() -> None:
-    ekf = ExtendedKalmanFilter(dim_x=4, dim_z=3)
-    ekf.P = np.diag([0.1, 1.0, 0.01, 0.01])
-    ekf.Q = np.diag([0.04 * 0.01, 1e-6, 1e-12, 1e-12])
-    ekf.R = np.diag([0.01, 3.0625, 3.0625])
-    observe = np.zeros((3, 4))
-    observe[0, 0] = observe[1, 2] = observe[2, 3] = 1.0
-    cosine, sine = np.cos(0.3), np.sin(0.3)
-    ekf.F = np.eye(4) + np.array(
-        [
-            [0, -0.04, 0, 0],
-            [0, 0, 0, 0],
-            [0.04 * cosine, -0.0008 * cosine, 0, 0],
-            [0.04 * sine, -0.0008 * sine, 0, 0],
-        ]
-    )
-    ekf.B = np.array([[0.04], [0.0], [0.0008 * cosine], [0.0008 * sine]])
-    for i in range(EKF_TICKS):
-        ekf.predict(np.array([[0.5 if i & 8 else -0.5]]))
-        if i % 6 == 0:
-            fix = np.array([[1.0], [0.04 * 0.955 * i], [0.04 * 0.296 * i]])
-            ekf.update(fix, lambda x: observe, lambda x: observe @ x)
-
-
 def main() -> None:
     console = console_of()
     build_all()
@@ -231,15 +158,8 @@ def main() -> None:
         f"{TICKS / by_rows:,.0f} ticks/s",
         f"{log_ratio:.1f}",
     )
-    native, python, ekf_ratio = ekf_against_filterpy()
-    table.add_row(
-        "four-state EKF in C, against filterpy",
-        f"{native / EKF_TICKS * 1e9:.0f} ns/tick",
-        f"{python / EKF_TICKS * 1e9:,.0f} ns/tick",
-        f"{ekf_ratio:.0f}",
-    )
     short: list[str] = []
-    for part in (sweeps, startup):
+    for part in (estimators, sweeps, startup):
         rows, shortfalls = part.rows()
         short += shortfalls
         for row in rows:
