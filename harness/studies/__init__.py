@@ -10,6 +10,7 @@ share: along one of `paths`, with pack, sensors and any estimators, in C by `cod
 """
 
 STUDIES = {
+    "motion": "how the pack moves, by set, beside the text and a real dog (B.4, D.5)",
     "pitch": "what an incline does to an estimator that does not know of it (D.6)",
     "recording": "all our estimators on a recording: outages, halves, innovations",
 }
