@@ -208,7 +208,7 @@ def show(result: Mapping[str, Any], console: Console) -> None:
 def _table(configurations: Mapping[str, Any], text: Mapping[str, Any]) -> Table:
     table = new_table()
     table.add_column("error at the end")
-    for first in ("position [m]\nmean", "speed [m/s]\nmean"):
+    for first in ("position, m\nmean", "speed, m/s\nmean"):
         for heading in (first, "\nsd", "\nmedian", "\np90"):
             table.add_column(heading, justify="right")
     for title, values in configurations.items():
