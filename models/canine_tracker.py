@@ -17,7 +17,7 @@ from models.kit.ekf import Factors, Measurement
 from models.kit.geometry import COUNT_MAX, all_of, any_of, at_least, at_most, clip, counted, where, wrap
 from models.kit.timing import TICK, lasted
 
-NORTH, EAST, MEAN = 2, 3, 4  # behind speed and bias in the state
+NORTH, EAST = 2, 3  # behind speed and bias in the state, eq. 3.9
 OFFSET, LEAD = 0, 1  # of the slip
 BRISK, LONG = 0, 1  # of the two rehearsed speeds
 REHEARSED = 8  # rehearsals over which their errors are averaged
@@ -32,11 +32,11 @@ FRESH = 0.6  # s, age of a fix that still tells whether the body moves
 
 
 class CanineTracker(Estimator):
-    """Loosely coupled EKF with learned slip, a speed that reverts to its mean, and zero-velocity updates."""
+    """EKF with slip, a speed that reverts to its mean, and zero-velocity updates."""
 
     source = "Miller 2010, eq. 3.1-3.9, 6.2, B.4; equations of ours"
     north_state, east_state = NORTH, EAST
-    order = (NORTH, EAST, SPEED, BIAS, MEAN)
+    order = (NORTH, EAST, SPEED, BIAS)
     samples = (
         *(f"{sensor}_{axis}" for sensor in ("accel", "gyro") for axis in "xyz"),
         "roll_meas", "pitch_meas", "heading_meas",
@@ -90,11 +90,11 @@ class CanineTracker(Estimator):
         "1", "of the least motion seen while moving: below it the body rests", start=0.25, min=0
     )
     still_accuracy = Parameter(
-        "m/s", "standard deviation of the speed of a body at rest", start=0.15, min=1e-3
+        "m/s", "standard deviation of the speed of a body at rest", start=0.05, min=1e-3
     )
 
-    x = State("1", "speed, bias, north, east, mean of the speed", size=5)
-    covariance = State("1", "UD factors of P for north, east, speed, bias, mean: D, then U by rows", size=15)
+    x = State("1", "speed, bias less mean speed times reversion, north, east", size=4)
+    covariance = State("1", "UD factors of P for north, east, speed, bias: D, then U by rows", size=10)
     innovation = State("1", "of the last accepted fix: speed, north, east (eq. 3.14)", size=3)
     innovation_variance = State("1", "what the filter expects of each, its variance", start=1, size=3)
     held_heading = State("rad", "last good heading")
@@ -102,15 +102,17 @@ class CanineTracker(Estimator):
     beta = State("rad", "course less heading, of the last good sample")
     slip = State("1", "offset in rad and lead in s: course less heading is offset + lead * yaw rate", size=2)
     slip_covariance = State("1", "its UD factors: D, then U", size=3)
-    pull = State("1", "by which the speed reverts to its mean, in 1/s; 0 at rest or without a sample")
-    reversion = State("1", "likewise of a moving body, as learned")
-    rehearsed = State("m/s", "speeds of the rehearsed outage, brisk and long", size=2)
-    rehearsed_mean = State("m/s", "mean of the speed when it began")
-    rehearsed_bias = State("m/s2", "bias when it began")
-    long_bias = State("m/s2", "bias with which the long one would have ended right, as learned")
+    heard = State(Boolean, "this tick's sample is good")
+    reversion = State("1", "by which the speed reverts to its mean, in 1/s")
+    learned_reversion = State("1", "likewise, as the last rehearsal says")
+    pull = State("1", "the same on this tick: 0 at rest or without a sample")
     rehearsing = State(Boolean, "a rehearsal goes on")
+    rehearsed = State("m/s", "speeds of the rehearsed outage, brisk and long", size=2)
+    rehearsed_from = State("m/s", "speed at which it began")
     rehearsed_ticks = State(Integer, "since it began", max=COUNT_MAX)
-    rehearsed_from = State("m/s", "speed of the fix at which it began")
+    brisk_bias = State("m/s2", "what the brisk one takes off the acceleration")
+    long_bias = State("m/s2", "with which the long one would have ended right: the accelerometer's bias")
+    long_bias_sd = State("m/s2", "its standard deviation")
     rehearsals = State(Integer, "that counted", max=COUNT_MAX)
     rehearsal_errors = State("1", "their mean square errors in (m/s)2, brisk and long", size=2)
     force_mean = State("m/s2", "over still_time", size=3)
@@ -125,7 +127,8 @@ class CanineTracker(Estimator):
     def initialize(m) -> None:
         """Nothing is learned yet."""
         m.slip_covariance = Factors.diagonal([m.initial_slip_offset**2, m.initial_slip_lead**2]).pack()
-        m.reversion = 1 / m.reversion_time
+        m.reversion = m.learned_reversion = 1 / m.reversion_time
+        m.long_bias_sd = ca.sqrt(m.initial_bias_variance)
         m.sigma = m.sigma_constant
         m.rehearsal_errors = ca.vertcat(1, 1) * (m.sigma**2 / SHORT_NOISE * m.rehearsal_time)
 
@@ -152,10 +155,20 @@ class CanineTracker(Estimator):
         along = forward * (1 - square * (1 / 2 - square / 24)) + right * m.beta * (1 - square / 6)
         m.acceleration = where(good, along, m.x[BIAS])
         m.pull = where(good, m.reversion, 0)
+        m.heard = good
         m.held_heading = where(good, m.heading_meas, m.held_heading)
 
     @before("predict")
-    @triggered(lambda m: m.within(*m.samples), "a good sample")
+    @triggered("heard")
+    def imagine(m) -> None:
+        """The rehearsed outage goes on: two speeds without fixes, of one beginning (ours)."""
+        brisk, long = m.rehearsed[BRISK], m.rehearsed[LONG]
+        pull = ca.vertcat(brisk / m.reversion_time, (long - m.rehearsed_from) / m.long_reversion_time)
+        bias = ca.vertcat(m.brisk_bias, m.long_bias)
+        m.rehearsed = m.rehearsed + (m.acceleration - bias - pull) * m.sample_time
+
+    @before("predict")
+    @triggered("heard")
     def feel(m) -> None:
         """Does the body rest? Then it moves less than it ever did while fixes told of motion."""
         part = m.sample_time / at_least(m.still_time, m.sample_time)
@@ -178,42 +191,34 @@ class CanineTracker(Estimator):
         )
         m.pull = where(m.still, 0, m.pull)
 
-    @before("predict")
-    def imagine(m) -> None:
-        """The rehearsed outage goes on: two speeds without fixes, of one beginning (ours)."""
-        brisk, long = m.rehearsed[BRISK] - m.rehearsed_mean, m.rehearsed[LONG] - m.rehearsed_mean
-        change = ca.vertcat(
-            m.acceleration - m.rehearsed_bias - brisk / m.reversion_time,
-            m.acceleration - m.long_bias - long / m.long_reversion_time,
-        )
-        m.rehearsed = m.rehearsed + change * m.sample_time
-
     def _propagate(m) -> tuple[SX, SX]:
-        """Speed' = acceleration - bias - (speed - mean) * pull (a Gauss-Markov process), along the course."""
+        """Along the course, a Gauss-Markov process: V' = a - b - (V - mean) / T.
+
+        Bias and mean cannot be told apart by V, and are one state: V' = a - (b - mean / T) - V / T.
+        """
         time = m.sample_time
         course = m.held_heading + m.beta
         cosine, sine = ca.cos(course), ca.sin(course)
         turned = time * m.pull
         kept = 1 - turned * (1 - 0.5 * turned)  # exp(-turned)
-        driven = time * (1 - 0.5 * turned)
-        row = ca.SX.zeros(1, 5)
-        row[SPEED], row[BIAS], row[MEAN] = kept, -driven, 1 - kept
-        speed = row @ m.x + driven * m.acceleration
-        transition = ca.SX.eye(5)
+        driven = where(m.pull > 0, time * (1 - 0.5 * turned), 0)
+        row = ca.horzcat(kept, -driven, 0, 0)
+        speed = kept * m.x[SPEED] + driven * (m.acceleration - m.x[BIAS])
+        transition = ca.SX.eye(4)
         transition[SPEED, :] = row
-        way = row + ca.SX.eye(5)[SPEED, :]  # of the mean of the speeds before and after
-        transition[NORTH, :] += 0.5 * time * cosine * way
-        transition[EAST, :] += 0.5 * time * sine * way
+        way = 0.5 * time * (row + ca.SX.eye(4)[SPEED, :])  # of the mean of the speeds before and after
+        transition[NORTH, :] += cosine * way
+        transition[EAST, :] += sine * way
         step = 0.5 * time * (m.x[SPEED] + speed)
-        x = ca.vertcat(speed, m.x[BIAS], m.x[NORTH] + step * cosine, m.x[EAST] + step * sine, m.x[MEAN])
-        return x, transition
+        return ca.vertcat(speed, m.x[BIAS], m.x[NORTH] + step * cosine, m.x[EAST] + step * sine), transition
 
     def _process_noise(m) -> list[SX]:
         """That of a constant error of the course makes the variance grow with the square of the way."""
         time = m.sample_time
         aside = (m.heading_accuracy * m.x[SPEED] * time) ** 2 * (2 * m.age)
         position = m.sigma_position**2 + aside
-        return [m.sigma**2 * time, m.sigma_bias**2, position, position, MEAN_SHARE * m.sigma**2 * time]
+        mean = MEAN_SHARE * (m.sigma * m.reversion) ** 2 * time
+        return [m.sigma**2 * time, m.sigma_bias**2 + mean, position, position]
 
     @before("judge")
     @triggered(lambda m: all_of(m.still, m.started), "started, and the body rests")
@@ -271,10 +276,21 @@ class CanineTracker(Estimator):
         m.long_bias = m.long_bias - where(counts, LEARNED, 0) * error[LONG] / lasting
         brisk, long = m.rehearsal_errors[BRISK], m.rehearsal_errors[LONG]
         trusted = all_of(m.rehearse, long * m.rehearsal_margin < brisk)
-        m.reversion = 1 / where(trusted, m.long_reversion_time, m.reversion_time)
+        m.learned_reversion = 1 / where(trusted, m.long_reversion_time, m.reversion_time)
+        m.long_bias_sd = ca.sqrt(long) / m.rehearsal_time
         seen = at_least(where(trusted, long, brisk), m.speed_sd_floor**2)
         m.sigma = where(m.rehearse, ca.sqrt(SHORT_NOISE * seen / m.rehearsal_time), m.sigma_constant)
         m.rehearsing = 0
+
+    @before("correct")
+    @triggered(lambda m: m.learned_reversion != m.reversion, "another reversion is learned", seldom=True)
+    def switch(m) -> None:
+        """Revert by the other time: the mean speed is about the speed, the bias that of the rehearsals."""
+        bias = m.long_bias - m.learned_reversion * m.x[SPEED]
+        variance = m.long_bias_sd**2 + m.initial_speed_variance * m.learned_reversion**2
+        m.x = ca.vertcat(m.x[SPEED], bias, m.x[NORTH], m.x[EAST])
+        m.covariance = m._factors().replaced(BIAS, variance).pack()
+        m.reversion = m.learned_reversion
 
     @before("output")
     @triggered(
@@ -283,13 +299,21 @@ class CanineTracker(Estimator):
     def begin(m) -> None:
         """Begin a rehearsal at the estimate."""
         m.rehearsed = ca.vertcat(m.x[SPEED], m.x[SPEED])
-        m.rehearsed_mean, m.rehearsed_from = m.x[MEAN], m.x[SPEED]
-        m.rehearsed_bias = m.x[BIAS]
+        m.rehearsed_from = m.x[SPEED]
+        m.brisk_bias = m.x[BIAS] + (m.reversion - 1 / m.reversion_time) * m.x[SPEED]
         m.rehearsed_ticks = 0
         m.rehearsing = 1
 
+    def output(m) -> None:
+        """The estimate for this tick; the bias is that of the rehearsals, in which the mean has no part."""
+        super().output()
+        m.accel_bias, m.accel_bias_sd = m.long_bias, m.long_bias_sd
+
     def _begin(m) -> dict[int, tuple[SX, SX]]:
-        return {**super()._begin(), MEAN: (m.gps_speed, m.initial_speed_variance + m._speed_variance())}
+        """The mean speed is that of the fix; a bias that has failed once is given up."""
+        m.long_bias = where(m.renewed, 0, m.long_bias)
+        bias = m.long_bias - m.reversion * m.gps_speed
+        return {**super()._begin(), BIAS: (bias, m.initial_bias_variance)}
 
     def _heading(m) -> tuple[SX, SX]:
         return wrap(m.held_heading), m.heading_accuracy

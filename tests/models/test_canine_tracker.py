@@ -88,15 +88,15 @@ class Reference:
     """The filter again: P itself, matrices, no CasADi; values are those of the defaults."""
 
     def __init__(self) -> None:
-        self.x, self.P = np.zeros(5), np.zeros((5, 5))
+        self.x, self.P = np.zeros(4), np.zeros((4, 4))
         self.slip, self.S = np.zeros(2), np.diag([0.3**2, 0.5**2])
-        self.sigma, self.T = 0.4, 0.7
+        self.sigma, self.T, self.learned_T = 0.4, 0.7, 0.7
         self.age = self.moving = self.counted = 0
         self.means, self.motion = np.zeros((2, 3)), np.zeros(2)
         self.least = np.full(2, 1e6)
         self.errors = np.full(2, self.sigma**2 / 4 * 5)
         self.rehearsal: dict[str, Any] = {}
-        self.long_bias = 0.0
+        self.long_bias, self.long_bias_sd = 0.0, 1.0
         self.started = self.still = False
 
     def step(self, u: dict[str, float]) -> None:
@@ -122,44 +122,37 @@ class Reference:
         told = self.age * T < 0.6 and u["gps_speed"] > 0.5
         self.still = bool(self.moving >= 40 and quiet and not told)
         for one in self.rehearsal.get("speeds", []):
-            one["v"] += T * (a - one["bias"] - (one["v"] - self.rehearsal["mean"]) / one["T"])
+            one["v"] += T * (a - one["bias"] - (one["v"] - one["mean"]) / one["T"])
         if self.rehearsal:
             self.rehearsal["age"] += 1
         if self.started:
             self.predict(a, heading + beta)
             if self.still:
-                self.correct(0, 0.0, 0.15**2)
+                self.correct(0, 0.0, 0.05**2)
         if u["gps_fix"]:
             self.fix(u, heading, yaw_rate)
 
     def predict(self, a: float, course: float) -> None:
-        pull = 0.0 if self.still else 1 / self.T
-        kept = 1 - T * pull + (T * pull) ** 2 / 2
-        driven = (1 - kept) / pull if pull else T
-        F = np.eye(5)
-        F[0] = [kept, -driven, 0, 0, 1 - kept]
-        after = F[0] @ self.x + driven * a
+        h = T / self.T
+        kept, driven = (1.0, 0.0) if self.still else (1 - h + h**2 / 2, T * (1 - h / 2))
+        F = np.eye(4)
+        F[0] = [kept, -driven, 0, 0]
+        after = kept * self.x[0] + driven * (a - self.x[1])
         for i, part in ((2, math.cos(course)), (3, math.sin(course))):
-            F[i] += T / 2 * part * (F[0] + np.eye(5)[0])
+            F[i] += T / 2 * part * (F[0] + np.eye(4)[0])
         step = T / 2 * (self.x[0] + after)
         aside = 2 * self.age * (0.1 * after * T) ** 2 + 1e-12
         self.x = np.array(
-            [
-                after,
-                self.x[1],
-                self.x[2] + step * math.cos(course),
-                self.x[3] + step * math.sin(course),
-                self.x[4],
-            ]
+            [after, self.x[1], self.x[2] + step * math.cos(course), self.x[3] + step * math.sin(course)]
         )
-        Q = [self.sigma**2 * T, 1e-6, aside, aside, self.sigma**2 / 16 * T]
+        Q = [self.sigma**2 * T, 1e-6 + (self.sigma / 4 / self.T) ** 2 * T, aside, aside]
         self.P = F @ self.P @ F.T + np.diag(Q)
 
     def correct(self, i: int, measured: float, variance: float) -> float:
         expected = self.P[i, i] + variance
         innovation = measured - self.x[i]
         gain = self.P[:, i] / expected
-        rest = np.eye(5) - np.outer(gain, np.eye(5)[i])
+        rest = np.eye(4) - np.outer(gain, np.eye(4)[i])
         self.x = self.x + gain * innovation
         self.P = rest @ self.P @ rest.T + variance * np.outer(gain, gain)
         return float(innovation**2 / expected)
@@ -168,8 +161,8 @@ class Reference:
         z, course = u["gps_speed"], u["gps_course"]
         r, r_position = max(u["gps_s_acc"], 0.1) ** 2, max(u["gps_h_acc"] / 2, 0.5) ** 2
         if not self.started:
-            self.x = np.array([z, 0, u["gps_north"], u["gps_east"], z])
-            self.P = np.diag([0.1 + r, 1, 0.01 + r_position, 0.01 + r_position, 0.1 + r])
+            self.x = np.array([z, -z / 0.7, u["gps_north"], u["gps_east"]])
+            self.P = np.diag([0.1 + r, 1, 0.01 + r_position, 0.01 + r_position])
             self.started = True
         else:
             if z > 0.5:
@@ -183,15 +176,19 @@ class Reference:
                 self.least = np.minimum(self.motion, 1.002 * self.least)
             if self.rehearsal and self.rehearsal["age"] * T > 4.99:
                 self.compare(z)
+            if self.learned_T != self.T:
+                self.T = self.learned_T
+                self.x[1] = self.long_bias - self.x[0] / self.T
+                self.P[1, :] = self.P[:, 1] = 0
+                self.P[1, 1] = self.long_bias_sd**2 + 0.1 / self.T**2
             for i, name in ((0, "gps_speed"), (2, "gps_north"), (3, "gps_east")):
                 self.correct(i, u[name], r if i == 0 else r_position)
         self.age = 0
         if not self.rehearsal:
-            speeds = [
-                {"v": self.x[0], "T": 0.7, "bias": self.x[1]},
-                {"v": self.x[0], "T": 60.0, "bias": self.long_bias},
-            ]
-            self.rehearsal = {"age": 0, "mean": self.x[4], "from": self.x[0], "speeds": speeds}
+            v = self.x[0]
+            brisk = {"v": v, "T": 0.7, "bias": self.x[1] + v / self.T - v / 0.7, "mean": 0.0}
+            long = {"v": v, "T": 60.0, "bias": self.long_bias, "mean": v}
+            self.rehearsal = {"age": 0, "from": v, "speeds": [brisk, long]}
 
     def compare(self, z: float) -> None:
         lasting = self.rehearsal["age"] * T
@@ -201,7 +198,8 @@ class Reference:
             self.errors += max(1 / (self.counted + 2), 1 / 8) * (off**2 - self.errors)
             self.long_bias -= 0.3 * off[1] / lasting
         good = self.errors[1] * 4 < self.errors[0]
-        self.T = 60.0 if good else 0.7
+        self.learned_T = 60.0 if good else 0.7
+        self.long_bias_sd = math.sqrt(self.errors[1]) / 5
         self.sigma = math.sqrt(4 * max(self.errors[int(good)], 0.1**2) / 5)
         self.rehearsal = {}
 
@@ -225,11 +223,13 @@ def test_the_tracker_agrees_with_an_independent_filter(native: Make) -> None:
         if not reference.started:
             continue
         sd = np.sqrt(np.diag(reference.P))
-        x = np.array([out[f"x[{i}]"][k] for i in range(1, 6)])
+        x = np.array([out[f"x[{i}]"][k] for i in range(1, 5)])
         assert (np.abs(x - reference.x) < 1e-6 * sd).all(), k
-        for name, i in (("speed", 0), ("accel_bias", 1), ("north", 2), ("east", 3)):
+        for name, i in (("speed", 0), ("north", 2), ("east", 3)):
             assert out[f"{name}_sd"][k] == pytest.approx(sd[i], rel=1e-6), (k, name)
         assert [out["slip[1]"][k], out["slip[2]"][k]] == pytest.approx(list(reference.slip), abs=1e-9)
+        assert out["accel_bias"][k] == pytest.approx(reference.long_bias, abs=1e-7)
+        assert out["accel_bias_sd"][k] == pytest.approx(reference.long_bias_sd, rel=1e-6)
         assert out["sigma"][k] == pytest.approx(reference.sigma, rel=1e-7)
         assert out["reversion"][k] == pytest.approx(1 / reference.T)
     assert out["still"].any()
@@ -378,3 +378,18 @@ def test_rest_is_told_apart_at_any_noise_of_the_sensors(native: Make) -> None:
     out = run(native, without_fixes(signals, 39, 60))
     assert out["still"][round(45 / T) :].mean() > 0.9
     assert not out["still"][: round(40 / T)].any()
+
+
+# The recovery
+
+
+def test_a_bias_far_from_the_truth_is_given_up_with_the_second_beginning(native: Make) -> None:
+    inputs = motion(np.full(600, 1.0), np.zeros(600))
+    estimator = native(CanineTracker, "double", {"recovery_fixes": 2, "reversion_time": 60})
+    estimator.run(**{n: column[:260] for n, column in inputs.items()})
+    estimator["x[2]"] = estimator["long_bias"] = 60.0
+    out = estimator.run(**{n: column[260:] for n, column in inputs.items()})
+    fixes = np.flatnonzero(inputs["gps_fix"][260:])
+    assert out["accepted"][fixes].tolist() == [0] * 4 + [1] * (len(fixes) - 4)
+    assert out["accel_bias"][fixes[[1, 3]]].tolist() == [60, 0]
+    assert abs(out["speed"][-1] - 1) < 0.1

@@ -456,7 +456,7 @@ def test_the_estimate_is_finite_and_its_covariance_positive_for_any_input(
 # The recovery
 
 
-@EACH
+@EACH_OF_THE_TEXT
 def test_a_bias_far_from_the_truth_is_given_up_with_the_second_beginning(native: Make, name: str) -> None:
     """Kept for ever, it would carry the speed out of the gate between any two fixes."""
     inputs = motion(np.full(600, 1.0), np.zeros(600))
