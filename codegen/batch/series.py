@@ -139,16 +139,15 @@ class Series:
 
     def _key(self, name: str, *kinds: str) -> Key:
         component, _, variable = name.partition(".")
+        if (known := self._variables.get((component, variable))) and known.kind in kinds:
+            return component, variable
         if component not in self.components:
             raise WiringError(f'{self.name}: no component "{component}"{nearest(component, self.components)}')
         block = self.components[component]
         names = [n for kind in kinds for n in block.flat_names(kind)]
-        if variable not in names:
-            raise ParameterError(
-                f'{component} {block.title()} has no {" or ".join(kinds)} "{variable}"'
-                f"{nearest(variable, names)}"
-            )
-        return component, variable
+        raise ParameterError(
+            f'{component} {block.title()} has no {" or ".join(kinds)} "{variable}"{nearest(variable, names)}'
+        )
 
     @cached_property
     def _variables(self) -> dict[Key, Variable]:

@@ -6,10 +6,15 @@ folder of its own: the result as JSON, which says all that tables and pictures s
 `study` finds a study and carries it out. A study is a module with `run`, which gives the result as plain
 data, `show`, which prints it as tables, and `draw`, which draws it. `tracking` has the trials that studies
 share: along one of `paths`, with pack, sensors and any estimators, in C by `codegen.batch.series`.
-`statistics` judges errors, and `published` has the text's own numbers.
+`statistics` judges errors, `innovations` what an estimator says about itself, and `published` has the text's
+own numbers.
 """
 
 STUDIES = {
     "pitch": "what an incline does to an estimator that does not know of it (D.6)",
     "recording": "all our estimators on a recording: outages, halves, innovations",
+    "consistency": "are the estimators as good as they say: NEES, NIS, whiteness, stated deviations",
+    "observability": "which motion tells an estimator's biases apart",
+    "steady": "what the filter settles at, against the Riccati equation",
+    "limit_cycle": "the heading under the controller, against its describing function",
 }

@@ -1,0 +1,92 @@
+"""Which motion tells biases apart: known cases, and the filters' own transition."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import control
+import numpy as np
+import pytest
+from rich.console import Console
+
+from harness.studies import observability
+from harness.studies.observability import (
+    SYSTEMS,
+    direction,
+    dynamics,
+    judge,
+    measurement,
+    motions,
+    over_a_tick,
+)
+from harness.studies.study import Options, run_study
+from models.four_state import FourState
+from models.kit.model import Model
+
+OFFSET = "four_state with a pitch offset"
+
+
+@pytest.fixture(scope="module")
+def result() -> dict[str, Any]:
+    return run_study("observability", Options())
+
+
+def test_the_transition_is_that_of_the_block() -> None:
+    # given four_state at 2 m/s, heading 0.5 rad, and the same with each state moved by a little
+    def after(moved: int | None) -> list[float]:
+        model = Model(FourState)
+        model.initialize()
+        model["started"], model["accel_x"], model["heading_meas"] = 1, 0.7, 0.5
+        for i, value in enumerate((2.0, 0.1, 3.0, 4.0)):
+            model[f"x[{i + 1}]"] = value + (1e-4 if i == moved else 0.0)
+        model.step()
+        return [model[f"x[{i}]"] for i in range(1, 5)]
+
+    slopes = np.array([np.subtract(after(i), after(None)) / 1e-4 for i in range(4)]).T
+    # then a tick carries the difference as the transition says
+    assert over_a_tick(dynamics("four_state", 2.0, 0.5, 0.0)) == pytest.approx(slopes, abs=1e-8)
+
+
+def test_at_a_constant_pitch_bias_and_offset_are_one(result: dict[str, Any]) -> None:
+    row = result["systems"][OFFSET]["walks straight"]
+    assert (row["rank"], row["states"], row["condition"]) == (4, 5, None)
+    # 1 m/s2 of bias looks like 1 / (9.81 cos 8.5 deg) rad = 5.905 deg of offset
+    assert row["weakest"] == "accelerometer bias +1 m/s2 with pitch offset +5.9 deg"
+
+
+def test_the_rank_is_that_of_the_observability_matrix() -> None:
+    # given an animal that stands: a system that does not change, which `control` judges
+    transition = over_a_tick(dynamics(OFFSET, 0.0, 0.0, -0.15))
+    matrix = control.obsv(transition, measurement(OFFSET, 0.0)[0])
+    assert np.linalg.matrix_rank(matrix) == judge(OFFSET, motions()["stands"])["rank"] == 4
+
+
+def test_turns_do_not_tell_bias_and_offset_apart_but_sitting_does(result: dict[str, Any]) -> None:
+    rows = result["systems"][OFFSET]
+    assert rows["walks in turns"]["rank"] == 4
+    assert rows["walks and sits"]["rank"] == rows["walks and sits"]["better_known"] == 5
+    assert (
+        rows["walks and sits"]["sd"]["accelerometer bias"] < 0.5 * rows["stands"]["sd"]["accelerometer bias"]
+    )
+
+
+def test_the_magnetometer_s_bias_is_known_only_from_motion(result: dict[str, Any]) -> None:
+    rows = result["systems"]["seven_state"]
+    assert rows["stands"]["weakest"].startswith("magnetometer bias")
+    assert rows["stands"]["sd"]["magnetometer bias"] > 10 * rows["walks straight"]["sd"]["magnetometer bias"]
+
+
+def test_a_direction_is_told_in_units_of_its_largest_part() -> None:
+    # two states, 2 and 10 deg of deviation at the start: (0.6, 0.8) of them are 0.6 and 8 deg
+    states = (SYSTEMS[OFFSET][1], SYSTEMS[OFFSET][4])
+    assert (
+        direction(states, np.array([0.6, 0.8])) == "pitch offset +1 deg with accelerometer bias +0.075 m/s2"
+    )
+
+
+def test_tables_and_picture_have_each_system(result: dict[str, Any]) -> None:
+    text = io.StringIO()
+    observability.show(result, Console(file=text, width=150))
+    assert all(system in text.getvalue() for system in SYSTEMS)
+    assert len(observability.draw(result)["observability"].axes) == 3
