@@ -96,6 +96,7 @@ def canine(
     canine wiring --order jacobi                  what is stepped when, and what delays
     canine replay out/demo/trial.mcap             the estimator over a recording, with GPS outages
     canine fit out                                the dog's statistics from logged trials
+    canine tune ../walk                           an estimator's noise, from a recording's innovations
     canine study outage                           estimators through outages, beside the text's numbers
     canine sweep two                              many trials at each value of a parameter
     canine firmware --target cortex-m4f --out fw  the onboard program's sources
@@ -665,6 +666,45 @@ def study(
         typer.echo(_as_json(result))
     else:
         find_study(name).show(result, out())
+        _say_where(place)
+
+
+@app.command("tune")
+def tune_estimator(
+    recording: Annotated[Path, typer.Argument(exists=True, metavar="FOLDER|LOG.mcap")],
+    *,
+    estimator: Annotated[str, typer.Option(help="the block to tune")] = "four_state",
+    folder: Annotated[
+        Path | None, typer.Option("--out", file_okay=False, help="by default out/tune-<recording>")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print the result as JSON")] = False,
+) -> None:
+    """Fit an estimator's noise to a recording: tables, tune.toml for scenarios, tune.json, tune.png.
+
+    The noise is the one that makes the innovations of the first half most likely, with its confidence
+    intervals. The second half judges: NIS, log-likelihood, and the errors in outages of 10 s.
+
+    \b
+    canine tune ../walk
+    canine tune out/demo/trial.mcap --estimator six_state
+    """
+    from harness.replay.source import open_source
+    from harness.tune import report
+    from harness.tune.tune import tune
+    from models.system import find_estimator
+
+    block = find_estimator(estimator)
+    source = open_source(recording)
+    for note in source.notes:
+        _note(f"{recording}: {note}")
+    with _bar("percent", 100, quiet=as_json) as progress:
+        result = tune(source, block, progress)
+    place = folder or report.default_folder(source.name)
+    report.report(result, place, _note)
+    if as_json:
+        typer.echo(_as_json(result))
+    else:
+        report.show(result, out())
         _say_where(place)
 
 

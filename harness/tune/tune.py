@@ -1,0 +1,98 @@
+"""Tune an estimator on the first half of a recording, and judge it on the second."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from harness.recording.recording import RecordingError
+from harness.replay.comparison import compare
+from harness.replay.source import ReplaySource
+from harness.replay.windows import SETTLE, Window
+from harness.tune.fit import LEVEL, Fit
+from harness.tune.judge import compare_errors, outage_errors, summary_of
+from harness.tune.likelihood import Filter, Tuned
+from models.estimator import Estimator
+
+FIXES = 40  # in either half, at least: 10 s at 4 Hz
+OUTAGE_S, EVERY_S = 10.0, 5.0
+BEFORE, AFTER = "as declared", "tuned"
+
+
+def tune(
+    source: ReplaySource, block: type[Estimator], progress: Callable[[float], None] | None = None
+) -> dict[str, Any]:
+    """The content of tune.json.
+
+    Args:
+        progress: called with the percentage that is done.
+
+    Raises:
+        RecordingError: a half of the recording has too few fixes, or it lacks a sensor of the estimator.
+    """
+    compare(block.title()).usable(source)
+    signals = source.signals([])
+    fixes = signals.t[signals.gps_fix]
+    start = float(fixes[0] + SETTLE) if len(fixes) else 0.0
+    middle = float((start + fixes[-1]) / 2) if len(fixes) else 0.0
+    for half, number in (
+        ("first", int(((fixes >= start) & (fixes < middle)).sum())),
+        ("second", int((fixes >= middle).sum())),
+    ):
+        if number < FIXES:
+            raise RecordingError(
+                f"{source.name}: too short to tune by: {number} fixes in its {half} half after the first "
+                f"{SETTLE:g} s; expected at least {FIXES} in each; record longer"
+            )
+    filter, tuned = Filter(block, signals), Tuned(block, signals)
+    fit = Fit(filter, tuned, start, middle, progress)
+    ways = {BEFORE: {}, AFTER: fit.parameters}
+    innovations = {name: filter.innovations(parameters) for name, parameters in ways.items()}
+    windows = [w for w in source.outages(OUTAGE_S, EVERY_S).windows if w[0] >= middle]
+    result = {
+        "recording": source.name,
+        "estimator": block.title(),
+        "fitted_on_s": [start, middle],
+        "judged_on_s": [middle, float(fixes[-1])],
+        "fixes": fit.fixes,
+        "log_likelihood": fit.log_likelihood,
+        "level": LEVEL,
+        "noises": [
+            {
+                "name": noise.name,
+                "unit": noise.unit,
+                "before": noise.before,
+                "value": fitted.value,
+                "interval": [fitted.low, fitted.high if np.isfinite(fitted.high) else None],
+                "profile": [[value, loss] for value, loss in fitted.profile.items()],
+            }
+            for noise, fitted in zip(tuned.noises, fit.noises, strict=True)
+        ],
+        "parameters": fit.parameters,
+        "judged": {name: summary_of(values.between(middle, np.inf)) for name, values in innovations.items()},
+        "nis": {
+            name: {"time_s": values.time.tolist(), "nis": values.nis.tolist()}
+            for name, values in innovations.items()
+        },
+        "outage_s": OUTAGE_S,
+        "outages": None,
+        "dropped": dict(source.dropped),
+        "notes": list(source.notes),
+    }
+    if windows:
+        errors = outage_errors(source, block, ways, windows)
+        result["outages"] = {"starts_s": [w[0] for w in windows]} | compare_errors(
+            errors, _apart(windows), BEFORE, AFTER
+        )
+    return result
+
+
+def _apart(windows: list[Window]) -> list[int]:
+    """Which windows, in the order of time, do not overlap an earlier one of them."""
+    apart: list[int] = []
+    for i, window in enumerate(windows):
+        if not apart or window[0] >= windows[apart[-1]][1]:
+            apart.append(i)
+    return apart

@@ -1,0 +1,166 @@
+"""Tuning by innovations: noise that is known is found again, and what cannot be judged is refused."""
+
+from __future__ import annotations
+
+import io
+import json
+import tomllib
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from harness.main import run
+from harness.recording.recording import RecordingError
+from harness.recording.signals import SensorSignals
+from harness.replay.source import ReplaySource
+from harness.studies.innovations import Innovations
+from harness.tune import report
+from harness.tune.judge import summary_of
+from harness.tune.likelihood import Tuned
+from harness.tune.tune import AFTER, BEFORE, tune
+from models.four_state import FourState
+from models.kit.timing import TICK
+
+POSITION, SPEED, ACCEL = 0.4, 0.08, 1.5  # m, m/s, m/s2 in a sample: the noise that is to be found
+
+
+def signals(length: float, seed: int = 3) -> SensorSignals:
+    """A straight walk whose noise is white, with fixes that state 3.5 m and 0.1 m/s."""
+    rng = np.random.default_rng(seed)
+    ticks = round(length / TICK)
+    k = np.arange(ticks)
+    speed = 3.0 + 1.5 * np.sin(0.4 * k * TICK)
+    past = np.concatenate([speed[:1], speed[:-1]])
+    north = np.cumsum(0.5 * (speed + past) * TICK)
+    fix = np.isin(k % 25, (0, 7, 13, 19))
+    zeros = np.zeros(ticks)
+
+    def measured(truth: Any, noise: float) -> Any:
+        """With white noise; between fixes the last one holds."""
+        values = truth + rng.normal(0, noise, ticks)
+        return values[np.maximum.accumulate(np.where(fix, k, 0))]
+
+    gps_north, gps_east = measured(north, POSITION), measured(zeros, POSITION)
+    gps_speed = measured(speed, SPEED)
+    columns: dict[str, Any] = dict.fromkeys(SensorSignals.__dataclass_fields__, zeros)
+    columns |= {
+        "t": k * TICK, "gps_fix": fix, "reference_fix": fix,
+        "accel_x": (speed - past) / TICK + 0.3 + rng.normal(0, ACCEL, ticks),
+        "gps_north": gps_north, "gps_east": gps_east, "gps_speed": gps_speed,
+        "gps_h_acc": zeros + 3.5, "gps_s_acc": zeros + 0.1,
+        "reference_north": gps_north, "reference_east": gps_east, "reference_speed": gps_speed,
+    }  # fmt: skip
+    return SensorSignals(**{**columns, "origin_latitude": 0.0, "origin_longitude": 0.0})
+
+
+def source(length: float) -> ReplaySource:
+    whole = signals(length)
+
+    def without(windows: Sequence[tuple[float, float]]) -> SensorSignals:
+        used = whole.gps_fix.copy()
+        for start, end in windows:
+            used &= (whole.t < start) | (whole.t > end)
+        return replace(whole, gps_fix=used)
+
+    return ReplaySource("made", without)
+
+
+@pytest.fixture(scope="module")
+def result() -> dict[str, Any]:
+    return tune(source(70.0), FourState)
+
+
+def test_noise_that_is_known_lies_in_the_intervals(result: dict[str, Any]) -> None:
+    # eq. 3.16 adds sigma^2 * 0.04 a tick to the speed, which 1.5 m/s2 in a sample moves by 1.5 * 0.04
+    truth = {"sigma_constant": ACCEL * 0.04**0.5, "position_sd": POSITION, "speed_sd": SPEED}
+    noises = {noise["name"]: noise for noise in result["noises"]}
+    for name, value in truth.items():
+        low, high = noises[name]["interval"]
+        assert low < value < high
+        assert high < 2.5 * low or name == "speed_sd"
+    # the bias does not move: the recording sets no lower limit to its walk
+    assert noises["sigma_bias"]["interval"][0] == 0
+    assert noises["sigma_bias"]["interval"][1] < 0.05
+
+
+def test_the_second_half_finds_the_tuned_filter_consistent(result: dict[str, Any]) -> None:
+    before, after = (result["judged"][name] for name in (BEFORE, AFTER))
+    assert after["nis_bounds"][0] < after["nis"] < after["nis_bounds"][1]
+    assert not before["nis_bounds"][0] < before["nis"] < before["nis_bounds"][1]
+    assert after["log_likelihood_per_fix"] > before["log_likelihood_per_fix"] + 1
+    assert result["fitted_on_s"][1] == result["judged_on_s"][0] == pytest.approx(40.0, abs=0.3)
+    assert len(result["outages"]["starts_s"]) == len(
+        result["outages"]["ways"][AFTER]["position_error_m"]["each"]
+    )
+    assert min(result["outages"]["starts_s"]) >= result["judged_on_s"][0]
+
+
+def test_an_interval_ends_where_the_likelihood_has_fallen_by_half_the_chi_square(
+    result: dict[str, Any],
+) -> None:
+    # twice the loss at 95 %, one degree of freedom: 3.84; the profile crosses it at both ends
+    noise = next(n for n in result["noises"] if n["name"] == "position_sd")
+    values, losses = np.array(noise["profile"]).T
+    for end in noise["interval"]:
+        assert np.interp(np.log(end), np.log(values), losses) == pytest.approx(3.84, abs=0.4)
+
+
+def test_files_hold_what_a_scenario_takes(result: dict[str, Any], tmp_path: Path) -> None:
+    report.report(result, tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["tune.json", "tune.png", "tune.toml"]
+    assert json.loads((tmp_path / "tune.json").read_text())["noises"] == result["noises"]
+    parameters = tomllib.loads((tmp_path / "tune.toml").read_text())["parameters"]
+    assert parameters["four_state.fuzzy"] is False
+    # 3.5 m times the scale is the deviation that was fitted, as is the floor
+    floor, scale = (parameters[f"four_state.position_sd_{what}"] for what in ("floor", "scale"))
+    assert floor == pytest.approx(3.5 * scale, rel=1e-4)
+    assert "# the recording sets no lower limit to sigma_bias" in (tmp_path / "tune.toml").read_text()
+    text = io.StringIO()
+    report.show(result, Console(file=text, width=120))
+    assert "position_sd [m]" in text.getvalue()
+    assert "outages of 10 s there" in text.getvalue()
+
+
+def test_a_stated_accuracy_that_varies_has_a_scale_and_a_floor() -> None:
+    whole = signals(20.0)
+    varied = replace(whole, gps_h_acc=np.where(whole.t < 10, 0.02, 3.0))
+    assert [n.name for n in Tuned(FourState, varied).noises][-3:] == [
+        "position_sd_scale", "position_sd_floor", "speed_sd"
+    ]  # fmt: skip
+
+
+def test_a_deviation_above_the_stated_one_is_a_floor_that_leaves_the_scale() -> None:
+    tuned = Tuned(FourState, signals(20.0))
+    values = {noise.name: noise.start for noise in tuned.noises} | {"position_sd": 7.0}
+    parameters = tuned.parameters(list(values.values()))
+    assert (parameters["position_sd_floor"], parameters["position_sd_scale"]) == (7.0, 0.5)  # eq. 3.15
+
+
+def test_the_summary_has_the_shares_of_each_value() -> None:
+    innovations = Innovations(np.arange(30.0), np.tile([1.0, 2.0], (30, 1)), np.tile([1.0, 4.0], (30, 1)))
+    summary = summary_of(innovations)
+    assert (summary["nis"], summary["nis_expected"]) == (pytest.approx(2.0), 2)
+    assert summary["nis_by_value"] == pytest.approx([1.0, 1.0])
+
+
+def test_a_recording_that_is_too_short_is_refused() -> None:
+    with pytest.raises(RecordingError) as refusal:
+        tune(source(25.0), FourState)
+    assert str(refusal.value) == (
+        "made: too short to tune by: 30 fixes in its first half after the first 10 s; "
+        "expected at least 40 in each; record longer"
+    )
+
+
+def test_an_estimator_that_does_not_exist_is_told_in_a_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["tune", str(tmp_path), "--estimator", "four_stat"]) == 2
+    assert capsys.readouterr().err == (
+        'canine: there is no estimator "four_stat"; did you mean "four_state"?\n'
+    )
