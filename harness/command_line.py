@@ -434,6 +434,9 @@ def replay_recording(
     every: Annotated[
         float, typer.Option(min=EVERY_S[0], max=EVERY_S[1], help="s from one outage's start to the next")
     ] = 5,
+    attitude: Annotated[
+        str, typer.Option(metavar="own|recorded", help="of the Canine AHRS, or as recorded where it is")
+    ] = "",
     folder: Annotated[
         Path | None, typer.Option("--out", file_okay=False, help="by default out/replay-<recording>")
     ] = None,
@@ -452,16 +455,18 @@ def replay_recording(
     """
     from harness.files import replaced
     from harness.recording.find import recordings_below
+    from harness.recording.signals import require_attitude
     from harness.replay import replay
     from harness.replay.comparison import compare
     from harness.replay.source import open_source
 
     comparison = compare(estimator, settings or [])
+    require_attitude(attitude)
     paths = recordings_below(recording)
     if paths != [recording]:
-        _replay_all(recording, paths, comparison, (outage, every), folder, as_json=as_json)
+        _replay_all(recording, paths, comparison, (outage, every), folder, attitude=attitude, as_json=as_json)
         return
-    source = open_source(recording)
+    source = open_source(recording, attitude)
     if source.broken:
         _note(f"{recording}: the log is not whole, {source.broken}")
     for note in (*source.notes, *comparison.notes(source)):
@@ -487,6 +492,7 @@ def _replay_all(
     outage: tuple[float, float],
     folder: Path | None,
     *,
+    attitude: str,
     as_json: bool,
 ) -> None:
     """`canine replay` of a folder of recordings."""
@@ -495,7 +501,7 @@ def _replay_all(
     place, results = folder or several.default_folder(path), []
     with _bar("recordings", len(paths), quiet=as_json) as progress:
         for recording in paths:
-            results.append(several.replay_one(path, recording, comparison, outage, place))
+            results.append(several.replay_one(path, recording, comparison, outage, place, attitude=attitude))
             if progress:
                 progress(len(results))
     if as_json:

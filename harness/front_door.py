@@ -361,6 +361,7 @@ def run_replay(
     parameters: Mapping[str, Written] | None = None,
     outage: float = 10.0,
     every: float = 5.0,
+    attitude: str = "",
     out: StrPath | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> ReplayResult:
@@ -380,6 +381,7 @@ def run_replay(
         parameters: values by `six_state.name`, or `estimator.name` for all; angles in degrees.
         outage: s without GPS.
         every: s from the start of one outage to the start of the next.
+        attitude: own (of the Canine AHRS) or recorded; by default as recorded, where it is.
         out: the folder of the results; by default out/replay-<recording>.
         progress: called with the number of outages done.
 
@@ -387,16 +389,18 @@ def run_replay(
         UsageError: there is no such estimator.
         CanineError: the recording cannot be read or is too short, or the FMU fails.
     """
+    from harness.recording.signals import require_attitude  # noqa: PLC0415
     from harness.replay import replay  # noqa: PLC0415 - scipy.stats, which trials need not wait for
     from harness.replay.comparison import compare  # noqa: PLC0415
     from harness.replay.source import open_source  # noqa: PLC0415
 
     comparison = compare(estimator, _settings(parameters))
+    require_attitude(attitude)
     for name, value, low, high in (("outage", outage, *OUTAGE_S), ("every", every, *EVERY_S)):
         _check_type(name, value, Real, "a number of seconds")
         if not low <= value <= high:
             raise UsageError(f"{name} is {value:g} s; expected {low:g} to {high:g}")
-    source = open_source(Path(recording))
+    source = open_source(Path(recording), attitude)
     chosen = source.outages(outage, every)
     outages = replay.replay(source, comparison, chosen, progress)
     folder = source.folder if out is None else Path(out)

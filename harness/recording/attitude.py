@@ -1,4 +1,4 @@
-"""Roll, pitch and heading on the estimator's ticks, from raw inertial samples and courses over ground.
+"""Roll, pitch and heading on the estimator's ticks: the Canine AHRS over raw samples, or as recorded.
 
 Everything is causal: a value at a tick depends only on samples and fixes at or before it, as on a wearable
 computer. Body axes are forward, right, down; roll, pitch (nose up positive) and heading (clockwise from
@@ -6,21 +6,23 @@ north) are the aerospace Euler angles, in rad.
 """
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
-from ahrs.common.orientation import acc2q
-from ahrs.filters import Madgwick
 from scipy.signal import butter, sosfilt, sosfilt_zi
 
-from harness.recording.holes import holes_of_imu
-from models.kit.block import Block
+from codegen.batch.series import Series
+from models.canine_ahrs import CanineAhrs
 
 Array = npt.NDArray[np.float64]
 
-TICK_S = Block.sample_time
+TICK_S = CanineAhrs.sample_time
 OVERSAMPLING = 40  # the filter runs at 1 kHz, the resolution of the sample times
 CUTOFF_HZ = 8.0  # -3 dB; the ticks' Nyquist frequency is 12.5 Hz, and 25 Hz (-40 dB) aliases to 0
+SAMPLES = [f"{sensor}_{axis}" for sensor in ("accel", "gyro") for axis in "xyz"]
+AHRS = CanineAhrs.title()
+ANGLES = [f"{AHRS}.{name}_meas" for name in ("roll", "pitch", "heading")]
 FILTER_ORDER = 4  # below 2 Hz its group delay is 2.613 / (2 pi CUTOFF_HZ) = 52 ms
 
 
@@ -43,29 +45,26 @@ def anti_alias(t: Array, samples: Array, ticks: int, *, mean: bool = False) -> A
     return np.asarray(filtered[::OVERSAMPLING], dtype=np.float64)
 
 
-def euler_angles(t: Array, specific_force: Array, rate: Array) -> Array:
-    """Roll, pitch and heading, unwrapped, (n, 3) rad; the heading counts from an arbitrary zero.
+def own_attitude(samples: Array, fix: npt.NDArray[np.bool_], speed: Array, course: Array) -> Array:
+    """Roll, pitch and heading [rad] by the block `canine_ahrs`, (ticks, 3).
 
-    `t` (n,) s, `specific_force` (n, 3) m/s2 and `rate` (n, 3) rad/s in body axes. The filter is Madgwick's
-    gradient filter (Madgwick, Harrison, Vaidyanathan, ICORR 2011) at the library's gain of 0.033 rad/s. Its
-    step has a fixed length, so the centripetal acceleration of a long turn tilts it slowly; unlike Mahony's
-    filter it has no bias state that winds up in a turn. Its vertical is gravity (minus the specific force),
-    so its earth frame is north, east, down, turned by the unknown heading. Over a hole of the samples the
-    angles stay: what the body did meanwhile is unknown, and one step of seconds would turn and tilt them far.
+    The heading counts from an arbitrary zero until the first moving fix.
+
+    Args:
+        samples: (ticks, 6) specific force [m/s2] and turn rate [rad/s], this one the mean since the last
+            tick; a tick with NaN has no sample.
+        fix: which ticks have a new fix (ticks,).
+        speed, course: m/s and rad of the fix at each tick, or of the one before it (ticks,).
     """
-    elapsed = np.diff(t)
-    for start, _ in holes_of_imu(t):
-        elapsed[np.searchsorted(t, start)] = 0.0
-    madgwick = Madgwick()
-    q = np.empty((len(t), 4))
-    q[0] = acc2q(-specific_force[0])
-    for i in range(1, len(t)):
-        q[i] = madgwick.updateIMU(q[i - 1], rate[i], -specific_force[i], dt=elapsed[i - 1])
-    w, x, y, z = q.T
-    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1, 1))
-    heading = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    return np.column_stack([np.unwrap(roll), pitch, np.unwrap(heading)])
+    inputs = dict(zip(SAMPLES, samples.T, strict=True))
+    inputs |= {"gps_fix": fix.astype(np.float64), "gps_speed": speed, "gps_course": course}
+    rows = _ahrs().run({f"{AHRS}.{name}": row for name, row in inputs.items()})
+    return np.column_stack([rows[name] for name in ANGLES])
+
+
+@cache
+def _ahrs() -> Series:
+    return Series(CanineAhrs, ANGLES)
 
 
 def align_heading(

@@ -21,6 +21,7 @@ mounting = { roll = 180, pitch = 0, yaw = -90 }     # deg, or a matrix; see `mou
 time = { column = 1, unit = "ms" }    # a number counts from 1
 accel_x = { column = 2, unit = "g" }
 ...
+heading = { column = 8, unit = "deg", sense = -1 }  # an attitude of its own; counter-clockwise in the file
 
 [clock]
 imu_offset = 0.0                  # s, what the time of the IMU lacks to that of the GPS
@@ -37,10 +38,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from harness.recording import STREAMS
 from harness.recording.attitude import Array
-from harness.recording.mounting import fault_of_rotation, rotation
+from harness.recording.mounting import fault_of_rotation, rotation, rotations
 from harness.recording.recording import Index, RecordingError, as_number, read_file
 from harness.toml_file import TomlError, parse_toml, read_toml
 from models.errors import nearest, printable
@@ -58,10 +60,19 @@ UNITS: dict[str, dict[str, float]] = {
     "": {"": 1},
 }  # SI unit -> unit that a file may have -> factor
 IMU_COLUMNS = {"time": "s"} | {f"accel_{a}": "m/s2" for a in "xyz"} | {f"gyro_{a}": "rad/s" for a in "xyz"}
+EULER = ("roll", "pitch", "heading")  # of the body, by the IMU's own AHRS
+QUATERNION = ("q_w", "q_x", "q_y", "q_z")  # turns vectors in the axes of the IMU into those of the earth
+ATTITUDE_COLUMNS = dict.fromkeys(EULER, "rad") | dict.fromkeys(QUATERNION, "")
+EARTHS: dict[str, list[list[float]]] = {
+    "NED": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+    "ENU": [[0, 1, 0], [1, 0, 0], [0, 0, -1]],
+    "NWU": [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
+}  # axes of the earth -> north, east, down in them
 GPS_COLUMNS = {
     "time": "s", "latitude": "rad", "longitude": "rad", "height": "m", "h_acc": "m", "velocity_north": "m/s",
     "velocity_east": "m/s", "speed": "m/s", "course": "rad", "s_acc": "m/s", "fix": "",
 }  # fmt: skip
+LARGEST_STRETCH = 0.1  # by which the length of a quaternion may differ from 1
 RATE_SLACK = 0.1  # part by which the rate of a file may differ from the one stated
 
 
@@ -81,6 +92,7 @@ class FileDescription:
     Attributes:
         rate: Hz as stated; None if it is not.
         fixes: values of the column `fix` that make a fix.
+        earth: (3, 3) turns vectors in the axes of the earth that a quaternion has into north, east, down.
     """
 
     path: Path
@@ -88,6 +100,7 @@ class FileDescription:
     separator: str = ","
     rate: float | None = None
     fixes: tuple[float, ...] = ()
+    earth: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -117,11 +130,11 @@ def read_description(path: Path) -> Description:
     clock = _table(path, "clock", table.get("clock", {}))
     _known(path, "clock.", clock, ("imu_offset",))
     _known(path, "gps.", gps, ("file", "rate", "separator", "columns", "fixes"))
-    _known(path, "imu.", imu, ("file", "rate", "separator", "columns", "mounting"))
+    _known(path, "imu.", imu, ("file", "rate", "separator", "columns", "mounting", "earth"))
     offset = _number(path, "clock.imu_offset", clock["imu_offset"]) if "imu_offset" in clock else None
     return Description(
         gps=_file(path, "gps", gps, GPS_COLUMNS),
-        imu=_file(path, "imu", imu, IMU_COLUMNS),
+        imu=_file(path, "imu", imu, IMU_COLUMNS | ATTITUDE_COLUMNS),
         mounting=_mounting(path, imu.get("mounting")),
         imu_offset=offset,
     )
@@ -166,7 +179,18 @@ def _file(path: Path, part: str, table: Mapping[str, Any], quantities: Mapping[s
                 "expected a column for each"
             )
     _require_columns(path, part, file, columns, rate)
-    return FileDescription(file, columns, separator, rate, fixes)
+    return FileDescription(file, columns, separator, rate, fixes, _earth(path, table.get("earth"), columns))
+
+
+def _earth(path: Path, written: Any, columns: Collection[str]) -> Array | None:
+    if (written is None) == any(name in columns for name in QUATERNION) or (
+        written is not None and written not in EARTHS
+    ):
+        raise RecordingError(
+            f"{path}: imu.earth is {written!r}, expected one of {', '.join(EARTHS)} with a quaternion in "
+            "imu.columns, and nothing without"
+        )
+    return None if written is None else np.array(EARTHS[written], dtype=np.float64)
 
 
 def _require_columns(
@@ -179,6 +203,8 @@ def _require_columns(
         return
     if part == "imu":
         needed = [name for name in IMU_COLUMNS if name != "time" or rate is None]
+        for group in (EULER, QUATERNION):
+            needed += [name for name in group if any(other in columns for other in group)]
     else:
         needed = ["time", "latitude", "longitude", "h_acc"]
         if "velocity_north" in columns or "velocity_east" in columns:
@@ -187,16 +213,21 @@ def _require_columns(
             needed += ["speed", "course", "s_acc"]
     missing = [name for name in needed if name not in columns]
     if missing:
+        unit = (IMU_COLUMNS | ATTITUDE_COLUMNS | GPS_COLUMNS)[missing[0]]
         instead = " (or imu.rate in Hz)" if "time" in missing and part == "imu" else ""
         raise RecordingError(
             f"{path}: {part}.columns.{missing[0]}{instead} is missing; say where it is, as in "
-            f'{missing[0]} = {{ column = 1, unit = "{(IMU_COLUMNS | GPS_COLUMNS)[missing[0]]}" }}'
+            f'{missing[0]} = {{ column = 1, unit = "{unit}" }}'
         )
 
 
 def _column(path: Path, where: str, written: Any, si: str) -> Column:
     table = _table(path, where, written)
-    _known(path, f"{where}.", table, ("column", "value", "unit"))
+    turns = where.rpartition(".")[2] in ATTITUDE_COLUMNS
+    _known(path, f"{where}.", table, ("column", "value", "unit", *(["sense"] if turns else [])))
+    sense = table.get("sense", 1)
+    if sense not in (1, -1) or isinstance(sense, bool):
+        raise RecordingError(f"{path}: {where}.sense is {sense!r}, expected 1, or -1 for the reverse")
     unit = table.get("unit", "" if si == "" else None)
     if unit not in UNITS[si]:
         raise RecordingError(f"{path}: {where}.unit is {unit!r}, expected one of {', '.join(UNITS[si])}")
@@ -207,14 +238,14 @@ def _column(path: Path, where: str, written: Any, si: str) -> Column:
         number = _number(path, f"{where}.value", value)
         if where.endswith("_acc") and number <= 0:
             raise RecordingError(f"{path}: {where}.value is {number:g}, expected an accuracy above 0")
-        return Column(None, number, UNITS[si][unit])
+        return Column(None, number, sense * UNITS[si][unit])
     if (
         isinstance(column, bool)
         or not isinstance(column, (str, int))
         or (isinstance(column, int) and column < 1)
     ):
         raise RecordingError(f"{path}: {where}.column is {column!r}, expected its name or its number from 1")
-    return Column(column, math.nan, UNITS[si][unit])
+    return Column(column, math.nan, sense * UNITS[si][unit])
 
 
 def _mounting(path: Path, written: Any) -> Array:
@@ -290,6 +321,26 @@ def read_columns(file: FileDescription) -> tuple[dict[str, Array], Index, Counte
         lines_before = np.array(indices) - min(indices[0], 1)  # with those that are dropped, without a header
         values["time"] = lines_before / file.rate
     return values, np.array(kept, dtype=np.int64), dropped
+
+
+def recorded_attitude(file: FileDescription, values: Mapping[str, Array], mounting: Array) -> Array | None:
+    """The attitudes (n, 3, 3) in a csv: from the axes of the IMU to north, east, down. None without one.
+
+    Angles are of the body, in which the IMU has a mounting (3, 3); a quaternion is of the IMU. One that is
+    far from a length of 1 is no attitude: NaN.
+    """
+    if EULER[0] in values:
+        return rotations(*(values[name] for name in EULER)) @ mounting
+    if QUATERNION[0] not in values:
+        return None
+    assert file.earth is not None
+    quaternion = np.column_stack([values[name] for name in (*QUATERNION[1:], QUATERNION[0])])
+    length = np.linalg.norm(quaternion, axis=1)
+    wrong = ~(np.abs(length - 1) < LARGEST_STRETCH)
+    quaternion[wrong] = [0.0, 0.0, 0.0, 1.0]
+    attitude = file.earth @ Rotation.from_quat(quaternion).as_matrix()
+    attitude[wrong] = np.nan
+    return np.asarray(attitude, dtype=np.float64)
 
 
 def _place(file: FileDescription, quantity: str, column: Column, names: list[str]) -> int:

@@ -23,6 +23,7 @@ from harness.recording.described import (
     FileDescription,
     read_columns,
     read_description,
+    recorded_attitude,
     require_rate,
 )  # fmt: skip
 from harness.recording.imu_csv import read_imu_csv
@@ -251,7 +252,7 @@ def _described(folder: Path) -> Parts:
     return Parts(
         name=folder.resolve().name,
         fixes=_part(lambda: _described_fixes(gps)),
-        samples=_part(lambda: _described_samples(imu)),
+        samples=_part(lambda: _described_samples(imu, description.mounting)),
         mounting=description.mounting,
         mounting_source=f"imu.mounting in {DESCRIPTION}",
         tie=tie,
@@ -289,7 +290,7 @@ def _described_fixes(file: FileDescription) -> FixStream:
     return FixStream(file.path.name, table, np.arange(len(table)), dropped, kinds or {"lines": len(table)})
 
 
-def _described_samples(file: FileDescription) -> SampleStream:
+def _described_samples(file: FileDescription, mounting: Array) -> SampleStream:
     suffix = file.path.suffix.lower()
     if suffix in STREAMS:
         return esf.read_esf(file.path)
@@ -302,7 +303,8 @@ def _described_samples(file: FileDescription) -> SampleStream:
     force, rate = (
         np.column_stack([values[f"{name}_{axis}"] for axis in "xyz"]) for name in ("accel", "gyro")
     )
-    return SampleStream(file.path.name, values["time"], force, rate, ends, dropped)
+    attitude = recorded_attitude(file, values, mounting)
+    return SampleStream(file.path.name, values["time"], force, rate, ends, dropped, attitude=attitude)
 
 
 def _read_fixes(path: Path) -> FixStream:

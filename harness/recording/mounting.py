@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from harness.recording.attitude import Array
 
@@ -22,6 +23,24 @@ def rotation(roll: float, pitch: float, yaw: float) -> Array:
     about_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
     about_z = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
     return np.asarray(about_z @ about_y @ about_x, dtype=np.float64)
+
+
+def rotations(roll: Array, pitch: Array, heading: Array) -> Array:
+    """The matrices (n, 3, 3) of attitudes (n,) in rad: from forward, right, down to north, east, down."""
+    angles = np.column_stack([heading, pitch, roll])
+    return np.asarray(Rotation.from_euler("ZYX", angles).as_matrix(), dtype=np.float64)
+
+
+def euler_angles(rotations: Array) -> Array:
+    """Roll, pitch and heading [rad] of matrices (n, 3, 3) from forward, right, down to north, east, down."""
+    sine = np.clip(-rotations[:, 2, 0], -1, 1)
+    return np.column_stack(
+        [
+            np.arctan2(rotations[:, 2, 1], rotations[:, 2, 2]),
+            np.arcsin(sine),
+            np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0]),
+        ]
+    )
 
 
 def _turn(angle: float) -> tuple[float, float]:

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from harness.recording.attitude import TICK_S, Array, anti_alias, euler_angles
+from harness.recording.attitude import TICK_S, Array, anti_alias
+from harness.recording.mounting import euler_angles
 from harness.recording.order import Mask, late_run, longest_rise, repeats
 from models.errors import CanineError
 
@@ -19,6 +20,7 @@ Index = npt.NDArray[np.int64]
 WEEK_S = 604_800
 MIN_OVERLAP_S = 20.0  # s with both sensors: one outage of 10 s and 10 s before it
 MAX_OVERLAP_S = 4 * 3600.0  # s with both sensors: what a laptop's memory holds at 1 kHz
+LEAD_S = 60.0  # s of samples before the first fix that are used
 MAX_SPEED = 100.0  # m/s; no animal, nor a person or car that carries the rig for a test, is faster
 MAX_ACC = 1e6  # m and m/s of accuracy: more says nothing
 MAX_JUMPS = 1000  # in the positions of a recording
@@ -96,6 +98,8 @@ class SampleStream:
         rate: (n, 3) rad/s.
         ends: (n,) position in the file behind each.
         dropped: how many were dropped, by cause.
+        attitude: (n, 3, 3) turns vectors in the axes of the IMU into north, east, down, by its own AHRS;
+            None without one.
     """
 
     file: str
@@ -105,6 +109,7 @@ class SampleStream:
     ends: Index
     dropped: Mapping[str, int] = field(default_factory=dict)
     in_ticks: bool = False
+    attitude: Array | None = None
 
     def only(self, kept: Mask, cause: str) -> SampleStream:
         """The samples in a mask (n,); the others are counted as dropped for a cause."""
@@ -113,6 +118,7 @@ class SampleStream:
             clock=self.clock[kept],
             specific_force=self.specific_force[kept],
             rate=self.rate[kept],
+            attitude=None if self.attitude is None else self.attitude[kept],
             ends=self.ends[kept],
             dropped=added(self.dropped, {cause: int((~kept).sum())}),
         )
@@ -126,6 +132,8 @@ class SampleStream:
         values = np.column_stack([self.clock, self.specific_force, self.rate])
         greatest = (np.finfo(np.float64).max, *[MAX_FORCE] * 3, *[MAX_RATE] * 3)
         possible = _within(values, greatest)
+        if self.attitude is not None:
+            possible &= np.isfinite(self.attitude).all(axis=(1, 2))
         stream, values = self.only(possible, "IMU samples out of range"), values[possible]
         stream = stream.only(~repeats(values), "IMU samples repeated")
         if not len(stream.clock):
@@ -162,17 +170,32 @@ class Recording:
     rate: Array  # (n, 3) rad/s, forward, right, down
     dropped: Mapping[str, int]  # how many fixes, samples or frames were not used, by cause in plain words
     notes: tuple[str, ...] = ()  # what a result rests on, and what looks wrong
+    attitude: Array | None = None  # (n, 3) roll, pitch and heading [rad] of the body, where they are recorded
 
     @property
     def ticks(self) -> int:
         """Number of ticks k * TICK_S, from k = 0 on, that both sensors cover."""
         return int(min(np.ceil(self.fixes.t[-1] / TICK_S - 1e-6), np.floor(self.imu_t[-1] / TICK_S))) + 1
 
+    @property
+    def ticks_before(self) -> int:
+        """Number of ticks before the origin with IMU samples, of which the attitude makes use."""
+        return int(min(max(-self.imu_t[0], 0.0), LEAD_S) / TICK_S)
+
     @cached_property
     def on_ticks(self) -> Array:
-        """Specific force, rate, roll, pitch, unaligned heading, all delayed by one filter: (ticks, 9)."""
-        angles = euler_angles(self.imu_t, self.specific_force, self.rate)
-        return anti_alias(self.imu_t, np.hstack([self.specific_force, self.rate, angles]), self.ticks)
+        """Specific force, and mean rate since the last tick, delayed by one filter: (before + ticks, 6)."""
+        return np.hstack([self._filtered(self.specific_force), self._filtered(self.rate, mean=True)])
+
+    @cached_property
+    def attitude_on_ticks(self) -> Array | None:
+        """The recorded roll, pitch and heading, unwrapped and delayed by one filter: (before + ticks, 3)."""
+        return None if self.attitude is None else self._filtered(np.unwrap(self.attitude, axis=0))
+
+    def _filtered(self, samples: Array, *, mean: bool = False) -> Array:
+        """Samples (n, m) of the IMU at the ticks from `ticks_before` on."""
+        before = self.ticks_before
+        return anti_alias(self.imu_t + before * TICK_S, samples, before + self.ticks, mean=mean)
 
 
 def join(name: str, fixes: FixStream, samples: SampleStream, offset: float, mounting: Array) -> Recording:
@@ -209,6 +232,7 @@ def join(name: str, fixes: FixStream, samples: SampleStream, offset: float, moun
         specific_force=samples.specific_force @ mounting.T,
         rate=samples.rate @ mounting.T,
         dropped=added(fixes.dropped, samples.dropped),
+        attitude=None if samples.attitude is None else euler_angles(samples.attitude @ mounting.T),
     )
 
 

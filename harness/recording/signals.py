@@ -8,13 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.log.geodesy import TangentPlane
-from harness.recording.attitude import TICK_S, Array, align_heading
+from harness.recording.attitude import TICK_S, Array, align_heading, own_attitude
 from harness.recording.holes import holes_of_imu
 from harness.recording.order import Mask
 from harness.recording.recording import Recording, RecordingError
+from models.errors import UsageError
 
 MOVING_M_S = 0.5  # m/s, speed above which the course over ground is used
-ALIGNING_S = 10.0  # s, time constant with which the heading's offset forgets older courses
+ALIGNING_S = 10.0  # s, time constant with which a recorded heading's offset forgets older courses
+OWN, RECORDED = ATTITUDES = "own", "recorded"
 
 
 @dataclass(frozen=True)
@@ -22,8 +24,8 @@ class SensorSignals:
     """The inputs of an estimator at each tick, and the reference to compare its outputs with.
 
     Arrays are (ticks,), in SI units and rad; body axes are forward, right, down. The inertial signals are
-    delayed by the filter. The gps signals hold their last value between fixes and during outages. The
-    reference has the withheld fixes too; an estimator never gets it.
+    delayed by the filter, and turn rates are means since the last tick. The gps signals hold their last value
+    between fixes and during outages. The reference has the withheld fixes too; an estimator never gets it.
     """
 
     t: Array
@@ -55,14 +57,19 @@ class SensorSignals:
     origin_longitude: float
 
 
-def sensor_signals(recording: Recording, outages: Sequence[tuple[float, float]] = ()) -> SensorSignals:
+def sensor_signals(
+    recording: Recording, outages: Sequence[tuple[float, float]] = (), attitude: str = ""
+) -> SensorSignals:
     """Resample a recording to ticks, and withhold the fixes at start <= t <= end [s] of each outage.
 
-    A fix falls on the first tick at or after it. Fixes faster than MOVING_M_S align the heading, with the
-    time constant ALIGNING_S.
+    A fix falls on the first tick at or after it. The attitude, too, is without the withheld fixes.
+
+    Args:
+        attitude: OWN or RECORDED; by default as recorded, if the recording has one.
 
     Raises:
-        RecordingError: an outage hides the fix at 0, which is the origin, or ends before it starts.
+        RecordingError: an outage hides the fix at 0, which is the origin, or ends before it starts; no
+            attitude is recorded.
     """
     fixes = recording.fixes
     origin = int(np.searchsorted(fixes.t, 0.0))
@@ -83,9 +90,14 @@ def sensor_signals(recording: Recording, outages: Sequence[tuple[float, float]] 
     def held(among: Mask, field: Array) -> Array:
         return field[among][np.searchsorted(tick[among], clock, side="right") - 1]
 
-    accel_x, accel_y, accel_z, gyro_x, gyro_y, gyro_z, roll, pitch, heading = recording.on_ticks.T
-    aligning = used & (speed > MOVING_M_S)
-    lost = [int(np.ceil(end / TICK_S)) for _, end in holes_of_imu(recording.imu_t)]
+    fix = np.isin(clock, tick[used])
+    fix_speed, fix_course = held(used, speed), held(used, course)
+    angles = {
+        OWN: lambda: _own(recording, fix, fix_speed, fix_course),
+        RECORDED: lambda: _recorded(recording, fix & (fix_speed > MOVING_M_S), fix_course),
+    }
+    roll, pitch, heading = angles[recording_attitude(recording, attitude)]().T
+    accel_x, accel_y, accel_z, gyro_x, gyro_y, gyro_z = recording.on_ticks[recording.ticks_before :].T
     zeros = np.zeros(recording.ticks)
     return SensorSignals(
         t=np.asarray(clock * TICK_S),
@@ -100,12 +112,12 @@ def sensor_signals(recording: Recording, outages: Sequence[tuple[float, float]] 
         mag_z=zeros,
         roll_meas=roll,
         pitch_meas=pitch,
-        heading_meas=align_heading(heading, tick[aligning], course[aligning], ALIGNING_S, lost),
-        gps_fix=np.isin(clock, tick[used]),
+        heading_meas=heading,
+        gps_fix=fix,
         gps_north=held(used, north),
         gps_east=held(used, east),
-        gps_speed=held(used, speed),
-        gps_course=held(used, course),
+        gps_speed=fix_speed,
+        gps_course=fix_course,
         gps_h_acc=held(used, fixes.h_acc),
         gps_s_acc=held(used, fixes.s_acc),
         reference_fix=np.isin(clock, tick[covered]),
@@ -116,3 +128,49 @@ def sensor_signals(recording: Recording, outages: Sequence[tuple[float, float]] 
         origin_latitude=float(fixes.latitude[origin]),
         origin_longitude=float(fixes.longitude[origin]),
     )
+
+
+def require_attitude(asked: str) -> None:
+    """Raise unless it is OWN, RECORDED, or "" for what the recording has.
+
+    Raises:
+        UsageError: it is not.
+    """
+    if asked and asked not in ATTITUDES:
+        raise UsageError(f"the attitude is {asked!r}, expected {' or '.join(ATTITUDES)}")
+
+
+def recording_attitude(recording: Recording, asked: str = "") -> str:
+    """The attitude that is used of a recording: OWN or RECORDED.
+
+    A recorded one is the default: it is what the estimator on board is given.
+
+    Raises:
+        RecordingError: RECORDED is asked for, and there is none.
+    """
+    if asked == RECORDED and recording.attitude is None:
+        raise RecordingError(
+            f"{recording.name}: no attitude is recorded; expected an *.mtb, or imu.columns for it in "
+            f"recording.toml; take --attitude {OWN}"
+        )
+    return asked or (OWN if recording.attitude is None else RECORDED)
+
+
+def _own(recording: Recording, fix: Mask, speed: Array, course: Array) -> Array:
+    """Roll, pitch and heading by the Canine AHRS, from the samples before the origin on: (ticks, 3)."""
+    before = recording.ticks_before
+    samples = recording.on_ticks.copy()
+    t = (np.arange(len(samples)) - before) * TICK_S
+    for start, end in holes_of_imu(recording.imu_t):
+        samples[(t > start) & (t < end)] = np.nan
+    ahead = (before, 0)
+    return own_attitude(samples, np.pad(fix, ahead), np.pad(speed, ahead), np.pad(course, ahead))[before:]
+
+
+def _recorded(recording: Recording, aligning: Mask, course: Array) -> Array:
+    """The recorded roll and pitch, and heading, whose zero may be any: courses align it. (ticks, 3)."""
+    assert recording.attitude_on_ticks is not None
+    roll, pitch, heading = recording.attitude_on_ticks[recording.ticks_before :].T
+    ticks = np.flatnonzero(aligning)
+    lost = [int(np.ceil(end / TICK_S)) for _, end in holes_of_imu(recording.imu_t)]
+    return np.column_stack([roll, pitch, align_heading(heading, ticks, course[ticks], ALIGNING_S, lost)])

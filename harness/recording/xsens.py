@@ -3,7 +3,7 @@
 Source: Xsens MT low-level communication protocol, message MTData, output mode 0x0006 (calibrated data and
 orientation), settings 0x00000005 (Euler angles and sample counter, single precision). A frame: FA, FF (bus
 address), 32 (message), length, data, checksum: the bytes behind FA sum up to 0 mod 256. Big-endian. The axes
-are the unit's own: forward, left, up as it leaves the factory.
+are the unit's own: forward, left, up as it leaves the factory. Its angles turn them into north, west, up.
 
 A damaged frame is lost and nothing else: the search goes on at the byte behind its preamble.
 """
@@ -17,9 +17,11 @@ from pathlib import Path
 import numpy as np
 
 from harness.recording.attitude import Array
+from harness.recording.mounting import rotations
 from harness.recording.recording import RecordingError, SampleStream, read_file
 
 PREAMBLE, ADDRESS, MTDATA = 0xFA, 0xFF, 0x32
+NORTH_EAST_DOWN = np.diag([1.0, -1.0, -1.0])  # of north, west, up
 DATA = 50  # bytes: twelve floats and the counter
 HEADER, CHECKSUM = 4, 1
 START = bytes([PREAMBLE, ADDRESS, MTDATA])
@@ -55,7 +57,13 @@ def read_xsens(path: Path, rate_hz: float) -> SampleStream:
     dropped["MTData after a restart of the unit"] = len(counter) - kept
     dropped["MTData lost, by the counter"] = int((np.diff(elapsed) - 1).sum())
     return SampleStream(
-        path.name, elapsed / rate_hz, values[:, 0:3], values[:, 3:6], np.array(frames[:kept])[moved], dropped
+        path.name,
+        elapsed / rate_hz,
+        specific_force=values[:, 0:3],
+        rate=values[:, 3:6],
+        ends=np.array(frames[:kept])[moved],
+        dropped=dropped,
+        attitude=NORTH_EAST_DOWN @ rotations(*np.radians(values[:, 9:12]).T),
     )
 
 

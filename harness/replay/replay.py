@@ -174,6 +174,7 @@ def identity(source: ReplaySource, comparison: Comparison, chosen: Outages) -> d
         "estimator": comparison.name,
         "settings": ", ".join(comparison.settings),
         "outage_s": chosen.length,
+        "attitude": source.attitude,
     }
 
 

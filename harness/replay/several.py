@@ -22,17 +22,24 @@ def default_folder(path: Path) -> Path:
 
 
 def replay_one(
-    path: Path, recording: Path, comparison: Comparison, outage: tuple[float, float], folder: Path
+    path: Path,
+    recording: Path,
+    comparison: Comparison,
+    outage: tuple[float, float],
+    folder: Path,
+    *,
+    attitude: str = "",
 ) -> dict[str, Any]:
     """Replay one recording below `path`: the content of outages.json, and a `problem`, "" if none.
 
     Args:
         outage: its length, and the time from one's start to the next's [s].
         folder: gets a folder with the results.
+        attitude: own or recorded; by default as recorded, if the recording has one.
     """
     name = name_below(path, recording)
     try:
-        source = open_source(recording)
+        source = open_source(recording, attitude)
         chosen = source.outages(*outage)
         outages = replay(source, comparison, chosen)
         result = report(source, comparison, chosen, outages, folder / name)

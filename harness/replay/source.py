@@ -10,11 +10,18 @@ from typing import Any
 import numpy as np
 
 from harness.log.log import Log, read_log
-from harness.recording.attitude import TICK_S
+from harness.recording.attitude import SAMPLES, TICK_S, own_attitude
 from harness.recording.holes import HOLE_OF_IMU_S, Hole, holes, holes_of_imu
 from harness.recording.read import read_recording
 from harness.recording.recording import RecordingError
-from harness.recording.signals import MOVING_M_S, SensorSignals, sensor_signals
+from harness.recording.signals import (
+    MOVING_M_S,
+    OWN,
+    RECORDED,
+    SensorSignals,
+    recording_attitude,
+    sensor_signals,
+)
 from harness.replay.windows import Outages, Window, choose
 from models.system import ESTIMATOR, ESTIMATORS
 
@@ -28,6 +35,7 @@ class ReplaySource:
         signals: gives the estimator's inputs with the fixes in some windows withheld.
         imu_holes: start and end [s] of each time without inertial samples.
         dropped: what was not used, cause -> number.
+        attitude: OWN or RECORDED, which one the signals have.
         broken: why the recording is incomplete; "" if it is complete.
         notes: what a result rests on, and what looks wrong.
     """
@@ -36,6 +44,7 @@ class ReplaySource:
     signals: Callable[[Sequence[Window]], SensorSignals]
     imu_holes: Sequence[Hole] = ()
     dropped: Mapping[str, int] = field(default_factory=dict)
+    attitude: str = RECORDED
     broken: str = ""
     notes: tuple[str, ...] = ()
 
@@ -52,29 +61,36 @@ class ReplaySource:
         return choose(fixes, moving, self.imu_holes, length=length, every=every)
 
 
-def open_source(path: Path) -> ReplaySource:
+def open_source(path: Path, attitude: str = "") -> ReplaySource:
     """Open a recording, or a trial.mcap.
 
+    Args:
+        attitude: OWN or RECORDED; by default as recorded, if the recording has one.
+
     Raises:
-        RecordingError, LogError: the path is neither, or is damaged.
+        RecordingError, LogError: the path is neither, or is damaged, or has no attitude to take.
     """
-    return _of_log(path) if path.suffix == ".mcap" else _of_recording(path)
+    return _of_log(path, attitude) if path.suffix == ".mcap" else _of_recording(path, attitude)
 
 
-def _of_recording(folder: Path) -> ReplaySource:
+def _of_recording(folder: Path, attitude: str) -> ReplaySource:
     recording = read_recording(folder)
+    attitude = recording_attitude(recording, attitude)
+    choice = [] if recording.attitude is None else [f"the attitude is {attitude}, by --attitude another"]
     return ReplaySource(
         recording.name,
-        lambda windows: sensor_signals(recording, windows),
+        lambda windows: sensor_signals(recording, windows, attitude),
         holes_of_imu(recording.imu_t),
         recording.dropped,
-        notes=recording.notes,
+        attitude=attitude,
+        notes=(*recording.notes, *choice),
     )
 
 
-def _of_log(path: Path) -> ReplaySource:
+def _of_log(path: Path, attitude: str) -> ReplaySource:
     log = read_log(path)
     needed = {*ESTIMATORS[ESTIMATOR].flat_names("input"), "gps_course"}
+    needed |= set(SAMPLES) if attitude == OWN else set()
     missing = [s for s in (f"sensors.{name}" for name in sorted(needed)) if s not in log]
     if missing:
         raise RecordingError(
@@ -102,6 +118,10 @@ def _of_log(path: Path) -> ReplaySource:
         for name in ("north", "east", "speed", "course"):
             columns[f"reference_{name}"] = log[f"sensors.gps_{name}"]
         columns |= {"t": log.time, "gps_fix": used, "reference_fix": received}
+        if attitude == OWN:
+            samples = np.column_stack([columns[name] for name in SAMPLES])
+            angles = own_attitude(samples, used, columns["gps_speed"], columns["gps_course"])
+            columns |= dict(zip(("roll_meas", "pitch_meas", "heading_meas"), angles.T, strict=True))
         columns |= {"origin_latitude": log.origin[0], "origin_longitude": log.origin[1]}
         return SensorSignals(**columns)
 
@@ -115,7 +135,8 @@ def _of_log(path: Path) -> ReplaySource:
         signals_without,
         holes(np.array([-TICK_S, *log.time[finite_sample], len(log.time) * TICK_S]), HOLE_OF_IMU_S),
         {cause: number for cause, number in dropped.items() if number},
-        log.broken,
+        attitude=attitude or RECORDED,
+        broken=log.broken,
     )
 
 

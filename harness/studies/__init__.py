@@ -11,7 +11,10 @@ own numbers.
 """
 
 STUDIES = {
+    "motion": "how the pack moves, by set, beside the text and a real dog (B.4, D.5)",
     "pitch": "what an incline does to an estimator that does not know of it (D.6)",
+    "outage": "estimators through 10 s without GPS, beside the text's numbers (Tables 3.1, D.1, D.2)",
+    "heading": "what a magnetometer does for the heading through an outage (Appendix C)",
     "recording": "all our estimators on a recording: outages, halves, innovations",
     "consistency": "are the estimators as good as they say: NEES, NIS, whiteness, stated deviations",
     "observability": "which motion tells an estimator's biases apart",

@@ -38,12 +38,11 @@ class Gait:
 
 TURNING = 1.5  # s that a turn takes
 SLOWEST = 0.1  # of the mean speed
-GAITS = {
-    # a dog led at a walk, which is how the text has it search (D.3); turns of a box (B.2)
-    "detection": Gait(1.0, 0.25, 2.0, 1.0, math.radians(90)),
-    # Table 5.1: 4.86 m/s, 1.78 m/s2
-    "running": Gait(4.86, 0.6, 3.0, 1.78, math.radians(60)),
-}
+# a dog led at a walk, which is how the text has it search (D.3); turns of a box (B.2)
+SEARCHING = Gait(1.0, 0.25, 2.0, 1.0, math.radians(90))
+RUNNING = Gait(4.86, 0.6, 3.0, 1.78, math.radians(60))  # Table 5.1: 4.86 m/s, 1.78 m/s2
+PEDESTRIAN = Gait(1.4, 0.15, 2.0, 1.0, math.radians(90))
+GAITS = {"detection": SEARCHING, "running": RUNNING}  # of dogs
 
 
 @dataclass(frozen=True, eq=False)

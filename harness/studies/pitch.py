@@ -114,8 +114,8 @@ def show(result: Mapping[str, Any], console: Console) -> None:
     table = new_table()
     table.add_column("configuration")
     for heading in (
-        f"bias [m/s2]\nat {END:g} s", "\nsd", f"\nat {LATER:g} s", "\nsd",
-        f"position error [m]\nat {END:g} s", "speed error [m/s]\nlast 5 s",
+        f"bias, m/s2\nat {END:g} s", "\nsd", f"\nat {LATER:g} s", "\nsd",
+        f"position error, m\nat {END:g} s", "speed error, m/s\nlast 5 s",
     ):  # fmt: skip
         table.add_column(heading, justify="right")
     for title, values in result["configurations"].items():

@@ -74,6 +74,15 @@ def test_a_replay_names_the_replay_that_it_replaces(
     _, _, error = canine(capsys, *replay, "--outage", 4)
     begin = "note: out/replay-three_waypoint-1: has another replay, which this replaces"
     assert error == f"{begin} (outage_s: 5.0, now 4.0)\n"
+    _, _, error = canine(capsys, *replay, "--outage", 4, "--attitude", "own")
+    assert error == f"{begin} (attitude: recorded, now own)\n"
+
+
+def test_an_attitude_that_a_replay_does_not_know_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, _, error = canine(capsys, "replay", tmp_path, "--attitude", "xsens")
+    assert (status, error) == (2, "canine: the attitude is 'xsens', expected own or recorded\n")
 
 
 def test_trials_with_seeds_name_the_trials_that_they_replace(

@@ -19,7 +19,7 @@ from harness.log.log import read_log
 
 SLOW = {
     "casadi", "matplotlib", "scipy", "control", "mcap", "google", "foxglove_schemas_protobuf", "zstandard",
-    "pyubx2", "dask", "distributed", "jinja2", "pandas", "ahrs", "elftools", "unicorn",
+    "pyubx2", "dask", "distributed", "jinja2", "pandas", "elftools", "unicorn",
 }  # fmt: skip
 RUN = "import sys; from harness.main import run; status = run(sys.argv[1:])"
 DELAYS = 12

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 import pytest
 from scipy import signal
 from scipy.spatial.transform import Rotation
 
-from harness.recording.attitude import CUTOFF_HZ, align_heading, anti_alias, euler_angles
+from harness.recording.attitude import CUTOFF_HZ, align_heading, anti_alias, own_attitude
+from harness.recording.recording import Fixes, Recording, RecordingError
+from harness.recording.signals import OWN, RECORDED, sensor_signals
 
 TICK_S = 0.04
 G = 9.81
@@ -68,62 +72,129 @@ def test_the_filter_holds_the_first_sample_before_its_time() -> None:
     np.testing.assert_allclose(filtered, np.full((3, 1), 7.0), rtol=1e-12)
 
 
+def test_the_means_of_the_filter_add_up_to_the_integral() -> None:
+    """At 1 rad/s over 2 s, then none: the turn is 2 rad, whenever it ended between two ticks."""
+    t = np.arange(0, 4, 0.007)
+    rate = np.where(t < 2.009, 1.0, 0.0)[:, None]
+    means = anti_alias(t, rate, 100, mean=True)[:, 0]
+    late = 2.613 / (2 * np.pi * CUTOFF_HZ) + 0.0035
+    assert means.sum() * TICK_S == pytest.approx(
+        2.009 + late + TICK_S, abs=0.005
+    )  # tick 0 has no tick before
+
+
 # the attitude
 
 
-def test_angles_are_nose_up_right_wing_down_and_clockwise() -> None:
-    t = np.arange(0, 5, 0.01)
-    ones = np.ones_like(t)
-    pitch, roll = np.radians(10), np.radians(5)
-    up = [np.sin(pitch), -np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch)]
-    still = np.outer(ones, up) * G
-    level, right_turn = np.outer(ones, [0, 0, -G]), np.outer(ones, [0, 0, 0.2])
-
-    tilted = euler_angles(t, still, np.full((len(t), 3), 1e-12))
-    turned = euler_angles(t, level, right_turn)
-
-    np.testing.assert_allclose(tilted[-1, :2], [roll, pitch], atol=1e-3)
-    assert turned[-1, 2] - turned[0, 2] == pytest.approx(0.2 * t[-1], abs=1e-3)
+def on_ticks(attitude: Rotation, force: Array, angles: Array) -> Array:
+    """The block's angles, unwrapped, where the samples are those of a motion (ticks,) without fixes."""
+    rate = np.zeros((len(force), 3))
+    rate[1:] = (attitude[:-1].inv() * attitude[1:]).as_rotvec() / TICK_S
+    none = np.zeros(len(force))
+    found = own_attitude(np.hstack([force, rate]), none > 0, none, none)
+    return np.unwrap(found, axis=0) - angles
 
 
 def test_angles_follow_a_motion_about_all_axes() -> None:
-    # given 20 s of rolling to 60 deg, pitching to 50 deg and turning through two rounds, at uneven times
-    draw = np.random.default_rng(2)
-    t = np.cumsum(draw.uniform(0.003, 0.009, 3400))
-    roll = np.radians(60) * np.sin(1.1 * (t - t[0]))
-    pitch = np.radians(50) * np.sin(0.7 * (t - t[0]))
-    heading = 4 * np.pi * (t - t[0]) / (t[-1] - t[0])
+    # given 20 s of rolling to 60 deg, pitching to 50 deg and turning through two rounds
+    t = np.arange(500) * TICK_S
+    roll, pitch = np.radians(60) * np.sin(1.1 * t), np.radians(50) * np.sin(0.7 * t)
+    heading = 4 * np.pi * t / t[-1]
     attitude = Rotation.from_euler("ZYX", np.column_stack([heading, pitch, roll]))
     # with the rates of scipy's rotation vectors, and gravity as the only force
-    rate = np.zeros((len(t), 3))
-    rate[1:] = (attitude[:-1].inv() * attitude[1:]).as_rotvec() / np.diff(t)[:, None]
     force = attitude.inv().apply([0.0, 0.0, -G])
-    # then
-    angles = euler_angles(t, force, rate)
-    np.testing.assert_allclose(angles[:, 0], roll, atol=0.02)  # its steps have 0.033 rad/s
-    np.testing.assert_allclose(angles[:, 1], pitch, atol=0.02)
-    np.testing.assert_allclose(angles[:, 2] - angles[0, 2], heading, atol=0.03)
+    errors = on_ticks(attitude, force, np.column_stack([roll, pitch, heading]))
+    np.testing.assert_allclose(errors, 0, atol=0.01)
 
 
-def test_a_roll_beyond_half_a_turn_goes_on() -> None:
-    t = np.arange(0, 4, 0.005)
-    attitude = Rotation.from_rotvec(np.outer(2.0 * t, [1, 0, 0]))
-    rate = np.outer(np.ones_like(t), [2.0, 0, 0])
-    angles = euler_angles(t, attitude.inv().apply([0.0, 0.0, -G]), rate)
-    np.testing.assert_allclose(angles[:, 0], 2.0 * t, atol=0.02)
+def test_angles_are_nose_up_right_wing_down_and_clockwise() -> None:
+    pitch, roll = np.radians(10), np.radians(5)
+    up = [np.sin(pitch), -np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch)]
+    none = np.zeros(100)
+    still = np.outer(np.ones(100), np.append(np.multiply(up, G), [0, 0, 0]))
+    tilted = own_attitude(still, none > 0, none, none)
+    np.testing.assert_allclose(tilted[-1], [roll, pitch, 0], atol=1e-6)
 
 
-def test_angles_stay_over_a_hole_of_the_samples() -> None:
-    # given a level turn at 0.2 rad/s whose samples are missing from 2 to 8 s, and a knock at the end of that
-    t = np.arange(0, 10, 0.01)
-    t = t[(t < 2) | (t > 8)]
-    force = np.outer(np.ones_like(t), [0, 0, -G])
-    rate = np.outer(np.ones_like(t), [0, 0, 0.2])
-    force[200] = [3.0, 3.0, 3.0]
-    angles = euler_angles(t, force, rate)
-    # then it goes on from where it was, and has turned for four of the ten seconds
-    np.testing.assert_allclose(angles[:, :2], 0, atol=2e-3)
-    assert angles[-1, 2] - angles[0, 2] == pytest.approx(0.2 * 4, abs=0.01)
+def recording(**changes: object) -> Recording:
+    """60 s at 2 m/s, straight for 6 s and then in turns, with fixes at 4 Hz and an IMU at 100 Hz."""
+    imu_t = np.arange(-0.5, 60.5, 0.01)
+    yaw_rate = np.where(imu_t > 6, 0.6 * np.sin(0.8 * imu_t), 0.0)
+    heading = 1.0 + np.cumsum(yaw_rate) * 0.01
+    t = np.arange(0, 60, 0.25)
+    course = np.interp(t, imu_t, heading)
+    force = np.column_stack([0 * imu_t, 2.0 * yaw_rate, 0 * imu_t - G])
+    zeros, ones = np.zeros(len(t)), np.ones(len(t))
+    fixes = Fixes(t, zeros, zeros, zeros, 2 * np.cos(course), 2 * np.sin(course), ones, 0.1 * ones)
+    rate = np.column_stack([0 * imu_t, 0 * imu_t, yaw_rate])
+    return replace(Recording("made up", fixes, imu_t, force, rate, {}), **changes)  # type: ignore[arg-type]
+
+
+def test_the_heading_of_a_recording_is_that_of_its_courses() -> None:
+    signals = sensor_signals(recording())
+    late = 2.613 / (2 * np.pi * CUTOFF_HZ)
+    truth = np.interp(signals.t - late, recording().imu_t, 1.0 + np.cumsum(recording().rate[:, 2]) * 0.01)
+    np.testing.assert_allclose(signals.heading_meas[25:], truth[25:], atol=0.03)
+    np.testing.assert_allclose(signals.roll_meas, 0, atol=0.01)
+
+
+@pytest.mark.parametrize("attitude", [OWN, RECORDED])
+def test_fixes_of_an_outage_never_reach_the_attitude(attitude: str) -> None:
+    # given a recording, and the same with other velocities at the fixes of an outage
+    whole = recording(attitude=np.zeros((6100, 3)))
+    hidden = (whole.fixes.t >= 30) & (whole.fixes.t <= 40)
+    fixes = replace(whole.fixes, velocity_north=np.where(hidden, -7.0, whole.fixes.velocity_north))
+    others = replace(whole, fixes=fixes)
+    # when the outage hides them, then the attitude is the same on every tick
+    seen, unseen = (sensor_signals(r, [(30, 40)], attitude) for r in (whole, others))
+    for name in ("roll_meas", "pitch_meas", "heading_meas"):
+        np.testing.assert_array_equal(getattr(seen, name), getattr(unseen, name))
+    # and without the outage it is not
+    assert np.abs(sensor_signals(others, [], attitude).heading_meas - seen.heading_meas).max() > 0.1
+
+
+def test_over_a_hole_of_the_samples_the_attitude_stays_and_the_next_course_gives_the_heading() -> None:
+    whole = recording()
+    there = (whole.imu_t < 20) | (whole.imu_t > 26)
+    holed = replace(
+        whole, imu_t=whole.imu_t[there], specific_force=whole.specific_force[there], rate=whole.rate[there]
+    )
+    signals = sensor_signals(holed)
+    inside = (signals.t > 20.1) & (signals.t < 26)
+    assert np.ptp(signals.heading_meas[inside]) < 1e-9
+    after = (signals.t > 26.6) & (signals.t < 28)
+    expected = sensor_signals(whole).heading_meas
+    np.testing.assert_allclose(signals.heading_meas[after], expected[after], atol=0.12)
+
+
+def test_samples_before_the_first_fix_show_the_gyros_bias() -> None:
+    """A bias of 1 deg/s forward tilts by 1 / 0.04 = 25 deg in the end, unless a rest has shown it."""
+    whole = recording()
+    bias = np.radians([1.0, 0.0, 0.0])
+    before = np.arange(-20, whole.imu_t[0], 0.01)
+    force = np.vstack([np.outer(np.ones(len(before)), [0, 0, -G]), whole.specific_force])
+    rate = np.vstack([np.zeros((len(before), 3)), whole.rate]) + bias
+    rested = replace(whole, imu_t=np.append(before, whole.imu_t), specific_force=force, rate=rate)
+    assert np.abs(sensor_signals(rested).roll_meas).max() < np.radians(1)
+    assert np.abs(sensor_signals(replace(whole, rate=whole.rate + bias)).roll_meas).max() > np.radians(3)
+
+
+def test_a_recorded_attitude_is_the_default_and_its_heading_takes_the_offset_of_the_courses() -> None:
+    # given an attitude whose heading counts from another zero
+    imu_t = recording().imu_t
+    heading = 1.0 + np.cumsum(recording().rate[:, 2]) * 0.01
+    angles = np.column_stack([0.1 + 0 * imu_t, -0.2 + 0 * imu_t, heading - 2.5])
+    given = recording(attitude=angles)
+    signals = sensor_signals(given)
+    np.testing.assert_allclose(signals.roll_meas, 0.1, atol=1e-9)
+    np.testing.assert_allclose(signals.pitch_meas, -0.2, atol=1e-9)
+    expected = sensor_signals(given, attitude=OWN).heading_meas
+    np.testing.assert_allclose(signals.heading_meas[50:], expected[50:], atol=0.05)
+
+
+def test_a_recording_without_an_attitude_says_so() -> None:
+    with pytest.raises(RecordingError, match=r"made up: no attitude is recorded; .* take --attitude own"):
+        sensor_signals(recording(), [], RECORDED)
 
 
 # the heading

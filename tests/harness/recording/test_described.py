@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from harness.recording.described import GPS_COLUMNS, IMU_COLUMNS, UNITS, read_description
+from harness.recording.described import ATTITUDE_COLUMNS, GPS_COLUMNS, IMU_COLUMNS, UNITS, read_description
 from harness.recording.read import read_recording
-from harness.recording.recording import RecordingError
+from harness.recording.recording import Recording, RecordingError
 from tests.harness.recording import made_up
-from tests.harness.recording.made_up import force_and_rate
+from tests.harness.recording.made_up import Array, force_and_rate
 from tests.harness.recording.test_ways_in import assert_is_the_walk
 
 PAGE = (Path(__file__).parents[3] / "harness" / "recording" / "README.md").read_text()
@@ -80,7 +81,7 @@ def test_the_page_names_every_unit_and_column() -> None:
     for units in UNITS.values():
         for unit in filter(None, units):
             assert f"`{unit}`" in PAGE, unit
-    for column in (*IMU_COLUMNS, *GPS_COLUMNS):
+    for column in (*IMU_COLUMNS, *ATTITUDE_COLUMNS, *GPS_COLUMNS):
         assert f"`{column}`" in PAGE or f"\n{column} = " in EXAMPLE, column
 
 
@@ -100,6 +101,86 @@ def test_without_velocities_those_of_the_positions_are_taken(folder: Path) -> No
     north = [made_up.velocity(float(t - start - 0.125))[0] for t in recording.fixes.t]
     np.testing.assert_allclose(recording.fixes.velocity_north, north, atol=0.02)
     np.testing.assert_allclose(recording.fixes.s_acc, 2.5 * 2**0.5 / 0.25)
+
+
+def with_attitude(folder: Path, columns: Array, lines: str) -> None:
+    """Put columns (6000, k), from number 8 on, behind those of the IMU, and lines behind its description."""
+    rows = (folder / "imu.csv").read_text().splitlines()
+    more = [";".join(f"{value:.9f}" for value in row) for row in columns]
+    (folder / "imu.csv").write_text("\n".join([rows[0], *map(";".join, zip(rows[1:], more, strict=True))]))
+    text = EXAMPLE.replace("[clock]", lines + "\n[clock]")
+    (folder / "recording.toml").write_text(text)
+
+
+EULER = """
+roll = { column = 8, unit = "rad" }
+pitch = { column = 9, unit = "deg", sense = -1 }
+heading = { column = 10, unit = "deg", sense = -1 }
+"""
+QUATERNION = """
+q_w = { column = 8 }
+q_x = { column = 9 }
+q_y = { column = 10 }
+q_z = { column = 11 }
+"""
+
+
+def attitude_of_the_walk() -> Array:
+    """Of a body that leans, too: roll, pitch and heading at each sample of the example, (n, 3) rad."""
+    times = np.arange(0, made_up.DURATION, 0.01)
+    return np.column_stack([0.2 * np.sin(times), 0.3 * np.cos(times), made_up.at(times, made_up.HEADING)])
+
+
+def assert_is_that_attitude(recording: Recording) -> None:
+    assert recording.attitude is not None
+    difference = recording.attitude - attitude_of_the_walk()
+    np.testing.assert_allclose(np.angle(np.exp(1j * difference)), 0, atol=1e-6)
+
+
+def test_angles_of_an_attitude_are_the_bodys_and_may_count_the_other_way(folder: Path) -> None:
+    """A z-up unit's yaw is counter-clockwise, and its pitch is nose down."""
+    roll, pitch, heading = attitude_of_the_walk().T
+    with_attitude(folder, np.column_stack([roll, -np.degrees(pitch), -np.degrees(heading)]), EULER)
+    assert_is_that_attitude(read_recording(folder))
+
+
+@pytest.mark.parametrize("earth", ["NED", "ENU", "NWU"])
+def test_a_quaternion_turns_the_axes_of_the_imu_into_those_of_the_earth(folder: Path, earth: str) -> None:
+    """Not those of the body: the mounting turns them."""
+    roll, pitch, heading = attitude_of_the_walk().T
+    body = Rotation.from_euler("ZYX", np.column_stack([heading, pitch, roll]))
+    north, east, down = body.apply(MOUNTING.T[0]), body.apply(MOUNTING.T[1]), body.apply(MOUNTING.T[2])
+    imu = np.stack([north, east, down], axis=2)  # the axes of the IMU, each as north, east, down
+    axes = {"N": imu[:, 0], "E": imu[:, 1], "D": imu[:, 2], "U": -imu[:, 2], "W": -imu[:, 1]}
+    turned = Rotation.from_matrix(np.stack([axes[letter] for letter in earth], axis=1)).as_quat()
+    columns = 1.01 * turned[:, [3, 0, 1, 2]]
+    columns[7] = 0.0  # is none
+    with_attitude(folder, columns, QUATERNION)
+    text = (folder / "recording.toml").read_text().replace("[imu]", f'[imu]\nearth = "{earth}"')
+    (folder / "recording.toml").write_text(text)
+    recording = read_recording(folder)
+    assert recording.attitude is not None
+    assert recording.dropped["IMU samples out of range"] == 1
+    difference = recording.attitude - np.delete(attitude_of_the_walk(), 7, axis=0)
+    np.testing.assert_allclose(np.angle(np.exp(1j * difference)), 0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("lines", "reason"),
+    [
+        ('heading = { column = 8, unit = "deg" }', r"imu\.columns\.roll is missing"),
+        (
+            EULER.replace("sense = -1", "sense = 0", 1),
+            r"pitch\.sense is 0, expected 1, or -1 for the reverse",
+        ),
+        (QUATERNION, r"imu\.earth is None, expected one of NED, ENU, NWU with a quaternion"),
+        (QUATERNION.replace("q_x", "qx"), r'unknown key imu\.columns\.qx; did you mean "q_x"\?'),
+    ],
+)
+def test_half_an_attitude_is_refused(folder: Path, lines: str, reason: str) -> None:
+    with_attitude(folder, np.zeros((6000, 4)), lines)
+    with pytest.raises(RecordingError, match=reason):
+        read_recording(folder)
 
 
 ROLL = "{ roll = 180, pitch = 0, yaw = -90 }"

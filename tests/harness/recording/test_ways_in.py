@@ -9,7 +9,7 @@ import pytest
 
 from harness.recording.esf import FORCES, RATES, decode_meas, decode_raw, esf_samples
 from harness.recording.find import find_parts, recordings_below
-from harness.recording.mounting import rotation
+from harness.recording.mounting import euler_angles, rotation
 from harness.recording.pos import read_pos
 from harness.recording.read import read_recording
 from harness.recording.recording import Recording, RecordingError
@@ -133,6 +133,10 @@ def test_an_mtdata_has_the_values_of_the_units_manual(tmp_path: Path) -> None:
     samples = read_xsens(tmp_path / "mt.mtb", rate_hz=100)
     np.testing.assert_allclose(samples.specific_force, [[0.25, -0.1, 9.81]], rtol=1e-6)
     np.testing.assert_allclose(samples.rate, [[0.01, -0.02, 0.03]], rtol=1e-6)
+    # roll 1.5, pitch -2 and yaw 45 deg of forward, left, up: nose up, and 45 deg to the left of north
+    assert samples.attitude is not None
+    angles = np.degrees(euler_angles(samples.attitude @ Z_UP.T))
+    np.testing.assert_allclose(angles, [[1.5, 2.0, -45.0]], atol=1e-5)
     assert samples.ends.tolist() == [len(MTDATA)]
 
 

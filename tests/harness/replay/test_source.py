@@ -74,6 +74,31 @@ def test_samples_that_are_not_finite_for_long_leave_outages_out(tmp_path: Path) 
     assert chosen.left_out == {NO_SAMPLES: 3}
 
 
+def test_the_attitude_of_a_log_is_the_logged_one_or_that_of_the_canine_ahrs(tmp_path: Path) -> None:
+    # given a walk to the north whose samples say roll 0, pitch 10 deg, and whose AHRS says otherwise
+    signals = walk()
+    for name in ("accel_y", "gyro_x", "gyro_y", "gyro_z"):
+        signals[name] = np.zeros(len(signals["gps_fix"]))
+    signals["accel_x"] = np.full(len(signals["gps_fix"]), 9.81 * np.sin(np.radians(10)))
+    signals["accel_z"] = np.full(len(signals["gps_fix"]), -9.81 * np.cos(np.radians(10)))
+    signals["pitch_meas"][:], signals["heading_meas"][:] = 0.5, 1.0
+    log = write(tmp_path / "trial.mcap", signals)
+    # when it is opened with each
+    logged, own = (open_source(log, attitude).signals([(15, 20)]) for attitude in ("", "own"))
+    # then
+    assert (logged.pitch_meas == 0.5).all()
+    assert (logged.heading_meas == 1.0).all()
+    np.testing.assert_allclose(own.pitch_meas[:100], np.radians(10), atol=1e-6)  # until it moves
+    np.testing.assert_allclose(own.heading_meas, 0, atol=1e-9)
+    assert open_source(log, "own").attitude == "own"
+
+
+def test_the_canine_ahrs_needs_all_axes_of_the_imu_in_a_log(tmp_path: Path) -> None:
+    log = write(tmp_path / "trial.mcap", walk())
+    with pytest.raises(RecordingError, match=r'no signal "sensors\.accel_y"'):
+        open_source(log, "own")
+
+
 @pytest.mark.parametrize("name", ["gps_course", "gps_fix", "heading_meas", "gps_s_acc"])
 def test_a_log_without_a_signal_is_refused_by_the_signals_name(tmp_path: Path, name: str) -> None:
     signals = walk()

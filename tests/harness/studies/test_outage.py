@@ -1,0 +1,151 @@
+"""The study of outages: what must hold on the sets, statistics by another way, the text's own numbers."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+from scipy import stats
+
+from harness.studies import outage, published
+from harness.studies.outage import HELD, MEAN, OURS
+from harness.studies.paths import GAITS, walk
+from harness.studies.published import FUZZY, INERTIAL, NO_PITCH, PITCH
+from harness.studies.statistics import paired, share, summary, unpaired
+from harness.studies.study import Options, run_study
+from harness.studies.tracking import Configuration, Tracking
+from models.errors import UsageError
+from models.four_state import FourState
+from models.profile import Profile
+
+
+@pytest.fixture(scope="module")
+def result() -> dict[str, Any]:
+    return run_study("outage", Options(seeds=70, set="dissertation"))
+
+
+def mean(result: dict[str, Any], title: str, column: str, gait: str = "detection") -> float:
+    found: float = result["sets"]["dissertation"][gait]["configurations"][title][column]["mean"]
+    return found
+
+
+@pytest.mark.parametrize("title", [INERTIAL, NO_PITCH, PITCH])
+def test_the_set_near_the_text_is_near_its_table_of_errors(result: dict[str, Any], title: str) -> None:
+    text = published.OUTAGE[title]
+    assert 1 / 1.3 < mean(result, title, "position_error_m") / text.position < 1.3
+    assert 1 / 1.3 < mean(result, title, "speed_error_m_s") / text.speed < 1.3
+
+
+def test_pitch_helps_significantly_and_so_does_gps(result: dict[str, Any]) -> None:
+    tests = {
+        (t["first"], t["second"]): t for t in result["sets"]["dissertation"]["detection"]["paired_t_tests"]
+    }
+    for pair in ((INERTIAL, NO_PITCH), (NO_PITCH, PITCH)):
+        for column in outage.COLUMNS:
+            assert tests[pair][column]["difference"] > 0
+            assert tests[pair][column]["df"] == 69
+            assert tests[pair][column]["p"] < 0.01
+
+
+def test_a_speed_that_wanders_about_its_mean_is_hard_to_beat(result: dict[str, Any]) -> None:
+    for title in (HELD, MEAN):
+        assert mean(result, title, "position_error_m") < mean(result, PITCH, "position_error_m")
+    assert mean(result, OURS, "position_error_m") < 0.5 * mean(result, PITCH, "position_error_m")
+
+
+def test_fuzzy_tuning_loses_running_unless_sigma_has_a_cap(result: dict[str, Any]) -> None:
+    at_run = {
+        title: mean(result, title, "position_error_m", "running")
+        for title in (PITCH, FUZZY, f"{FUZZY}, floors and cap")
+    }
+    assert at_run[FUZZY] > 3 * at_run[PITCH]
+    assert at_run[f"{FUZZY}, floors and cap"] < 0.5 * at_run[FUZZY]
+
+
+def test_the_table_has_the_text_s_numbers_in_brackets(result: dict[str, Any]) -> None:
+    text = io.StringIO()
+    outage.show(result, Console(file=text, width=300))
+    lines = text.getvalue().splitlines()
+    (line,) = (line for line in lines if line.startswith("fuzzy ") and "(7.5)" in line)
+    assert "(5.7)" in line
+    assert "(1.2)" in line
+    assert sum(line.startswith(f"{OURS} ") for line in lines) == 2  # both gaits
+
+
+def test_pictures_are_drawn_of_the_means_and_of_a_trial_of_each_gait(result: dict[str, Any]) -> None:
+    figures = outage.draw(result)
+    assert list(figures) == ["outage", "outage_detection", "outage_running"]
+    assert [len(figure.axes) for figure in figures.values()] == [2, 4, 4]
+
+
+def test_an_unknown_set_is_refused_by_name() -> None:
+    with pytest.raises(UsageError, match='there is no set "ideel"; did you mean "ideal"'):
+        run_study("outage", Options(set="ideel"))
+
+
+def test_the_text_s_unpaired_p_follows_from_its_means_and_deviations() -> None:
+    # Table 3.1 by Student's own formula: 0.0115 and 0.0001
+    a, b = published.OUTAGE[PITCH], published.OUTAGE[FUZZY]
+    pair = published.UNPAIRED[PITCH, FUZZY]
+    for (mean_a, sd_a, mean_b, sd_b), p in zip(
+        (
+            (a.position, a.position_sd, b.position, b.position_sd),
+            (a.speed, a.speed_sd, b.speed, b.speed_sd),
+        ),
+        pair,
+        strict=True,
+    ):
+        found = stats.ttest_ind_from_stats(mean_a, sd_a, a.n, mean_b, sd_b, b.n).pvalue
+        assert found == pytest.approx(p, rel=0.1, abs=1e-4)
+
+
+def test_statistics_of_a_few_numbers_are_those_by_hand() -> None:
+    # 1, 2, 3, 6: mean 3, deviations -2 -1 0 3, variance 14/3; t(3; 97.5 %) = 3.1824
+    values = summary(np.array([1.0, 2.0, 3.0, 6.0]))
+    assert values["mean"] == 3
+    assert values["sd"] == pytest.approx((14 / 3) ** 0.5)
+    assert values["median"] == 2.5
+    assert values["mean_high"] - 3 == pytest.approx(3.1824 * (14 / 3) ** 0.5 / 2, rel=1e-4)
+    # differences 1, 1, 3, 3: mean 2, deviation 2/sqrt(3); t = 2 / (2 / sqrt(3) / 2)
+    test = paired(np.array([2.0, 3.0, 5.0, 6.0]), np.array([1.0, 2.0, 2.0, 3.0]))
+    assert test["t"] == pytest.approx(2 * 3**0.5)
+    assert test["df"] == 3
+    assert paired(np.ones(3), np.zeros(3)) == {"difference": 1.0, "t": None, "df": 2, "p": None}
+    # pooled variance of 0, 2 and 4, 6 is 2: t = -4 / sqrt(2 * (1/2 + 1/2))
+    assert unpaired(np.array([0.0, 2.0]), np.array([4.0, 6.0]))["t"] == pytest.approx(-4 / 2**0.5)
+    assert share(0, 10)["high"] == pytest.approx(1.96**2 / (10 + 1.96**2), rel=1e-3)  # Wilson
+
+
+@pytest.mark.parametrize("gait", GAITS)
+def test_a_path_is_the_same_for_the_same_seed_and_as_long_as_the_text_s(gait: str) -> None:
+    path, again, other = walk(GAITS[gait], 5), walk(GAITS[gait], 5), walk(GAITS[gait], 6)
+    assert path.north.tobytes() == again.north.tobytes()
+    assert path.north[:50].tobytes() != other.north[:50].tobytes()
+    assert 1000 <= len(path.north) <= 1125  # 40 to 45 s
+    steps = np.hypot(np.diff(path.north), np.diff(path.east)) / 0.04
+    assert steps[200:].mean() == pytest.approx(GAITS[gait].speed, rel=0.25)
+    assert steps[0] < 0.1  # from rest
+
+
+def test_references_follow_accelerometer_heading_and_fixes() -> None:
+    # given straight motion to the east at 1 m/s without noise: every reference is exact but for its speed
+    tracking = Tracking("one", Profile, {"pitch": Configuration(FourState, {"fuzzy": 0})})
+    profile = {
+        "start_heading": np.pi / 2,
+        "start_speed": 1.0,
+        "duration[1]": 5.0,
+        "acceleration_profile[1]": 0.0,
+    }
+    profile |= {"duration[2]": 0.0, "duration[3]": 0.0, "pitch_profile[3]": 0.0}
+    one = tracking.run(251, 1, {}, {"plant": profile, "sensors": {"noisy": 0}}, outage=4.0)
+    assert one.truth["east"][-1] == pytest.approx(10.0)
+    assert one.time[one.last_fix] < 6.0
+    assert one.held()["east"][-1] == pytest.approx(10.0)
+    assert one.held(2.0)["speed"][-1] == pytest.approx(1.0)
+    assert one.position_error(one.held())[-1] == pytest.approx(0.0, abs=1e-9)
+    assert one.inertial()["speed"][-1] == pytest.approx(0.0, abs=1e-9)  # from rest: it knows no speed
+    assert one.position_error(one.inertial())[-1] == pytest.approx(10.0)
+    assert one.speed_error(one.inertial())[-1] == pytest.approx(1.0)
