@@ -37,6 +37,12 @@ class PackMotion(Plant):
     jerk_deviation = Parameter("m/s2", "spike of a jerk of the pack, standard deviation", start=8, min=0)
     jerk_rate = Parameter("1", "probability of a jerk in a stride", start=0.3, min=0, max=1)
     # what real packs do besides: all off
+    stride_deviation = Parameter(
+        "1", "standard deviation of a stride's frequency, relative to its mean", start=0, min=0, max=1
+    )
+    swing_deviation = Parameter(
+        "1", "standard deviation of a stride's swings, relative to their mean", start=0, min=0, max=2
+    )
     pitch_wander = Parameter(
         "rad", "slow wander of the pitch about its mean (D.5), standard deviation", start=0, min=0, max=0.5
     )
@@ -69,6 +75,9 @@ class PackMotion(Plant):
     jerk = State("m/s2", "jerk of the pack on this tick")
     jerk_due = State(Boolean, "a stride began on this tick")
     jerk_stream = Stream("jerks of the pack", substream=3)
+    quickness = State("1", "frequency of this stride, relative to the mean", start=1)
+    strength = State("1", "swings of this stride, relative to their mean", start=1)
+    stride_stream = Stream("frequency and swings of strides", substream=11)
     wandered_pitch = State("rad", "wander of the pitch")
     settling_pitch = State("rad", "where the last shift leaves the pitch, about its mean")
     shifted_pitch = State("rad", "the pitch on its way there")
@@ -94,11 +103,22 @@ class PackMotion(Plant):
     def swing(m) -> None:
         """Advance the stride."""
         walk, run = m._gait()
-        rate = walk * m.walk_stride + run * m.run_stride
+        rate = (walk * m.walk_stride + run * m.run_stride) * m.quickness
         phase = m.stride + 2 * math.pi * rate * m.sample_time
         m.jerk_due = phase >= 2 * math.pi
         m.stride = phase - where(m.jerk_due, 2 * math.pi, 0)
         m.jerk = 0
+
+    @triggered(
+        lambda m: all_of(m.shaking, m.jerk_due, any_of(m.stride_deviation > 0, m.swing_deviation > 0)),
+        "`shaking`, a stride began on this tick, and one of `stride_deviation`, `swing_deviation` is above 0",
+        seldom=True,
+    )
+    def stride_anew(m) -> None:
+        """Draw the frequency and the swings of a stride anew, neither below a fifth of its mean (ours)."""
+        draws, m.stride_stream = normals(m.stride_stream, 2)
+        m.quickness = clip(1 + m.stride_deviation * draws[0], 0.2, 5.0)
+        m.strength = clip(1 + m.swing_deviation * draws[1], 0.2, 5.0)
 
     @triggered(lambda m: all_of(m.shaking, m.jerk_due), "`shaking`, and a stride began on this tick")
     def shake(m) -> None:
@@ -164,7 +184,7 @@ class PackMotion(Plant):
         """
         m._report()
         walk, run = m._gait()
-        sine, cosine = ca.sin(m.stride), ca.cos(m.stride)
+        sine, cosine = ca.sin(m.stride) * m.strength, ca.cos(m.stride) * m.strength
         moving = where(m.shaking, walk + run, 0)
         forward = walk * m.walk_acceleration_swing + run * m.run_acceleration_swing
         nodding = walk * m.walk_pitch_swing + run * m.run_pitch_swing

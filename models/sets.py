@@ -19,10 +19,12 @@ _MEASURED: dict[str, float] = {
     "shaking": 1.0,
     "walk_stride": 3.8,
     "run_stride": 4.6,
-    "walk_acceleration_swing": 5.0,
-    "run_acceleration_swing": 24.0,
-    "jerk_deviation": 12.0,
-    "jerk_rate": 0.5,
+    "stride_deviation": 0.1,
+    "swing_deviation": 0.6,
+    "walk_acceleration_swing": 4.0,
+    "run_acceleration_swing": 21.0,
+    "jerk_deviation": 14.0,
+    "jerk_rate": 0.4,
     "walk_pitch_swing": 4 * DEG,
     "run_pitch_swing": 8 * DEG,
     "pitch_mean": 5 * DEG,
@@ -31,7 +33,7 @@ _MEASURED: dict[str, float] = {
     "pitch_shift": 15 * DEG,
     "pitch_shift_rate": 0.2,
     "pitch_shift_time": 0.2,
-    "yaw_rate_swing": 200 * DEG,
+    "yaw_rate_swing": 150 * DEG,
 }
 
 SETS: dict[str, Set] = {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,29 @@ def run(native: Make, command: Command, ticks: int = TICKS, **parameters: float)
     """Outputs and states after each tick of a dog without chance, told one command throughout."""
     columns: Columns = native(Canine, "double", CALM | parameters).run(command=np.full(ticks, command))
     return columns
+
+
+# Strides
+
+
+def test_strides_vary_in_frequency_and_swing_as_declared(native: Make) -> None:
+    # given a walk of 2 strides a second, whose frequency varies by a tenth and whose swings vary by a fifth
+    columns = run(native, WALKING, stride_deviation=0.1, swing_deviation=0.2)
+    begins = np.flatnonzero(np.diff(columns["stride"][100:]) < 0) + 101
+    # then each stride has draws of its own, right within 4 deviations (p = 6e-5)
+    quickness, strength = columns["quickness"][begins], columns["strength"][begins]
+    n = len(begins)
+    assert n == pytest.approx(2 * TICKS * TS, rel=0.02)
+    for drawn, deviation in ((quickness, 0.1), (strength, 0.2)):
+        assert len(np.unique(drawn)) == n
+        assert drawn.mean() == pytest.approx(1, abs=4 * deviation / math.sqrt(n))
+        assert drawn.std() == pytest.approx(deviation, rel=4 / math.sqrt(2 * n))
+    assert np.corrcoef(quickness, strength)[0, 1] == pytest.approx(0, abs=4 / math.sqrt(n))
+    # and takes 1/frequency, to a tick at either end, and swings by 15 m/s2 times its strength
+    length = np.diff(begins) * TS
+    assert np.abs(length - 0.5 / quickness[:-1]).max() < 2 * TS
+    largest = np.array([columns["acceleration"][a:b].max() for a, b in pairwise(begins)])
+    assert largest == pytest.approx(7.5 * strength[:-1], rel=0.15)
 
 
 # Pitch
@@ -178,7 +202,7 @@ def test_by_default_nothing_of_this_is_drawn(native: Make) -> None:
     model = native(Canine, "double", {"seed": 3})
     columns = model.run(command=np.full(1000, WALKING))
     # then no stream has moved, and no state of these motions is other than 0
-    for substream, name in ((5, "wander"), (6, "shift"), (7, "jolt")):
+    for substream, name in ((5, "wander"), (6, "shift"), (7, "jolt"), (11, "stride")):
         assert tuple(model[f"{name}_stream[{i}]"] for i in range(1, 7)) == start_state(3, substream)
     for name in ("wandered_pitch", "shifted_pitch", "jolt", "slip", "slip_acceleration", "slip_brake"):
         assert not columns[name].any(), name
@@ -188,6 +212,7 @@ def test_each_of_these_motions_has_draws_of_its_own(native: Make) -> None:
     """Common random numbers: what is switched on changes nothing of the rest."""
     wander = {"pitch_wander": 4 * DEG, "slip_wander": 0.1}
     alone = run(native, WALKING, 2000, **wander)
-    all_on = run(native, WALKING, 2000, **wander, jolt_rate=1.0, pitch_shift_rate=1.0)
-    for name in ("wandered_pitch", "slip", "trial_drift", "stride"):
+    others = {"jolt_rate": 1.0, "pitch_shift_rate": 1.0, "stride_deviation": 0.1}
+    all_on = run(native, WALKING, 2000, **wander, **others)
+    for name in ("wandered_pitch", "slip", "trial_drift"):
         assert alone[name].tobytes() == all_on[name].tobytes(), name

@@ -204,7 +204,7 @@ def test_substreams_do_not_overlap_within_ten_thousand_draws() -> None:
     seen: set[tuple[float, ...]] = set()
     count = 0
     for seed in (0, 1, 2):
-        for substream in range(11):
+        for substream in range(12):
             _, states = draws(UNIFORM, start_state(seed, substream))
             seen.update(map(tuple, states[:, :10_000].T.tolist()))
             count += 10_000

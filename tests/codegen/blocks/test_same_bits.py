@@ -118,7 +118,13 @@ TRIALS: dict[str, tuple[System, dict[str, dict[str, float]]]] = {
         full_system(),
         {
             "controller": LEFT,
-            "plant": {"pitch_wander": 0.07, "pitch_shift_rate": 0.2, "jolt_rate": 0.3, "slip_wander": 0.1},
+            "plant": {
+                "pitch_wander": 0.07,
+                "pitch_shift_rate": 0.2,
+                "jolt_rate": 0.3,
+                "slip_wander": 0.1,
+                "stride_deviation": 0.1,
+            },
             "sensors": {"multipath_rate": 0.1, "attitude_lean": 0.3},
         },
     ),
