@@ -15,6 +15,7 @@ STUDIES = {
     "pitch": "what an incline does to an estimator that does not know of it (D.6)",
     "outage": "estimators through 10 s without GPS, beside the text's numbers (Tables 3.1, D.1, D.2)",
     "heading": "what a magnetometer does for the heading through an outage (Appendix C)",
+    "tuning": "over random set-ups: where fuzzy beats a constant Q, and where pitch helps (3.3)",
     "recording": "all our estimators on a recording: outages, halves, innovations",
     "consistency": "are the estimators as good as they say: NEES, NIS, whiteness, stated deviations",
     "observability": "which motion tells an estimator's biases apart",

@@ -1,0 +1,82 @@
+"""Random set-ups: what is drawn, how a share is judged, what holds in a few of them (3.3)."""
+
+from __future__ import annotations
+
+import io
+import math
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from harness.studies import tuning
+from harness.studies.published import FUZZY, NO_PITCH, PITCH
+from harness.studies.study import Options, run_study
+from harness.studies.tuning import FACTORS, draw_setup
+
+
+@pytest.fixture(scope="module")
+def result() -> dict[str, Any]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tuning, "TRIALS", 12)
+        return run_study("tuning", Options(seeds=14))
+
+
+def answer(result: dict[str, Any], second: str) -> dict[str, Any]:
+    (found,) = (answer for answer in result["questions"] if answer["second"] == second)
+    assert found["first"] == {FUZZY: PITCH, PITCH: NO_PITCH}[second]
+    return dict(found)
+
+
+def test_setups_are_drawn_within_their_ranges_the_same_for_the_same_seed() -> None:
+    setups = [draw_setup(seed) for seed in range(1, 200)]
+    assert draw_setup(7) == setups[6]
+    for name, factor in FACTORS.items():
+        values = [setup[name] for setup in setups]
+        scale = math.pi / 180 if factor.unit == "deg" else 1
+        assert factor.low * scale * 0.9999 - 1e-9 <= min(values) or factor.low < 0
+        assert max(values) <= factor.high * scale * 1.0001
+        assert len(set(values)) > 150
+    # half of the draws of a logarithmic range lie below its geometric mean: 1 of 0.1 to 10
+    below = sum(setup["estimator.initial_bias_variance"] < 1 for setup in setups)
+    assert 75 < below < 125
+
+
+def test_pitch_helps_in_nearly_every_setup_and_most_where_pitch_wanders(result: dict[str, Any]) -> None:
+    pitch = answer(result, PITCH)
+    assert pitch["better"]["share"] > 0.8
+    assert pitch["rank_correlation"]["plant.pitch_wander"] < -0.5
+
+
+def test_fuzzy_loses_where_the_dog_is_fast(result: dict[str, Any]) -> None:
+    fuzzy = answer(result, FUZZY)
+    assert fuzzy["better"]["share"] < 0.5
+    assert fuzzy["rank_correlation"]["walk.speed"] > 0.3
+
+
+def test_a_share_counts_the_setups_whose_mean_error_is_smaller(result: dict[str, Any]) -> None:
+    rows = result["rows"]
+    smaller = sum(row["mean_error"][FUZZY][0] < row["mean_error"][PITCH][0] for row in rows)
+    assert answer(result, FUZZY)["better"]["share"] == smaller / len(rows)
+
+
+def test_the_nearest_setup_is_the_one_whose_worst_mean_is_least_off(result: dict[str, Any]) -> None:
+    text = {"accelerometer and heading": (340.4, 39.6), NO_PITCH: (21.5, 5.1), PITCH: (11.6, 2.8)}
+    off = [
+        max(
+            max(mean / want, want / mean)
+            for title, wanted in text.items()
+            for mean, want in zip(row["mean_error"][title], wanted, strict=True)
+        )
+        for row in result["rows"]
+    ]
+    assert result["nearest"][0]["off_by"] == pytest.approx(min(off), abs=1e-3)
+    assert result["nearest"][0]["setup"] == off.index(min(off)) + 1
+
+
+def test_table_and_picture_state_the_shares(result: dict[str, Any]) -> None:
+    text = io.StringIO()
+    tuning.show(result, Console(file=text, width=200))
+    assert "fuzzy against pitch" in text.getvalue()
+    (figure,) = tuning.draw(result).values()
+    assert len(figure.axes) == 4
