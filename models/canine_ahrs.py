@@ -16,6 +16,7 @@ from models.kit.declaration import SX, Boolean, Input, Integer, Output, Paramete
 from models.kit.geometry import COUNT_MAX, all_of, any_of, clip, counted, where, wrap
 from models.kit.units import DEG
 
+ALONE_S = 1.5  # s after a fix, from which on the acceleration forward is not known
 WINDOW = 25  # samples, about 1 s: over them the samples of a body at rest have one mean
 QUIET_RATE, QUIET_FORCE = 1e-6, 1e-6  # (rad/s)2, g2: noise of 0.06 deg/s, 0.01 m/s2, if there is none
 LOUDER = 1.01  # a window: a variance of the noise may double in 70 s, as a sensor warms up
@@ -53,6 +54,9 @@ class CanineAhrs(Block):
     gyro_bias_z = Output("rad/s", "gyro bias, down")
 
     gain = Parameter("1", "of gravity's correction by the specific force, in 1/s", start=0.04, min=0, max=25)
+    alone_share = Parameter(
+        "1", "of the gain, where fixes have stopped and the bias is known", start=0.25, min=0, max=1
+    )
     heading_gain = Parameter("1", "of the heading's correction, in 1/s", start=0.1, min=0, max=25)
     bias_gain = Parameter(
         "1", "of the bias by these corrections before the first rest, in 1/s", start=0.01, min=0, max=1
@@ -77,6 +81,7 @@ class CanineAhrs(Block):
     rate = State("rad/s", "turn rate of the last good sample, without bias", size=3)
     innovation = State("1", "specific force less known acceleration, reversed, in g, less `down`", size=3)
     correction = State("1", "part of the innovation that is taken on a tick", start=1)
+    share = State("1", "part of the correction that is in force", start=1)
     averaged = State(Integer, "samples in the average of the first force", max=COUNT_MAX)
     settled = State(Boolean, "the first force is averaged")
     heading_variance = State("1", "of the heading, in variances of a course", start=UNKNOWN)
@@ -109,6 +114,8 @@ class CanineAhrs(Block):
         m.heading_variance = where(lost, UNKNOWN, m.heading_variance)
         m.age = where(lost, COUNT_MAX, counted(m.age))
         m.speed = where(m.age * m.sample_time > m.hold_time, 0, m.speed)
+        alone = all_of(m.age * m.sample_time > ALONE_S, m.age * m.sample_time <= m.hold_time, m.rested > 0)
+        m.share = where(alone, m.alone_share, 1)
         m.judged = 0
 
     @triggered(lambda m: all_of(m.good, ca.logic_not(m.settled)), "a good sample, until `settled`")
@@ -139,7 +146,7 @@ class CanineAhrs(Block):
         force = ca.vertcat(m.accel_x, m.accel_y, m.accel_z) * (-1 / GRAVITY)
         sideways = m.speed * turned * (1 / (GRAVITY * m.sample_time))
         m.innovation = force + ca.vertcat(0, sideways, 0) - down
-        m.down = down + m.correction * m.innovation
+        m.down = down + m.share * m.correction * m.innovation
 
     @triggered("gps_fix")
     def hear(m) -> None:
@@ -148,7 +155,7 @@ class CanineAhrs(Block):
         m.bad_fixes = counted(m.bad_fixes, ca.logic_not(good))
         known = all_of(good, m.age * m.sample_time <= m.hold_time)
         forward = where(known, (m.gps_speed - m.speed) * (1 / (GRAVITY * m.sample_time)), 0)
-        m.down = m.down + ca.vertcat(m.correction * forward, 0, 0)
+        m.down = m.down + ca.vertcat(m.share * m.correction * forward, 0, 0)
         m.force_sum = m.force_sum + ca.vertcat(forward, 0, 0)
         m.speed = where(good, m.gps_speed, m.speed)
         m.gap = where(good, m.age, m.gap)
