@@ -430,6 +430,10 @@ def replay_recording(
         list[str] | None,
         typer.Option("--set", metavar="estimator.name=value", help="a parameter; angles in deg"),
     ] = None,
+    parameters: Annotated[
+        list[Path] | None,
+        typer.Option(exists=True, dir_okay=False, metavar="X.toml", help="one more configuration, as tuned"),
+    ] = None,
     outage: Annotated[float, typer.Option(min=OUTAGE_S[0], max=OUTAGE_S[1], help="s without GPS")] = 10,
     every: Annotated[
         float, typer.Option(min=EVERY_S[0], max=EVERY_S[1], help="s from one outage's start to the next")
@@ -448,6 +452,7 @@ def replay_recording(
     canine replay ../walk                         a folder with .ubx, imu*.csv and their time tags
     canine replay ../walk --estimator all         every estimator of ours, in each of its configurations
     canine replay ../walk --estimator six_state,four_state --set six_state.sigma_heading=0.01
+    canine replay ../walk --parameters out/tune-walk/tune.toml   with what canine tune found
     canine replay out/demo/trial.mcap --outage 5  the log of a trial
     canine replay field                           every recording below a folder: a table of all
 
@@ -460,7 +465,7 @@ def replay_recording(
     from harness.replay.comparison import compare
     from harness.replay.source import open_source
 
-    comparison = compare(estimator, settings or [])
+    comparison = compare(estimator, settings or [], parameters or [])
     require_attitude(attitude)
     paths = recordings_below(recording)
     if paths != [recording]:

@@ -18,7 +18,7 @@ from harness.recording.signals import SensorSignals
 from harness.replay.fmu import run_fmu
 from harness.replay.source import ReplaySource
 from harness.trial.plan import si_value
-from harness.trial.scenario import Scenario, ScenarioError
+from harness.trial.scenario import Scenario, ScenarioError, load
 from models.errors import UsageError, nearest
 from models.kit.block import Block
 from models.kit.declaration import Variable, flatten
@@ -99,7 +99,7 @@ class Comparison:
 
     Attributes:
         estimators: names or paths, as asked for.
-        settings: `estimator.name=value`, as asked for.
+        settings: `estimator.name=value`, and files of parameters, as asked for.
         configurations: of all estimators.
     """
 
@@ -144,13 +144,15 @@ def _takes_field(estimator: str) -> bool:
     return "mag_x" in ESTIMATORS[estimator].flat_names("input")
 
 
-def compare(estimators: str, settings: Sequence[str] = ()) -> Comparison:
+def compare(estimators: str, settings: Sequence[str] = (), parameters: Sequence[Path] = ()) -> Comparison:
     """What to compare, from the options of `canine replay`.
 
     Args:
         estimators: names of ours and paths of FMUs with commas between, or `all` of ours.
         settings: `six_state.name=value`, or `estimator.name=value` for all that have the parameter; angles in
             degrees. They hold in every configuration.
+        parameters: files of TOML such as tune.toml, whose [parameters] make a further configuration of each
+            estimator that they are of.
 
     Raises:
         UsageError: there is no such estimator or parameter, the value is out of its range, or the parameter
@@ -159,8 +161,9 @@ def compare(estimators: str, settings: Sequence[str] = ()) -> Comparison:
     names = [name.strip() for name in estimators.split(",")]
     chosen = list(ESTIMATORS) if names == [ALL] else list(dict.fromkeys(names))
     configurations = [c for name in chosen for c in _configurations(name)]
-    parameters = Scenario().override(settings).parameters
-    for address, written in parameters.items():
+    for path in parameters:
+        configurations += _of_file(path, chosen)
+    for address, written in Scenario().override(settings).parameters.items():
         owner, _, name = address.partition(".")
         having = _owners(owner, name, chosen, f"--set {address}")
         for i, configuration in enumerate(configurations):
@@ -170,7 +173,7 @@ def compare(estimators: str, settings: Sequence[str] = ()) -> Comparison:
                 configurations[i] = Configuration(
                     configuration.name, configuration.estimator, {**configuration.parameters, name: value}
                 )
-    return Comparison(tuple(chosen), tuple(settings), tuple(configurations))
+    return Comparison(tuple(chosen), (*settings, *map(str, parameters)), tuple(configurations))
 
 
 def _configurations(name: str) -> list[Configuration]:
@@ -181,6 +184,25 @@ def _configurations(name: str) -> list[Configuration]:
     find_estimator(name)
     own: Mapping[str, Mapping[str, float]] = CONFIGURATIONS.get(name, {name: {}})
     return [Configuration(label, name, parameters) for label, parameters in own.items()]
+
+
+def _of_file(path: Path, chosen: Sequence[str]) -> list[Configuration]:
+    """A configuration of each estimator that a file has parameters of; those of other blocks are not used."""
+    written = load(str(path), mission=False).parameters
+    rows: dict[str, dict[str, float]] = {}
+    for address, value in written.items():
+        owner, _, name = address.partition(".")
+        if owner in chosen and owner in ESTIMATORS:
+            own, where = _parameters(ESTIMATORS[owner]), f"{path.name}: {address}"
+            if name not in own:
+                raise ScenarioError(f'{where}: {owner} has no parameter "{name}"{nearest(name, own)}')
+            rows.setdefault(owner, {})[name] = si_value(value, own[name], where)
+    if not rows:
+        raise ScenarioError(
+            f"{path}: has no parameter of {' or '.join(chosen)}; "
+            'expected [parameters] such as "six_state.sigma_heading" = 1'
+        )
+    return [Configuration(f"{owner}, {path.stem}", owner, row) for owner, row in rows.items()]
 
 
 def _owners(owner: str, name: str, chosen: Sequence[str], where: str) -> list[str]:

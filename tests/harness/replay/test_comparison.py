@@ -98,6 +98,24 @@ def test_a_setting_holds_in_every_configuration_that_has_the_parameter() -> None
     )
 
 
+def test_a_file_of_parameters_is_one_more_configuration(tmp_path: Path) -> None:
+    # given what a tuning found, beside a parameter of a block that is not replayed
+    path = tmp_path / "tune.toml"
+    values = {"six_state.sigma_heading": 3, "six_state.max_age": 20, "cmec.moving_deviation": 37}
+    path.write_text("[parameters]\n" + "".join(f'"{name}" = {value}\n' for name, value in values.items()))
+    # when
+    *rest, tuned = compare("four_state,six_state", parameters=[path]).configurations
+    # then it stands behind the others
+    assert len(rest) == len(CONFIGURATIONS["four_state"]) + 1
+    assert tuned == Configuration("six_state, tune", "six_state", {"sigma_heading": 3 * DEG, "max_age": 20})
+    # and a file without a word on the estimator, or with a wrong one, is refused
+    with pytest.raises(UsageError, match="has no parameter of two_bias; expected"):
+        compare("two_bias", parameters=[path])
+    path.write_text('[parameters]\n"six_state.max_agee" = 2\n')
+    with pytest.raises(UsageError, match='six_state has no parameter "max_agee"; did you mean "max_age"'):
+        compare("six_state", parameters=[path])
+
+
 @pytest.mark.parametrize(
     ("estimators", "setting", "message"),
     [

@@ -62,15 +62,15 @@ def test_a_log_of_one_estimator_is_run_again_with_another(tmp_path: Path) -> Non
 
 
 def test_trials_of_a_sweep_with_another_estimator_end_as_single_trials_do(tmp_path: Path) -> None:
-    # when
+    # given the largest system that we have
     sweep = run_sweep(
-        "two_waypoint", thresholds="30:30", trials=3, system="full", estimator="six_state", seed=3,
-        out=tmp_path / "sweep",
+        "two_waypoint", thresholds="30:30", trials=3, seed=3, system="full", estimator="canine_tracker",
+        ahrs=True, out=tmp_path / "sweep",
     )  # fmt: skip
     trials = [
         run_trial(
-            "two_waypoint", seed=seed, estimator="six_state", parameters={"cmec.moving_deviation": 30},
-            out=tmp_path / str(seed),
+            "two_waypoint", seed=seed, estimator="canine_tracker", ahrs=True,
+            parameters={"cmec.moving_deviation": 30}, out=tmp_path / str(seed),
         )
         for seed in (3, 4, 5)
     ]  # fmt: skip
@@ -79,7 +79,7 @@ def test_trials_of_a_sweep_with_another_estimator_end_as_single_trials_do(tmp_pa
     assert sweep.rows[0]["successes"] == len(successes)
     mean = sum(trial.time_s for trial in successes) / len(successes)
     assert sweep.rows[0]["mean_time_s"] == pytest.approx(mean, abs=1e-3)
-    assert json.loads(sweep.recommendation_path.read_text())["system"] == "full_six_state"
+    assert json.loads(sweep.recommendation_path.read_text())["system"] == "full_ahrs_canine_tracker"
 
 
 def test_a_sweeps_folder_bears_the_name_of_its_estimator() -> None:
