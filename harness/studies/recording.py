@@ -61,9 +61,15 @@ def run(options: Options, progress: Progress) -> Result:
         "notes": [*source.notes, *comparison.notes(source)],
         **statistics(outages),
         **apart(outages),
-        "halves": {half: apart(part) if part else None for half, part in halves.items()},
+        "halves": {
+            half: {"all": statistics(part), **apart(part), "separate": len(disjoint(part))} if part else None
+            for half, part in halves.items()
+        },
         "innovations": innovations,
-        "separate": len(disjoint([outage for outage in outages if not outage.standing])),
+        "separate": {
+            "all": len(disjoint(outages)),
+            "moving": len(disjoint([outage for outage in outages if not outage.standing])),
+        },
         "outages": [_told(outage) for outage in outages],
     }
 
@@ -114,10 +120,10 @@ def innovations_of(source: ReplaySource, configuration: Configuration, middle: f
 def show(result: Mapping[str, Any], console: Console) -> None:
     """Print the errors with their tests, those of standing outages apart, the halves, the innovations."""
     moving, standing = result["moving"], result["standing"]
-    if moving:
-        _show_errors("moving at the end", moving, result["separate"], console)
-    if standing:
+    if moving and standing:
+        _show_errors("moving at the end", moving, result["separate"]["moving"], console)
         _show_errors("standing still at the end", standing, None, console)
+    _show_errors("all", result, result["separate"]["all"], console)
     if lines := not_used(result):
         console.print(lines, markup=False, highlight=False)
     for note in result["notes"]:
@@ -161,28 +167,36 @@ def _p(pair: Mapping[str, Any] | None, column: str) -> str:
 
 def _show_halves(result: Mapping[str, Any], console: Console) -> None:
     """Errors and innovations of the halves, and how many fixes each filter took."""
+    halves = {half: part for half, part in result["halves"].items() if part}
+    second = halves.get("second")
+    tests = {(p["first"], p["second"]): p for p in second["all"]["paired_t_tests"]} if second else {}
     table = new_table()
-    table.add_column(f"halves, at {result['middle_s']:.0f} s;\noutages moving at the end")
+    table.add_column(f"halves, at {result['middle_s']:.0f} s")
     for heading in (
-        "position [m]\nfirst", "\nsecond", "speed [m/s]\nfirst", "\nsecond", "NIS\nfirst", "\nsecond",
-        "\nexpected", "fixes\ntaken",
+        "position [m]\nfirst", "\nsecond", f"p, {HELD}\nsecond", "speed [m/s]\nfirst", "\nsecond",
+        f"p, {HELD}\nsecond", "NIS\nfirst", "\nsecond", "\nexpected", "fixes\ntaken",
     ):  # fmt: skip
         table.add_column(heading, justify="right")
-    halves: dict[str, Any] = {half: (part or {}).get("moving") for half, part in result["halves"].items()}
     for name in result["configurations"]:
-        row = [
-            f"{halves[half]['configurations'][name][column]['mean']:.2f}" if halves[half] else "-"
-            for column in COLUMNS
-            for half in ("first", "second")
-        ]
+        row = []
+        for column in COLUMNS:
+            for half in ("first", "second"):
+                known = halves.get(half)
+                mean = known and known["all"]["configurations"][name][column]["mean"]
+                row.append("-" if mean is None else f"{mean:.2f}")
+            row.append(_p(tests.get((HELD, name)), column))
         told = result["innovations"].get(name)
         if told:
             row += [_number(told[half]["nis"]) for half in ("first", "second")]
             row += [_number(told["all"]["expected"]), f"{told['accepted']} of {told['fixes']}"]
         table.add_row(name, *row)
     print_table(table, console)
-    sizes = [halves[h]["configurations"][HELD]["n"] if halves[h] else 0 for h in ("first", "second")]
-    console.print(f"{sizes[0]} and {sizes[1]} outages", style="dim")
+    sizes = [halves[h]["all"]["configurations"][HELD]["n"] if h in halves else 0 for h in ("first", "second")]
+    tested = second["separate"] if second else 0
+    console.print(
+        f"{sizes[0]} and {sizes[1]} outages; p of the {tested} of the second half that do not overlap",
+        style="dim",
+    )
 
 
 def _number(value: float | None) -> str:

@@ -51,13 +51,14 @@ def test_outages_that_end_at_rest_and_the_halves_are_told_apart(result: dict[str
     # then five end in motion, of which three do not overlap: 15, 25 and 35 s
     assert result["moving"]["configurations"][HELD]["n"] == 5
     assert result["standing"]["configurations"][HELD]["n"] == 4
-    assert result["separate"] == 3
+    assert result["separate"] == {"all": 5, "moving": 3}
     # and the middle is between 15 and 65 s: those that end by 40 s, those that start from then on
     assert result["middle_s"] == 40.0
     first, second = (result["halves"][half] for half in ("first", "second"))
     assert first["moving"]["configurations"][HELD]["n"] == 4
     assert second["moving"] is None
     assert second["standing"]["configurations"][HELD]["n"] == 4
+    assert second["separate"] == 2  # from 40 and from 50 s on
 
 
 def test_every_configuration_without_a_magnetometer_is_judged(result: dict[str, Any]) -> None:
@@ -109,7 +110,7 @@ def test_tables_and_picture_hold_all_of_it(result: dict[str, Any]) -> None:
         "standing still at the end",
         "fuzzy, floor, cap",
         "halves, at 40 s",
-        "4 and 0 outages",
+        "4 and 4 outages; p of the 2",
     ):
         assert words in text.getvalue()
     (figure,) = recording.draw(result).values()
