@@ -183,12 +183,16 @@ class Sensors(Block):
         )
 
         began = m.tick > 0
+        # the mean over the tick: with the angles half way, else swings of a stride turn into drift
         pitching = where(began, (m.pitch - m.past_pitch) / m.sample_time, 0)
         rolling = where(began, (m.roll - m.past_roll) / m.sample_time, 0)
+        half_pitch, half_roll = (m.pitch + m.past_pitch) / 2, (m.roll + m.past_roll) / 2
+        half_pitch, half_roll = where(began, half_pitch, m.pitch), where(began, half_roll, m.roll)
+        level_rate = m.yaw_rate * ca.cos(half_pitch)
         rate = (
-            rolling - m.yaw_rate * sine_pitch,
-            pitching * cosine_roll + m.yaw_rate * cosine_pitch * sine_roll,
-            m.yaw_rate * cosine_pitch * cosine_roll - pitching * sine_roll,
+            rolling - m.yaw_rate * ca.sin(half_pitch),
+            pitching * ca.cos(half_roll) + level_rate * ca.sin(half_roll),
+            level_rate * ca.cos(half_roll) - pitching * ca.sin(half_roll),
         )
         m.gyro_x, m.gyro_y, m.gyro_z = (
             m._sensed(rate[i], m.gyro_bias[i], m.gyro_noise * n[3 + i], m.gyro_limit) for i in range(3)

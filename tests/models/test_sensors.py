@@ -111,10 +111,14 @@ def test_the_gyroscopes_see_the_rates_of_the_euler_angles(native: Make) -> None:
     pitch, roll, yaw_rate = 0.4 * np.sin(3 * t) - 0.1, 0.3 * np.cos(2 * t), 1.2 * np.sin(t)
     out = native(Sensors, "double", {"noisy": 0}).run(pitch=pitch, roll=roll, yaw_rate=yaw_rate)
     p, q, r = out["gyro_x"], out["gyro_y"], out["gyro_z"]
-    turning = (q * np.sin(roll) + r * np.cos(roll)) / np.cos(pitch)
+    # each rate is the mean over its tick, in which the body is half way between two attitudes
+    roll_half, pitch_half = (np.convolve(angle, [0.5, 0.5])[:-1] for angle in (roll, pitch))
+    roll_half[0], pitch_half[0] = roll[0], pitch[0]
+    turning = (q * np.sin(roll_half) + r * np.cos(roll_half)) / np.cos(pitch_half)
     assert turning == pytest.approx(yaw_rate, abs=1e-12)
-    assert (q * np.cos(roll) - r * np.sin(roll))[1:] == pytest.approx(np.diff(pitch) / TICK, abs=1e-12)
-    assert (p + turning * np.sin(pitch))[1:] == pytest.approx(np.diff(roll) / TICK, abs=1e-12)
+    nodding = q * np.cos(roll_half) - r * np.sin(roll_half)
+    assert nodding[1:] == pytest.approx(np.diff(pitch) / TICK, abs=1e-12)
+    assert (p + turning * np.sin(pitch_half))[1:] == pytest.approx(np.diff(roll) / TICK, abs=1e-12)
     still = answer({"noisy": 0}, pitch=0.5, roll=0.5)  # the first tick has no rate, whatever the attitude
     assert axes(still, "gyro").tolist() == [0, 0, 0]
 
