@@ -5,7 +5,7 @@ The plant `recorded` takes a piece's positions as its inputs `path_north` and `p
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -74,6 +74,19 @@ def read_positions(
             f"expected more than {shortest:g} s"
         )
     return long_enough
+
+
+def stretches(found: Iterable[Piece], seconds: float) -> list[Piece]:
+    """Stretches of this length [s] from pieces, one behind the other, each from its own start at (0, 0).
+
+    What is left of a piece is dropped.
+    """
+    ticks = round(seconds / TICK)
+    return [
+        Piece(*(p[begin : begin + ticks] - p[begin] for p in (piece.north, piece.east)))
+        for piece in found
+        for begin in range(0, len(piece.north) - ticks + 1, ticks)
+    ]
 
 
 def pieces(time: Array, north: Array, east: Array) -> list[Piece]:

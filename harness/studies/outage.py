@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
@@ -14,9 +14,11 @@ from rich.console import Console
 from rich.table import Table
 
 from harness.drawing import house_style
+from harness.recording.positions import read_positions, stretches
+from harness.recording.recording import RecordingError
 from harness.studies import published
-from harness.studies.outage_pictures import figure_of_means, figure_of_trial
-from harness.studies.paths import GAITS, walk
+from harness.studies.outage_pictures import SEARCHING, figure_of_means, figure_of_trial
+from harness.studies.paths import GAITS, Path, walk
 from harness.studies.published import FUZZY, INERTIAL, NO_PITCH, PITCH
 from harness.studies.statistics import paired, share, summary, unpaired
 from harness.studies.study import Options, Progress, Result
@@ -30,11 +32,11 @@ from models.sets import SETS
 from models.system import ESTIMATORS
 
 Array = npt.NDArray[np.float64]
-TAKES = frozenset({"seeds", "set"})
+TAKES = frozenset({"seeds", "set", "recording"})
 SEEDS = 300
 OUTAGE_S = 10.0
 MEAN_OVER = 3.0  # s
-SEARCHING = "detection"  # the gait of the text's tables
+RECORDED, RECORDED_S = "recorded path", 30.0  # a trial along the path of a live animal, without overlap
 HELD, MEAN, OURS = "speed held", f"mean speed of {MEAN_OVER:g} s", CanineTracker.title()
 REFERENCES = (INERTIAL, HELD, MEAN)  # without a filter
 CONFIGURATIONS: dict[str, Configuration] = {
@@ -66,38 +68,53 @@ def run(options: Options, progress: Progress) -> Result:
     The error is measured against the truth; the text's is against the receiver. That of accelerometer and
     heading alone belongs to the whole trial, as in the text.
 
+    Along the path of a live animal, where a table of its positions or a trial's log is given.
+
     Raises:
         UsageError: there is no such set.
+        RecordingError: the table cannot be read, or has fewer than two pieces that are long enough.
     """
     if options.set is not None and options.set not in SETS:
         raise UsageError(f'there is no set "{options.set}"{nearest(options.set, SETS)}')
     sets = [options.set] if options.set else list(SETS)
-    seeds = range(1, (options.seeds or SEEDS) + 1)
+    paths: dict[str, Callable[[int], Path]] = {gait: partial(walk, of) for gait, of in GAITS.items()}
+    count = options.seeds or SEEDS
+    if options.recording:
+        recorded = read_positions(options.recording, shortest=RECORDED_S)
+        pieces = [Path(piece.north, piece.east) for piece in stretches(recorded, RECORDED_S)]
+        paths, count = {RECORDED: lambda seed: pieces[seed - 1]}, min(options.seeds or SEEDS, len(pieces))
+        if count < 2:
+            raise RecordingError(
+                f"{options.recording}: got one stretch of {RECORDED_S:g} s without a jump; expected two"
+            )
+    seeds = range(1, count + 1)
     tracking = Tracking("study_outage", Recorded, CONFIGURATIONS)
     results: dict[str, Any] = {name: {} for name in sets}
-    total, done = len(sets) * len(GAITS) * len(seeds), 0
+    total, done = len(sets) * len(paths) * len(seeds), 0
     with ThreadPoolExecutor() as pool:
         for set_name in sets:
-            for gait in GAITS:
+            for gait, path in paths.items():
                 errors = []
-                for one in pool.map(partial(errors_of, tracking, gait, set_name), seeds):
+                for one in pool.map(partial(errors_of, tracking, path, set_name), seeds):
                     errors.append(one)
                     progress(100 * (done := done + 1) / total)
-                sample = _sample(trial(tracking, gait, set_name, seeds[0]))
+                sample = _sample(trial(tracking, path, set_name, seeds[0]))
                 results[set_name][gait] = {**_judged(errors), "sample": sample}
     return {"seeds": len(seeds), "outage_s": OUTAGE_S, "sets": results, "published": _published()}
 
 
-def trial(tracking: Tracking, gait: str, set_name: str, seed: int) -> Trial:
-    """A trial of a gait with a set; the outage ends with it."""
-    path = walk(GAITS[gait], seed)
+def trial(tracking: Tracking, path_of: Callable[[int], Path], set_name: str, seed: int) -> Trial:
+    """A trial along a seed's path with a set; the outage ends with it."""
+    path = path_of(seed)
     signals = {"path_north": path.north, "path_east": path.east}
     return tracking.run(len(path.north), seed, signals, SETS[set_name], OUTAGE_S)
 
 
-def errors_of(tracking: Tracking, gait: str, set_name: str, seed: int) -> dict[str, tuple[float, float]]:
+def errors_of(
+    tracking: Tracking, path_of: Callable[[int], Path], set_name: str, seed: int
+) -> dict[str, tuple[float, float]]:
     """Each configuration's error of position [m] and speed [m/s] at the end of a trial."""
-    one = trial(tracking, gait, set_name, seed)
+    one = trial(tracking, path_of, set_name, seed)
     estimates = {INERTIAL: one.inertial(), HELD: one.held(), MEAN: one.held(MEAN_OVER), **one.estimates}
     return {
         title: (float(one.position_error(estimate)[-1]), float(one.speed_error(estimate)[-1]))
@@ -199,10 +216,11 @@ def show(result: Mapping[str, Any], console: Console) -> None:
             console.print(
                 "\n".join(lines), "", style="dim", highlight=False, markup=False, soft_wrap=True, sep="\n"
             )
-    console.print(
-        "In brackets: the dissertation (Tables D.1, 3.1). The set dissertation was chosen for being near it.",
-        highlight=False, markup=False, soft_wrap=True,
-    )  # fmt: skip
+    if any(SEARCHING in gaits for gaits in result["sets"].values()):
+        console.print(
+            "In brackets: the dissertation (Tables D.1, 3.1). The set dissertation was chosen for that.",
+            highlight=False, markup=False, soft_wrap=True,
+        )  # fmt: skip
 
 
 def _table(configurations: Mapping[str, Any], text: Mapping[str, Any]) -> Table:
@@ -264,7 +282,7 @@ def draw(result: Mapping[str, Any]) -> Mapping[str, Figure]:
     groups = {"without a filter": REFERENCES, "our own": tuple(t for t in CONFIGURATIONS if OURS in t)}
     pictures = {"outage": figure_of_means(result["sets"], result["published"]["configurations"], groups)}
     for gait, values in result["sets"][first].items():
-        pictures[f"outage_{gait}"] = figure_of_trial(
+        pictures[f"outage_{gait}".replace(" ", "_")] = figure_of_trial(
             values["sample"], result["outage_s"], f"set {first}, {gait}, seed 1"
         )
     return pictures

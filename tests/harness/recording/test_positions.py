@@ -12,7 +12,7 @@ import pytest
 from harness.log.channel import Channel
 from harness.log.writer import LogWriter
 from harness.recording.described import Column
-from harness.recording.positions import CORNER, FASTEST, Piece, pieces, read_positions
+from harness.recording.positions import CORNER, FASTEST, Piece, pieces, read_positions, stretches
 from harness.recording.recording import RecordingError
 from models.kit.timing import TICK
 from tests.harness.replay import logs
@@ -77,6 +77,18 @@ def test_positions_are_cut_where_they_do_not_belong_together(joint: str) -> None
 def test_what_an_animal_can_run_is_no_joint() -> None:
     time, north, east = walked(20)
     assert len(pieces(time, np.where(time > 10, north + 0.99 * FASTEST * 0.1 - 0.12, north), east)) == 1
+
+
+def test_stretches_follow_each_other_from_their_own_starts() -> None:
+    # given a piece of 65 s and one of 20 s
+    ticks = np.arange(1625, dtype=np.float64)
+    found = [Piece(5 + 0.05 * ticks, 0.01 * ticks), Piece(np.zeros(500), np.zeros(500))]
+    first, second = stretches(found, 30)
+    # then two of 30 s fit into the first, and begin at (0, 0)
+    assert len(first.north) == len(second.east) == 750
+    for stretch in (first, second):
+        assert stretch.north == pytest.approx(0.05 * np.arange(750))
+        assert stretch.east == pytest.approx(0.01 * np.arange(750))
 
 
 def test_a_table_is_read_by_its_columns(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from rich.console import Console
 from scipy import stats
 
+from harness.recording.recording import RecordingError
 from harness.studies import outage, published
 from harness.studies.outage import HELD, MEAN, OURS
 from harness.studies.paths import GAITS, walk
@@ -149,3 +151,31 @@ def test_references_follow_accelerometer_heading_and_fixes() -> None:
     assert one.inertial()["speed"][-1] == pytest.approx(0.0, abs=1e-9)  # from rest: it knows no speed
     assert one.position_error(one.inertial())[-1] == pytest.approx(10.0)
     assert one.speed_error(one.inertial())[-1] == pytest.approx(1.0)
+
+
+def test_a_recorded_path_drives_the_trials(tmp_path: Path) -> None:
+    # given 100 s of a walk to the north at 1.2 m/s that swings to the east: three trials of 30 s
+    time = np.arange(1001) / 10
+    rows = "\n".join(f"{t:.1f},{2 * np.sin(0.3 * t):.4f},{1.2 * t:.4f}" for t in time)
+    (tmp_path / "dog.csv").write_text(f"t_s,x_m,y_m\n{rows}\n")
+    result = run_study("outage", Options(set="ideal", recording=tmp_path / "dog.csv"))
+    assert result["seeds"] == 3
+    (gait, values) = next(iter(result["sets"]["ideal"].items()))
+    assert gait == outage.RECORDED
+    truth = values["sample"]["truth"]
+    assert (truth["north"][0], truth["east"][0]) == (0, 0)
+    assert truth["north"][-1] == pytest.approx(1.2 * 29.92, abs=0.1)
+    # then speed and heading keep the animal within a few metres over 10 s, of which it goes 13 m
+    assert values["configurations"][HELD]["position_error_m"]["mean"] < 5
+    # and neither table nor pictures name the text's figures, which are those of another walk
+    text = io.StringIO()
+    outage.show(result, Console(file=text, width=200))
+    assert "(21.5)" not in text.getvalue()
+    assert set(outage.draw(result)) == {"outage", "outage_recorded_path"}
+
+
+def test_a_path_of_one_stretch_is_refused(tmp_path: Path) -> None:
+    rows = "\n".join(f"{t:.1f},0,{t:.1f}" for t in np.arange(500) / 10)
+    (tmp_path / "dog.csv").write_text(f"t_s,x_m,y_m\n{rows}\n")
+    with pytest.raises(RecordingError, match="got one stretch of 30 s without a jump; expected two"):
+        run_study("outage", Options(set="ideal", recording=tmp_path / "dog.csv"))
