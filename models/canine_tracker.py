@@ -55,7 +55,7 @@ class CanineTracker(Estimator):
     sigma_constant = Parameter(
         "m/s2", "process noise of the acceleration until it is learned", start=0.4, min=0
     )
-    position_sd_floor = Parameter("m", "a fix's position is believed no better than this", start=0.5, min=0)
+    position_sd_floor = Parameter("m", "a fix's position is believed no better than this", start=0.25, min=0)
     speed_sd_floor = Parameter("m/s", "a fix's speed is believed no better than this", start=0.1, min=0)
     heading_accuracy = Parameter(
         "rad", "standard deviation of the course that is moved along", start=0.1, min=0

@@ -159,7 +159,7 @@ class Reference:
 
     def fix(self, u: dict[str, float], heading: float, yaw_rate: float) -> None:
         z, course = u["gps_speed"], u["gps_course"]
-        r, r_position = max(u["gps_s_acc"], 0.1) ** 2, max(u["gps_h_acc"] / 2, 0.5) ** 2
+        r, r_position = max(u["gps_s_acc"], 0.1) ** 2, max(u["gps_h_acc"] / 2, 0.25) ** 2
         if not self.started:
             self.x = np.array([z, -z / 0.7, u["gps_north"], u["gps_east"]])
             self.P = np.diag([0.1 + r, 1, 0.01 + r_position, 0.01 + r_position])
