@@ -53,8 +53,9 @@ class Path(Plant):
         m.ahead_north, m.ahead_east = north, east
         m.velocity = ca.sqrt(forward * forward + right * right)
         m.past_velocity = where(going, m.past_velocity, m.velocity)
-        m.past_course = m.course
-        m.course = where(m.velocity > m.slow_speed, ca.atan2(right, forward), m.course)
+        past_course = m.course
+        m.course = where(m.velocity > m.slow_speed, ca.atan2(right, forward), past_course)
+        m.past_course = where(going, past_course, m.course)
         facing = wrap(m.course - m.side_slip)
         largest = m.largest_turn_rate * m.sample_time
         turned = wrap(m.body_heading + clip(wrap(facing - m.body_heading), -largest, largest))

@@ -122,6 +122,14 @@ def test_a_profile_may_begin_in_motion_and_never_runs_backwards(native: Make) ->
     assert np.arctan2(way["east"], way["north"])[-1] == pytest.approx(30 * DEG)
 
 
+def test_a_profile_moves_where_heading_and_slip_point(native: Make) -> None:
+    # given a walk to the north whose course is 20 deg off its heading
+    way = run(native, 10.0, **PROFILES["l"] | {"slip_mean": 20 * DEG, "duration[2]": 100.0})
+    assert np.arctan2(way["east"], way["north"]) == pytest.approx(20 * DEG)
+    assert way["slip"] == pytest.approx(20 * DEG)
+    assert way["heading"] == pytest.approx(0)
+
+
 def test_commands_do_not_move_the_simulator(native: Make) -> None:
     ways = [
         native(Profile, "double", {}).run(command=np.full(100, command))["north"]

@@ -110,6 +110,20 @@ def test_the_accelerations_of_a_path_integrate_to_its_velocity(native: Make) -> 
     assert out["slip"][100:].mean() == pytest.approx(0.1, abs=0.08)
 
 
+def test_slip_leads_the_course_of_a_path_without_ringing(native: Make) -> None:
+    # given a path that goes straight and then round, and slip that leads by more than its own time
+    north, east = circle(200)
+    straight = -2 * TS * np.arange(50, 0, -1)
+    out = follow(
+        native, np.concatenate([np.full(50, north[0]), north]), np.concatenate([east[0] + straight, east]),
+        slip_lead=0.5, slip_time=0.1,
+    )  # fmt: skip
+    # then it goes to lead times turn rate in one direction, while the body turns no faster than the path
+    assert out["slip"][-1] == pytest.approx(0.5 * RATE, rel=1e-3)
+    assert np.diff(out["slip"][3:]).min() > -1e-9
+    assert out["yaw_rate"][-1] == pytest.approx(RATE)
+
+
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1.1e5])
 def test_bad_positions_are_skipped_and_counted(bad: float) -> None:
     from models.kit.model import Model  # noqa: PLC0415
