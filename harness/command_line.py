@@ -685,6 +685,9 @@ def tune_estimator(
     recording: Annotated[Path, typer.Argument(exists=True, metavar="FOLDER|LOG.mcap")],
     *,
     estimator: Annotated[str, typer.Option(help="the block to tune")] = "four_state",
+    hold: Annotated[
+        list[str] | None, typer.Option(metavar="NOISE", help="stays as declared, such as sigma_bias")
+    ] = None,
     folder: Annotated[
         Path | None, typer.Option("--out", file_okay=False, help="by default out/tune-<recording>")
     ] = None,
@@ -697,6 +700,7 @@ def tune_estimator(
 
     \b
     canine tune ../walk
+    canine tune ../walk --hold sigma_bias         the bias walks as declared
     canine tune out/demo/trial.mcap --estimator six_state
     """
     from harness.replay.source import open_source
@@ -709,7 +713,7 @@ def tune_estimator(
     for note in source.notes:
         _note(f"{recording}: {note}")
     with _bar("percent", 100, quiet=as_json) as progress:
-        result = tune(source, block, progress)
+        result = tune(source, block, hold or [], progress)
     place = folder or report.default_folder(source.name)
     report.report(result, place, _note)
     if as_json:

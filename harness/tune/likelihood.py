@@ -16,6 +16,7 @@ import numpy.typing as npt
 from codegen.batch.series import Series
 from harness.recording.signals import SensorSignals
 from harness.studies.innovations import Innovations, innovations_of, observed
+from models.errors import UsageError, nearest
 from models.estimator import Estimator
 
 Array = npt.NDArray[np.float64]
@@ -49,9 +50,13 @@ class Tuned:
 
     Args:
         signals: of the recording, with all fixes.
+        held: names of noises that stay as declared.
+
+    Raises:
+        UsageError: there is no noise of such a name, or all are held.
     """
 
-    def __init__(self, block: type[Estimator], signals: SensorSignals) -> None:
+    def __init__(self, block: type[Estimator], signals: SensorSignals, held: Sequence[str] = ()) -> None:
         self.block = block
         self.declared = {v.name: float(v.start[0]) for v in block.group("parameter")}
         self._least = {v.name: v.min or 0.0 for v in block.group("parameter")}
@@ -67,13 +72,23 @@ class Tuned:
         ):
             low, middle, high = np.percentile(accuracy[signals.gps_fix], [5, 50, 95])
             scale = self.declared[f"{kind}_sd_scale"]
-            sd = float(middle) * scale
+            sd, floor = float(middle) * scale, self.declared[f"{kind}_sd_floor"]
             if high < VARIES * low:
                 self._stated[kind] = float(accuracy[signals.gps_fix].max())
-                self.noises.append(Noise(f"{kind}_sd", unit, sd, sd))
+                self.noises.append(Noise(f"{kind}_sd", unit, sd, max(sd, floor)))
             else:
                 self.noises.append(Noise(f"{kind}_sd_scale", "1", scale, scale))
-                self.noises.append(Noise(f"{kind}_sd_floor", unit, sd, self.declared[f"{kind}_sd_floor"]))
+                self.noises.append(Noise(f"{kind}_sd_floor", unit, sd, floor))
+        names = [noise.name for noise in self.noises]
+        for name in held:
+            if name not in names:
+                raise UsageError(
+                    f"--hold {name}: no such noise of {block.title()} is tuned here; "
+                    f"expected {', '.join(names)}{nearest(name, names)}"
+                )
+        self.noises = [noise for noise in self.noises if noise.name not in held]
+        if not self.noises:
+            raise UsageError("--hold: all noises are held; leave one that can be tuned")
 
     @property
     def fixed(self) -> dict[str, float]:

@@ -38,7 +38,7 @@ from models.kit.declaration import Type
 from models.kit.units import DEG
 from models.system import ESTIMATORS
 
-IDENTITY = ("recording", "estimator")  # what tells a tuning from others
+IDENTITY = ("recording", "estimator", "held")  # what tells a tuning from others
 LIMIT = float(stats.chi2.ppf(LEVEL, 1))  # of twice the loss, at the ends of an interval
 COLORS = {BEFORE: ESTIMATES[1], AFTER: ESTIMATES[0], HELD: GPS}
 
@@ -55,8 +55,8 @@ def fragment(result: Mapping[str, Any]) -> str:
     lines = [
         f"# The noise of {drawable(result['recording'])}, by `canine tune`: the most likely in "
         f"{start:.1f} to {end:.1f} s.",
-        "# tune.json has the confidence intervals. Append this to a scenario without [parameters], or copy",
-        "# its lines into these. Angles in degrees.",
+        "# tune.json has the confidence intervals. `canine replay --parameters` takes this file. Append it",
+        "# to a scenario without [parameters], or copy its lines into these. Angles in degrees.",
         "",
         "[parameters]",
     ]
@@ -155,7 +155,8 @@ def figure(result: Mapping[str, Any]) -> Figure:
     time, white, errors = above.subplots(1, 3, width_ratios=(2, 1, 1))
     for name, row in result["nis"].items():
         time.semilogy(row["time_s"], np.maximum(row["nis"], 1e-4), ".", color=COLORS[name], markersize=3)
-        white.plot(result["judged"][name]["autocorrelation"], "o-", color=COLORS[name], markersize=3)
+        correlation = result["judged"][name]["autocorrelation"]
+        white.plot(range(1, len(correlation) + 1), correlation, "o-", color=COLORS[name], markersize=3)
     time.axhline(result["judged"][AFTER]["nis_expected"], color=TRUTH, linewidth=1.0)
     time.axvline(result["judged_on_s"][0], color=TRUTH, linewidth=1.0, linestyle=":")
     time.set_xlabel("time [s]; judged behind the dotted line")

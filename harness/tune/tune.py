@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,15 +22,20 @@ BEFORE, AFTER = "as declared", "tuned"
 
 
 def tune(
-    source: ReplaySource, block: type[Estimator], progress: Callable[[float], None] | None = None
+    source: ReplaySource,
+    block: type[Estimator],
+    held: Sequence[str] = (),
+    progress: Callable[[float], None] | None = None,
 ) -> dict[str, Any]:
     """The content of tune.json.
 
     Args:
+        held: names of noises that stay as declared.
         progress: called with the percentage that is done.
 
     Raises:
         RecordingError: a half of the recording has too few fixes, or it lacks a sensor of the estimator.
+        UsageError: a noise that is held does not exist, or all are held.
     """
     compare(block.title()).usable(source)
     signals = source.signals([])
@@ -46,7 +51,7 @@ def tune(
                 f"{source.name}: too short to tune by: {number} fixes in its {half} half after the first "
                 f"{SETTLE:g} s; expected at least {FIXES} in each; record longer"
             )
-    filter, tuned = Filter(block, signals), Tuned(block, signals)
+    filter, tuned = Filter(block, signals), Tuned(block, signals, held)
     fit = Fit(filter, tuned, start, middle, progress)
     ways = {BEFORE: {}, AFTER: fit.parameters}
     innovations = {name: filter.innovations(parameters) for name, parameters in ways.items()}
@@ -54,6 +59,7 @@ def tune(
     result = {
         "recording": source.name,
         "estimator": block.title(),
+        "held": list(held),
         "fitted_on_s": [start, middle],
         "judged_on_s": [middle, float(fixes[-1])],
         "fixes": fit.fixes,

@@ -23,6 +23,7 @@ from harness.tune import report
 from harness.tune.judge import summary_of
 from harness.tune.likelihood import Tuned
 from harness.tune.tune import AFTER, BEFORE, tune
+from models.errors import UsageError
 from models.four_state import FourState
 from models.kit.timing import TICK
 
@@ -139,6 +140,21 @@ def test_a_deviation_above_the_stated_one_is_a_floor_that_leaves_the_scale() -> 
     values = {noise.name: noise.start for noise in tuned.noises} | {"position_sd": 7.0}
     parameters = tuned.parameters(list(values.values()))
     assert (parameters["position_sd_floor"], parameters["position_sd_scale"]) == (7.0, 0.5)  # eq. 3.15
+
+
+def test_a_noise_that_is_held_is_not_tuned() -> None:
+    tuned = Tuned(FourState, signals(20.0), ["sigma_bias"])
+    assert [noise.name for noise in tuned.noises] == ["sigma_constant", "position_sd", "speed_sd"]
+    assert "sigma_bias" not in tuned.parameters([0.1, 0.2, 0.3])
+
+
+def test_a_noise_that_does_not_exist_cannot_be_held() -> None:
+    with pytest.raises(UsageError) as refusal:
+        Tuned(FourState, signals(20.0), ["sigma_bia"])
+    assert str(refusal.value) == (
+        "--hold sigma_bia: no such noise of four_state is tuned here; expected sigma_constant, sigma_bias, "
+        'position_sd, speed_sd; did you mean "sigma_bias"?'
+    )
 
 
 def test_the_summary_has_the_shares_of_each_value() -> None:
