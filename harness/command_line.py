@@ -24,7 +24,6 @@ from harness.studies import STUDIES
 from harness.trial import DEFAULT
 from models.errors import CanineError, UsageError
 from models.kit.random import MAX_SEED
-from models.system import ESTIMATOR
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -425,7 +424,7 @@ def replay_recording(
     *,
     estimator: Annotated[
         str, typer.Option(metavar="NAME,...|all", help="of ours; also paths of FMUs")
-    ] = ESTIMATOR,
+    ] = "four_state",
     settings: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="estimator.name=value", help="a parameter; angles in deg"),

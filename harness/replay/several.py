@@ -60,7 +60,9 @@ def require_one(path: Path, results: Sequence[dict[str, Any]]) -> None:
 
 def show(results: Sequence[dict[str, Any]], console: Console) -> None:
     """Print the median error of each configuration at the ends of the outages, a line for each recording."""
-    names = next((list(result["configurations"]) for result in results if not result["problem"]), [])
+    # a recording without a magnetometer lacks the estimators that need one
+    replayed = [result["configurations"] for result in results if not result["problem"]]
+    names = list(dict.fromkeys(name for configurations in replayed for name in configurations))
     table = new_table()
     table.add_column("median position error [m]\nat the end of the outage")
     for heading in ("outages", "left out", "dropped", *names):
@@ -69,13 +71,14 @@ def show(results: Sequence[dict[str, Any]], console: Console) -> None:
         if result["problem"]:
             table.add_row(result["recording"], "0", *"-" * (2 + len(names)))
             continue
-        medians = [result["configurations"][name][COLUMNS[0]]["median"] for name in names]
+        own = result["configurations"]
+        medians = [f"{own[name][COLUMNS[0]]['median']:.2f}" if name in own else "-" for name in names]
         table.add_row(
             result["recording"],
             str(len(result["outages"])),
             str(sum(result["left_out"].values())),
             str(sum(result["dropped"].values())),
-            *(f"{median:.2f}" for median in medians),
+            *medians,
         )
     print_table(table, console)
     for result in results:

@@ -4,13 +4,22 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from harness.recording.mounting import rotation
+from harness.replay.several import show
 from tests.harness.command import canine
 from tests.harness.recording import made_up
+
+
+@pytest.fixture(autouse=True)
+def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Drawing takes longer than the replays."""
+    monkeypatch.setattr("harness.replay.replay.replay_picture", lambda *_, **__: None)
 
 
 @pytest.fixture
@@ -43,6 +52,26 @@ def test_a_folder_of_recordings_is_replayed_into_a_folder_each(
     assert [result["recording"] for result in results] == ["monday", "short", "tuesday"]
     assert results[0]["configurations"] == first["configurations"]
     assert "got no inertial samples" in results[1]["problem"]
+
+
+def test_an_estimator_that_one_recording_has_no_sensors_for_has_a_dash_there(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    # given two results, of which only the second has the seven states
+    def result(recording: str, **medians: float) -> dict[str, Any]:
+        errors = {name: {"position_error_m": {"median": median}} for name, median in medians.items()}
+        return {
+            "recording": recording, "problem": "", "configurations": errors, "outages": [1], "left_out": {},
+            "dropped": {}, "notes": [],
+        }  # fmt: skip
+
+    show([result("walk", pitch=1.25), result("run", pitch=2.5, seven_state=3.75)], Console(width=120))
+    # then the first has none
+    rows = {
+        line.split()[0]: line.split()[-2:] for line in capsys.readouterr().out.splitlines() if line.strip()
+    }
+    assert rows["walk"] == ["1.25", "-"]
+    assert rows["run"] == ["2.50", "3.75"]
 
 
 def test_a_folder_of_recordings_of_which_none_can_be_replayed_is_a_fault(
