@@ -45,12 +45,15 @@ def generate(
     precision: Precision = "double",
     keep: frozenset[str] | None = None,
     constants: Mapping[str, float] | None = None,
+    instance: str = "",
 ) -> dict[str, str]:
     """The C of a block, file name to text; the same block gives the same bytes.
 
     Args:
         keep: the states and outputs that matter, all by default; the C leaves the others as they are.
         constants: values of scalar parameters that become macros of the header instead of fields.
+        instance: the only one, as C, in memory that was cleared: the functions know its address, do not look
+            at their pointer, and set no 0.
 
     Raises:
         DeclarationError: the block does not have this precision, or an operation needs a library function.
@@ -71,6 +74,7 @@ def generate(
     title = block.title()
     context: dict[str, Any] = {
         "block": title,
+        "instance": instance,
         "doc": block.summary(),
         "source_of": block.source,
         "version": VERSION,
@@ -91,8 +95,13 @@ def generate(
         "routines": routines,
         "initialize": start,
         "streams": [v for v in block.streams() if keep is None or not keep.isdisjoint(v.flat_names)],
-        "starts": [line for kind in GROUPS for line in _starts(kind, block, precision, constants)],
-        "state_starts": _starts("state", block, precision),
+        "starts": [
+            line
+            for kind in GROUPS
+            if not (instance and kind == "state")  # `initialize` sets them
+            for line in _starts(kind, block, precision, constants, cleared=bool(instance))
+        ],
+        "state_starts": _starts("state", block, precision, cleared=bool(instance)),
         "moore": block.moore,
         "operations": ", ".join(f"{r.name}{HARD_SPACE}{r.operations}" for r in [*start, *routines]),
     }
@@ -161,13 +170,20 @@ def _enums(block: type[Block]) -> list[dict[str, Any]]:
 
 
 def _starts(
-    kind: str, block: type[Block], precision: Precision, constants: Collection[str] = ()
+    kind: str,
+    block: type[Block],
+    precision: Precision,
+    constants: Collection[str] = (),
+    *,
+    cleared: bool = False,
 ) -> list[str]:
-    """Assignments of the declared start values."""
+    """Assignments of the declared start values; in memory that is `cleared`, of those that are not 0."""
     stores = []
     for v in block.group(kind):
         if v.name not in constants:
             for name, value in zip(v.flat_names, v.start, strict=True):
+                if cleared and value == 0:
+                    continue
                 named = v.choices is not None and value in list(v.choices)
                 text = enum_name(block, v, int(value)) if named else start_literal(v, value, precision)
                 stores.append(Store(f"m->{MEMBERS[kind]}.{c_name(name)}", text))

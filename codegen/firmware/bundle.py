@@ -65,11 +65,11 @@ def headers(navigation: Navigation = DEFAULT) -> Headers:
     return read_headers({name: text for name, text in texts.items() if name.endswith(".h")})
 
 
-def _record(navigation: Navigation) -> dict[str, list[Entry]]:
-    """The record by the part of the program that writes it."""
+def _record(navigation: Navigation) -> list[Entry]:
+    """The record: what stands beside the blocks, then the blocks."""
     blocks = navigation.blocks
-    beside = list(drivers(headers(navigation), blocks))
-    return {"drivers": beside} | {m: list(of_block(m, b)) for m, b in blocks.items()}
+    entries = list(drivers(headers(navigation), blocks))
+    return entries + [entry for member, block in blocks.items() for entry in of_block(member, block)]
 
 
 @cache
@@ -79,11 +79,15 @@ def recorded(navigation: Navigation = DEFAULT) -> Mapping[str, Type]:
     Raises:
         DeclarationError: two words have the same name.
     """
-    return words_of(entry for entries in _record(navigation).values() for entry in entries)
+    return words_of(_record(navigation))
 
 
 def library(
-    values: Values | None = None, navigation: Navigation = DEFAULT, *, constants: bool = False
+    values: Values | None = None,
+    navigation: Navigation = DEFAULT,
+    *,
+    constants: bool = False,
+    addressed: bool = False,
 ) -> dict[str, str]:
     """The sources that are the same for every target, file name to text.
 
@@ -91,6 +95,7 @@ def library(
         values: of parameters (SI), over their start values.
         navigation: the program's estimator, and what comes before it.
         constants: parameters are macros of the blocks' headers instead of fields.
+        addressed: the blocks' functions know where their block lies (see `Target`).
     """
     files: dict[str, str] = {}
     blocks = navigation.blocks
@@ -99,7 +104,12 @@ def library(
         for member, block in blocks.items()
     }
     for member, block in blocks.items():
-        files |= generate(block, "float", constants=chosen[member] if constants else None)
+        files |= generate(
+            block,
+            "float",
+            constants=chosen[member] if constants else None,
+            instance=f"vest.{member}" if addressed else "",
+        )
     files |= program(navigation)
     context = {"assignments": [] if constants else list(_assignments(blocks, chosen))}
     files["parameters.c"] = TEMPLATES.get_template("parameters.c.jinja").render(context)
@@ -124,7 +134,7 @@ def bundle(
     constants: bool = False,
 ) -> dict[str, str]:
     """A processor's project except its board, file name to text (see `library`)."""
-    files = library(values, navigation, constants=constants)
+    files = library(values, navigation, constants=constants, addressed=target.addressed)
     for source in sorted((SOURCES / target.folder).iterdir()):
         if not source.name.startswith("pil"):
             files[source.name] = source.read_text()
@@ -234,7 +244,7 @@ def _digest(content: bytes) -> str:
 def processor_in_the_loop(navigation: Navigation = DEFAULT) -> dict[str, str]:
     """The sources in the board's place when the program is compared between processors."""
     files = {source.name: source.read_text() for source in sorted(SOURCES.glob("pil*.c"))}
-    context = {"groups": _record(navigation), "words": len(recorded(navigation))}
+    context = {"entries": _record(navigation), "words": len(recorded(navigation))}
     files["pil.h"] = TEMPLATES.get_template("pil.h.jinja").render(context)
     files["pil_record.c"] = TEMPLATES.get_template("pil.c.jinja").render(context)
     return files

@@ -31,7 +31,7 @@ FLAGS = (
     *TRIPLE, *PORTABLE, *WARNINGS, "-mllvm", "-inline-threshold=450",
     "-fno-sanitize=all", "-g", "-I.", *LINKING,
 )  # fmt: skip
-STATE = "pil_vest"  # the program's memory, which counts although pil.c declares it
+STATE = "vest"  # the program's memory, which counts although pil.c declares it
 
 
 def cortex_m4f_image(target: Target, files: Mapping[str, str]) -> Image:

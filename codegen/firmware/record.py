@@ -16,9 +16,9 @@ from models.errors import DeclarationError
 from models.kit.block import Block
 from models.kit.declaration import Parameter, Type, Variable
 
-SCALARS = {"bool": Type.BOOLEAN, "float": Type.REAL} | {
-    f"{sign}int{bits}_t": Type.INTEGER for sign in ("", "u") for bits in (8, 16, 32)
-}
+SCALARS = {"bool": Type.BOOLEAN, "float": Type.REAL} | dict.fromkeys(
+    ("uint8_t", "uint16_t", "uint32_t", "int32_t"), Type.INTEGER
+)
 # members, by struct and name, whose own name is not part of their words' names
 UNNAMED = frozenset(
     {("radio_link", "scanner"), ("mt", "scanner"), ("ubx", "scanner"), ("link_mission", "waypoints")}
@@ -30,14 +30,18 @@ class Entry:
     """Words of the record.
 
     Attributes:
-        c: the value as C, of element `i` of a vector.
+        c: the place in `onboard` of the value, or of the first element of a vector.
         size: of the vector, 0 for a scalar.
+        step: the first element of the array, as C: the value, or the struct that has it.
+        form: of a value that is not itself at its place, the rest of its row.
     """
 
     name: str
     c: str
     type: Type = Type.INTEGER
     size: int = 0
+    step: str = ""
+    form: str = ""
 
     @property
     def words(self) -> list[str]:
@@ -45,13 +49,13 @@ class Entry:
         return [f"{self.name}[{i}]" for i in range(1, self.size + 1)] if self.size else [self.name]
 
     @property
-    def value(self) -> str:
-        """The word as C."""
-        return {
-            Type.REAL: f"bits({self.c})",
-            Type.INTEGER: f"(uint32_t)({self.c})",
-            Type.BOOLEAN: f"({self.c}) ? 1U : 0U",
-        }[self.type]
+    def row(self) -> str:
+        """Its row in the table of the record, as C: place, bytes, elements, bytes from one to the next."""
+        place = f"&vest.{self.c}"
+        if self.form:
+            return f"{place}, {self.form}"
+        size = f"sizeof(vest.{self.c})"
+        return f"{place}, {size}, {self.size or 1}U, {f'sizeof(vest.{self.step})' if self.size else '0U'}"
 
 
 @dataclass(frozen=True)
@@ -60,29 +64,31 @@ class Place:
 
     Attributes:
         name, c: what the names of its members' words, and their C, begin with.
-        size: of the array of which it is element `i`, or 0.
+        size: of the array of which it is the first element, or 0.
+        element: that element, as C.
     """
 
     name: str
     c: str
     size: int = 0
+    element: str = ""
 
     @property
-    def address(self) -> str:
-        """A pointer to it as C."""
-        return f"&{self.c.removesuffix('.')}"
+    def whole(self) -> str:
+        """The struct itself as C."""
+        return self.c.removesuffix(".")
 
 
 def _held(place: Place, headers: Headers) -> Iterator[Entry]:
     """The bytes in use as a sum; the others are what earlier frames left."""
-    yield Entry(f"{place.name}held", f"held({place.address})")
+    yield Entry(f"{place.name}held", place.whole, form="HELD, 1U, 0U")
 
 
 def _quantities(place: Place, headers: Headers) -> Iterator[Entry]:
     """The bytes of a sample as its values."""
     for quantity in headers.enums["mt_quantity"]:
         name = quantity.removeprefix("MT_").lower()
-        yield Entry(f"{place.name}{name}", f"mt_value({place.address}, {quantity})", Type.REAL)
+        yield Entry(f"{place.name}{name}", place.whole, Type.REAL, form=f"QUANTITY, 1U, {quantity}")
 
 
 def _nothing(place: Place, headers: Headers) -> Iterator[Entry]:
@@ -109,7 +115,7 @@ def drivers(headers: Headers, blocks: Mapping[str, type[Block]]) -> Iterator[Ent
         DeclarationError: a member is neither a scalar, nor a struct of these headers, nor a block, or it is
             an array in an array.
     """
-    yield from _members("onboard", Place("", "m->"), headers, blocks)
+    yield from _members("onboard", Place("", ""), headers, blocks)
 
 
 def _members(
@@ -119,18 +125,19 @@ def _members(
         if member.size and place.size:
             raise DeclarationError(f"{struct}.{member.name} is an array in an array; expected one at most")
         name, size = f"{place.name}{member.name}", member.size or place.size
-        c = f"{place.c}{member.name}{'[i]' if member.size else ''}"
+        c = f"{place.c}{member.name}{'[0]' if member.size else ''}"
+        element = c if member.size else place.element
         if (struct, member.name) in INSTEAD:
             yield from INSTEAD[struct, member.name](place, headers)
         elif member.type in SCALARS:
-            yield Entry(name, c, SCALARS[member.type], size)
+            yield Entry(name, c, SCALARS[member.type], size, element)
         elif member.type in headers.structs:
             inside = place.name if (struct, member.name) in UNNAMED else f"{name}."
-            yield from _members(member.type, Place(inside, f"{c}.", size), headers, blocks)
+            yield from _members(member.type, Place(inside, f"{c}.", size, element), headers, blocks)
         elif member.name not in blocks or blocks[member.name].title() != member.type:
             raise DeclarationError(
                 f"{struct}.{member.name} is `{member.type}`; expected a scalar, a struct of onboard/*.h or a "
-                "block of bundle.BLOCKS"
+                "block of the program"
             )
 
 
@@ -139,8 +146,9 @@ def of_block(member: str, block: type[Block]) -> Iterator[Entry]:
     for kind, field in (("state", "state"), ("input", "in"), ("output", "out"), ("parameter", "par")):
         for variable in block.group(kind):
             if kind != "parameter" or is_mission(variable):
-                place = f"m->{member}.{field}.{variable.name}{'[i]' if variable.size else ''}"
-                yield Entry(f"{member}.{kind}.{variable.name}", place, variable.type, variable.size or 0)
+                place = f"{member}.{field}.{variable.name}{'[0]' if variable.size else ''}"
+                name = f"{member}.{kind}.{variable.name}"
+                yield Entry(name, place, variable.type, variable.size or 0, place)
 
 
 def words_of(entries: Iterable[Entry]) -> dict[str, Type]:

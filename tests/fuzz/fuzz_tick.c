@@ -74,7 +74,7 @@ static struct {
     uint8_t telemetry[LINK_TELEMETRY_SIZE];
 } world;
 
-static onboard vest;
+onboard vest;
 static uint32_t modes;
 
 /* --- the board --- */

@@ -3,9 +3,10 @@
 #include "onboard.h"
 #include "port.h"
 
+onboard vest;
+
 int main(void)
 {
-    static onboard vest;
     uint32_t due;
 
     port_init();

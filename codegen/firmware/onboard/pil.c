@@ -16,7 +16,7 @@ uint8_t pil_vibrate_left;
 uint8_t pil_vibrate_right;
 uint32_t pil_recorded[PIL_WORDS];
 
-onboard pil_vest;
+onboard vest;
 
 void port_init(void)
 {
@@ -24,7 +24,7 @@ void port_init(void)
 
 uint32_t port_clock_ms(void)
 {
-    return pil_vest.time_ms;
+    return vest.time_ms;
 }
 
 uint16_t port_receive(port_source source, const uint8_t **bytes)
@@ -53,13 +53,13 @@ void port_command_module(uint16_t tone_hz, bool vibrate_left, bool vibrate_right
 
 void pil_start(void)
 {
-    onboard_init(&pil_vest);
-    pil_record(&pil_vest, pil_recorded);
+    onboard_init(&vest);
+    pil_record(pil_recorded);
 }
 
 void pil_tick(void)
 {
     pil_sent_count = 0U;
-    onboard_tick(&pil_vest);
-    pil_record(&pil_vest, pil_recorded);
+    onboard_tick(&vest);
+    pil_record(pil_recorded);
 }

@@ -11,8 +11,8 @@ int main(void)
     for (;;) {
         pil_wait();
         pil_sent_count = 0U;
-        onboard_tick(&pil_vest);
+        onboard_tick(&vest);
         pil_done();
-        pil_record(&pil_vest, pil_recorded);
+        pil_record(pil_recorded);
     }
 }

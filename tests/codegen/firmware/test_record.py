@@ -65,7 +65,7 @@ def test_a_member_added_to_a_header_is_recorded() -> None:
     declared = program_with("ubx.h", "    uint32_t refused;", "    uint16_t seen[3]; uint32_t refused;")
     assert words(declared).keys() - words(headers()).keys() == {"gps.seen"}
     entry = words(declared)["gps.seen"]
-    assert (entry.c, entry.words) == ("m->gps.seen[i]", ["gps.seen[1]", "gps.seen[2]", "gps.seen[3]"])
+    assert (entry.c, entry.words) == ("gps.seen[0]", ["gps.seen[1]", "gps.seen[2]", "gps.seen[3]"])
     declared = program_with("onboard.h", "    bool busy;", "    bool busy; bool idle;")
     assert words(declared)["idle"].type is Type.BOOLEAN
 

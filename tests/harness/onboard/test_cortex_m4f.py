@@ -387,10 +387,9 @@ static void put(uint32_t *word, float value)
 {
     (void)memcpy(word, &value, sizeof(value));
 }
-void pil_record(const onboard *m, uint32_t *words)
+void pil_record(uint32_t *words)
 {
     const uint8_t *const input = pil_received[PORT_RADIO];
-    (void)m;
     for (uint32_t i = 0U; i < 16U; i++) {
         const float x = number(&input[8U * i]);
         const float y = number(&input[(8U * i) + 4U]);
@@ -433,10 +432,9 @@ def test_arithmetic_on_the_cortex_is_that_of_ieee_754() -> None:
 MOVES = """#include "pil.h"
 #include <string.h>
 static uint8_t area[128];
-void pil_record(const onboard *m, uint32_t *words)
+void pil_record(uint32_t *words)
 {
     const uint8_t *const input = pil_received[PORT_RADIO];
-    (void)m;
     for (uint32_t i = 0U; i < sizeof(area); i++) {
         area[i] = (uint8_t)(i + 1U);
     }
@@ -555,11 +553,11 @@ def test_variables_have_their_start_values_after_the_start_up() -> None:
     probe = """#include "pil.h"
     static uint32_t first = 0xC0FFEEU;
     static uint32_t second;
-    void pil_record(const onboard *m, uint32_t *words)
+    void pil_record(uint32_t *words)
     {
         words[0] = first;
         words[1] = second;
-        first += m->time_ms;
+        first += vest.time_ms;
         second++;
     }
     """
@@ -642,9 +640,9 @@ ENDING = """for (int32_t tick = 0; tick < 8; tick++) {
         pil_counts[PORT_RADIO] = COUNTS[2];
         pil_wait();
         pil_sent_count = 0U;
-        onboard_tick(&pil_vest);
+        onboard_tick(&vest);
         pil_done();
-        pil_record(&pil_vest, pil_recorded);
+        pil_record(pil_recorded);
     }
     pil_wait();
     __asm__ volatile("movs r0, #0x18; movw r1, #0x26; movt r1, #2; bkpt 0xAB" ::: "r0", "r1");

@@ -2,9 +2,9 @@
 ;
 ; Logical memory, by the linker's options:
 ;   0x0000          this start-up, code and constants: flash at /CS0, there from reset on
-;   s__DATA         static data, on a boundary of 4 kB: RAM at /CS1, physical = logical + 0x80000
+;   s__DATA         static data, from a boundary of 4 kB on: RAM at /CS1, physical = logical + 0x80000
 ;   0xffff          the stack, downwards from here: the same RAM
-; The last 8 kB are the window of XPC, which is set once and left: no code is banked.
+; The last 8 kB are the window of XPC, which is set once and left: no code is banked. Data may begin there.
 ;
 ; Interrupts stay off, as reset left them (priority 3), until port_init has set the table of vectors and lowers the
 ; priority. The watchdog, 2 s after reset, is reset by the port as well.

@@ -44,7 +44,7 @@
 #define HIT_2_S 0x5AU   /* WDTCR: 2 s from now to the reset */
 
 /* The table of internal interrupts: 16 bytes each, at the lowest address of RAM (--data-loc is behind it). */
-#define VECTORS 0xC000
+#define VECTORS 0xE000
 #define VECTORS_SIZE 512U
 #define VECTOR_SIZE 16U
 #define SERIAL_C 0x0E0U
