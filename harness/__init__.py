@@ -1,4 +1,4 @@
-"""Running FMUs: trials, swaps, sweeps, replays, logs; the `canine` command, and the way in from Python.
+"""Running FMUs: trials, swaps, sweeps, replays, studies, logs; the `canine` command; the way in from Python.
 
     from harness import run_trial
 
@@ -17,11 +17,13 @@ if TYPE_CHECKING:
         ReplayResult,
         Scenario,
         Setting,
+        StudyResult,
         SweepResult,
         TrialResult,
         load_scenario,
         open_log,
         run_replay,
+        run_study,
         run_sweep,
         run_trial,
         scenarios,
@@ -32,11 +34,13 @@ __all__ = [
     "ReplayResult",
     "Scenario",
     "Setting",
+    "StudyResult",
     "SweepResult",
     "TrialResult",
     "load_scenario",
     "open_log",
     "run_replay",
+    "run_study",
     "run_sweep",
     "run_trial",
     "scenarios",

@@ -29,11 +29,13 @@ __all__ = [
     "ReplayResult",
     "Scenario",
     "Setting",
+    "StudyResult",
     "SweepResult",
     "TrialResult",
     "load_scenario",
     "open_log",
     "run_replay",
+    "run_study",
     "run_sweep",
     "run_trial",
     "scenarios",
@@ -405,6 +407,56 @@ def run_replay(
     outages = replay.replay(source, comparison, chosen, progress)
     folder = source.folder if out is None else Path(out)
     return ReplayResult(folder, replay.report(source, comparison, chosen, outages, folder))
+
+
+@dataclass(frozen=True)
+class StudyResult:
+    """A study that was carried out.
+
+    Attributes:
+        folder: with the pictures and the result as JSON.
+        result: all that tables and pictures show.
+    """
+
+    folder: Path
+    result: dict[str, Any]
+
+
+def run_study(
+    name: str,
+    *,
+    seeds: int | None = None,
+    set_name: str | None = None,
+    recording: StrPath | None = None,
+    out: StrPath | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> StudyResult:
+    """Carry out a study of Chapter 3 or Appendices B to D.
+
+    >>> from harness import run_study
+    >>> study = run_study("pitch", seeds=3, out="out/pitch")
+    >>> round(study.result["asymptote_m_s2"], 2)
+    1.8
+
+    Args:
+        name: as `canine study` lists them.
+        seeds: trials of each kind; by default the study's own number.
+        set_name: of sensors and pack, one of `models.sets.SETS`.
+        recording: a folder or a log, for a study of one.
+        out: the folder for the results; by default out/study-<name>.
+        progress: called with the percentage that is done.
+
+    Raises:
+        UsageError: there is no such study, or it has no use for an option.
+    """
+    from harness.studies import study  # noqa: PLC0415 - imports scipy and the models
+
+    _check_type("seeds", seeds, Integral, "a whole number")
+    options = study.Options(seeds, set_name, None if recording is None else Path(recording))
+    result = study.run_study(name, options, progress)
+    folder = Path("out", f"study-{name}") if out is None else Path(out)
+    study.report(name, result, folder)
+    return StudyResult(folder, result)
 
 
 def open_log(path: StrPath) -> Log:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
@@ -16,7 +15,7 @@ from harness.drawing import BELOW, ESTIMATES, GPS, GRID, OUTAGE, TRUTH, house_st
 from harness.studies import published
 from harness.studies.paths import PEDESTRIAN, SEARCHING, Gait, walk
 from harness.studies.statistics import paired, summary
-from harness.studies.study import Options, Progress, Result
+from harness.studies.study import Options, Progress, Result, in_threads
 from harness.studies.tracking import Configuration, Tracking, Trial
 from harness.terminal import new_table, print_table
 from models.errors import UsageError, nearest
@@ -63,15 +62,14 @@ def run(options: Options, progress: Progress) -> Result:
         for name in ([options.set] if options.set else SETS)
     }
     results: dict[str, Any] = {}
-    with ThreadPoolExecutor() as pool:
-        for number, (title, (carrier, gait, values)) in enumerate(carriers.items()):
-            tracking = Tracking("study_heading", Recorded, _configurations(carrier))
-            one = partial(trial, tracking, gait, values)
-            errors = []
-            for done, error in enumerate(pool.map(lambda seed, one=one: errors_of(one(seed)), seeds), 1):
-                errors.append(error)
-                progress(100 * (number + done / len(seeds)) / len(carriers))
-            results[title] = {"carrier": carrier, **_judged(errors), "sample": _sample(one(seeds[0]))}
+    for number, (title, (carrier, gait, values)) in enumerate(carriers.items()):
+        tracking = Tracking("study_heading", Recorded, _configurations(carrier))
+        one = partial(trial, tracking, gait, values)
+        errors = []
+        for done, each in enumerate(in_threads(one, seeds), 1):
+            errors.append(errors_of(each))
+            progress(100 * (number + done / len(seeds)) / len(carriers))
+        results[title] = {"carrier": carrier, **_judged(errors), "sample": _sample(one(seeds[0]))}
     return {
         "seeds": len(seeds),
         "carriers": results,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
@@ -21,7 +20,7 @@ from harness.studies.outage_pictures import SEARCHING, figure_of_means, figure_o
 from harness.studies.paths import GAITS, Path, walk
 from harness.studies.published import FUZZY, INERTIAL, NO_PITCH, PITCH
 from harness.studies.statistics import paired, share, summary, unpaired
-from harness.studies.study import Options, Progress, Result
+from harness.studies.study import Options, Progress, Result, in_threads
 from harness.studies.tracking import Configuration, Tracking, Trial
 from harness.terminal import new_table, print_table
 from models.canine_tracker import CanineTracker
@@ -91,15 +90,14 @@ def run(options: Options, progress: Progress) -> Result:
     tracking = Tracking("study_outage", Recorded, CONFIGURATIONS)
     results: dict[str, Any] = {name: {} for name in sets}
     total, done = len(sets) * len(paths) * len(seeds), 0
-    with ThreadPoolExecutor() as pool:
-        for set_name in sets:
-            for gait, path in paths.items():
-                errors = []
-                for one in pool.map(partial(errors_of, tracking, path, set_name), seeds):
-                    errors.append(one)
-                    progress(100 * (done := done + 1) / total)
-                sample = _sample(trial(tracking, path, set_name, seeds[0]))
-                results[set_name][gait] = {**_judged(errors), "sample": sample}
+    for set_name in sets:
+        for gait, path in paths.items():
+            errors = []
+            for one in in_threads(partial(errors_of, tracking, path, set_name), seeds):
+                errors.append(one)
+                progress(100 * (done := done + 1) / total)
+            sample = _sample(trial(tracking, path, set_name, seeds[0]))
+            results[set_name][gait] = {**_judged(errors), "sample": sample}
     return {"seeds": len(seeds), "outage_s": OUTAGE_S, "sets": results, "published": _published()}
 
 

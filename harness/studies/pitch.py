@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from rich.console import Console
 from harness.drawing import ABOVE, ESTIMATES, GPS, GRID, TRUTH, house_style, new_figure
 from harness.studies.published import INCLINE_DEG, TRUE_BIAS
 from harness.studies.statistics import summary
-from harness.studies.study import Options, Progress, Result
+from harness.studies.study import Options, Progress, Result, in_threads
 from harness.studies.tracking import Configuration, Tracking, Trial
 from harness.terminal import new_table, print_table
 from models.earth import GRAVITY
@@ -62,11 +61,10 @@ def run(options: Options, progress: Progress) -> Result:
         values = {"plant": {"duration[3]": LATER}, "sensors": NOISE}
         return tracking.run(ticks, seed, {}, values, outage=0)
 
-    with ThreadPoolExecutor() as pool:
-        trials = []
-        for done, one in enumerate(pool.map(trial, seeds), 1):
-            trials.append(one)
-            progress(100 * done / len(seeds))
+    trials = []
+    for done, one in enumerate(in_threads(trial, seeds), 1):
+        trials.append(one)
+        progress(100 * done / len(seeds))
     configurations = {title: _summaries(trials, title) for title in CONFIGURATIONS}
     return {
         "seeds": len(seeds), "asymptote_m_s2": ASYMPTOTE, "true_bias_m_s2": TRUE_BIAS, "published": PUBLISHED,

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Any, Protocol, TypeVar, cast
 
 from matplotlib.figure import Figure
 from rich.console import Console
@@ -18,6 +19,8 @@ from harness.studies import STUDIES
 from models.errors import UsageError, nearest
 
 Result = dict[str, Any]  # JSON
+Item = TypeVar("Item")
+Found = TypeVar("Found")
 Progress = Callable[[float], None]  # called with the percentage that is done
 
 
@@ -34,6 +37,15 @@ class Options:
     seeds: int | None = None
     set: str | None = None
     recording: Path | None = None
+
+
+def in_threads(function: Callable[[Item], Found], items: Iterable[Item]) -> Iterator[Found]:
+    """The function's results in the order of the items, several at once; when nobody waits, no more begin."""
+    with ThreadPoolExecutor() as pool:
+        try:
+            yield from pool.map(function, items)
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
 
 
 class Study(Protocol):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -21,7 +20,7 @@ from harness.studies import published
 from harness.studies.paths import SEARCHING, walk
 from harness.studies.published import FUZZY, INERTIAL, NO_PITCH, PITCH
 from harness.studies.statistics import paired, share
-from harness.studies.study import Options, Progress, Result
+from harness.studies.study import Options, Progress, Result, in_threads
 from harness.studies.tracking import Configuration, Tracking
 from harness.terminal import new_table, print_table
 from models.four_state import FourState
@@ -92,10 +91,9 @@ def run(options: Options, progress: Progress) -> Result:
     setups = [draw_setup(seed) for seed in range(1, (options.seeds or SETUPS) + 1)]
     tracking = Tracking("study_tuning", Recorded, CONFIGURATIONS)
     rows = []
-    with ThreadPoolExecutor() as pool:
-        for done, row in enumerate(pool.map(partial(judge, tracking), setups), 1):
-            rows.append(row)
-            progress(100 * done / len(setups))
+    for done, row in enumerate(in_threads(partial(judge, tracking), setups), 1):
+        rows.append(row)
+        progress(100 * done / len(setups))
     return {
         "setups": len(setups),
         "trials": TRIALS,

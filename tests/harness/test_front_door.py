@@ -51,7 +51,15 @@ def test_the_example_of_the_page_runs_as_printed(tmp_path: Path, monkeypatch: py
 
 def test_every_function_has_an_example() -> None:
     functions = {name for name in harness.__all__ if not isinstance(getattr(harness, name), type)}
-    assert functions == {"load_scenario", "open_log", "run_replay", "run_sweep", "run_trial", "scenarios"}
+    assert functions == {
+        "load_scenario",
+        "open_log",
+        "run_replay",
+        "run_study",
+        "run_sweep",
+        "run_trial",
+        "scenarios",
+    }
     assert functions <= set(EXAMPLES)
 
 

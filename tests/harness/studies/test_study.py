@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import pytest
 
 from harness.main import run
 from harness.studies import STUDIES
-from harness.studies.study import Options, find_study, run_study
+from harness.studies.study import Options, find_study, in_threads, run_study
 from models.errors import UsageError
 
 
@@ -59,3 +60,21 @@ def test_wrong_usage_is_told_in_a_line(
 def test_a_recording_is_refused_where_none_is_studied(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="study pitch has no use for a recording"):
         run_study("pitch", Options(recording=tmp_path))
+
+
+def test_work_in_threads_comes_in_order_and_ends_when_nobody_waits() -> None:
+    # given a thousand items, of which the fourth raises what Ctrl-C raises
+    begun: list[int] = []
+
+    def work(item: int) -> int:
+        begun.append(item)
+        time.sleep(0.002)
+        if item == 3:
+            raise KeyboardInterrupt
+        return item
+
+    results = in_threads(work, range(1000))
+    assert [next(results) for _ in range(3)] == [0, 1, 2]
+    with pytest.raises(KeyboardInterrupt):
+        next(results)
+    assert len(begun) < 100
