@@ -52,7 +52,7 @@ TAKES = frozenset({"seeds", "set"})
 SEEDS = 200
 SETTLE_S, OUTAGE_S = 10.0, 10.0
 LAGS = 10  # fixes
-COLORS = ("#A6761D", "#666666", "#1B9E77", "#E6AB02")  # beyond those of ESTIMATES
+COLORS = ("#A6761D", "#666666", "#56B4E9", "#E6AB02")  # beyond those of ESTIMATES
 OWN, SHIPPED = "the filter's own", "shipped"
 SIGMAS = (
     1.0,

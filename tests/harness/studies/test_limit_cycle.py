@@ -65,6 +65,14 @@ def test_a_dog_that_obeys_before_it_has_turned_too_far_comes_to_rest(
     assert describing_function(threshold * DEG, delay) is not None  # which is where it is wrong
 
 
+def test_events_and_simulation_agree_where_the_cycle_begins(loop: Loop) -> None:
+    # given h' = 37 deg, whose cycle begins near (37 + 5) / 67.8 = 0.62 s, and delays of 13 to 17 ticks
+    delays = [ticks * TICK for ticks in range(13, 18)]
+    foreseen = [by_events(37 * DEG, delay) is not None for delay in delays]
+    assert foreseen == [_cycle(loop.late(37 * DEG, delay)) is not None for delay in delays]
+    assert (foreseen[0], foreseen[-1]) == (False, True)
+
+
 def test_a_dog_that_drifts_swings_on_one_side(loop: Loop) -> None:
     log = loop.run(49 * DEG)
     simulated = _cycle(log)
