@@ -71,8 +71,15 @@ def turns(n: int, size: float = 0.8) -> Array:
     return np.asarray(size * np.sin(0.4 * t) + size * 0.6 * np.sin(0.31 * t + 1))
 
 
+def as_received(signals: Columns) -> Columns:
+    """The values of a fix stand until the next one comes."""
+    latest = np.maximum.accumulate(np.where(signals["gps_fix"], np.arange(len(signals["gps_fix"])), 0))
+    held = {n: v[latest] for n, v in signals.items() if n.startswith("gps_") and n != "gps_fix"}
+    return signals | held
+
+
 def run(native: Make, signals: Columns, precision: str = "double", **parameters: float) -> Columns:
-    inputs = {n: v for n, v in signals.items() if not n.startswith("true_")}
+    inputs = {n: v for n, v in as_received(signals).items() if not n.startswith("true_")}
     out: Columns = native(CanineTracker, precision, parameters).run(**inputs)
     return out
 
@@ -206,14 +213,27 @@ class Reference:
 
 def test_the_tracker_agrees_with_an_independent_filter(native: Make) -> None:
     """Two minutes: walking, standing, driving off; two outages, one of them ends at rest."""
-    speed = ramps(120, (4, 0), (6, 1.2), (50, 1.4), (51, 0), (70, 0), (73, 8), (90, 3), (120, 12))
+    speed = ramps(
+        120,
+        (4, 0),
+        (6, 1.2),
+        (50, 1.4),
+        (51, 0),
+        (70, 0),
+        (73, 8),
+        (90, 3),
+        (108, 10),
+        (113, 0.2),
+        (117, 0.2),
+        (120, 6),
+    )
     signals = carried(speed, turns(len(speed)), seed=1, lead=0.3, offset=0.1, hidden=0.2)
     n = len(speed)
     t = np.arange(n) * T
     roll, pitch = 0.2 * np.sin(0.5 * t), 0.1 + 0.15 * np.sin(0.7 * t)
     tilted = signals | {"roll_meas": roll, "pitch_meas": pitch}
     tilted["accel_x"] = signals["accel_x"] * np.cos(pitch) + G * np.sin(pitch)
-    tilted = without_fixes(without_fixes(tilted, 45, 55), 95, 105)
+    tilted = as_received(without_fixes(without_fixes(tilted, 45, 55), 95, 105))
     out = run(native, tilted, gate=1e6)
     reference = Reference()
     names = [n for n in tilted if not n.startswith(("true_", "mag_"))]
@@ -230,6 +250,8 @@ def test_the_tracker_agrees_with_an_independent_filter(native: Make) -> None:
         assert [out["slip[1]"][k], out["slip[2]"][k]] == pytest.approx(list(reference.slip), abs=1e-9)
         assert out["accel_bias"][k] == pytest.approx(reference.long_bias, abs=1e-7)
         assert out["accel_bias_sd"][k] == pytest.approx(reference.long_bias_sd, rel=1e-6)
+        errors = [out["rehearsal_errors[1]"][k], out["rehearsal_errors[2]"][k]]
+        assert errors == pytest.approx(list(reference.errors), rel=1e-6)
         assert out["sigma"][k] == pytest.approx(reference.sigma, rel=1e-7)
         assert out["reversion"][k] == pytest.approx(1 / reference.T)
     assert out["still"].any()
@@ -279,6 +301,12 @@ def test_a_slow_fix_teaches_no_slip(native: Make) -> None:
     assert (out["slip[1]"] == 0).all()
 
 
+def test_the_slip_has_a_limit(native: Make) -> None:
+    signals = carried(np.full(2000, 1.3), turns(2000, 1.6), seed=3, lead=0.45)
+    beta = run(native, signals, largest_slip=0.2)["beta"][1000:]
+    assert (beta.min(), beta.max()) == (-0.2, 0.2)
+
+
 # The speed about its mean
 
 
@@ -302,7 +330,9 @@ def test_a_good_accelerometer_is_believed_for_long_and_one_on_a_swaying_pack_is_
     assert run(native, car)["reversion"][-1000:] == pytest.approx(1 / 60)
     assert run(native, dog)["reversion"][-1000:] == pytest.approx(1 / 0.7)
     assert run(native, car)["sigma"][-1] < 1
-    assert run(native, dog, rehearse=0)["sigma"][-1] == 0.4
+    unlearned = run(native, car, rehearse=0)
+    assert unlearned["sigma"][-1] == 0.4
+    assert unlearned["reversion"][-1] == 1 / 0.7
 
 
 @pytest.mark.parametrize(("size", "bounds"), [(0.1, (0.2, 4)), (0.8, (0.2, 4))])
@@ -322,6 +352,18 @@ def test_the_stated_deviation_at_the_end_of_an_outage_is_that_of_the_errors(
         out = run(native, without_fixes({m: v[:ticks] for m, v in signals.items()}, end - 10, end))
         squares.append((out["speed"][-1] - speed[ticks - 1]) ** 2 / out["speed_sd"][-1] ** 2)
     assert bounds[0] < np.mean(squares) < bounds[1]
+
+
+def test_a_speed_foretold_exactly_is_uncertain_by_the_receivers_noise(native: Make) -> None:
+    """Mean square errors of 0 count as 0.1^2 in 5 s: sigma^2 is 4 times their growth."""
+    signals = carried(np.full(3000, 1.3), np.zeros(3000), seed=16, swing=0, noise=0)
+    assert run(native, signals)["sigma"][-1] == pytest.approx(math.sqrt(4 * 0.1**2 / 5))
+
+
+def test_bad_samples_leave_a_rehearsal_as_it_is(native: Make) -> None:
+    signals = carried(np.full(3000, 1.3), np.zeros(3000), seed=17, swing=0, noise=0)
+    signals["accel_x"] = np.where(np.arange(3000) % 3 > 0, math.nan, signals["accel_x"])
+    assert run(native, signals)["sigma"][-1] == pytest.approx(math.sqrt(4 * 0.1**2 / 5))
 
 
 # Standing still
@@ -353,6 +395,20 @@ def test_a_smooth_ride_at_constant_speed_is_no_rest(native: Make, outage: bool) 
     if outage:
         signals = without_fixes(signals, 60, 100)
     assert not run(native, signals)["still"][round(3 / T) :].any()
+
+
+@pytest.mark.parametrize("sensor", ["accel", "gyro"])
+def test_a_body_that_one_of_the_sensors_feels_move_does_not_rest(native: Make, sensor: str) -> None:
+    """From 40 s on the other one is quiet."""
+    speed = np.full(1500, 1.3)
+    signals = carried(speed, np.zeros(1500), seed=18)
+    moving = np.arange(1500) * T < 40
+    for axis in "xyz":
+        column = signals[f"{sensor}_{axis}"]
+        signals[f"{sensor}_{axis}"] = np.where(moving, column, column.mean() + 3 * (column - column.mean()))
+        other = signals[other_name := f"{'gyro' if sensor == 'accel' else 'accel'}_{axis}"]
+        signals[other_name] = np.where(moving, other, other.mean())
+    assert not run(native, without_fixes(signals, 40, 60))["still"].any()
 
 
 def test_before_motion_is_known_nothing_counts_as_rest(native: Make) -> None:
