@@ -60,6 +60,12 @@ DOG = {  # as users write them, angles in degrees
     "canine.start_delay": (0, 1),
     "canine.run_stride": (1, 5),
     "canine.jerk_rate": (0, 1),
+    "canine.stride_deviation": (0, 0.3),
+    "canine.pitch_wander": (0, 10),
+    "canine.pitch_shift_rate": (0, 0.5),
+    "canine.jolt_rate": (0, 1),
+    "canine.slip_lead": (0, 0.5),
+    "canine.slip_wander": (0, 10),
 }
 WEARABLE = {
     "sensors.gps_period": (0.1, 1),
@@ -70,6 +76,8 @@ WEARABLE = {
     "sensors.attitude_noise": (0, 2),
     "sensors.heading_noise": (0, 5),
     "sensors.mag_noise": (0, 1e-6),
+    "sensors.multipath_rate": (0, 0.2),
+    "sensors.attitude_lean": (0, 0.5),
     "four_state.sigma_constant": (0.01, 2),
     "four_state.gate": (2, 6),
     "four_state.max_age": (1, 15),
