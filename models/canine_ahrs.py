@@ -23,6 +23,8 @@ LOUDER = 1.01  # a window: a variance of the noise may double in 70 s, as a sens
 BIAS_WINDOWS = 10  # windows at rest over which the bias is averaged
 UPRIGHT = 0.03  # least square of the cosine of pitch, 80 deg: beyond it the heading is ill defined
 UNKNOWN = 1e6  # variance of the heading before the first course, in those of a course
+SLIP = 0.5  # rad between body and course, deviation: what a course is off by, however accurate its speed
+UNSURE = 2.0  # m/s: a larger speed is a motion, even of a receiver that states less accuracy
 LEARNING = 0.5  # a course that counts for more finds the heading, and says nothing of the gyro's bias
 LEAST_FIELD = 1e-6  # T: the earth's is at least 2e-5; a magnetometer that is missing gives none
 
@@ -45,6 +47,7 @@ class CanineAhrs(Block):
     gps_fix = Input(Boolean, "a fix arrived on this tick", start=0)
     gps_speed = Input("m/s", "ground speed of the fix", start=0, min=0, max=100)
     gps_course = Input("rad", "course over ground of the fix", start=0, min=-7, max=7)
+    gps_s_acc = Input("m/s", "speed accuracy stated by the receiver", start=0, min=0, max=1e6)
 
     roll_meas = Output("rad", "roll, right side down positive")
     pitch_meas = Output("rad", "pitch, nose up positive")
@@ -88,6 +91,7 @@ class CanineAhrs(Block):
     good = State(Boolean, "this tick's inertial sample is good")
     missed = State(Integer, "bad samples in a row", max=COUNT_MAX)
     speed = State("m/s", "of the last good fix; 0 if it is too old")
+    moving = State(Boolean, "the last good fix shows that it moves")
     age = State(Integer, "ticks since the last good fix", start=COUNT_MAX, max=COUNT_MAX)
     gap = State(Integer, "ticks between the last two good fixes", start=COUNT_MAX, max=COUNT_MAX)
     samples = State(Integer, "samples in the window", max=WINDOW)
@@ -114,6 +118,7 @@ class CanineAhrs(Block):
         m.heading_variance = where(lost, UNKNOWN, m.heading_variance)
         m.age = where(lost, COUNT_MAX, counted(m.age))
         m.speed = where(m.age * m.sample_time > m.hold_time, 0, m.speed)
+        m.moving = all_of(m.moving, m.age * m.sample_time <= m.hold_time)
         alone = all_of(m.age * m.sample_time > ALONE_S, m.age * m.sample_time <= m.hold_time, m.rested > 0)
         m.share = where(alone, m.alone_share, 1)
         m.judged = 0
@@ -151,13 +156,15 @@ class CanineAhrs(Block):
     @triggered("gps_fix")
     def hear(m) -> None:
         """A fix: take out what the change of speed has tilted since the one before it."""
-        good = m.within("gps_speed", "gps_course")
+        good = m.within("gps_speed", "gps_course", "gps_s_acc")
         m.bad_fixes = counted(m.bad_fixes, ca.logic_not(good))
         known = all_of(good, m.age * m.sample_time <= m.hold_time)
         forward = where(known, (m.gps_speed - m.speed) * (1 / (GRAVITY * m.sample_time)), 0)
         m.down = m.down + ca.vertcat(m.share * m.correction * forward, 0, 0)
         m.force_sum = m.force_sum + ca.vertcat(forward, 0, 0)
         m.speed = where(good, m.gps_speed, m.speed)
+        sure = m.moving_speed + where(m.gps_s_acc < UNSURE, m.gps_s_acc, UNSURE)
+        m.moving = where(good, m.gps_speed > sure, m.moving)
         m.gap = where(good, m.age, m.gap)
         m.age = where(good, 0, m.age)
 
@@ -169,7 +176,8 @@ class CanineAhrs(Block):
     )
     def align(m) -> None:
         """Turn the heading towards the course: a mean of the courses that forgets old ones."""
-        m._correct_heading(wrap(m.gps_course - m.yaw), m.gap)
+        noise = 1 + (m.gps_s_acc * (1 / SLIP) / m.speed) ** 2  # of a course, to that by slip
+        m._correct_heading(wrap(m.gps_course - m.yaw), m.gap, noise)
 
     @triggered(lambda m: all_of(m.good, m.use_magnetometer), "a good sample, with `use_magnetometer`")
     def point(m) -> None:
@@ -182,7 +190,7 @@ class CanineAhrs(Block):
         along = field[0] * (y**2 + z**2) - x * (field[1] * y + field[2] * z)  # forward, times both lengths
         magnetic = ca.atan2(-across * ca.sqrt(ca.sumsqr(m.down)), along)
         error = where(good, wrap(magnetic + m.declination - m.yaw), 0)
-        m._correct_heading(error, where(good, 1, 0))
+        m._correct_heading(error, where(good, 1, 0), 1)
 
     @triggered(lambda m: all_of(m.good, m._spare()), "a good sample, and no fix unless there always is one")
     def gather(m) -> None:
@@ -204,7 +212,7 @@ class CanineAhrs(Block):
             rate_variance <= m.rest_rate**2,
             rate_variance <= m.rest_noise**2 * m.quiet_rate,
             force_variance <= m.rest_noise**2 * m.quiet_force,
-            m.speed <= m.moving_speed,
+            ca.logic_not(m.moving),
             *(ca.fabs(m.bias[i] + rate[i]) <= m.largest_bias for i in range(3)),
         )
         m.moved = any_of(m.moved, ca.logic_not(m.resting))
@@ -237,11 +245,11 @@ class CanineAhrs(Block):
         m.heading_meas = m.yaw
         m.gyro_bias_x, m.gyro_bias_y, m.gyro_bias_z = (m.bias[i] for i in range(3))
 
-    def _correct_heading(m, error: SX, ticks: SX) -> None:
+    def _correct_heading(m, error: SX, ticks: SX, noise: SX | float) -> None:
         """A scalar Kalman filter: in this time the variance has grown by (time * heading_gain)^2."""
         variance = m.heading_variance + (ticks * m.sample_time * m.heading_gain) ** 2
-        share = variance / (1 + variance)  # 1, 1/2, 1/3 .. at first, later about time * heading_gain
-        m.heading_variance = where(ticks > 0, share, m.heading_variance)
+        share = variance / (noise + variance)  # 1, 1/2, 1/3 .. at first, later about time * heading_gain
+        m.heading_variance = where(ticks > 0, share * noise, m.heading_variance)
         taken = share * error
         m.yaw = m.yaw + taken
         learning = all_of(m.rested <= 0, share < LEARNING)

@@ -45,7 +45,7 @@ def anti_alias(t: Array, samples: Array, ticks: int, *, mean: bool = False) -> A
     return np.asarray(filtered[::OVERSAMPLING], dtype=np.float64)
 
 
-def own_attitude(samples: Array, fix: npt.NDArray[np.bool_], speed: Array, course: Array) -> Array:
+def own_attitude(samples: Array, fix: Array, speed: Array, course: Array, s_acc: Array) -> Array:
     """Roll, pitch and heading [rad] by the block `canine_ahrs`, (ticks, 3).
 
     The heading counts from an arbitrary zero until the first moving fix.
@@ -53,11 +53,11 @@ def own_attitude(samples: Array, fix: npt.NDArray[np.bool_], speed: Array, cours
     Args:
         samples: (ticks, 6) specific force [m/s2] and turn rate [rad/s], this one the mean since the last
             tick; a tick with NaN has no sample.
-        fix: which ticks have a new fix (ticks,).
-        speed, course: m/s and rad of the fix at each tick, or of the one before it (ticks,).
+        fix: 1 on ticks with a new fix, else 0 (ticks,).
+        speed, course, s_acc: m/s, rad, m/s of the fix at each tick, or of the one before it (ticks,).
     """
     inputs = dict(zip(SAMPLES, samples.T, strict=True))
-    inputs |= {"gps_fix": fix.astype(np.float64), "gps_speed": speed, "gps_course": course}
+    inputs |= {"gps_fix": fix, "gps_speed": speed, "gps_course": course, "gps_s_acc": s_acc}
     rows = _ahrs().run({f"{AHRS}.{name}": row for name, row in inputs.items()})
     return np.column_stack([rows[name] for name in ANGLES])
 

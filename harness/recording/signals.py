@@ -91,9 +91,9 @@ def sensor_signals(
         return field[among][np.searchsorted(tick[among], clock, side="right") - 1]
 
     fix = np.isin(clock, tick[used])
-    fix_speed, fix_course = held(used, speed), held(used, course)
+    fix_speed, fix_course, fix_s_acc = held(used, speed), held(used, course), held(used, fixes.s_acc)
     angles = {
-        OWN: lambda: _own(recording, fix, fix_speed, fix_course),
+        OWN: lambda: _own(recording, fix, fix_speed, fix_course, fix_s_acc),
         RECORDED: lambda: _recorded(recording, fix & (fix_speed > MOVING_M_S), fix_course),
     }
     roll, pitch, heading = angles[recording_attitude(recording, attitude)]().T
@@ -119,7 +119,7 @@ def sensor_signals(
         gps_speed=fix_speed,
         gps_course=fix_course,
         gps_h_acc=held(used, fixes.h_acc),
-        gps_s_acc=held(used, fixes.s_acc),
+        gps_s_acc=fix_s_acc,
         reference_fix=np.isin(clock, tick[covered]),
         reference_north=held(covered, north),
         reference_east=held(covered, east),
@@ -156,15 +156,19 @@ def recording_attitude(recording: Recording, asked: str = "") -> str:
     return asked or (OWN if recording.attitude is None else RECORDED)
 
 
-def _own(recording: Recording, fix: Mask, speed: Array, course: Array) -> Array:
-    """Roll, pitch and heading by the Canine AHRS, from the samples before the origin on: (ticks, 3)."""
+def _own(recording: Recording, fix: Mask, *of_fix: Array) -> Array:
+    """Roll, pitch and heading by the Canine AHRS, from the samples before the origin on: (ticks, 3).
+
+    Args:
+        of_fix: speed, course and speed accuracy of the fixes (ticks,).
+    """
     before = recording.ticks_before
     samples = recording.on_ticks.copy()
     t = (np.arange(len(samples)) - before) * TICK_S
     for start, end in holes_of_imu(recording.imu_t):
         samples[(t > start) & (t < end)] = np.nan
-    ahead = (before, 0)
-    return own_attitude(samples, np.pad(fix, ahead), np.pad(speed, ahead), np.pad(course, ahead))[before:]
+    rows = [np.pad(row, (before, 0)) for row in (fix.astype(np.float64), *of_fix)]
+    return own_attitude(samples, *rows)[before:]
 
 
 def _recorded(recording: Recording, aligning: Mask, course: Array) -> Array:

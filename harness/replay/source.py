@@ -120,7 +120,8 @@ def _of_log(path: Path, attitude: str) -> ReplaySource:
         columns |= {"t": log.time, "gps_fix": used, "reference_fix": received}
         if attitude == OWN:
             samples = np.column_stack([columns[name] for name in SAMPLES])
-            angles = own_attitude(samples, used, columns["gps_speed"], columns["gps_course"])
+            of_fix = (columns[f"gps_{name}"] for name in ("speed", "course", "s_acc"))
+            angles = own_attitude(samples, used.astype(np.float64), *of_fix)
             columns |= dict(zip(("roll_meas", "pitch_meas", "heading_meas"), angles.T, strict=True))
         columns |= {"origin_latitude": log.origin[0], "origin_longitude": log.origin[1]}
         return SensorSignals(**columns)

@@ -34,7 +34,7 @@ class Carrier:
         swing: acceleration forward of the IMU alone, as of a pack on a dog.
         gyro_bias: rad/s, about forward, right, down.
         fix_period: s.
-        by_difference: velocities are differences of positions, known at the later one.
+        by_difference: velocities are differences of positions, known at the later one; these have noise.
         lost: s, from and until when there are no fixes.
     """
 
@@ -52,6 +52,7 @@ class Carrier:
     fix_period: float = 0.25
     speed_noise: float = 0.1
     by_difference: bool = False
+    position_noise: float = 0.0
     lost: tuple[tuple[float, float], ...] = ()
 
 
@@ -129,6 +130,7 @@ def measured(carrier: Carrier, seed: int = 1) -> dict[str, Array]:
             np.cumsum(velocity)[last] / RATE
             + (smooth(rng, n, 1.0, 30.0) + 1j * smooth(rng, n, 1.0, 30.0))[last]
         )
+        place = place + carrier.position_noise * (rng.normal(size=ticks) + 1j * rng.normal(size=ticks))
         steps = np.flatnonzero(fix)
         sensed = np.zeros(ticks, dtype=complex)
         sensed[steps[1:]] = np.diff(place[steps]) / (np.diff(steps) * T)
@@ -144,6 +146,7 @@ def measured(carrier: Carrier, seed: int = 1) -> dict[str, Array]:
         "gps_fix": fix.astype(float),
         "gps_speed": np.abs(sensed),
         "gps_course": np.angle(sensed),
+        "gps_s_acc": np.full(ticks, 3.0 / carrier.fix_period if carrier.by_difference else 0.15),
     }
 
 

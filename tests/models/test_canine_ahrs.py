@@ -63,6 +63,17 @@ def test_a_cars_acceleration_stays_in_the_levelled_force(seed: int, gain: float)
     assert np.abs(bias_errors(outputs, carrier.gyro_bias)).max() < 0.05
 
 
+def test_velocities_from_noisy_positions_hide_no_rest() -> None:
+    """0.1 m at 4 Hz are 0.57 m/s of velocity, at rest too; the accuracy that is stated says so."""
+    carrier = car(fix_period=0.25, by_difference=True, position_noise=0.1)
+    signals = measured(carrier)
+    outputs = run(signals)
+    assert np.abs(bias_errors(outputs, carrier.gyro_bias)).max() < 0.05
+    assert rms(error(outputs, signals, "pitch", 20)) < 1.0
+    believed = run({**signals, "gps_s_acc": 0 * signals["gps_s_acc"]})
+    assert rms(error(believed, signals, "pitch", 20)) > 1.3 * rms(error(outputs, signals, "pitch", 20))
+
+
 def test_a_car_without_fixes_swallows_more_of_its_acceleration() -> None:
     """What the fixes are for: the same drive with and without them."""
     pitch = {}

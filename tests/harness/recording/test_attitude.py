@@ -91,7 +91,7 @@ def on_ticks(attitude: Rotation, force: Array, angles: Array) -> Array:
     rate = np.zeros((len(force), 3))
     rate[1:] = (attitude[:-1].inv() * attitude[1:]).as_rotvec() / TICK_S
     none = np.zeros(len(force))
-    found = own_attitude(np.hstack([force, rate]), none > 0, none, none)
+    found = own_attitude(np.hstack([force, rate]), none, none, none, none)
     return np.unwrap(found, axis=0) - angles
 
 
@@ -112,7 +112,7 @@ def test_angles_are_nose_up_right_wing_down_and_clockwise() -> None:
     up = [np.sin(pitch), -np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch)]
     none = np.zeros(100)
     still = np.outer(np.ones(100), np.append(np.multiply(up, G), [0, 0, 0]))
-    tilted = own_attitude(still, none > 0, none, none)
+    tilted = own_attitude(still, none, none, none, none)
     np.testing.assert_allclose(tilted[-1], [roll, pitch, 0], atol=1e-6)
 
 
