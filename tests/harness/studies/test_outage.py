@@ -18,7 +18,7 @@ from harness.studies.paths import GAITS, walk
 from harness.studies.published import FUZZY, INERTIAL, NO_PITCH, PITCH
 from harness.studies.statistics import paired, share, summary, unpaired
 from harness.studies.study import Options, run_study
-from harness.studies.tracking import Configuration, Tracking
+from harness.studies.tracking import Configuration, Tracking, Trial
 from models.errors import UsageError
 from models.four_state import FourState
 from models.profile import Profile
@@ -179,3 +179,20 @@ def test_a_path_of_one_stretch_is_refused(tmp_path: Path) -> None:
     (tmp_path / "dog.csv").write_text(f"t_s,x_m,y_m\n{rows}\n")
     with pytest.raises(RecordingError, match="got one stretch of 30 s without a jump; expected two"):
         run_study("outage", Options(set="ideal", recording=tmp_path / "dog.csv"))
+
+
+def test_the_mean_speed_is_that_of_the_fixes_of_its_time() -> None:
+    # given fixes after 0, 1 and 2 s at 1, 2 and 4 m/s, heading east, and 1 s without
+    ticks = 76
+    fix = np.isin(np.arange(ticks), (0, 25, 50)).astype(float)
+    speed = np.repeat([1.0, 2.0, 4.0], [25, 25, 26])
+    zeros = np.zeros(ticks)
+    sensed = {"gps_fix": fix, "gps_speed": speed, "gps_north": zeros, "gps_east": zeros + 5.0}
+    one = Trial({}, {**sensed, "heading_meas": zeros + np.pi / 2, "accel_x": zeros}, {})
+    assert one.last_fix == 50
+    assert one.held()["speed"][-1] == 4.0
+    assert one.held()["east"][-1] == pytest.approx(5.0 + 4.0)
+    assert one.held(1.0)["speed"][-1] == 3.0  # of 2 and 4
+    assert one.held(1.0)["east"][-1] == pytest.approx(5.0 + 3.0)
+    assert one.held(3.0)["speed"][-1] == pytest.approx(7 / 3)
+    assert one.held(1.0)["speed"][49] == 2.0  # before the outage it is the fixes'
