@@ -639,9 +639,12 @@ def fit_animal(
 
 @app.command()
 def study(
-    name: Annotated[str, typer.Argument(metavar=f"[{'|'.join(STUDIES)}]")] = "",
+    name: Annotated[str, typer.Argument(metavar="[NAME]", help="without it, the studies are listed")] = "",
     recording: Annotated[
-        Path | None, typer.Argument(exists=True, metavar="[FOLDER|LOG.mcap]", help="of study recording")
+        Path | None,
+        typer.Argument(
+            exists=True, metavar="[FOLDER|LOG.mcap]", help="for studies of one: recording, motion, outage"
+        ),
     ] = None,
     *,
     seeds: Annotated[int | None, typer.Option(help="trials of each kind; by default the study's own")] = None,
