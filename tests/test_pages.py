@@ -17,8 +17,8 @@ FILES = [
 ]
 MADE = {  # by commands, by generators, or by users
     "block_fmu.h", "dog.toml", "fit.json", "fit.toml", "fixes.h", "mine.toml", "models.h", "mrg32k3a.h",
-    "my.toml", "outages.json", "pil.json", "recommendation.json", "recording.toml", "seeds.csv",
-    "summary.json", "units.json",
+    "my.toml", "navigation.h", "outages.json", "pil.json", "recommendation.json", "recording.toml",
+    "seeds.csv", "summary.json", "tune.json", "tune.toml", "units.json",
 }  # fmt: skip
 
 

@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 from rich.console import Console
-from rich.table import Table
 
 from harness.drawing import house_style
 from harness.recording.positions import read_positions, stretches
@@ -206,7 +205,7 @@ def show(result: Mapping[str, Any], console: Console) -> None:
         for gait, values in gaits.items():
             text = result["published"]["configurations"] if gait == SEARCHING else {}
             console.print(f"[bold]set {set_name}, {gait}[/]: {result['seeds']} trials", highlight=False)
-            print_table(_table(values["configurations"], text), console)
+            _show_errors(values["configurations"], text, console)
             tests = [t for t in values["paired_t_tests"] if (t["first"], t["second"]) in PRINTED]
             lines = [_in_words(test) for test in tests]
             if gait == SEARCHING:
@@ -221,7 +220,7 @@ def show(result: Mapping[str, Any], console: Console) -> None:
         )  # fmt: skip
 
 
-def _table(configurations: Mapping[str, Any], text: Mapping[str, Any]) -> Table:
+def _show_errors(configurations: Mapping[str, Any], text: Mapping[str, Any], console: Console) -> None:
     table = new_table()
     table.add_column("error at the end")
     for first in ("position, m\nmean", "speed, m/s\nmean"):
@@ -236,7 +235,7 @@ def _table(configurations: Mapping[str, Any], text: Mapping[str, Any]) -> Table:
                     cell += f" ({text[title][name if key == 'mean' else f'{name}_sd']:g})"
                 cells.append(cell)
         table.add_row(title, *cells)
-    return table
+    print_table(table, console)
 
 
 def _in_words(test: Mapping[str, Any]) -> str:
