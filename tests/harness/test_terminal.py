@@ -107,8 +107,8 @@ def shown() -> Mapping[str, Callable[[Console], None]]:
     advice = {key: {"text": "x"} for key in ("success", "time", "both", "pareto")}
     dogs = [Trial("t", dict.fromkeys(("cruise_speed", "left_turn_rate"), -123.4 + k)) for k in range(3)]
     bits = {
-        "target": "cortex-m4f", "ticks": 1, "receiver": "x", "trial": one, "without_fix": cost,
-        "with_fix": cost, "code_bytes": 12345678,
+        "target": "cortex-m4f", "estimator": "four_state", "ticks": 1, "receiver": "x", "trial": one,
+        "without_fix": cost, "with_fix": cost, "code_bytes": 12345678,
     }  # fmt: skip
     return {
         "run": lambda console: summary.show(one, console),
