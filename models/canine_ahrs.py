@@ -30,7 +30,7 @@ LEAST_FIELD = 1e-6  # T: the earth's is at least 2e-5; a magnetometer that is mi
 
 
 class CanineAhrs(Block):
-    """Attitude reference: roll, pitch, heading and gyro bias from raw accelerometer and gyro, and fixes."""
+    """Attitude reference: roll, pitch, heading and gyro bias from raw samples and fixes."""
 
     source = "Miller 2010, 6.2, eq. C.3; equations of ours"
     precisions = ("double", "float")

@@ -1,0 +1,10 @@
+"""Write the page about tracking: `python -m harness.studies [RECORDING [UNIT]]`."""
+
+import sys
+from pathlib import Path
+
+from harness.studies.page import write
+
+if __name__ == "__main__":
+    recording, unit, *_ = [*map(Path, sys.argv[1:]), None, None]
+    write(recording, unit)
