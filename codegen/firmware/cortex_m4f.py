@@ -95,5 +95,16 @@ def _defined(elf: Any, entries: set[str]) -> set[str]:
             for entry in top.iter_children():
                 here = "DW_AT_name" in entry.attributes and "DW_AT_declaration" not in entry.attributes
                 if here and entry.tag in ("DW_TAG_subprogram", "DW_TAG_variable"):
-                    names.add(entry.attributes["DW_AT_name"].value.decode())
+                    name = entry.attributes["DW_AT_name"].value.decode()
+                    names.add(name)
+                    names |= {f"{name}.{v}" for v in _variables_in(entry)}
     return names
+
+
+def _variables_in(function: Any) -> set[str]:
+    """Names of a function's variables; Clang calls a static one `function.variable`."""
+    return {
+        entry.attributes["DW_AT_name"].value.decode()
+        for entry in function.iter_children()
+        if entry.tag == "DW_TAG_variable" and "DW_AT_name" in entry.attributes
+    }
