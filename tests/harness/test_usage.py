@@ -18,7 +18,7 @@ from tests.harness.command import canine
         ("bark", 'there is no command "bark"; known: build, c, check, export, '),
         ("--bark", 'there is no option "--bark"; known: --help, --version'),
         ("run --sed 3", 'run has no option "--sed"; did you mean "--seed"?'),
-        ("run -x", 'run has no option "-x"; known: --controller, '),
+        ("run -x", 'run has no option "-x"; known: --ahrs, '),
         ("--seed 3 run", '"--seed" stands after the command, as in `canine run --seed`'),
         ("run --seed", "--seed has no value; expected a whole number from 0 to 2147483647"),
         ("run --seed many", '--seed is "many"; expected a whole number from 0 to 2147483647'),

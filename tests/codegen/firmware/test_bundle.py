@@ -749,9 +749,9 @@ def test_the_rabbits_port_moves_bytes_both_ways_with_its_registers_as_memory(
     signals = still(True)
     mission = Mission(Position(LATITUDE, LONGITUDE), (Position(LATITUDE, LONGITUDE + 1e-3),))
     for vector, data, status, stream in (
-        (0xC0F0, sddr, sdsr, Receiver(plane).fix(0.0, signals)),
-        (0xC1C0, sedr, sesr, InertialUnit().sample(0, signals)),
-        (0xC0E0, scdr, scsr, encode(mission, 1) + encode(Start(mission.id), 2)),
+        (0xE0F0, sddr, sdsr, Receiver(plane).fix(0.0, signals)),
+        (0xE1C0, sedr, sesr, InertialUnit().sample(0, signals)),
+        (0xE0E0, scdr, scsr, encode(mission, 1) + encode(Start(mission.id), 2)),
     ):
         for byte in stream:
             rabbit.write(data, byte)
@@ -768,7 +768,7 @@ def test_the_rabbits_port_moves_bytes_both_ways_with_its_registers_as_memory(
     # then the telemetry leaves byte by byte, each with an interrupt
     sent = [rabbit.read(scdr)]
     for _ in range(51):
-        rabbit.interrupt(0xC0E0)
+        rabbit.interrupt(0xE0E0)
         sent.append(rabbit.read(scdr))
     (report,) = Decoder().receive(bytes(sent))
     assert (

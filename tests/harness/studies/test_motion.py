@@ -32,9 +32,11 @@ def test_the_set_of_the_dissertation_moves_as_its_text_says(result: dict[str, An
     assert 10 < walking["swing_m_s2"]["median"] < 20
     assert 40 < running["swing_m_s2"]["median"] < 50
     assert walking["largest_m_s2"] > 20
-    for of in (walking, running):
-        assert of["yaw_rate_deg_s"]["p5"] == pytest.approx(-70, abs=5)
-        assert of["yaw_rate_deg_s"]["p95"] == pytest.approx(70, abs=5)
+    # at a run the pack nods by 50 deg 2.9 times a second: through a roll of 5 deg the gyroscope about down
+    # senses up to 450 deg/s * sin(5 deg) = 40 deg/s of it, in step with the yaw on one side
+    for of, coupled in ((walking, 5), (running, 10)):
+        assert of["yaw_rate_deg_s"]["p5"] == pytest.approx(-70, abs=coupled)
+        assert of["yaw_rate_deg_s"]["p95"] == pytest.approx(70, abs=coupled)
         # D.5: a mean pitch of -8 to -9 deg; the wander of 4 deg in 2 s moves the mean of 180 s by 0.6 deg
         assert of["pitch_mean_deg"] == pytest.approx(-8.5, abs=1.5)
     # D.5: 5 to 10 deg, and 40 to 60 sprinting
