@@ -98,8 +98,8 @@ class Navigation:
         """Likewise from the AHRS, if there is one before it."""
         if self.ahrs is None or member == "ahrs":
             return {}
-        given = self.ahrs.flat_names("output")
-        return {name: f"m->ahrs.out.{name}" for name in self._inputs(member) if name in given}
+        from_ahrs = self.ahrs.flat_names("output")
+        return {name: f"m->ahrs.out.{name}" for name in self._inputs(member) if name in from_ahrs}
 
     def factors(self) -> dict[str, tuple[str, str]]:
         """Those of FACTORS that its C needs: their values and meanings."""

@@ -62,13 +62,13 @@ def read_positions(
         missing = [name for name in ("plant.north", "plant.east") if name not in log]
         if missing:
             raise RecordingError(f"{file}: got no {missing[0]}, expected the log of a trial with a plant")
-        found = [Piece(log["plant.north"], log["plant.east"])]
+        whole = [Piece(log["plant.north"], log["plant.east"])]
     else:
         values, _, _ = read_columns(FileDescription(file, columns))
-        found = pieces(values["time"], values["north"], values["east"])
-    long_enough = [piece for piece in found if piece.seconds > shortest]
+        whole = pieces(values["time"], values["north"], values["east"])
+    long_enough = [piece for piece in whole if piece.seconds > shortest]
     if not long_enough:
-        longest = max((piece.seconds for piece in found), default=0.0)
+        longest = max((piece.seconds for piece in whole), default=0.0)
         raise RecordingError(
             f"{file}: its longest piece without a jump lasts {longest:.3g} s; "
             f"expected more than {shortest:g} s"
@@ -76,7 +76,7 @@ def read_positions(
     return long_enough
 
 
-def stretches(found: Iterable[Piece], seconds: float) -> list[Piece]:
+def stretches(whole: Iterable[Piece], seconds: float) -> list[Piece]:
     """Stretches of this length [s] from pieces, one behind the other, each from its own start at (0, 0).
 
     What is left of a piece is dropped.
@@ -84,7 +84,7 @@ def stretches(found: Iterable[Piece], seconds: float) -> list[Piece]:
     ticks = round(seconds / TICK)
     return [
         Piece(*(p[begin : begin + ticks] - p[begin] for p in (piece.north, piece.east)))
-        for piece in found
+        for piece in whole
         for begin in range(0, len(piece.north) - ticks + 1, ticks)
     ]
 

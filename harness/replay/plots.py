@@ -157,10 +157,10 @@ def _square(tracks: Sequence[Track]) -> tuple[tuple[float, float], float]:
 
 def _broken(gps: Track) -> Track:
     """The receiver's path with a NaN in each hole, where nobody knows how it went."""
-    found = np.array(holes_of_fixes(gps.time)).reshape(-1, 2)
-    behind = np.searchsorted(gps.time, found[:, 1])
-    nothing = np.full(len(found), np.nan)
-    gaps = (found.mean(axis=1), nothing, nothing)
+    holes = np.array(holes_of_fixes(gps.time)).reshape(-1, 2)
+    behind = np.searchsorted(gps.time, holes[:, 1])
+    nothing = np.full(len(holes), np.nan)
+    gaps = (holes.mean(axis=1), nothing, nothing)
     return Track(*(np.insert(part, behind, gap) for part, gap in zip(gps, gaps, strict=True)))
 
 

@@ -74,12 +74,12 @@ def describing_function(threshold: float, delay: float, rate: float = RATE) -> t
     relay = control.relay_hysteresis_nonlinearity(rate, threshold)
     amplitudes = threshold * np.geomspace(1.0001, 20, 100)
     frequencies = np.geomspace(0.02, 1.6, 500) / delay  # the delay's phase is less than a quarter turn
-    found = control.describing_function_response(
+    crossings = control.describing_function_response(
         loop, relay, amplitudes, frequencies, warn_nyquist=False
     ).intersections
-    if not found:
+    if not crossings:
         return None
-    amplitude, frequency = found[0]
+    amplitude, frequency = crossings[0]
     return float(amplitude), float(2 * np.pi / frequency)
 
 

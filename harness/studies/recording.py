@@ -185,10 +185,13 @@ def _show_halves(result: Mapping[str, Any], console: Console) -> None:
                 mean = known and known["all"]["configurations"][name][column]["mean"]
                 row.append("-" if mean is None else f"{mean:.2f}")
             row.append(_p(tests.get((HELD, name)), column))
-        told = result["innovations"].get(name)
-        if told:
-            row += [_number(told[half]["nis"]) for half in ("first", "second")]
-            row += [_number(told["all"]["expected"]), f"{told['accepted']} of {told['fixes']}"]
+        innovations = result["innovations"].get(name)
+        if innovations:
+            row += [_number(innovations[half]["nis"]) for half in ("first", "second")]
+            row += [
+                _number(innovations["all"]["expected"]),
+                f"{innovations['accepted']} of {innovations['fixes']}",
+            ]
         table.add_row(name, *row)
     print_table(table, console)
     sizes = [halves[h]["all"]["configurations"][HELD]["n"] if h in halves else 0 for h in ("first", "second")]
@@ -254,12 +257,12 @@ def _innovations(axes: Axes, innovations: Mapping[str, Any], names: Sequence[str
     axes.axvspan(*NIS_BAND, color="#DCEFE6", zorder=0.3, label="NIS 1 to 9")
     first = True
     for place, name in enumerate(names):
-        told = innovations.get(name, {}).get("all", {})
-        if told.get("nis") is None:
+        whole_run = innovations.get(name, {}).get("all", {})
+        if whole_run.get("nis") is None:
             continue
-        axes.plot(told["nis"], place, "D", color=ESTIMATES[3], label="mean NIS" if first else None)
+        axes.plot(whole_run["nis"], place, "D", color=ESTIMATES[3], label="mean NIS" if first else None)
         axes.plot(
-            told["expected"], place, "|", color=GPS, markersize=14, markeredgewidth=2,
+            whole_run["expected"], place, "|", color=GPS, markersize=14, markeredgewidth=2,
             label="expected" if first else None,
         )  # fmt: skip
         first = False

@@ -66,7 +66,7 @@ def run_seeds(
     with trial.alone_in(out):
         (out / SEEDS).unlink(missing_ok=True)  # an earlier run's
         summaries: list[dict[str, Any]] = []
-        said: set[str] = set()
+        notes_printed: set[str] = set()
         try:
             for seed in seeds:
                 folder = out / str(seed)
@@ -74,9 +74,9 @@ def run_seeds(
                 with prepared(one) as ready:
                     others = "" if summaries else trial.replaced(one, ready, folder)
                     for text in (*request.notes, *ready.notes, *([others] if others else [])):
-                        if text not in said:
+                        if text not in notes_printed:
                             note(text)
-                        said.add(text)
+                        notes_printed.add(text)
                     try:
                         summaries.append(trial.run(one, ready, folder))
                         late = summaries[-1]["notes"][len(request.notes) + len(ready.notes) :]
