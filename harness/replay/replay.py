@@ -127,7 +127,12 @@ def statistics(outages: Sequence[Outage]) -> dict[str, Any]:
             pair: dict[str, Any] = {"first": first, "second": names[k], "n": len(apart)}
             for j, column in enumerate(COLUMNS):
                 if len(apart) > 1:
-                    pair[column] = _t_test(table[apart, i, j] - table[apart, k, j])
+                    test = paired_t_test(table[apart, i, j] - table[apart, k, j])
+                    pair[column] = (
+                        {"t": None, "p": None}
+                        if test is None
+                        else {"t": float(test.statistic), "p": float(test.pvalue)}
+                    )
                 else:
                     pair[column] = None
             pairs.append(pair)
@@ -145,12 +150,11 @@ def apart(outages: Sequence[Outage]) -> dict[str, Any]:
     return {key: statistics(part) if part else None for key, part in parts.items()}
 
 
-def _t_test(differences: Array) -> dict[str, float | None]:
-    """The paired t-test of differences (n,); without spread they have no t."""
+def paired_t_test(differences: Array) -> Any | None:
+    """SciPy's two-tailed t-test of paired differences (n,); None where they have no spread, and so no t."""
     if np.ptp(differences) <= NO_SPREAD * np.abs(differences).max():
-        return {"t": None, "p": None}
-    test = stats.ttest_1samp(differences, 0.0)
-    return {"t": float(test.statistic), "p": float(test.pvalue)}
+        return None
+    return stats.ttest_1samp(differences, 0.0)
 
 
 def disjoint(outages: Sequence[Outage]) -> list[Outage]:

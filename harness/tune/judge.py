@@ -12,7 +12,7 @@ from scipy import stats
 
 from codegen.batch.series import Series
 from harness.replay.comparison import HELD, hold_speed
-from harness.replay.replay import COLUMNS
+from harness.replay.replay import COLUMNS, paired_t_test
 from harness.replay.source import ReplaySource
 from harness.replay.windows import Window
 from harness.studies.innovations import Innovations, autocorrelation, mean_bounds
@@ -87,6 +87,7 @@ def compare_errors(
             for column, v in zip(COLUMNS, (values.position, values.speed), strict=True)
         }
     for column, attribute in zip(COLUMNS, ("position", "speed"), strict=True):
-        pair = [getattr(errors[name], attribute)[list(apart)] for name in (first, second)]
-        result[f"{column}_p"] = float(stats.ttest_rel(*pair).pvalue) if len(apart) > 2 else None
+        one, other = (getattr(errors[name], attribute)[list(apart)] for name in (first, second))
+        test = paired_t_test(one - other) if len(apart) > 2 else None
+        result[f"{column}_p"] = None if test is None else float(test.pvalue)
     return result

@@ -20,7 +20,7 @@ from harness.recording.signals import SensorSignals
 from harness.replay.source import ReplaySource
 from harness.studies.innovations import Innovations
 from harness.tune import report
-from harness.tune.judge import summary_of
+from harness.tune.judge import Errors, compare_errors, summary_of
 from harness.tune.likelihood import Tuned
 from harness.tune.tune import AFTER, BEFORE, tune
 from models.errors import UsageError
@@ -180,3 +180,17 @@ def test_an_estimator_that_does_not_exist_is_told_in_a_line(
     assert capsys.readouterr().err == (
         'canine: there is no estimator "four_stat"; did you mean "four_state"?\n'
     )
+
+
+def test_errors_that_do_not_differ_have_no_p() -> None:
+    # given a tuning that changes the error of the position by as much in each outage, and no speed
+    before = Errors(np.array([3.0, 5.0, 4.0]), np.array([1.0, 2.0, 3.0]))
+    tuned = Errors(before.position - 1, before.speed)
+    # when
+    result = compare_errors({"before": before, "tuned": tuned}, [0, 1, 2], "before", "tuned")
+    # then there is no t, and no NaN that JSON could not hold
+    assert (result["position_error_m_p"], result["velocity_error_m_s_p"]) == (None, None)
+    # but where they vary there is one: by hand t = 2 / (1 / sqrt(3)), of 2 degrees of freedom
+    varied = Errors(before.position - np.array([1.0, 2.0, 3.0]), before.speed)
+    result = compare_errors({"before": before, "tuned": varied}, [0, 1, 2], "before", "tuned")
+    assert result["position_error_m_p"] == pytest.approx(0.0742, abs=1e-4)
