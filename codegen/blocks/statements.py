@@ -33,6 +33,7 @@ class Store:
 
     field: str
     text: str
+    is_real: bool = False
 
     @property
     def vector(self) -> str:
@@ -123,12 +124,17 @@ def assign(writes: Sequence[str], results: Sequence[Node], block: type[Block], w
                 writer.name(node, ctype)
             text = writer.write_whole(node, ctype)
         if len(writer.lines) > written:
-            writer.lines[written:written] = store_lines(at_once)
+            writer.lines[written:written] = store_lines(_in_order(at_once))
             at_once = []
-        (at_the_end if late[k] else at_once).append(Store(target, text))
+        (at_the_end if late[k] else at_once).append(Store(target, text, ctype == "real"))
     for node, _ in hinted:
         node.hint = ""
-    writer.lines += store_lines(at_once) + store_lines(at_the_end)
+    writer.lines += store_lines(_in_order(at_once)) + store_lines(_in_order(at_the_end))
+
+
+def _in_order(stores: Sequence[Store]) -> list[Store]:
+    """Reals first: between stores of one literal, copies of reals make SDCC 4.5 forget it (rabbit4000.py)."""
+    return sorted(stores, key=lambda store: not store.is_real)
 
 
 def _next(name: str) -> str:

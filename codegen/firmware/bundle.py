@@ -82,11 +82,6 @@ def recorded(navigation: Navigation = DEFAULT) -> Mapping[str, Type]:
     return words_of(_record(navigation))
 
 
-# SDCC 4.5 forgets that reading a long from a known address changes HL, and then stores a wrong literal. It
-# happens in the controller, whose table copies reals and then stores whole numbers: it keeps its pointer
-POINTED = frozenset({"controller"})
-
-
 def library(
     values: Values | None = None,
     navigation: Navigation = DEFAULT,
@@ -113,7 +108,7 @@ def library(
             block,
             "float",
             constants=chosen[member] if constants else None,
-            instance=f"vest.{member}" if addressed and member not in POINTED else "",
+            instance=f"vest.{member}" if addressed else "",
         )
     files |= program(navigation)
     context = {"assignments": [] if constants else list(_assignments(blocks, chosen))}

@@ -14,8 +14,8 @@ class Target:
     Attributes:
         folder: of its own sources in `onboard/`.
         code, ram: bytes that the onboard program may take.
-        addressed: the functions of all blocks but the controller know where their block lies, in `vest`, and
-            use no pointer: a processor without indexed loads needs less code so.
+        addressed: the functions of the blocks know where their block lies, in `vest`, and use no pointer: a
+            processor without indexed loads needs less code so.
         pvt: the receiver beside it is of today, which tells a fix in one message instead of three.
     """
 

@@ -12,6 +12,7 @@
 #include <string.h>
 
 #define LONGEST_PAUSE 5U     /* ticks: the longest pause in a frame from the radio, two packets */
+#define LONGEST_WAIT 2U      /* ticks: telemetry lets a fix and then a mission go first */
 #define FARTHEST 1.0e5f      /* m: the controller's range of positions */
 #define QUARTER 900000000    /* 1e-7 deg: 90 deg */
 #define HALF 1800000000      /* 1e-7 deg: 180 deg */
@@ -38,6 +39,7 @@ static void apply(onboard *m, link_message message)
     switch (message) {
     case LINK_MISSION:
         m->start_wanted = false;
+        m->laden = true;
         break;
     case LINK_START:
         m->start_wanted = !m->controller.in.start;
@@ -186,6 +188,7 @@ static void begin(onboard *m)
         (m->controller.out.mode == (int32_t)CMEC_MODE_IDLE)) {
         m->controller.in.start = plan(m);
         m->start_wanted = false;
+        m->laden = true;
         m->mission_id = m->radio.mission.id;
     }
 }
@@ -332,11 +335,12 @@ void onboard_init(onboard *m)
 void onboard_tick(onboard *m)
 {
     const bool fixed = hear_receiver(m);
-    const bool busy = fixed && !m->busy; /* a fix takes long: radio and telemetry wait for one tick */
+    const bool busy = fixed && !m->busy; /* a fix takes long: the radio waits for one tick */
     bool sampled;
     bool taken;
 
     m->busy = busy;
+    m->laden = false;
     m->watchdog.in.heard = !busy && hear_operator(m);
     sampled = hear_imu(m);
     taken = navigation_step(m);
@@ -346,9 +350,14 @@ void onboard_tick(onboard *m)
     begin(m);
     decide(m);
     m->reporting = m->reporting || m->watchdog.out.report;
-    if (m->reporting && !busy) {
+    if (m->reporting && (busy || m->laden) && (m->waited < LONGEST_WAIT)) {
+        m->waited++;
+    } else if (m->reporting) {
         m->reporting = false;
+        m->waited = 0U;
         report(m);
+    } else {
+        /* none is due */
     }
     m->time_ms += ONBOARD_TICK_MS;
 }
