@@ -13,7 +13,7 @@ import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cache, reduce
+from functools import reduce
 from typing import Any, ClassVar
 
 from models.errors import DeclarationError, ParameterError, nearest
@@ -187,7 +187,12 @@ class Block:
     @classmethod
     def variables(cls, *kinds: type[Variable]) -> dict[str, Variable]:
         """The declared variables (of some kinds) in the order of their declaration, bases first."""
-        return dict(_variables(cls, kinds))
+        if (cls, kinds) not in _VARIABLES:  # a command asks hundreds of times before it begins
+            declared: dict[str, Variable] = {}
+            for base in reversed(cls.__mro__):
+                declared.update({n: v for n, v in vars(base).items() if isinstance(v, Variable)})
+            _VARIABLES[cls, kinds] = {n: v for n, v in declared.items() if not kinds or isinstance(v, kinds)}
+        return dict(_VARIABLES[cls, kinds])
 
     @classmethod
     def group(cls, kind: str) -> list[Variable]:
@@ -240,13 +245,5 @@ class Block:
         return _PROGRAMS[cls, precision]
 
 
-@cache
-def _variables(block: type[Block], kinds: tuple[type[Variable], ...]) -> dict[str, Variable]:
-    """As `Block.variables`; a command asks hundreds of times before it begins."""
-    declared: dict[str, Variable] = {}
-    for base in reversed(block.__mro__):
-        declared.update({n: v for n, v in vars(base).items() if isinstance(v, Variable)})
-    return {n: v for n, v in declared.items() if not kinds or isinstance(v, kinds)}
-
-
+_VARIABLES: dict[tuple[type[Block], tuple[type[Variable], ...]], dict[str, Variable]] = {}
 _PROGRAMS: dict[tuple[type[Block], Precision], Program] = {}
