@@ -744,9 +744,9 @@ def test_the_rabbits_port_moves_bytes_both_ways_with_its_registers_as_memory(
     # then the dividers are 58982400 / 32 / baud - 1: 31, 47, 15 for 57600, 38400, 115200
     assert [rabbit.read(at) for at in (0xAD, 0xAF, 0xA5)] == [31, 47, 15]
 
-    # when a fix, a sample, a mission and its start come by interrupts, and three ticks are made: that with the
-    # fix, after 46.9 ms (6 of 256/32768 s) that which listens to the operator, and after 85.9 ms that which
-    # answers
+    # when a fix, a sample, a mission and its start come by interrupts, and three ticks are made: that with
+    # the fix, after 46.9 ms (6 of 256/32768 s) that which listens to the operator, and after 85.9 ms that
+    # which answers
     plane = TangentPlane(math.radians(LATITUDE), math.radians(LONGITUDE))
     signals = still(True)
     mission = Mission(Position(LATITUDE, LONGITUDE), (Position(LATITUDE, LONGITUDE + 1e-3),))
@@ -763,8 +763,8 @@ def test_the_rabbits_port_moves_bytes_both_ways_with_its_registers_as_memory(
     rabbit.run_to("port_clock_ms")
     rabbit.run_to("onboard_tick")
     rabbit.run_to("port_clock_ms")
-    for time in (6, 11):
-        rabbit.write(rtc1r, time)
+    for clock in (6, 11):
+        rabbit.write(rtc1r, clock)
         rabbit.run_to("onboard_tick")
         rabbit.run_to("port_clock_ms")
 
