@@ -399,6 +399,7 @@ def test_everything_is_built_and_then_stays(tmp_path: Path) -> None:
     assert is_current(tmp_path)
 
 
+@pytest.mark.usefixtures("only_slide")
 def test_what_was_built_from_other_models_is_not_current(tmp_path: Path) -> None:
     build_all(tmp_path)
     stamp = tmp_path / STAMP

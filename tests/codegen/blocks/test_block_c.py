@@ -18,7 +18,7 @@ from models.kit.block import Block
 from models.kit.declaration import Input, Output, Type
 from models.kit.tracing import GROUPS
 from models.system import BLOCKS
-from tests.codegen.compiled import struct_members
+from tests.codegen.compiled import generated, struct_members
 
 Golden = Callable[[str, str], None]
 each = pytest.mark.parametrize(
@@ -52,12 +52,12 @@ def test_struct_holds_the_declared_names_and_types_no_more_no_less(
         for kind in GROUPS
         if block.group(kind)
     }
-    assert struct_members(generate(block, precision)[f"{block.title()}.h"]) == declared
+    assert struct_members(generated(block, precision)[f"{block.title()}.h"]) == declared
 
 
 @each
 def test_every_field_that_c_uses_is_declared(block: type[Block], precision: Any) -> None:
-    text = generate(block, precision)[f"{block.title()}.c"]
+    text = generated(block, precision)[f"{block.title()}.c"]
     used = set(re.findall(r"m->(\w+)\.(\w+)", text))
     assert used <= {(MEMBERS[kind], v.name) for kind in GROUPS for v in block.group(kind)}
     # and defaults() sets every one
@@ -69,7 +69,7 @@ def test_every_field_that_c_uses_is_declared(block: type[Block], precision: Any)
 
 @each
 def test_c_calls_nothing_but_sqrt_floor_fabs_and_itself(block: type[Block], precision: Any) -> None:
-    text = re.sub(r"/\*.*?\*/", "", generate(block, precision)[f"{block.title()}.c"], flags=re.DOTALL)
+    text = re.sub(r"/\*.*?\*/", "", generated(block, precision)[f"{block.title()}.c"], flags=re.DOTALL)
     called = set(re.findall(r"\b([A-Za-z_]\w*)\(", text)) - KEYWORDS
     suffix = "f" if precision == "float" else ""
     own = {name for name in called if name.startswith(f"{block.title()}_")} | {
@@ -81,7 +81,7 @@ def test_c_calls_nothing_but_sqrt_floor_fabs_and_itself(block: type[Block], prec
 
 @pytest.mark.parametrize("block", [b for b in BLOCKS if "float" in b.precisions], ids=lambda b: b.title())
 def test_float_c_holds_no_double(block: type[Block]) -> None:
-    files = generate(block, "float")
+    files = generated(block, "float")
     text = re.sub(r"/\*.*?\*/", "", "".join(files.values()), flags=re.DOTALL)
     assert not re.search(r"\bdouble\b", text)
     assert not re.findall(r"(?<![\w.])\d+\.\d*(?:e[+-]?\d+)?(?![\w.])", text), "a literal without suffix"
@@ -89,7 +89,7 @@ def test_float_c_holds_no_double(block: type[Block]) -> None:
 
 @each
 def test_banner_states_block_source_version_hash_operations(block: type[Block], precision: Any) -> None:
-    text = generate(block, precision)[f"{block.title()}.c"]
+    text = generated(block, precision)[f"{block.title()}.c"]
     banner = text[: text.index("*/")]
     assert banner.startswith(f"/* {block.title()}: {(block.__doc__ or '').splitlines()[0]}")
     assert f"Source: {block.source}" in banner

@@ -6,16 +6,16 @@ import re
 
 import pytest
 
-from codegen.blocks.block_c import generate
 from codegen.blocks.layout import COLUMNS, fit
 from models.kit.block import Block
 from models.system import BLOCKS
+from tests.codegen.compiled import generated
 
 
 @pytest.mark.parametrize("block", BLOCKS, ids=lambda block: block.title())
 def test_no_line_of_a_blocks_c_is_wider_than_a_page(block: type[Block]) -> None:
     for precision in block.precisions:
-        for name, text in generate(block, precision).items():
+        for name, text in generated(block, precision).items():
             wide = [line for line in text.splitlines() if len(line) > COLUMNS]
             assert not wide, (name, precision)
 

@@ -12,17 +12,14 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
-from codegen.blocks.block_c import generate
 from models.canine import Canine
 from models.cmec import Cmec, Mode
 from models.command_module import CommandModule
@@ -42,7 +39,9 @@ from tests.codegen.compiled import (
     Build,
     CompiledModel,
     Library,
+    Record,
     compile_c,
+    generated,
     get,
     put,
     random_states,
@@ -62,36 +61,32 @@ each_block = pytest.mark.parametrize("block", BLOCKS, ids=lambda b: b.title())
 
 def vector(machine: Any) -> np.ndarray[Any, Any]:
     """States and outputs."""
-    if isinstance(machine, CompiledModel):
-        return np.concatenate([machine.vector("state"), machine.vector("output")])
     return np.concatenate([machine.state, machine.output])
 
 
-def run_trial(system: System, parameters: Mapping[str, Mapping[str, float]], make: Make) -> Any:
-    """Step the components in sequential order until the trial ends: (ticks, all states and outputs)."""
+def run_trial(
+    system: System, parameters: Mapping[str, Mapping[str, float]], make: Make
+) -> Iterator[dict[str, Any]]:
+    """The components once initialized, then after each tick in sequential order until the trial ends."""
     machines = {c: make(block, parameters.get(c, {})) for c, block in system.components.items()}
+    yield machines
     machines["controller"]["start"] = 1
-    order, rows = system.order(), []
+    order = system.order()
     for _ in range(MAX_TICKS):
         for component in order:
             for link in system.links:
                 if link.target == component:
                     machines[component][link.target_variable] = machines[link.source][link.source_variable]
             machines[component].step()
-        rows.append(np.concatenate([vector(machines[c]) for c in order]))
+        yield machines
         if machines["controller"]["status"] >= 2:
             break
-    return np.array(rows)
 
 
 def python(block: type[Block], parameters: Mapping[str, float]) -> Model:
     model = Model(block, parameters)
     model.initialize()
     return model
-
-
-def compiled(library: Library) -> Make:
-    return lambda block, parameters: CompiledModel(library, block, parameters)
 
 
 TRIALS: dict[str, tuple[System, dict[str, dict[str, float]]]] = {
@@ -132,17 +127,30 @@ TRIALS: dict[str, tuple[System, dict[str, dict[str, float]]]] = {
 }
 
 
+Rows = dict[str, dict[str, np.ndarray[Any, Any]]]  # component -> group -> (1 + ticks, scalars)
+
+
+def recorded(name: str, make: Make) -> Rows:
+    """A trial's inputs, states and outputs."""
+    rows: dict[str, dict[str, list[Any]]] = {}
+    for machines in run_trial(*TRIALS[name], make):
+        for component, machine in machines.items():
+            groups = rows.setdefault(component, {"input": [], "state": [], "output": []})
+            for group, column in groups.items():
+                column.append(np.array(getattr(machine, group)))
+    return {c: {g: np.array(column) for g, column in groups.items()} for c, groups in rows.items()}
+
+
 class Reference:
     """The trials in Python, each run once, and which triggered updates ran in them."""
 
     def __init__(self) -> None:
-        self.known: dict[str, np.ndarray[Any, Any]] = {}
+        self.known: dict[str, Rows] = {}
         self.fired: set[str] = set()
 
-    def __call__(self, name: str) -> np.ndarray[Any, Any]:
-        """The rows of a trial."""
+    def __call__(self, name: str) -> Rows:
         if name not in self.known:
-            self.known[name] = run_trial(*TRIALS[name], self.make)
+            self.known[name] = recorded(name, self.make)
         return self.known[name]
 
     def make(self, block: type[Block], parameters: Mapping[str, float]) -> Model:
@@ -169,17 +177,38 @@ def reference() -> Reference:
     return Reference()
 
 
+def put_rows(block: type[Block], records: Record, group: str, rows: np.ndarray[Any, Any]) -> None:
+    """Set a group of every instance: (instances, scalars)."""
+    for name, column in zip(block.flat_names(group), rows.T, strict=True):
+        put(block, records, name, column)
+
+
+def get_rows(block: type[Block], records: Record, group: str) -> np.ndarray[Any, Any]:
+    """A group of every instance: (instances, scalars)."""
+    columns = [np.asarray(get(block, records, n), dtype=np.float64) for n in block.flat_names(group)]
+    return np.array(columns).reshape(-1, len(records)).T
+
+
 @pytest.mark.parametrize("name", TRIALS)
-def test_whole_trial_in_c_has_the_bits_of_the_python_models(
-    name: str, build: Build, libraries: Libraries, reference: Reference
+def test_each_tick_of_a_whole_trial_in_c_has_the_bits_of_the_python_models(
+    name: str, libraries: Libraries, reference: Reference
 ) -> None:
     # given a trial that lasts many ticks in Python
-    expected = reference(name)
-    assert len(expected) > 300
-    # when the same is run in C
-    rows = run_trial(*TRIALS[name], compiled(libraries(build, "double")))
-    # then every state and every output of every tick has the same bits
-    assert rows.tobytes() == expected.tobytes()
+    system, parameters = TRIALS[name]
+    for component, block in system.components.items():
+        rows = reference(name)[component]
+        ticks = len(rows["state"]) - 1
+        assert ticks > 300
+        for library in (libraries(build, "double") for build in BUILDS):
+            # when C is initialized, and makes each tick from where Python was before it
+            records = library.records(block, 1 + ticks, parameters.get(component))
+            for group in ("state", "output"):
+                put_rows(block, records[1:], group, rows[group][:-1])
+            put_rows(block, records[1:], "input", rows["input"][1:])
+            library.step(block, records[1:])
+            # then every state and every output has the same bits
+            for group in ("state", "output"):
+                assert get_rows(block, records, group).tobytes() == rows[group].tobytes(), (component, group)
 
 
 def test_the_compared_trials_run_every_triggered_update(reference: Reference) -> None:
@@ -224,20 +253,25 @@ def test_whole_trial_in_casadis_own_c_has_the_same_bits(
         model.initialize()
         return model
 
-    assert run_trial(*TRIALS[name], make).tobytes() == reference(name).tobytes()
+    for component, groups in recorded(name, make).items():
+        for group, rows in groups.items():
+            assert rows.tobytes() == reference(name)[component][group].tobytes(), (component, group)
 
 
-def values(variable: Any, wild: bool) -> st.SearchStrategy[float]:
-    """Values for an input: from its declared range, and from outside of it if `wild`."""
-    if variable.type is Type.BOOLEAN:
-        return st.sampled_from([0.0, 1.0])
-    if variable.type is Type.INTEGER:
-        low, high = int(variable.min), int(variable.max)
-        return st.integers(low - 3 * wild, high + 3 * wild).map(float)
-    inside = st.floats(
-        -1e3 if variable.min is None else variable.min, 1e3 if variable.max is None else variable.max
-    )
-    return inside | st.sampled_from(REAL_CHOICES) if wild else inside
+def drawn_inputs(block: type[Block], count: int, rng: np.random.Generator) -> dict[str, Any]:
+    """Values for the inputs, from their declared ranges and from outside of them."""
+    drawn: dict[str, Any] = {}
+    for name, v in flatten(block.group("input")):
+        if v.type is Type.BOOLEAN:
+            drawn[name] = rng.integers(0, 2, count).astype(float)
+        elif v.type is Type.INTEGER:
+            assert v.min is not None
+            assert v.max is not None
+            drawn[name] = rng.integers(int(v.min) - 3, int(v.max) + 4, count).astype(float)
+        else:
+            inside = rng.uniform(-1e3 if v.min is None else v.min, 1e3 if v.max is None else v.max, count)
+            drawn[name] = np.where(rng.random(count) < 0.3, rng.choice(REAL_CHOICES, count), inside)
+    return drawn
 
 
 def same(a: np.ndarray[Any, Any], b: np.ndarray[Any, Any]) -> bool:
@@ -245,42 +279,46 @@ def same(a: np.ndarray[Any, Any], b: np.ndarray[Any, Any]) -> bool:
 
 
 @each_block
-@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
-@given(data=st.data())
 def test_steps_with_any_input_have_the_same_bits(
-    block: type[Block], libraries: Libraries, casadi_c: Any, data: st.DataObject
+    block: type[Block], libraries: Libraries, casadi_c: Any
 ) -> None:
-    # given a block in Python, in CasADi's C and in our C by every compiler
-    seed = {"seed": data.draw(st.integers(0, 2**31 - 1))} if "seed" in block.flat_names("parameter") else {}
-    model = python(block, seed)
-    casadi = Model(block, seed, replace=casadi_c(block))
-    casadi.initialize()
-    machines: list[Model | CompiledModel] = [casadi]
-    machines += [CompiledModel(libraries(build, "double"), block, seed) for build in BUILDS]
+    # given instances of a block in Python, in CasADi's C and in our C by every compiler
+    count, rng = 80, np.random.default_rng(13)
+    seeds = rng.integers(2**31, size=count).tolist()
+    own = [{"seed": float(seed)} if "seed" in block.flat_names("parameter") else {} for seed in seeds]
+    replace = casadi_c(block)
+    instances = [(python(block, p), Model(block, p, replace=replace)) for p in own]
+    for _, casadi in instances:
+        casadi.initialize()
+    compiled = {
+        build.name: (library, np.concatenate([library.records(block, 1, p) for p in own]))
+        for build, library in ((build, libraries(build, "double")) for build in BUILDS)
+    }
     # when all are given the same inputs, NaN, infinities and values out of range among them
-    for _ in range(data.draw(st.integers(1, 4))):
-        for name, variable in flatten(block.group("input")):
-            value = data.draw(values(variable, wild=True), label=name)
-            for machine in (model, *machines):
-                machine[name] = value
-        for machine in (model, *machines):
-            machine.step()
-        # then all have the same states and outputs
-        for machine in machines:
-            assert same(vector(machine), vector(model))
+    for step in range(3):
+        inputs = drawn_inputs(block, count, rng)
+        rows = []
+        for i, pair in enumerate(instances):
+            for machine in pair:
+                for name, column in inputs.items():
+                    machine[name] = column[i]
+                machine.step()
+            rows.append(vector(pair[0]))
+            # then all have the same states and outputs
+            assert same(vector(pair[1]), rows[-1]), ("casadi", step, i)
+        for build_name, (library, records) in compiled.items():
+            for name, column in inputs.items():
+                put(block, records, name, column)
+            library.step(block, records)
+            got = np.hstack([get_rows(block, records, group) for group in ("state", "output")])
+            assert same(got, np.array(rows)), (build_name, step)
 
 
 @each_block
-def test_a_tick_from_any_state_has_the_same_bits(
-    block: type[Block], build: Build, libraries: Libraries
-) -> None:
+def test_a_tick_from_any_state_has_the_same_bits(block: type[Block], libraries: Libraries) -> None:
     # given states, inputs and parameters drawn at random: every mode, every row of a table
     count = 1500
     drawn = random_states(block, count, np.random.default_rng(7))
-    library = libraries(build, "double")
-    records = library.records(block, count)
-    for name, column in drawn.items():
-        put(block, records, name, column)
     model = Model(block)
     rows = []
     for i in range(count):
@@ -289,12 +327,17 @@ def test_a_tick_from_any_state_has_the_same_bits(
         model.output[:] = 0
         model.step()
         rows.append(vector(model))
-    # when each makes a tick in C
-    library.step(block, records)
-    # then it ends where Python does
     names = [*block.flat_names("state"), *block.flat_names("output")]
-    for name, column in zip(names, np.array(rows).T, strict=True):
-        assert same(np.asarray(get(block, records, name), dtype=np.float64), column), name
+    for build in BUILDS:
+        # when each makes a tick in C
+        library = libraries(build, "double")
+        records = library.records(block, count)
+        for name, column in drawn.items():
+            put(block, records, name, column)
+        library.step(block, records)
+        # then it ends where Python does
+        for name, column in zip(names, np.array(rows).T, strict=True):
+            assert same(np.asarray(get(block, records, name), dtype=np.float64), column), (build.name, name)
 
 
 # not the local plane: the reference keeps integers in float32, which has no room for its 32 bits
@@ -303,13 +346,16 @@ FLOAT = [b for b in BLOCKS if "float" in b.precisions and b is not LocalPlane]
 
 @pytest.mark.parametrize("block", FLOAT, ids=lambda b: b.title())
 def test_float_c_is_the_float_program_operation_by_operation(
-    block: type[Block], build: Build, libraries: Libraries
+    block: type[Block], libraries: Libraries
 ) -> None:
     # given many instances at random states, in C float and as the program's instructions in float32
     count = 400
     rng = np.random.default_rng(11)
-    library = libraries(build, "float")
-    records, lanes = library.records(block, count), Lanes(block, "float", count)
+    lanes = Lanes(block, "float", count)
+    compiled = [
+        (library, library.records(block, count))
+        for library in (libraries(build, "float") for build in BUILDS)
+    ]
     drawn = random_states(block, count, rng)
     for step in range(6):
         # when both tick with the same inputs, NaN among them
@@ -319,27 +365,24 @@ def test_float_c_is_the_float_program_operation_by_operation(
                 variable = dict(flatten(block.group("input"))).get(name)
                 if variable is not None and variable.type is Type.REAL:
                     values_of_all[rng.random(count) < 0.02] = np.nan
-                put(block, records, name, values_of_all)
+                for _, records in compiled:
+                    put(block, records, name, values_of_all)
                 lanes[name] = values_of_all
-        library.step(block, records)
         lanes.step()
-        # then they agree
-        for name in [*block.flat_names("state"), *block.flat_names("output")]:
-            assert same(np.asarray(get(block, records, name), dtype=np.float32), lanes[name]), (step, name)
+        for build, (library, records) in zip(BUILDS, compiled, strict=True):
+            library.step(block, records)
+            # then they agree
+            for name in [*block.flat_names("state"), *block.flat_names("output")]:
+                got = np.asarray(get(block, records, name), dtype=np.float32)
+                assert same(got, lanes[name]), (build.name, step, name)
 
 
 def test_float_controller_and_estimator_have_the_float_programs_bits_over_a_whole_trial(
     libraries: Libraries, reference: Reference
 ) -> None:
     # given the sensors' outputs of a trial
-    system, _ = TRIALS["full-1"]
-    order = system.order()
-    rows = reference("full-1")
-    widths = {
-        c: (len(b.flat_names("state")), len(b.flat_names("output"))) for c, b in system.components.items()
-    }
-    start = sum(sum(widths[c]) for c in order[: order.index("sensors")]) + widths["sensors"][0]
-    sensed = dict(zip(Sensors.flat_names("output"), rows[:, start:].T, strict=False))
+    outputs = reference("full-1")["sensors"]["output"][1:]
+    sensed = dict(zip(Sensors.flat_names("output"), outputs.T, strict=True))
     library = libraries(QUICKEST, "float")
     machines = [
         (FourState, library.records(FourState, 1), Lanes(FourState, "float", 1)),
@@ -347,7 +390,7 @@ def test_float_controller_and_estimator_have_the_float_programs_bits_over_a_whol
         (CommandModule, library.records(CommandModule, 1), Lanes(CommandModule, "float", 1)),
     ]
     statuses = set()
-    for k in range(0, min(len(rows), 400)):
+    for k in range(min(len(outputs), 400)):
         given_: dict[str, float] = {n: column[k] for n, column in sensed.items()} | {"start": 1.0}
         for block, records, lanes in machines:
             for name in block.flat_names("input"):
@@ -398,7 +441,7 @@ def test_any_stream_starts_in_c_where_it_starts_in_python(libraries: Libraries) 
 def test_objects_call_sqrt_floor_fabs_and_nothing_else_of_libm(
     block: type[Block], precision: Any, tmp_path: Path
 ) -> None:
-    files = generate(block, precision)
+    files = generated(block, precision)
     for name, text in files.items():
         (tmp_path / name).write_text(text)
     plain = Build("gcc", ("gcc",), ("-std=c99", "-O0", "-ffp-contract=off"))
@@ -428,7 +471,7 @@ def test_another_process_generates_the_same_bytes() -> None:
         check=True,
     )
     # then it is the same, byte for byte
-    assert other.stdout.splitlines() == [str(generate(b, p)) for b in BLOCKS for p in b.precisions]
+    assert other.stdout.splitlines() == [str(generated(b, p)) for b in BLOCKS for p in b.precisions]
 
 
 def test_random_states_contain_every_mode() -> None:
