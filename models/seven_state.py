@@ -5,9 +5,9 @@ from __future__ import annotations
 from models.estimator import BIAS, SPEED
 from models.kit import casadi as ca
 from models.kit.block import before, triggered
-from models.kit.declaration import SX, Boolean, Input, Parameter, State
+from models.kit.declaration import SX, Boolean, Input, Integer, Parameter, State
 from models.kit.ekf import UNUSED, Measurement
-from models.kit.geometry import all_of, counted, where
+from models.kit.geometry import COUNT_MAX, all_of, counted, where
 from models.kit.units import DEG
 from models.six_state import EAST, GYRO_BIAS, HEADING, NORTH, SixState
 
@@ -78,6 +78,8 @@ class SevenState(SixState):
         size=28,
     )
 
+    bad_fields = State(Integer, "magnetic fields skipped for values out of range", max=COUNT_MAX)
+
     def _listen(m, good: SX) -> None:
         m.acceleration = where(good, m.accel_scale * m.accel_x, m.x[BIAS])  # eq. C.1
         m.turn_rate = where(good, m.gyro_scale * m.gyro_z, m.x[GYRO_BIAS])  # eq. C.2
@@ -91,7 +93,7 @@ class SevenState(SixState):
         heading = where(there, m._magnetic_heading() + m.declination, 0)
         variance = where(there, m.mag_heading_noise**2, UNUSED)
         m._correct([Measurement({HEADING: 1, MAG_BIAS: 1}, heading, variance, angle=True)])
-        m.bad_samples = counted(m.bad_samples, ca.logic_not(good))
+        m.bad_fields = counted(m.bad_fields, ca.logic_not(good))
 
     def _magnetic_heading(m) -> SX:
         """Clockwise from magnetic north [rad] (eq. C.3, CHOICES.md 11)."""

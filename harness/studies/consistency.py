@@ -37,6 +37,7 @@ from harness.studies.paths import GAITS, walk
 from harness.studies.statistics import share
 from harness.studies.study import Options, Progress, Result
 from harness.terminal import new_table, print_table
+from models.canine_tracker import CanineTracker
 from models.errors import UsageError, nearest
 from models.estimator import BIAS, SPEED, Estimator
 from models.four_state import FourState
@@ -60,6 +61,9 @@ SIGMAS = (
 )  # stated deviations, whose ellipses are to cover what a normal error in one dimension does
 ACCEL_NOISE, SPEED_NOISE, POSITION_NOISE = 1.0, 0.05, 0.1  # m/s2, m/s, m (D.12, D.14)
 BIAS_WALK = 1e-3  # m/s2 per tick, as eq. 3.16 assumes
+
+
+BIAS_TOLD = ("accel_bias", "accel_bias_sd")
 
 
 @dataclass(frozen=True)
@@ -92,11 +96,16 @@ class Trial:
     Attributes:
         innovations: after it has settled, before the outage.
         errors, covariances: of speed, bias, north, east at the last fix (4,) and (4, 4), and at the end.
+        has_bias: the second of these is the bias; in the tracker's state it stands together with the mean
+            speed, so it is left out of NEES.
+        bias_error_per_sd: of the bias that the estimator tells, at the last fix.
     """
 
     innovations: Innovations
     errors: tuple[Array, Array]
     covariances: tuple[Array, Array]
+    has_bias: bool
+    bias_error_per_sd: float
 
 
 def run(options: Options, progress: Progress) -> Result:
@@ -126,7 +135,9 @@ class OwnWorld:
     """Straight motion whose speed is linear in every tick, and the noise that the filter assumes."""
 
     def __init__(self) -> None:
-        self._series = Series(FourState, observe=observed(FourState))
+        self._series = Series(
+            FourState, observe=[*observed(FourState), *(f"four_state.{name}" for name in BIAS_TOLD)]
+        )
 
     def run(self, seed: int) -> dict[str, Trial]:
         """A trial of 50 s, whose last 10 s have no fixes."""
@@ -180,6 +191,7 @@ class Simulated:
         observe = [f"plant.{name}" for name in ("speed", "north", "east")] + ["sensors.gps_fix"]
         for name, judged in TOGETHER.items():
             observe += observed(judged.block, self._places[name])
+            observe += [f"{self._places[name]}.{output}" for output in BIAS_TOLD]
         self._series = Series(system, observe)
 
     def run(self, seed: int, values: Mapping[str, Mapping[str, float]]) -> dict[str, Trial]:
@@ -226,30 +238,36 @@ def _trial(
     errors = state_of(block, rows, component)[at][:, states] - truth[at]
     P = covariance_of(block, rows, component)[at][:, np.array(states)[:, None], np.array(states)]
     innovations = innovations_of(block, rows, component).between(SETTLE_S, np.inf)
-    return Trial(innovations, (errors[0], errors[1]), (P[0], P[1]))
+    bias, sd = (rows[f"{component}.{name}"][last] for name in BIAS_TOLD)
+    has_bias = block is not CanineTracker
+    return Trial(
+        innovations, (errors[0], errors[1]), (P[0], P[1]), has_bias, float((bias - truth[last, 1]) / sd)
+    )
 
 
 def judge(trials: Sequence[Trial]) -> dict[str, Any]:
     """NIS, whiteness, NEES and coverage over trials, with the bounds of a filter that knows its noise."""
     number = len(trials)
     fixes = sum(len(t.innovations.time) for t in trials)
-    values = trials[0].innovations.values.shape[1]
+    freedom = sum(int(t.innovations.used.sum()) for t in trials) / fixes
     lags = np.mean([autocorrelation(t.innovations.whitened, LAGS) for t in trials], axis=0)
     before, after = (np.array([t.errors[i] for t in trials]) for i in (0, 1))
     P_before, P_after = (np.array([t.covariances[i] for t in trials]) for i in (0, 1))
+    states = [0, 1, 2, 3] if trials[0].has_bias else [0, 2, 3]
     position = nees(after[:, 2:], P_after[:, 2:, 2:])
     speed = after[:, 0] ** 2 / P_after[:, 0, 0]
     return {
         "fixes": fixes,
-        "values": values,
+        "nis_expected": freedom,
         "nis": sum(float(t.innovations.nis.sum()) for t in trials) / fixes,
-        "nis_bounds": mean_bounds(values, fixes),
+        "nis_bounds": mean_bounds(freedom, fixes),
         "nis_by_value": _mean(t.innovations.whitened**2 for t in trials),
         "autocorrelation": lags.tolist(),
-        "autocorrelation_bound": float(stats.norm.ppf(0.975) / np.sqrt(fixes * values)),
-        "nees": float(nees(before, P_before).mean()),
-        "nees_bounds": mean_bounds(4, number),
-        "bias_error_per_sd": float(np.sqrt((before[:, 1] ** 2 / P_before[:, 1, 1]).mean())),
+        "autocorrelation_bound": float(stats.norm.ppf(0.975) / np.sqrt(fixes * freedom)),
+        "nees": float(nees(before[:, states], P_before[:, states][:, :, states]).mean()),
+        "nees_bounds": mean_bounds(len(states), number),
+        "states": len(states),
+        "bias_error_per_sd": float(np.sqrt(np.mean([t.bias_error_per_sd**2 for t in trials]))),
         "position_error_m": float(np.hypot(*after[:, 2:].T).mean()),
         "position_sd_m": float(np.sqrt(np.trace(P_after[:, 2:, 2:], axis1=1, axis2=2)).mean()),
         "position_within": [_within(position, sigma, 2) for sigma in SIGMAS],
@@ -274,22 +292,22 @@ def show(result: Mapping[str, Any], console: Console) -> None:
         table = new_table(gap=1)
         table.add_column(f"world: {world},\n{result['seeds']} seeds\n")
         for heading in (
-            "NIS\nper\nvalue", "bounds,\n95 %\n", "lag 1\n\n", "bounds,\n95 %\n", "NEES,\n4 states\n",
+            "NIS\nper\nvalue", "bounds,\n95 %\n", "lag 1\n\n", "bounds,\n95 %\n", "NEES\nper\nstate",
             "bounds,\n95 %\n", "bias\nerror\nper sd", f"position\nerror at\n{result['outage_s']:g} s",
             "sd\nstated\n\\[m]", "position in\n1 sigma\n(68 %)", "\n2 sigma\n(95 %)",
             "speed in\n1 sigma\n(68 %)", "\n2 sigma\n(95 %)",
         ):  # fmt: skip
             table.add_column(heading, justify="right")
         for name, row in rows.items():
-            values = row["values"]
+            expected, states = row["nis_expected"], row["states"]
             table.add_row(
                 name,
-                f"{row['nis'] / values:.3g}",
-                "..".join(f"{b / values:.2f}" for b in row["nis_bounds"]),
+                f"{row['nis'] / expected:.3f}",
+                "..".join(f"{b / expected:.3f}" for b in row["nis_bounds"]),
                 f"{row['autocorrelation'][0]:+.2f}",
                 f"±{row['autocorrelation_bound']:.2f}",
-                f"{row['nees']:.3g}",
-                "..".join(f"{b:.2f}" for b in row["nees_bounds"]),
+                f"{row['nees'] / states:.3g}",
+                "..".join(f"{b / states:.2f}" for b in row["nees_bounds"]),
                 f"{row['bias_error_per_sd']:.2g}",
                 f"{row['position_error_m']:.3g}",
                 f"{row['position_sd_m']:.3g}",
@@ -316,8 +334,8 @@ def _picture(result: Mapping[str, Any]) -> Figure:
             if name not in rows:
                 continue
             row, x = rows[name], place + 0.8 * ((i + 0.5) / len(names) - 0.5)
-            ratio.plot(x, row["nis"] / row["values"], "o", color=colors[name])
-            ratio.plot(x, row["nees"] / 4, "x", color=colors[name])
+            ratio.plot(x, row["nis"] / row["nis_expected"], "o", color=colors[name])
+            ratio.plot(x, row["nees"] / row["states"], "x", color=colors[name])
             one = row["position_within"][0]
             error = [[100 * (one["share"] - one["low"])], [100 * (one["high"] - one["share"])]]
             covered.errorbar(x, 100 * one["share"], yerr=error, fmt="o", color=colors[name], capsize=2)

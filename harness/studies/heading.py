@@ -35,7 +35,9 @@ WITHOUT, WITH, LEVELLED, SIX = (
 )  # fmt: skip
 COLORS = dict(zip((WITHOUT, WITH, LEVELLED, SIX), ESTIMATES, strict=False))
 SHOWN = (WITHOUT, WITH)
-POSITION_SD = 0.01 / 3.5  # of the stated accuracy: the deviation of C.9
+FIXES = {  # eq. C.9: whatever the receiver states, 0.01 m and 0.1 m/s
+    "position_sd_scale": 1e-6, "position_sd_floor": 0.01, "speed_sd_scale": 1e-6, "speed_sd_floor": 0.1,
+}  # fmt: skip
 # what a pack on a walker does: swings of B.4, the rest ours
 WALKER = {
     "walk_acceleration_swing": 1.75, "yaw_rate_swing": 40 * DEG, "walk_pitch_swing": 2 * DEG,
@@ -81,7 +83,7 @@ def run(options: Options, progress: Progress) -> Result:
 
 
 def _configurations(carrier: str) -> dict[str, Configuration]:
-    tuning = {**TUNINGS[carrier], "position_sd_scale": POSITION_SD}
+    tuning = {**TUNINGS[carrier], **FIXES}
     return {
         WITHOUT: Configuration(SevenState, {**tuning, "use_magnetometer": 0}),
         WITH: Configuration(SevenState, {**tuning, "level_magnetometer": 0}),  # C.3 knows no pitch

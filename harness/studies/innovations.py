@@ -16,6 +16,7 @@ import numpy.typing as npt
 from scipy import stats
 
 from models.estimator import Estimator
+from models.kit.ekf import UNUSED
 from models.kit.timing import TICK
 
 Array = npt.NDArray[np.float64]
@@ -36,19 +37,33 @@ class Innovations:
     variances: Array
 
     @property
+    def used(self) -> npt.NDArray[np.bool_]:
+        """Which of the values the fix had (f, m): at rest, for one, it has no course."""
+        return np.asarray(self.variances < UNUSED / 2)
+
+    @property
+    def freedom(self) -> float:
+        """Values of a fix on average, which NIS is expected to be."""
+        return float(self.used.sum(axis=1).mean())
+
+    @property
     def whitened(self) -> Array:
-        """Each by its stated deviation (f, m): independent and normal in a filter that knows its noise."""
-        return np.asarray(self.values / np.sqrt(self.variances))
+        """Each by its stated deviation (f, m): independent and normal in a filter that knows its noise.
+
+        It is 0 where the fix lacks the value.
+        """
+        return np.where(self.used, self.values / np.sqrt(self.variances), 0.0)
 
     @property
     def nis(self) -> Array:
-        """The normalized innovation squared of each fix (f,), m on average."""
+        """The normalized innovation squared of each fix (f,), `freedom` on average."""
         return np.asarray((self.whitened**2).sum(axis=1))
 
     @property
     def log_likelihood(self) -> Array:
         """Of each fix (f,): the logarithm of the density that the filter gave it beforehand."""
-        return np.asarray(-0.5 * (self.nis + np.log(2 * np.pi * self.variances).sum(axis=1)))
+        logarithms = np.where(self.used, np.log(2 * np.pi * self.variances), 0.0)
+        return np.asarray(-0.5 * (self.nis + logarithms.sum(axis=1)))
 
     def between(self, start: float, end: float) -> Innovations:
         """Those with start <= time < end [s]."""
@@ -94,8 +109,12 @@ def nees(errors: Array, covariances: Array) -> Array:
     return np.asarray(np.einsum("ki,ki->k", errors, np.linalg.solve(covariances, errors[..., None])[..., 0]))
 
 
-def mean_bounds(freedom: int, number: int, level: float = 0.95) -> tuple[float, float]:
-    """Where the mean of so many independent chi-square values lies with a probability."""
+def mean_bounds(freedom: float, number: int, level: float = 0.95) -> tuple[float, float]:
+    """Where the mean of so many independent chi-square values lies with a probability.
+
+    Args:
+        freedom: of each, on average.
+    """
     low, high = stats.chi2.interval(level, freedom * number)
     return float(low / number), float(high / number)
 

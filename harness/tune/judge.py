@@ -62,17 +62,20 @@ def outage_errors(
 
 def summary_of(innovations: Innovations) -> dict[str, Any]:
     """NIS with the bounds of its mean, each value's share of it, log-likelihood and whiteness."""
-    number, values = innovations.values.shape
-    low, high = mean_bounds(values, number)
+    number = len(innovations.time)
+    low, high = mean_bounds(innovations.freedom, number)
     return {
         "fixes": number,
         "nis": float(innovations.nis.mean()),
-        "nis_expected": values,
+        "nis_expected": innovations.freedom,
         "nis_bounds": [low, high],
-        "nis_by_value": (innovations.whitened**2).mean(axis=0).tolist(),
+        "nis_by_value": [
+            float(squared.sum() / max(1, used))
+            for squared, used in zip((innovations.whitened**2).T, innovations.used.sum(axis=0), strict=True)
+        ],
         "log_likelihood_per_fix": float(innovations.log_likelihood.mean()),
         "autocorrelation": autocorrelation(innovations.whitened, LAGS).tolist(),
-        "autocorrelation_bound": float(stats.norm.ppf(0.975) / np.sqrt(innovations.values.size)),
+        "autocorrelation_bound": float(stats.norm.ppf(0.975) / np.sqrt(innovations.used.sum())),
     }
 
 

@@ -57,12 +57,24 @@ def test_coverage_counts_errors_inside_the_ellipse() -> None:
     def trial(north: float) -> Trial:
         errors = np.array([0.0, 0.0, north, 0.0])
         innovations = Innovations(np.arange(20.0), np.ones((20, 3)), np.ones((20, 3)))
-        return Trial(innovations, (errors, errors), (np.eye(4), np.eye(4)))
+        return Trial(innovations, (errors, errors), (np.eye(4), np.eye(4)), True, 0.5)
 
     row = judge([trial(0.0), trial(1.51), trial(1.52), trial(2.48), trial(2.49)])
     assert [within["share"] for within in row["position_within"]] == pytest.approx([0.4, 0.8])
     assert row["nis"] == pytest.approx(3.0)
     assert row["nees"] == pytest.approx((1.51**2 + 1.52**2 + 2.48**2 + 2.49**2) / 5)
+    assert (row["states"], row["bias_error_per_sd"]) == (4, 0.5)
+
+
+def test_where_the_second_state_is_not_the_bias_alone_nees_leaves_it_out() -> None:
+    # given an error of 10 deviations in that state, and of 1 m north
+    errors = np.array([0.0, 10.0, 1.0, 0.0])
+    innovations = Innovations(np.arange(20.0), np.ones((20, 3)), np.ones((20, 3)))
+    rows = [
+        judge([Trial(innovations, (errors, errors), (np.eye(4), np.eye(4)), has_bias, 0.5)])
+        for has_bias in (True, False)
+    ]
+    assert [(row["nees"], row["states"]) for row in rows] == [(101.0, 4), (1.0, 3)]
 
 
 def test_tables_and_picture_have_each_world(result: dict[str, Any]) -> None:

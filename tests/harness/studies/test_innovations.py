@@ -18,6 +18,7 @@ from harness.studies.innovations import (
 )
 from harness.studies.steady import FIXES, PERIOD, Array
 from models.four_state import FourState
+from models.kit.ekf import UNUSED
 from models.kit.model import Model
 
 
@@ -27,6 +28,18 @@ def test_the_log_likelihood_is_that_of_normal_densities() -> None:
     # then -0.5 ln(2 pi) - 0.5 (1 + ln(8 pi)) = -0.91894 - 2.11209
     assert innovations.log_likelihood[0] == pytest.approx(-3.03102, abs=1e-5)
     assert innovations.nis[0] == pytest.approx(1.0)
+
+
+def test_a_value_that_the_fix_lacks_has_no_part_in_nis_and_likelihood() -> None:
+    # given two fixes: one with both values, one at rest without the second, a course
+    with_course = Innovations(np.zeros(1), np.array([[1.0, 2.0]]), np.array([[1.0, 4.0]]))
+    alone = Innovations(np.zeros(1), np.array([[1.0]]), np.array([[1.0]]))
+    variances = np.array([[1.0, 4.0], [1.0, UNUSED]])
+    both = Innovations(np.arange(2.0), np.array([[1.0, 2.0], [1.0, 3.0]]), variances)
+    # then
+    assert both.nis == pytest.approx([2.0, 1.0])
+    assert both.freedom == 1.5
+    assert both.log_likelihood == pytest.approx([with_course.log_likelihood[0], alone.log_likelihood[0]])
 
 
 def test_nees_weighs_each_error_by_its_variance() -> None:
