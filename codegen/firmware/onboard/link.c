@@ -2,6 +2,7 @@
  * Source: Miller 2010, 1.3 and 2.4 (messages); the frame is described in link.h. */
 #include "link.h"
 
+#include <limits.h>
 #include <string.h>
 
 #define SYNC_1 0xA5U
@@ -25,10 +26,30 @@
 #define MAX_LONGITUDE 1800000000
 #define MAX_COMMAND 5U
 
-/* CRC-16/CCITT-FALSE: polynomial 0x1021, from 0xFFFF. A byte at a time without a table, in two bytes,
- * since a small processor shifts 16 bits in a loop. */
+/* CRC-16/CCITT-FALSE: polynomial 0x1021, from 0xFFFF, without a table. */
 static uint16_t crc16(const uint8_t *bytes, uint8_t count)
-{
+#if UINT_MAX > 0xFFFFU
+{ /* two bytes at a time: q is the quotient of their polynomial, times x^16, by the CRC's */
+    const uint8_t even = (uint8_t)(count & 0xFEU);
+    uint32_t crc = 0xFFFFU;
+
+    for (uint8_t i = 0U; i < even; i = (uint8_t)(i + 2U)) {
+        const uint32_t x = (crc & 0xFFFFU) ^ (((uint32_t)bytes[i] << 8) | bytes[i + 1U]);
+        const uint32_t a = x ^ (x >> 4);
+        const uint32_t q = a ^ (a >> 8) ^ (x >> 11);
+
+        crc = q ^ (q << 5) ^ (q << 12);
+    }
+    if (even < count) {
+        uint32_t x = ((crc >> 8) & 0xFFU) ^ bytes[even];
+
+        x ^= x >> 4;
+        crc = (crc << 8) ^ x ^ (x << 5) ^ (x << 12);
+    }
+    return (uint16_t)(crc & 0xFFFFU);
+}
+#else
+{ /* a byte at a time, in two bytes: a small processor shifts 16 bits in a loop */
     uint8_t high = 0xFFU;
     uint8_t low = 0xFFU;
 
@@ -41,6 +62,7 @@ static uint16_t crc16(const uint8_t *bytes, uint8_t count)
     }
     return (uint16_t)(((uint16_t)high << 8) | low);
 }
+#endif
 
 static uint16_t big_u16(const uint8_t *bytes)
 {

@@ -117,6 +117,37 @@ def test_a_mission_that_comes_while_another_is_under_way_changes_nothing(vest: V
     assert Flag.WAITING not in Flag(vest.telemetry.flags)
 
 
+def answers(vest: Vest, *messages: Any) -> bool:
+    """A tick without a fix: is there telemetry?"""
+    before = vest.telemetry
+    vest.tick(*messages, fix=False)
+    return vest.telemetry != before
+
+
+def test_telemetry_that_is_due_as_a_mission_begins_comes_a_tick_later(vest: Vest) -> None:
+    # given telemetry on every fifth tick
+    vest.ticks(10)
+    while not answers(vest):
+        pass
+    assert [answers(vest) for _ in range(9)] == [k == 4 for k in range(9)]
+    # when a mission begins on the fifth
+    memory = vest.tick(A, Start(A.id), fix=False)
+    # then the telemetry of that tick comes on the next, and the one after it is on time
+    assert target(memory) == (50, 0)
+    assert vest.telemetry.received == 2  # the heartbeats
+    assert [answers(vest) for _ in range(5)] == [True, False, False, False, True]
+    assert Flag.STARTED in Flag(vest.telemetry.flags)
+
+
+def test_starts_on_every_tick_of_a_mission_out_of_range_do_not_silence_the_telemetry(vest: Vest) -> None:
+    vest.ticks(10)
+    far = Mission(HOME, (place(2e5, 0),))
+    answers(vest, far)
+    # then each telemetry waits for one tick at most
+    assert [answers(vest, Start(far.id)) for _ in range(30)].count(True) == 6
+    assert Flag.STARTED not in Flag(vest.telemetry.flags)
+
+
 def test_a_start_that_waits_is_cancelled_by_another_mission(vest: Vest) -> None:
     # given a start before the first fix
     for _ in range(5):
