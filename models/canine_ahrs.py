@@ -66,7 +66,12 @@ class CanineAhrs(Block):
     )
     use_magnetometer = Parameter(Boolean, "align the heading by the magnetometer, not by courses", start=0)
     declination = Parameter("rad", "of the magnetic field, east positive", start=0, min=-4, max=4)
-    moving_speed = Parameter("m/s", "faster, it is not at rest, and its course is used", start=0.5, min=0)
+    moving_speed = Parameter(
+        "m/s",
+        "faster than this and the stated accuracy, it is not at rest; its course is used",
+        start=0.5,
+        min=0,
+    )
     hold_time = Parameter("s", "the speed of an older fix is not used", start=15, min=0, max=1e6)
     lost_time = Parameter(
         "s", "without samples for longer, speed and heading are lost", start=0.25, min=0, max=1e6

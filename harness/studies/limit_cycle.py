@@ -243,13 +243,11 @@ def show(result: Mapping[str, Any], console: Console) -> None:
         table.add_row(f"{row['threshold_deg']:g}", f"{row['delay_s']:g}", *cells)
     print_table(table, console)
     predicted, simulated = result["drift"]["predicted"], result["drift"]["simulated"]
+    at_the_mean, at_the_slower = result["critical_delay_s"].values()
     for text in (
-        "a cycle needs a delay of at least "
-        + ", ".join(
-            f"{delay:.2f} s (h' = {h} deg)"
-            for h, delay in result["critical_delay_s"]["at the slower rate of Table 5.1"].items()
-        )
-        + " with the turn rates of Table 5.1: the slower side decides",
+        f"the table's dog turns at {result['rate_deg_s']:.1f} deg/s to both sides: a cycle needs a delay of "
+        f"about {_delays(at_the_mean)}",
+        f"with the turn rates of Table 5.1 the slower side decides: {_delays(at_the_slower)}",
         f"drift, no delay, h' = 49 deg: by phase plane {predicted['least_deg']:.1f} to "
         f"{predicted['greatest_deg']:.1f} deg in {predicted['period_s']:.2f} s, simulated "
         f"{simulated['least_deg']:.1f} to {simulated['greatest_deg']:.1f} deg in "
@@ -257,6 +255,10 @@ def show(result: Mapping[str, Any], console: Console) -> None:
         "the cycle lies on one side and the dog pauses in it",
     ):
         console.print(text, markup=False, highlight=False)
+
+
+def _delays(by_threshold: Mapping[str, float]) -> str:
+    return ", ".join(f"{delay:.2f} s (h' = {h} deg)" for h, delay in by_threshold.items())
 
 
 def draw(result: Mapping[str, Any]) -> Mapping[str, Figure]:

@@ -226,7 +226,7 @@ def run(options: Options, progress: Progress) -> Result:
 
 
 def show(result: Mapping[str, Any], console: Console) -> None:
-    """Print a table for each system: rank, condition, what the biases are known to, the weakest direction."""
+    """Print a table for each system: rank, condition, the biases' deviations, the weakest direction."""
     for system, rows in result["systems"].items():
         biases = [state for state in SYSTEMS[system] if "bias" in state.name or "offset" in state.name]
         table = new_table()
@@ -234,7 +234,7 @@ def show(result: Mapping[str, Any], console: Console) -> None:
         for heading in ("rank", "better\nknown", "condition"):
             table.add_column(heading, justify="right")
         for state in biases:
-            heading = f"{state.name}\n[{state.unit}]".replace(" ", "\n", 1)
+            heading = f"{state.name}, sd\n[{state.unit}]".replace(" ", "\n", 1)
             table.add_column(escape(heading), justify="right")
         table.add_column("least observable direction")
         for name, row in rows.items():
@@ -248,6 +248,9 @@ def show(result: Mapping[str, Any], console: Console) -> None:
                 row["weakest"],
             )
         print_table(table, console)
+    console.print(
+        "sd: standard deviation at the end of the motion, in a filter with process noise", style="dim"
+    )
 
 
 def draw(result: Mapping[str, Any]) -> Mapping[str, Figure]:

@@ -12,6 +12,8 @@ from rich.console import Console
 from codegen.templating import environment
 from harness.drawing import png_of
 from harness.files import write_whole
+from harness.studies.consistency import OWN
+from harness.studies.outage import HELD, OURS
 from harness.studies.published import FUZZY, INERTIAL, NO_PITCH, OUTAGE, PITCH
 from harness.studies.study import Options, find_study, run_study
 
@@ -19,6 +21,7 @@ RESULTS = Path(__file__).parents[1] / "results"
 PAGE = "tracking.md"
 TEMPLATES = environment(Path(__file__).parent / "templates")
 SCREEN_DPI = 96  # pictures for a page, not for print
+WALK = "walk_ublox_imu"  # the recording that the page's words are about
 WIDTH = 170  # characters: the widest table
 PICTURES = (
     "pitch", "outage", "outage_detection", "heading", "tuning", "recording", "consistency", "observability",
@@ -75,6 +78,16 @@ def page(results: Mapping[str, Mapping[str, Any]]) -> str:
         ours=ours,
         text={title: f"{values.position:g} / {values.speed:g}" for title, values in OUTAGE.items()},
         seeds=outage["seeds"],
+        held=[
+            {"set": name, "gait": gait, **_held(values)}
+            for name, gaits in outage["sets"].items()
+            for gait, values in gaits.items()
+        ],
+        fuzzy_by_chance=_fuzzy_by_chance(outage["sets"].get("dissertation", {})),
+        tuning={answer["second"]: answer for answer in results["tuning"]["questions"]},
+        consistent=_consistent(results["consistency"]["worlds"]),
+        percent=_percent,
+        walk=results.get("recording", {}).get("recording") == WALK,
     )
 
 
@@ -90,3 +103,46 @@ def _mean_errors(configuration: Mapping[str, Any]) -> str:
     """Mean errors of position [m] and speed [m/s]."""
     position, speed = (configuration[column]["mean"] for column in ("position_error_m", "speed_error_m_s"))
     return f"{position:.1f} / {speed:.1f}"
+
+
+def _percent(value: float) -> str:
+    return f"{100 * value:.0f} %"
+
+
+def _held(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Mean position errors [m] of the speed held, of the text's best filter, of ours; the p of its test."""
+    mean = {title: row["position_error_m"]["mean"] for title, row in values["configurations"].items()}
+    best = min((NO_PITCH, PITCH, FUZZY), key=mean.__getitem__)
+    (test,) = (t for t in values["paired_t_tests"] if (t["first"], t["second"]) == (HELD, OURS))
+    return {"held": mean[HELD], "best": mean[best], "ours": mean[OURS], "p": test["position_error_m"]["p"]}
+
+
+def _fuzzy_by_chance(gaits: Mapping[str, Any]) -> float | None:
+    """The share of studies of the text's size that find fuzzy better in position, significantly."""
+    tests = gaits["detection"]["unpaired_t_tests"]["position_error_m"] if gaits else {}
+    return float(tests["significantly"]["share"]) if "significantly" in tests else None
+
+
+def _consistent(worlds: Mapping[str, Any]) -> dict[str, Any]:
+    """The filter in its own world; what our own's stated deviations hold, and all NEES, in the others."""
+    own = worlds[OWN]["four_state, sigma 0.2"]
+    others = {world: rows for world, rows in worlds.items() if world != OWN}
+    shares = {
+        f"{what}_{place}": [rows[OURS][f"{what}_within"][place]["share"] for rows in others.values()]
+        for what in ("position", "speed")
+        for place in (0, 1)
+    }
+    nees = [
+        row["nees"]
+        for world, rows in others.items()
+        for title, row in rows.items()
+        if world != "ideal" and title != "seven_state"
+    ]
+    return {
+        "nis": own["nis"] / own["values"],
+        "nis_bounds": [bound / own["values"] for bound in own["nis_bounds"]],
+        "nees": own["nees"],
+        "nees_bounds": own["nees_bounds"],
+        "within": {key: f"{100 * min(part):.0f} to {100 * max(part):.0f} %" for key, part in shares.items()},
+        "nees_elsewhere": f"{min(nees):.0f} to {max(nees):.0f}",
+    }

@@ -87,11 +87,12 @@ FACTORS = {  # plausible ranges, ours, about the values of the text
 
 
 def run(options: Options, progress: Progress) -> Result:
-    """Mean errors of each set-up over the same trials; the option `seeds` counts set-ups."""
-    setups = [draw_setup(seed) for seed in range(1, (options.seeds or SETUPS) + 1)]
+    """Mean errors of each set-up over trials of its own; the option `seeds` counts set-ups."""
+    numbers = range(1, (options.seeds or SETUPS) + 1)
+    setups = [draw_setup(number) for number in numbers]
     tracking = Tracking("study_tuning", Recorded, CONFIGURATIONS)
     rows = []
-    for done, row in enumerate(in_threads(partial(judge, tracking), setups), 1):
+    for done, row in enumerate(in_threads(partial(judge, tracking), numbers), 1):
         rows.append(row)
         progress(100 * done / len(setups))
     return {
@@ -109,8 +110,14 @@ def draw_setup(seed: int) -> dict[str, float]:
     return {name: factor.draw(rng) for name, factor in FACTORS.items()}
 
 
-def judge(tracking: Tracking, setup: Mapping[str, float]) -> dict[str, Any]:
+def trial_seeds(number: int) -> range:
+    """Those of a set-up. No two share a trial: Wilson's interval takes set-ups for independent."""
+    return range((number - 1) * TRIALS + 1, number * TRIALS + 1)
+
+
+def judge(tracking: Tracking, number: int) -> dict[str, Any]:
     """Mean errors of position [m] and speed [m/s] at the ends of a set-up's trials, and the tests' p."""
+    setup = draw_setup(number)
     speed = setup["walk.speed"]
     gait = replace(SEARCHING, speed=speed, speed_deviation=SEARCHING.speed_deviation * speed)
     values: dict[str, dict[str, float]] = {"plant": {}, "sensors": {}, "estimator": {}}
@@ -119,7 +126,7 @@ def judge(tracking: Tracking, setup: Mapping[str, float]) -> dict[str, Any]:
         if component in values:
             values[component][parameter] = value
     errors: dict[str, list[tuple[float, float]]] = {title: [] for title in (INERTIAL, *CONFIGURATIONS)}
-    for seed in range(1, TRIALS + 1):
+    for seed in trial_seeds(number):
         path = walk(gait, seed)
         signals = {"path_north": path.north, "path_east": path.east}
         trial = tracking.run(len(path.north), seed, signals, values, OUTAGE_S)
@@ -142,19 +149,26 @@ def _answer(
 ) -> dict[str, Any]:
     """In what share of the set-ups the second is better than the first, and what goes with it."""
     ratio = _ratios(rows, first, second)
-    p = np.array([row["p"][f"{first}, {second}"] or 1.0 for row in rows])
+    significant = _significant(rows, first, second)
     correlations = {
         name: float(stats.spearmanr([setup[name] for setup in setups], np.log(ratio)).statistic)
         for name in FACTORS
     }
+    better, worse = (ratio < 1) & significant, (ratio > 1) & significant
     slow = np.array([setup["walk.speed"] < SLOW for setup in setups])
+
+    def when_slow(which: npt.NDArray[np.bool_]) -> dict[str, Any] | None:
+        return share(int(which[slow].sum()), int(slow.sum())) if slow.any() else None
+
     return {
         "first": first,
         "second": second,
         "better": share(int((ratio < 1).sum()), len(ratio)),
-        "significantly_better": share(int(((ratio < 1) & (p < SIGNIFICANT)).sum()), len(ratio)),
-        "significantly_worse": share(int(((ratio > 1) & (p < SIGNIFICANT)).sum()), len(ratio)),
-        "better_when_slow": share(int((ratio[slow] < 1).sum()), int(slow.sum())) if slow.any() else None,
+        "significantly_better": share(int(better.sum()), len(ratio)),
+        "significantly_worse": share(int(worse.sum()), len(ratio)),
+        "better_when_slow": when_slow(ratio < 1),
+        "significantly_better_when_slow": when_slow(better),
+        "significantly_worse_when_slow": when_slow(worse),
         "median_ratio": float(np.median(ratio)),
         "rank_correlation": dict(sorted(correlations.items(), key=lambda item: -abs(item[1]))),
     }
@@ -163,6 +177,12 @@ def _answer(
 def _ratios(rows: list[dict[str, Any]], first: str, second: str) -> Array:
     """The second's mean position error by the first's, (set-ups,)."""
     return np.array([row["mean_error"][second][0] / row["mean_error"][first][0] for row in rows])
+
+
+def _significant(rows: list[dict[str, Any]], first: str, second: str) -> npt.NDArray[np.bool_]:
+    """In which set-ups the two differ significantly, (set-ups,); not where a test has no p."""
+    p = [row["p"][f"{first}, {second}"] for row in rows]
+    return np.array([value is not None and value < SIGNIFICANT for value in p])
 
 
 def _nearest(setups: list[dict[str, float]], rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -211,8 +231,8 @@ def show(result: Mapping[str, Any], console: Console) -> None:
     nearest = result["nearest"][0]
     errors = ", ".join(f"{t} {e[0]:.1f} m / {e[1]:.1f} m/s" for t, e in nearest["mean_error"].items())
     console.print(
-        f"{result['setups']} set-ups of {result['trials']} trials. Nearest to Table D.1, off by a factor of "
-        f"{nearest['off_by']:.2f}: set-up {nearest['setup']}, {errors}",
+        f"{result['setups']} set-ups, each of {result['trials']} trials of its own. Nearest to Table D.1, "
+        f"off by a factor of {nearest['off_by']:.2f}: set-up {nearest['setup']}, {errors}",
         highlight=False, markup=False, soft_wrap=True,
     )  # fmt: skip
 
@@ -232,11 +252,11 @@ def draw(result: Mapping[str, Any]) -> Mapping[str, Figure]:
         ratio = _ratios(rows, first, second)
         name = next(iter(answer["rank_correlation"]))
         factor = np.array([row["factors"][name] / FACTORS[name].si for row in rows])
-        decided = np.array([(row["p"][f"{first}, {second}"] or 1.0) < SIGNIFICANT for row in rows])
-        for some, style in ((decided, {}), (~decided, {"facecolors": "none"})):
+        significant = _significant(rows, first, second)
+        for group, style in ((significant, {}), (~significant, {"facecolors": "none"})):
             label = "significant" if not style else "not significant"
             left.scatter(
-                factor[some], ratio[some], s=16, edgecolors=ESTIMATES[0], label=label,
+                factor[group], ratio[group], s=16, edgecolors=ESTIMATES[0], label=label,
                 **{"facecolors": ESTIMATES[0], **style},
             )  # fmt: skip
         left.axhline(1.0, color=TRUTH, linewidth=1.0)

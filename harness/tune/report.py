@@ -128,6 +128,12 @@ def show(result: Mapping[str, Any], console: Console) -> None:
             f"±{row['autocorrelation_bound']:.2f}",
         )
     print_table(table, console)
+    tuned = result["judged"][AFTER]
+    if abs(tuned["autocorrelation"][0]) > tuned["autocorrelation_bound"]:
+        console.print(
+            "the intervals presume white innovations; lag 1 is outside its bounds: they are too narrow",
+            style="dim", markup=False, highlight=False,
+        )  # fmt: skip
     outages = result["outages"]
     if outages is None:
         text = f"no outage of {result['outage_s']:g} s can be judged in the second half"
