@@ -133,16 +133,16 @@ def _consistent(worlds: Mapping[str, Any]) -> dict[str, Any]:
         for place in (0, 1)
     }
     nees = [
-        row["nees"]
+        row["nees"] / row["states"]
         for world, rows in others.items()
         for title, row in rows.items()
         if world != "ideal" and title != "seven_state"
     ]
     return {
-        "nis": own["nis"] / own["values"],
-        "nis_bounds": [bound / own["values"] for bound in own["nis_bounds"]],
-        "nees": own["nees"],
-        "nees_bounds": own["nees_bounds"],
+        "nis": own["nis"] / own["nis_expected"],
+        "nis_bounds": [bound / own["nis_expected"] for bound in own["nis_bounds"]],
+        "nees": own["nees"] / own["states"],
+        "nees_bounds": [bound / own["states"] for bound in own["nees_bounds"]],
         "within": {key: f"{100 * min(part):.0f} to {100 * max(part):.0f} %" for key, part in shares.items()},
         "nees_elsewhere": f"{min(nees):.0f} to {max(nees):.0f}",
     }
