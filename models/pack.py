@@ -90,7 +90,7 @@ class PackMotion(Plant):
     jolt_stream = Stream("jolts of the pack", substream=7)
 
     @triggered(
-        lambda m: any_of(m.pitch_wander > 0, m._draws_slip()),
+        lambda m: any_of(m.pitch_wander > 0, m._slip_is_set()),
         "`pitch_wander` is above 0, or one of slip is not 0",
     )
     def initialize_wander(m) -> None:
@@ -129,7 +129,7 @@ class PackMotion(Plant):
         m.jerk_due = 0
 
     @triggered(
-        lambda m: any_of(m.pitch_wander > 0, m._draws_slip()),
+        lambda m: any_of(m.pitch_wander > 0, m._slip_is_set()),
         "`pitch_wander` is above 0, or one of slip is not 0",
         seldom=True,
     )
@@ -143,7 +143,7 @@ class PackMotion(Plant):
         wandered = led + kept * (m.side_slip - led) + m.slip_wander * ca.sqrt(1 - kept * kept) * draws[1]
         m.side_slip = clip(wandered, -LARGEST_SLIP, LARGEST_SLIP)
 
-    @triggered(lambda m: m._slips(), "there is slip", seldom=True)
+    @triggered(lambda m: m._slip_is_set(), "there is slip", seldom=True)
     def slide(m) -> None:
         """Slip, and the acceleration that comes of it.
 
@@ -201,13 +201,9 @@ class PackMotion(Plant):
         run = clip(m.velocity - 3.0, 0.0, 1.0)
         return clip(m.velocity / 0.5, 0.0, 1.0) * (1 - run), run
 
-    def _draws_slip(m) -> SX:
-        """Is there slip by the parameters?"""
+    def _slip_is_set(m) -> SX:
+        """Do the parameters ask for slip?"""
         return any_of(m.slip_wander > 0, m.slip_mean != 0, m.slip_lead != 0)
-
-    def _slips(m) -> SX:
-        """Is there slip?"""
-        return m._draws_slip()
 
     def _kept(m, time: SX) -> SX:
         """What a first-order lag of this time constant keeps over a tick."""

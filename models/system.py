@@ -33,9 +33,6 @@ from models.watchdog import Watchdog
 class System:
     """Components by their role, and the links between them.
 
-    Attributes:
-        is_open: inputs without source and start value are let be: who runs the system feeds them.
-
     Raises:
         WiringError: a link connects different units, types or sizes, or what does not exist; an input has two
             sources, or neither source nor start value; a loop passes through no plant.
@@ -44,7 +41,6 @@ class System:
     name: str
     components: dict[str, type[Block]]
     links: tuple[Link, ...]
-    is_open: bool = False
 
     def __post_init__(self) -> None:
         sources: dict[tuple[str, str], Link] = {}
@@ -64,7 +60,7 @@ class System:
             sources[key] = link
         for component, block in self.components.items():
             for name, variable in flatten(block.group("input")):
-                if not (variable.has_start or self.is_open or (component, name) in sources):
+                if not (variable.has_start or (component, name) in sources):
                     raise WiringError(
                         f'{self.name}: input "{component}.{name}" has neither source nor start value'
                     )

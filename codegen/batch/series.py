@@ -78,15 +78,15 @@ class Series:
             Each observed variable, (ticks,).
 
         Raises:
-            ParameterError: a name does not exist; a value is out of its range; lengths differ.
+            ParameterError: a name does not exist; a value is out of its range; lengths differ or lack.
             WiringError: an input has neither a source, nor a signal, nor a start value.
             CompileError: the library cannot be built.
         """
         rows = {self._key(name, "input"): np.asarray(row, np.float64) for name, row in signals.items()}
-        ticks = self._ticks(rows, ticks)
         self._check(rows)
-        columns = [np.ascontiguousarray(np.broadcast_to(row, ticks)) for row in rows.values()]
         values = self._checked(parameters or {})
+        ticks = self._ticks(rows, ticks)
+        columns = [np.ascontiguousarray(np.broadcast_to(row, ticks)) for row in rows.values()]
         results = np.empty((len(self._observed), ticks))
         arrays = (
             self._places(values), np.array(list(values.values()), np.float64),
@@ -99,9 +99,11 @@ class Series:
 
     def _ticks(self, rows: Mapping[Key, Array], ticks: int | None) -> int:
         """The length of a run."""
-        lengths = {key: len(row) for key, row in rows.items() if row.ndim}
         if ticks is None:
-            ticks = max(lengths.values(), default=0)
+            lengths = [len(row) for row in rows.values() if row.ndim]
+            if not lengths:
+                raise ParameterError(f"{self.name}: no signal has a value per tick; expected one, or `ticks`")
+            ticks = max(lengths)
         for (component, name), row in rows.items():
             if row.ndim > 1 or (row.ndim and len(row) != ticks):
                 raise ParameterError(

@@ -5,7 +5,7 @@ The plant `recorded` takes a piece's positions as its inputs `path_north` and `p
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -44,13 +44,10 @@ class Piece:
         return len(self.north) * TICK
 
 
-def read_positions(
-    file: Path, columns: Mapping[str, Column] = COLUMNS, shortest: float = SHORTEST
-) -> list[Piece]:
+def read_positions(file: Path, shortest: float = SHORTEST) -> list[Piece]:
     """The pieces of a csv of positions, or the true path in a trial's log.
 
     Args:
-        columns: where time, north and east are.
         shortest: pieces that last no longer [s] are left out.
 
     Raises:
@@ -64,7 +61,7 @@ def read_positions(
             raise RecordingError(f"{file}: got no {missing[0]}, expected the log of a trial with a plant")
         whole = [Piece(log["plant.north"], log["plant.east"])]
     else:
-        values, _, _ = read_columns(FileDescription(file, columns))
+        values, _, _ = read_columns(FileDescription(file, COLUMNS))
         whole = pieces(values["time"], values["north"], values["east"])
     long_enough = [piece for piece in whole if piece.seconds > shortest]
     if not long_enough:

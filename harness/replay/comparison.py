@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from codegen.batch.series import Series
-from harness.cosim.fmu import FmuError
 from harness.files import nearest_file
 from harness.recording.attitude import TICK_S, Array
 from harness.recording.recording import RecordingError
@@ -19,7 +18,7 @@ from harness.replay.fmu import run_fmu
 from harness.replay.source import ReplaySource
 from harness.trial.plan import si_value
 from harness.trial.scenario import Scenario, ScenarioError, load
-from models.errors import UsageError, nearest
+from models.errors import CanineError, UsageError, nearest
 from models.kit.block import Block
 from models.kit.declaration import Variable, flatten
 from models.seven_state import TUNINGS
@@ -48,6 +47,10 @@ CONFIGURATIONS: dict[str, dict[str, dict[str, float]]] = {
 }
 
 
+class EstimateError(CanineError):
+    """An estimator answered what is no finite number."""
+
+
 @dataclass(frozen=True)
 class Configuration:
     """An estimator with some of its parameters set.
@@ -65,8 +68,19 @@ class Configuration:
         """Run it over the first `ticks` ticks, from the start: each output and observed state, (ticks,).
 
         Raises:
-            FmuError: its FMU fails, has an input that is no sensor signal, or answers no finite number.
+            FmuError: its FMU fails, or has an input that is no sensor signal.
+            EstimateError: it answers no finite number.
         """
+        estimate = self._estimate(signals, ticks, observe)
+        for name, values in estimate.items():
+            for tick in np.flatnonzero(~np.isfinite(values))[:1]:
+                raise EstimateError(
+                    f'{self.name}: output "{name}" is {values[tick]} at t = {tick * TICK_S:.10g} s; '
+                    "expected a finite number"
+                )
+        return estimate
+
+    def _estimate(self, signals: SensorSignals, ticks: int, observe: Sequence[str]) -> dict[str, Array]:
         if self.estimator not in ESTIMATORS:
             return run_fmu(Path(self.estimator), signals, ticks, self.parameters)
         block = ESTIMATORS[self.estimator]
@@ -78,14 +92,7 @@ class Configuration:
             },
             {self.estimator: self.parameters},
         )
-        estimate = {name: rows[f"{self.estimator}.{name}"] for name in names}
-        for name, values in estimate.items():
-            for tick in np.flatnonzero(~np.isfinite(values))[:1]:
-                raise FmuError(
-                    f'{self.name}: output "{name}" is {values[tick]} at t = {tick * TICK_S:.10g} s; '
-                    "expected a finite number"
-                )
-        return estimate
+        return {name: rows[f"{self.estimator}.{name}"] for name in names}
 
 
 @cache
@@ -230,24 +237,27 @@ def _parameters(block: type[Block]) -> dict[str, Variable]:
     return dict(flatten(block.group("parameter")))
 
 
-def hold_speed(signals: SensorSignals, ticks: int, mean_s: float = 0.0) -> dict[str, Array]:
+HELD_BY = ("gps_fix", "gps_north", "gps_east", "gps_speed", "heading_meas")  # all that a held speed needs
+
+
+def hold_speed(sensed: Mapping[str, Array], ticks: int, mean_s: float = 0.0) -> dict[str, Array]:
     """Dead reckoning without a filter, (ticks,) each: after the last fix its speed along the heading.
 
     A heading that is not finite is bridged by the one before it, as the estimators do.
 
     Args:
+        sensed: the signals of `HELD_BY`, at least (ticks,) each.
         mean_s: the mean speed of the fixes in that time [s] before the last one, and of it, is held.
     """
-    north, east, speed = (
-        getattr(signals, f"gps_{name}")[:ticks].copy() for name in ("north", "east", "speed")
-    )
-    fixes = np.flatnonzero(signals.gps_fix[:ticks])
+    north, east, speed = (sensed[f"gps_{name}"][:ticks].copy() for name in ("north", "east", "speed"))
+    fixes = np.flatnonzero(sensed["gps_fix"][:ticks])
     last = int(fixes[-1])
     recent = fixes[fixes >= last - round(mean_s / TICK_S)]
     held = float(speed[recent].mean())
-    finite = np.isfinite(signals.heading_meas[:ticks])
+    heading = sensed["heading_meas"][:ticks]
+    finite = np.isfinite(heading)
     latest = np.maximum.accumulate(np.where(finite, np.arange(ticks), 0))
-    steps = held * TICK_S * np.exp(1j * signals.heading_meas[latest][last + 1 :])
+    steps = held * TICK_S * np.exp(1j * heading[latest][last + 1 :])
     way = np.cumsum(steps)
     north[last + 1 :], east[last + 1 :] = north[last] + way.real, east[last] + way.imag
     speed[last + 1 :] = held

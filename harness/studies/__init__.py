@@ -1,4 +1,4 @@
-"""Studies: what Chapter 3 and Appendices B to D found out, done again: `canine study NAME`.
+"""Studies that repeat those of Chapter 3 and Appendices B to D: `canine study NAME`.
 
 In: the study's name, how many seeds, a set of sensors and pack, a recording where one is studied. Out, in a
 folder of its own: the result as JSON, which says all that tables and pictures show, and the pictures.

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from scipy import stats
 
 from codegen.batch.series import Series
 from harness.drawing import BELOW, ESTIMATES, GRID, TRUTH, house_style, new_figure, set_title
+from harness.replay.comparison import CAP, FLOORS
 from harness.studies.innovations import (
     Innovations,
     autocorrelation,
@@ -34,8 +35,10 @@ from harness.studies.innovations import (
     state_of,
 )
 from harness.studies.paths import GAITS, walk
+from harness.studies.published import OUTAGE_S
 from harness.studies.statistics import share
 from harness.studies.study import Options, Progress, Result
+from harness.studies.tracking import Configuration
 from harness.terminal import new_table, print_table
 from models.canine_tracker import CanineTracker
 from models.errors import UsageError, nearest
@@ -51,7 +54,7 @@ Array = npt.NDArray[np.float64]
 
 TAKES = frozenset({"seeds", "set"})
 SEEDS = 200
-SETTLE_S, OUTAGE_S = 10.0, 10.0
+SETTLE_S = 10.0
 LAGS = 10  # fixes
 COLORS = ("#A6761D", "#666666", "#56B4E9", "#E6AB02")  # beyond those of ESTIMATES
 OWN, SHIPPED = "the filter's own", "shipped"
@@ -66,26 +69,16 @@ BIAS_WALK = 1e-3  # m/s2 per tick, as eq. 3.16 assumes
 BIAS_TOLD = ("accel_bias", "accel_bias_sd")
 
 
-@dataclass(frozen=True)
-class Judged:
-    """An estimator that is judged, with its parameters."""
-
-    block: type[Estimator]
-    parameters: Mapping[str, float] = field(default_factory=dict)
-
-
-ALONE: dict[str, Judged] = {
-    "four_state, sigma 0.2": Judged(FourState, {"fuzzy": 0, "sigma_constant": 0.2}),
-    "four_state, sigma 0.1 (D.7)": Judged(FourState, {"fuzzy": 0}),
-    "four_state, fuzzy": Judged(FourState),
+ALONE: dict[str, Configuration] = {
+    "four_state, sigma 0.2": Configuration(FourState, {"fuzzy": 0, "sigma_constant": 0.2}),
+    "four_state, sigma 0.1 (D.7)": Configuration(FourState, {"fuzzy": 0}),
+    "four_state, fuzzy": Configuration(FourState),
 }
-TOGETHER: dict[str, Judged] = {
-    "four_state, sigma 0.1 (D.7)": Judged(FourState, {"fuzzy": 0}),
-    "four_state, fuzzy": Judged(FourState),
-    "four_state, floors and cap": Judged(
-        FourState, {"sigma_cap": 1.2, "position_sd_floor": 0.5, "speed_sd_floor": 0.1}
-    ),
-    **{title: Judged(block) for title, block in ESTIMATORS.items() if block is not FourState},
+TOGETHER: dict[str, Configuration] = {
+    "four_state, sigma 0.1 (D.7)": Configuration(FourState, {"fuzzy": 0}),
+    "four_state, fuzzy": Configuration(FourState),
+    "four_state, floors and cap": Configuration(FourState, {**FLOORS, **CAP}),
+    **{title: Configuration(block) for title, block in ESTIMATORS.items() if block is not FourState},
 }
 
 

@@ -231,8 +231,8 @@ def draw(result: Mapping[str, Any]) -> Mapping[str, Figure]:
             chart = axes[row, column]
             for name, of in described.items():
                 frequency, density = (np.array(of["spectra"][n]) for n in ("frequency_hz", reading))
-                some = (frequency > 0) & (density > 0)
-                chart.semilogy(frequency[some], density[some], label=name, **_style(name))
+                positive = (frequency > 0) & (density > 0)
+                chart.semilogy(frequency[positive], density[positive], label=name, **_style(name))
             chart.set_title(f"{gait}: {title}", fontsize=10, loc="left")
             chart.set_ylabel(unit)
             chart.grid(**GRID)

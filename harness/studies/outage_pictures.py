@@ -24,7 +24,7 @@ from harness.drawing import (
     shade,
 )  # fmt: skip
 
-SEARCHING = "detection"  # the gait of the text's tables
+DETECTION = "detection"  # the gait of the text's tables
 FILTERS, TEXT = ESTIMATES[0], ESTIMATES[1]
 GROUP_COLORS = (GPS, ESTIMATES[4])
 SAMPLE_COLORS = (ESTIMATES[1], ESTIMATES[0], ESTIMATES[2], ESTIMATES[4])
@@ -51,7 +51,7 @@ def figure_of_means(
             error = configurations[title]["position_error_m"]
             axes.barh(place, error["mean"], color=colors.get(title, FILTERS), alpha=0.8, height=0.66)
             axes.plot([error["mean_low"], error["mean_high"]], [place, place], color=TRUTH, linewidth=1.6)
-            if title in published and gait == SEARCHING:  # the text's gait
+            if title in published and gait == DETECTION:  # the text's gait
                 axes.plot(published[title]["position"], place, "D", color=TEXT, markersize=6, zorder=3)
         axes.set_title(f"set {set_name}, {gait}", fontsize=11)
         axes.set_yticks(range(len(titles)), titles, fontsize=9)
@@ -67,7 +67,7 @@ def figure_of_means(
         *(Patch(color=color, alpha=0.8, label=label) for label, color in shown.items()),
         Line2D([], [], color=TRUTH, linewidth=1.6, label="95 % interval of the mean"),
     ]
-    if any(gait == SEARCHING for _, gait, _ in panels):
+    if any(gait == DETECTION for _, gait, _ in panels):
         label = "the dissertation's mean"
         handles.append(Line2D([], [], color=TEXT, marker="D", linestyle="", label=label))
     figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), fontsize=10, **BELOW)

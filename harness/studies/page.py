@@ -12,8 +12,10 @@ from rich.console import Console
 from codegen.templating import environment
 from harness.drawing import png_of
 from harness.files import write_whole
+from harness.replay.comparison import HELD
 from harness.studies.consistency import OWN
-from harness.studies.outage import HELD, OURS
+from harness.studies.outage import OURS
+from harness.studies.outage_pictures import DETECTION
 from harness.studies.published import FUZZY, INERTIAL, NO_PITCH, OUTAGE, PITCH
 from harness.studies.study import Options, find_study, run_study
 
@@ -64,7 +66,7 @@ def write(
 def page(results: Mapping[str, Mapping[str, Any]]) -> str:
     """The page's text, from the results by study."""
     outage = results["outage"]
-    detection = {name: gaits["detection"]["configurations"] for name, gaits in outage["sets"].items()}
+    detection = {name: gaits[DETECTION]["configurations"] for name, gaits in outage["sets"].items()}
     ours = {
         name: {title: _mean_errors(configurations[title]) for title in (INERTIAL, NO_PITCH, PITCH, FUZZY)}
         for name, configurations in detection.items()
@@ -119,7 +121,7 @@ def _held(values: Mapping[str, Any]) -> dict[str, Any]:
 
 def _fuzzy_by_chance(gaits: Mapping[str, Any]) -> float | None:
     """The share of studies of the text's size that find fuzzy better in position, significantly."""
-    tests = gaits["detection"]["unpaired_t_tests"]["position_error_m"] if gaits else {}
+    tests = gaits[DETECTION]["unpaired_t_tests"]["position_error_m"] if gaits else {}
     return float(tests["significantly"]["share"]) if "significantly" in tests else None
 
 

@@ -16,6 +16,7 @@ class Errors(NamedTuple):
     speed_sd: float
 
 
+OUTAGE_S = 10.0  # without GPS (3.3.6)
 INERTIAL, NO_PITCH, PITCH, FUZZY = "accelerometer and heading", "no pitch", "pitch", "fuzzy"
 
 OUTAGE = {

@@ -14,15 +14,15 @@ from harness.drawing import BELOW, ESTIMATES, GPS, GRID, TRUTH, drawable, house_
 from harness.replay.comparison import ALL, BASELINES, HELD, Configuration, compare
 from harness.replay.replay import COLUMNS, Outage, apart, disjoint, not_used, replay, statistics
 from harness.replay.source import ReplaySource, open_source
+from harness.studies.innovations import innovations_of, observed
+from harness.studies.published import OUTAGE_S
 from harness.studies.study import Options, Progress, Result
 from harness.terminal import new_table, print_table
 from models.errors import UsageError
-from models.kit.ekf import UNUSED
 from models.system import ESTIMATORS
 
 TAKES = frozenset({"recording"})
-OUTAGE_S, EVERY_S = 10.0, 5.0
-ACCEPTED = "accepted"
+EVERY_S = 5.0
 NIS_BAND = (1.0, 9.0)  # of three scalars: what a builder would call consistent (the expected value is 3)
 TITLES = {COLUMNS[0]: "position error [m]", COLUMNS[1]: "speed error [m/s]"}
 
@@ -46,7 +46,7 @@ def run(options: Options, progress: Progress) -> Result:
         "second": [outage for outage in outages if outage.start >= middle],
     }
     innovations = {
-        configuration.name: innovations_of(source, configuration, middle)
+        configuration.name: nis_of(source, configuration, middle)
         for configuration in comparison.usable(source)
         if configuration.estimator in ESTIMATORS
     }
@@ -70,11 +70,11 @@ def run(options: Options, progress: Progress) -> Result:
             "all": len(disjoint(outages)),
             "moving": len(disjoint([outage for outage in outages if not outage.standing])),
         },
-        "outages": [_told(outage) for outage in outages],
+        "outages": [_as_json(outage) for outage in outages],
     }
 
 
-def _told(outage: Outage) -> dict[str, Any]:
+def _as_json(outage: Outage) -> dict[str, Any]:
     return {
         "start_s": outage.start,
         "end_s": outage.end,
@@ -83,36 +83,29 @@ def _told(outage: Outage) -> dict[str, Any]:
     }
 
 
-def innovations_of(source: ReplaySource, configuration: Configuration, middle: float) -> dict[str, Any]:
+def nis_of(source: ReplaySource, configuration: Configuration, middle: float) -> dict[str, Any]:
     """How well a filter's innovations are as large as it says, over all fixes and by halves.
-
-    NIS, the sum of innovation^2 / variance over the scalars of a fix, is their number on the average where
-    the filter is right. Scalars that a fix did not give (a course at rest) are not counted.
 
     Args:
         middle: s, between the halves.
     """
-    size = ESTIMATORS[configuration.estimator].variables()["innovation"].size or 1
-    names = [f"{state}[{i + 1}]" for state in ("innovation", "innovation_variance") for i in range(size)]
+    block, title = ESTIMATORS[configuration.estimator], configuration.estimator
     signals = source.signals([])
-    rows = configuration.run(signals, len(signals.t), (*names, ACCEPTED))
-    innovation, variance = (np.array([rows[name] for name in part]) for part in (names[:size], names[size:]))
-    accepted = rows[ACCEPTED] > 0
-    used = variance < UNUSED / 2
-    with np.errstate(over="ignore"):
-        nis = np.where(used, innovation**2 / variance, 0.0).sum(axis=0)
-    fixes = signals.gps_fix.astype(bool)
-    result: dict[str, Any] = {"fixes": int(fixes.sum()), "accepted": int(accepted.sum())}
+    names = [name.removeprefix(f"{title}.") for name in observed(block, innovations_only=True)]
+    rows = configuration.run(signals, len(signals.t), names)
+    innovations = innovations_of(block, {f"{title}.{name}": values for name, values in rows.items()})
     halves = {
-        "all": accepted,
-        "first": accepted & (signals.t <= middle),
-        "second": accepted & (signals.t > middle),
+        "all": innovations,
+        "first": innovations.between(-np.inf, middle),
+        "second": innovations.between(middle, np.inf),
     }
-    for half, ticks in halves.items():
+    result: dict[str, Any] = {"fixes": int(signals.gps_fix.sum()), "accepted": len(innovations.time)}
+    for half, part in halves.items():
+        known = len(part.time) > 0
         result[half] = {
-            "nis": float(nis[ticks].mean()) if ticks.any() else None,
-            "median": float(np.median(nis[ticks])) if ticks.any() else None,
-            "expected": float(used[:, ticks].sum(axis=0).mean()) if ticks.any() else None,
+            "nis": float(part.nis.mean()) if known else None,
+            "median": float(np.median(part.nis)) if known else None,
+            "expected": part.freedom if known else None,
         }
     return result
 

@@ -20,7 +20,7 @@ from models.errors import UsageError, nearest
 
 Result = dict[str, Any]  # JSON
 Item = TypeVar("Item")
-Found = TypeVar("Found")
+Answer = TypeVar("Answer")
 Progress = Callable[[float], None]  # called with the percentage that is done
 
 
@@ -39,7 +39,7 @@ class Options:
     recording: Path | None = None
 
 
-def in_threads(function: Callable[[Item], Found], items: Iterable[Item]) -> Iterator[Found]:
+def in_threads(function: Callable[[Item], Answer], items: Iterable[Item]) -> Iterator[Answer]:
     """The function's results in the order of the items, several at once; when nobody waits, no more begin."""
     with ThreadPoolExecutor() as pool:
         try:

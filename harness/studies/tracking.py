@@ -9,7 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.batch.series import Series
+from harness.replay.comparison import hold_speed
 from models.canine_ahrs import CanineAhrs
+from models.estimator import Estimator
 from models.kit.block import Block
 from models.kit.link import Values
 from models.kit.timing import TICK
@@ -30,7 +32,7 @@ class Configuration:
         ahrs: our attitude reference stands between the sensors and it.
     """
 
-    block: type[Block]
+    block: type[Estimator]
     parameters: Mapping[str, float] = field(default_factory=dict)
     ahrs: bool = False
 
@@ -76,8 +78,6 @@ class Tracking:
                 "outage_start[1]": last * TICK - outage,
                 "outage_end[1]": ticks * TICK + 1,
             }
-        if "seed" not in self.series.components["plant"].flat_names("parameter"):
-            del parameters["plant"]["seed"]
         for title, configuration in self.configurations.items():
             known = configuration.block.flat_names("parameter")
             common = {n: v for n, v in values.get("estimator", {}).items() if n in known}
@@ -113,27 +113,14 @@ class Trial:
     def inertial(self) -> dict[str, Array]:
         """Accelerometer and heading alone, integrated from rest at the start (D.7)."""
         speed = np.asarray(TICK * np.cumsum(self.sensed["accel_x"]))
-        return {"speed": speed, **self._reckoned(speed, self.truth, 0)}
+        steps = TICK * speed * np.exp(1j * self.sensed["heading_meas"])
+        steps[0] = self.truth["north"][0] + 1j * self.truth["east"][0]
+        way = np.cumsum(steps)
+        return {"speed": speed, "north": way.real, "east": way.imag}
 
     def held(self, over: float = 0.0) -> dict[str, Array]:
         """Dead reckoning from the last fix on: at its speed, or the mean over the fixes of a time [s]."""
-        last = self.last_fix
-        fixes = np.flatnonzero(self.sensed["gps_fix"])
-        recent = fixes[fixes >= last - over / TICK]
-        speed = self.sensed["gps_speed"].copy()
-        speed[last:] = speed[recent].mean()
-        gps = {n: self.sensed[f"gps_{n}"] for n in ("north", "east")}
-        return {"speed": speed, **self._reckoned(speed, gps, last)}
-
-    def _reckoned(self, speed: Array, position: Mapping[str, Array], begin: int) -> dict[str, Array]:
-        """Positions that follow speed and heading from a tick on, and are as given before."""
-        heading = self.sensed["heading_meas"][begin + 1 :]
-        reckoned = {}
-        for name, part in (("north", np.cos(heading)), ("east", np.sin(heading))):
-            way = position[name].copy()
-            way[begin + 1 :] = way[begin] + TICK * np.cumsum(speed[begin + 1 :] * part)
-            reckoned[name] = way
-        return reckoned
+        return hold_speed(self.sensed, len(self.sensed["gps_fix"]), over)
 
     def position_error(self, estimate: Mapping[str, Array]) -> Array:
         """Distance from the truth, (ticks,) m."""

@@ -18,7 +18,7 @@ from scipy import stats
 from harness.drawing import ESTIMATES, GRID, TRUTH, house_style, new_figure
 from harness.studies import published
 from harness.studies.paths import SEARCHING, walk
-from harness.studies.published import FUZZY, INERTIAL, NO_PITCH, PITCH
+from harness.studies.published import FUZZY, INERTIAL, NO_PITCH, OUTAGE_S, PITCH
 from harness.studies.statistics import paired, share
 from harness.studies.study import Options, Progress, Result, in_threads
 from harness.studies.tracking import Configuration, Tracking
@@ -30,7 +30,6 @@ from models.recorded import Recorded
 Array = npt.NDArray[np.float64]
 TAKES = frozenset({"seeds"})
 SETUPS, TRIALS = 500, 40
-OUTAGE_S = 10.0
 SIGNIFICANT = 0.05
 SLOW = 2.0  # m/s: the stride, which swings the estimate by 1 m/s, does not take it to the step of sigma at 3
 NEAREST = 5  # of the set-ups, to Table D.1

@@ -2,62 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy import stats
 
-from codegen.batch.series import Series
-from harness.replay.comparison import HELD, hold_speed
-from harness.replay.replay import COLUMNS, paired_t_test
-from harness.replay.source import ReplaySource
-from harness.replay.windows import Window
+from harness.replay.comparison import HELD
+from harness.replay.replay import COLUMNS, Outage, disjoint, paired_t_test
 from harness.studies.innovations import Innovations, autocorrelation, mean_bounds
-from harness.tune.likelihood import inputs_of
-from models.estimator import Estimator
 
 Array = npt.NDArray[np.float64]
 
 LAGS = 20  # fixes
-
-
-@dataclass(frozen=True)
-class Errors:
-    """Errors at the last withheld fix of each outage, (outages,) each: position [m] and speed [m/s]."""
-
-    position: Array
-    speed: Array
-
-
-def outage_errors(
-    source: ReplaySource,
-    block: type[Estimator],
-    ways: Mapping[str, Mapping[str, float]],
-    windows: Sequence[Window],
-) -> dict[str, Errors]:
-    """Errors of an estimator with several sets of parameters, and of `speed held`, in the same outages."""
-    title = block.title()
-    series = Series(block, observe=[f"{title}.{name}" for name in ("north", "east", "speed")])
-    errors: dict[str, list[tuple[float, float]]] = {HELD: [], **{name: [] for name in ways}}
-    for window in windows:
-        signals = source.signals([window])
-        within = (signals.t >= window[0]) & (signals.t <= window[1])
-        last = int(np.flatnonzero(within & signals.reference_fix)[-1])
-        runs = {HELD: hold_speed(signals, last + 1)}
-        inputs = {name: values[: last + 1] for name, values in inputs_of(block, signals).items()}
-        for name, parameters in ways.items():
-            run = series.run(inputs, {title: parameters})
-            runs[name] = {key.removeprefix(f"{title}."): values for key, values in run.items()}
-        for name, run in runs.items():
-            off = [
-                run[key][last] - getattr(signals, f"reference_{key}")[last]
-                for key in ("north", "east", "speed")
-            ]
-            errors[name].append((float(np.hypot(off[0], off[1])), float(abs(off[2]))))
-    return {name: Errors(*np.array(values).T) for name, values in errors.items()}
 
 
 def summary_of(innovations: Innovations) -> dict[str, Any]:
@@ -79,18 +37,17 @@ def summary_of(innovations: Innovations) -> dict[str, Any]:
     }
 
 
-def compare_errors(
-    errors: Mapping[str, Errors], apart: Sequence[int], first: str, second: str
-) -> dict[str, Any]:
+def compare_errors(outages: Sequence[Outage], first: str, second: str) -> dict[str, Any]:
     """Means and medians of the errors, and a paired t-test over the outages that do not overlap."""
-    result: dict[str, Any] = {"ways": {}, "apart": len(apart)}
-    for name, values in errors.items():
-        result["ways"][name] = {
-            column: {"mean": float(v.mean()), "median": float(np.median(v)), "each": v.tolist()}
-            for column, v in zip(COLUMNS, (values.position, values.speed), strict=True)
-        }
-    for column, attribute in zip(COLUMNS, ("position", "speed"), strict=True):
-        one, other = (getattr(errors[name], attribute)[list(apart)] for name in (first, second))
-        test = paired_t_test(one - other) if len(apart) > 2 else None
+    separate = disjoint(outages)
+    result: dict[str, Any] = {"ways": {name: {} for name in (HELD, first, second)}, "apart": len(separate)}
+    for i, column in enumerate(COLUMNS):
+        for name, way in result["ways"].items():
+            errors = [outage.errors[name][i] for outage in outages]
+            way[column] = {
+                "mean": float(np.mean(errors)), "median": float(np.median(errors)), "each": errors
+            }  # fmt: skip
+        differences = np.array([outage.errors[first][i] - outage.errors[second][i] for outage in separate])
+        test = paired_t_test(differences) if len(separate) > 2 else None
         result[f"{column}_p"] = None if test is None else float(test.pvalue)
     return result

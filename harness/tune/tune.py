@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from harness.recording.recording import RecordingError
-from harness.replay.comparison import compare
+from harness.replay.comparison import Comparison, Configuration, compare
+from harness.replay.replay import replay
 from harness.replay.source import ReplaySource
-from harness.replay.windows import SETTLE, Window
+from harness.replay.windows import SETTLE
+from harness.studies.published import OUTAGE_S
 from harness.tune.fit import LEVEL, Fit
-from harness.tune.judge import compare_errors, outage_errors, summary_of
+from harness.tune.judge import compare_errors, summary_of
 from harness.tune.likelihood import Filter, Tuned
 from models.estimator import Estimator
 
 FIXES = 40  # in either half, at least: 10 s at 4 Hz
-OUTAGE_S, EVERY_S = 10.0, 5.0
+EVERY_S = 5.0
 BEFORE, AFTER = "as declared", "tuned"
 
 
@@ -55,7 +58,8 @@ def tune(
     fit = Fit(filter, tuned, start, middle, progress)
     ways = {BEFORE: {}, AFTER: fit.parameters}
     innovations = {name: filter.innovations(parameters) for name, parameters in ways.items()}
-    windows = [w for w in source.outages(OUTAGE_S, EVERY_S).windows if w[0] >= middle]
+    chosen = source.outages(OUTAGE_S, EVERY_S)
+    windows = [window for window in chosen.windows if window[0] >= middle]
     result = {
         "recording": source.name,
         "estimator": block.title(),
@@ -88,17 +92,8 @@ def tune(
         "notes": list(source.notes),
     }
     if windows:
-        errors = outage_errors(source, block, ways, windows)
-        result["outages"] = {"starts_s": [w[0] for w in windows]} | compare_errors(
-            errors, _apart(windows), BEFORE, AFTER
-        )
+        configurations = tuple(Configuration(name, block.title(), values) for name, values in ways.items())
+        comparison = Comparison((block.title(),), (), configurations)
+        outages = replay(source, comparison, replace(chosen, windows=windows))
+        result["outages"] = {"starts_s": [w[0] for w in windows]} | compare_errors(outages, BEFORE, AFTER)
     return result
-
-
-def _apart(windows: list[Window]) -> list[int]:
-    """Which windows, in the order of time, do not overlap an earlier one of them."""
-    apart: list[int] = []
-    for i, window in enumerate(windows):
-        if not apart or window[0] >= windows[apart[-1]][1]:
-            apart.append(i)
-    return apart

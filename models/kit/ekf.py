@@ -19,14 +19,16 @@ from models.kit.geometry import wrap
 Row = int | Mapping[int, SX | float]  # of C in eq. 3.4: one state, or coefficients by state
 
 
-def propagate(state: SX, derivative: SX, time: float, order: int = 4) -> tuple[SX, SX]:
+TERMS = 4  # of a Lie series, at most
+
+
+def propagate(state: SX, derivative: SX, time: float) -> tuple[SX, SX]:
     """Carry the state over `time` [s] by the Lie series of its dynamics, inputs held.
 
-    The series x + f t + f' t^2/2 + ... stops at `order` or where it ends by itself, and is then exact. Order
-    4 errs by the fifth power of the time, as Runge-Kutta of order 4 does: in a tick of a dog that turns at 3
-    rad/s by micrometres (24 times as much as Runge-Kutta, which is Simpson's rule there). Its Jacobian is the
-    transition matrix, with which P is carried over the step: P' = F P + P F^T integrated, instead of the
-    continuous Jacobian that eq. 3.5 names.
+    The series x + f t + f' t^2/2 + ... ends by itself where the heading is no state, and is then exact; else
+    it stops after `TERMS` and errs by the fifth power of the time, as Runge-Kutta of order 4 does. Its
+    Jacobian is the transition matrix, with which P is carried over the step: P' = F P + P F^T integrated,
+    instead of the continuous Jacobian that eq. 3.5 names.
 
     Args:
         state: (n, 1) symbols.
@@ -36,7 +38,7 @@ def propagate(state: SX, derivative: SX, time: float, order: int = 4) -> tuple[S
         the state after `time` (n, 1), and its derivative by the state (n, n).
     """
     term, factor, result = derivative, 1.0, state
-    for k in range(1, order + 1):
+    for k in range(1, TERMS + 1):
         factor *= time / k
         result = result + factor * term
         term = ca.jacobian(term, state) @ derivative

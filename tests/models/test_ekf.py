@@ -36,10 +36,10 @@ def six_states(x: Any, u: Any, like: Any) -> list[Any]:
 DYNAMICS = {4: four_states, 6: six_states}
 
 
-def traced(n: int, time: float = T, order: int = 4) -> Any:
+def traced(n: int, time: float = T) -> Any:
     """(state, inputs) -> (state after `time`, transition), as blocks compute it (no libm)."""
     x, u = ca.SX.sym("x", n), ca.SX.sym("u", 2)
-    after, transition = propagate(x, ca.vertcat(*DYNAMICS[n](x, u, ca)), time, order)
+    after, transition = propagate(x, ca.vertcat(*DYNAMICS[n](x, u, ca)), time)
     both = lower(ca.horzcat(after, ca.densify(transition)), "double")
     return ca.Function("propagate", [x, u], [both[:, 0], both[:, 1:]])
 
@@ -131,11 +131,6 @@ def test_the_error_of_order_four_falls_with_the_fifth_power_of_the_step() -> Non
         errors.append(np.abs(after - integrate(6, x, u, time, 400).astype(float)).max())
     assert errors[0] / errors[1] == pytest.approx(32, rel=0.3)
     assert errors[1] / errors[2] == pytest.approx(32, rel=0.3)
-
-
-def test_a_series_that_ends_by_itself_costs_nothing_more_at_a_higher_order() -> None:
-    assert traced(4, order=9).n_instructions() == traced(4, order=2).n_instructions()
-    assert traced(4, order=1).n_instructions() < traced(4, order=2).n_instructions()
 
 
 @pytest.mark.parametrize("heading", QUARTERS)

@@ -44,6 +44,12 @@ class Count(Block):
         m.total = m.count + m.term + m.whole
 
 
+class Started(Count):
+    """A count that needs no source."""
+
+    term = Input("1", "what is added", start=0)
+
+
 def walk(ticks: int = TICKS) -> dict[str, Any]:
     """Inputs of the estimator: a walk with a fix each quarter of a second, a bad sample, an outage."""
     rng = np.random.default_rng(1)
@@ -151,7 +157,7 @@ def test_runs_in_threads_are_those_of_one_after_another() -> None:
 def test_blocks_of_other_modules_run_too_and_two_of_them_stay_apart() -> None:
     links = (Link("first", "total", "second", "term"),)
     series = Series(
-        System("counts", {"second": Count, "first": Count}, links, is_open=True),
+        System("counts", {"second": Started, "first": Started}, links),
         ["second.total", "first.count"],
     )
     rows = series.run({"first.term": [1.0, 2.0, 4.0], "second.whole": 0}, {"first": {"step_by": 10}})
@@ -180,6 +186,7 @@ def test_a_plants_row_is_from_before_its_step() -> None:
         ({"count.term": 1, "count.whole": [1, 2.5]}, {}, "expected a whole number from 0 up to 100"),
         ({"count.term": 1, "count.whole": [1, np.nan]}, {}, "count.whole has values that are not whole"),
         ({"count.term": 1}, {"count": {"step_buy": 1}}, 'no parameter "step_buy"; did you mean "step_by"?'),
+        ({"count.term": 1}, {}, "count: no signal has a value per tick; expected one, or `ticks`"),
         ({"count.term": 1}, {"count": {"step_by": np.inf}}, "count.step_by is inf; expected a finite number"),
     ],
 )
@@ -206,4 +213,4 @@ def test_unknown_variables_to_observe_are_refused() -> None:
 def test_a_precision_in_which_a_block_does_not_come_is_refused() -> None:
     with pytest.raises(DeclarationError, match="sensors comes in double precision, not in float"):
         Series(Sensors, precision="float").run(dict.fromkeys(by_component(dict.fromkeys(
-            ("north", "east", "speed", "heading")), "sensors"), 0.0))  # fmt: skip
+            ("north", "east", "speed", "heading")), "sensors"), 0.0), ticks=1)  # fmt: skip

@@ -91,8 +91,8 @@ def on_ticks(attitude: Rotation, force: Array, angles: Array) -> Array:
     rate = np.zeros((len(force), 3))
     rate[1:] = (attitude[:-1].inv() * attitude[1:]).as_rotvec() / TICK_S
     none = np.zeros(len(force))
-    found = own_attitude(np.hstack([force, rate]), none, none, none, none)
-    return np.unwrap(found, axis=0) - angles
+    estimate = own_attitude(np.hstack([force, rate]), none, none, none, none)
+    return np.unwrap(estimate, axis=0) - angles
 
 
 def test_angles_follow_a_motion_about_all_axes() -> None:
@@ -184,11 +184,11 @@ def test_a_recorded_attitude_is_the_default_and_its_heading_takes_the_offset_of_
     imu_t = recording().imu_t
     heading = 1.0 + np.cumsum(recording().rate[:, 2]) * 0.01
     angles = np.column_stack([0.1 + 0 * imu_t, -0.2 + 0 * imu_t, heading - 2.5])
-    given = recording(attitude=angles)
-    signals = sensor_signals(given)
+    recorded = recording(attitude=angles)
+    signals = sensor_signals(recorded)
     np.testing.assert_allclose(signals.roll_meas, 0.1, atol=1e-9)
     np.testing.assert_allclose(signals.pitch_meas, -0.2, atol=1e-9)
-    expected = sensor_signals(given, attitude=OWN).heading_meas
+    expected = sensor_signals(recorded, attitude=OWN).heading_meas
     np.testing.assert_allclose(signals.heading_meas[50:], expected[50:], atol=0.05)
 
 

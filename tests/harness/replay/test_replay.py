@@ -14,11 +14,10 @@ from rich.console import Console
 
 from fmus.build import build_fmu
 from fmus.folder import build_folder
-from harness.cosim.fmu import FmuError
 from harness.log.log import read_log
 from harness.recording.recording import RecordingError
 from harness.recording.signals import SensorSignals
-from harness.replay.comparison import HELD, MEAN, compare, hold_speed
+from harness.replay.comparison import HELD, MEAN, Configuration, EstimateError, compare, hold_speed
 from harness.replay.fmu import run_fmu
 from harness.replay.replay import Outage, apart, replay, report, show, statistics
 from harness.replay.source import ReplaySource, open_source
@@ -120,7 +119,7 @@ def test_speed_held_goes_on_along_the_heading() -> None:
     values["gps_speed"] = np.full(ticks, 2.0)
     values["origin_latitude"] = values["origin_longitude"] = 0.0
     # when the speed is held for a second
-    held = hold_speed(SensorSignals(**values), ticks)
+    held = hold_speed(values, ticks)
     # then 25 ticks of 0.08 m follow, all east
     assert held["north"][50] == pytest.approx(3.0, abs=1e-12)
     assert held["east"][50] == pytest.approx(4.0 + 2.0, abs=1e-12)
@@ -136,7 +135,7 @@ def test_the_mean_speed_is_that_of_the_fixes_of_three_seconds() -> None:
     values["gps_speed"] = np.append(values["gps_speed"], 6.0)[:ticks]
     values["origin_latitude"] = values["origin_longitude"] = 0.0
     # when it is held for a second
-    held = hold_speed(SensorSignals(**values), ticks, 3.0)
+    held = hold_speed(values, ticks, 3.0)
     # then it is (1 + 2 + 3 + 6) / 4 = 3 m/s, north
     assert held["speed"][125] == 3.0
     assert held["north"][125] == pytest.approx(3.0, abs=1e-12)
@@ -222,9 +221,9 @@ def test_an_estimate_that_is_not_finite_is_refused_with_its_time(
     source = open_source(write(tmp_path / "trial.mcap", walk_of_log(1)))
     # then no error is averaged over it
     with pytest.raises(
-        FmuError, match=rf'filter.fmu: output "east" is {name} at t = 0.08 s; expected a finite'
+        EstimateError, match=rf'filter.fmu: output "east" is {name} at t = 0.08 s; expected a finite'
     ):
-        run_fmu(path, source.signals([]), 25, {})
+        Configuration(path.name, str(path)).run(source.signals([]), 25)
 
 
 def test_what_was_left_out_or_dropped_is_told_in_all_places(

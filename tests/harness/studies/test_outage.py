@@ -12,8 +12,9 @@ from rich.console import Console
 from scipy import stats
 
 from harness.recording.recording import RecordingError
+from harness.replay.comparison import HELD
 from harness.studies import outage, published
-from harness.studies.outage import HELD, MEAN, OURS
+from harness.studies.outage import MEAN, OURS
 from harness.studies.paths import GAITS, walk
 from harness.studies.published import FUZZY, INERTIAL, NO_PITCH, PITCH
 from harness.studies.statistics import paired, share, summary, unpaired
@@ -30,8 +31,8 @@ def result() -> dict[str, Any]:
 
 
 def mean(result: dict[str, Any], title: str, column: str, gait: str = "detection") -> float:
-    found: float = result["sets"]["dissertation"][gait]["configurations"][title][column]["mean"]
-    return found
+    mean_error: float = result["sets"]["dissertation"][gait]["configurations"][title][column]["mean"]
+    return mean_error
 
 
 @pytest.mark.parametrize("title", [INERTIAL, NO_PITCH, PITCH])
@@ -100,8 +101,8 @@ def test_the_text_s_unpaired_p_follows_from_its_means_and_deviations() -> None:
         pair,
         strict=True,
     ):
-        found = stats.ttest_ind_from_stats(mean_a, sd_a, a.n, mean_b, sd_b, b.n).pvalue
-        assert found == pytest.approx(p, rel=0.1, abs=1e-4)
+        computed = stats.ttest_ind_from_stats(mean_a, sd_a, a.n, mean_b, sd_b, b.n).pvalue
+        assert computed == pytest.approx(p, rel=0.1, abs=1e-4)
 
 
 def test_statistics_of_a_few_numbers_are_those_by_hand() -> None:

@@ -6,13 +6,14 @@ from pathlib import Path
 
 import pytest
 
+from harness.replay.comparison import HELD
 from harness.studies.page import PAGE, PICTURES, RESULTS, printed
 from harness.studies.published import FUZZY, INERTIAL, NO_PITCH, PITCH
 from harness.studies.study import Options, run_study
 from models.sets import SETS
 
 README = Path(__file__).parents[3] / "README.md"
-HELD, OURS = "speed held", "canine_tracker"
+OURS = "canine_tracker"
 FENCE = "```"
 HEADINGS = {  # what only this study's table has in its heading, and how many tables it has
     "motion": ("swing of pitch", 1),

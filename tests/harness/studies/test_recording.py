@@ -88,18 +88,18 @@ def test_nis_is_that_of_the_python_models_innovations(path: Path) -> None:
             pairs = [(model[f"innovation[{i}]"], model[f"innovation_variance[{i}]"]) for i in (1, 2, 3)]
             nis.append((signals.t[tick], sum(y * y / s for y, s in pairs)))
     # then
-    told = recording.innovations_of(source, compare("four_state").configurations[1], 40.0)
+    row = recording.nis_of(source, compare("four_state").configurations[1], 40.0)
     times, values = np.array(nis).T
-    assert told["accepted"] == len(nis) > 300
-    assert told["all"]["nis"] == pytest.approx(values.mean(), rel=1e-12)
-    assert told["second"]["nis"] == pytest.approx(values[times > 40.0].mean(), rel=1e-12)
-    assert told["all"]["expected"] == 3
+    assert row["accepted"] == len(nis) > 300
+    assert row["all"]["nis"] == pytest.approx(values.mean(), rel=1e-12)
+    assert row["second"]["nis"] == pytest.approx(values[times >= 40.0].mean(), rel=1e-12)
+    assert row["all"]["expected"] == 3
 
 
 def test_a_course_that_a_fix_at_rest_does_not_give_is_not_expected(path: Path) -> None:
-    told = recording.innovations_of(open_source(path), compare("six_state").configurations[0], 55.0)
-    assert told["second"]["expected"] == 3  # speed, north, east
-    assert 3.5 < told["first"]["expected"] < 4
+    row = recording.nis_of(open_source(path), compare("six_state").configurations[0], 55.0)
+    assert row["second"]["expected"] == 3  # speed, north, east
+    assert 3.5 < row["first"]["expected"] < 4
 
 
 def test_tables_and_picture_hold_all_of_it(result: dict[str, Any]) -> None:

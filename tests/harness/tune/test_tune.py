@@ -17,10 +17,12 @@ from rich.console import Console
 from harness.main import run
 from harness.recording.recording import RecordingError
 from harness.recording.signals import SensorSignals
+from harness.replay.comparison import HELD
+from harness.replay.replay import Outage
 from harness.replay.source import ReplaySource
 from harness.studies.innovations import Innovations
 from harness.tune import report
-from harness.tune.judge import Errors, compare_errors, summary_of
+from harness.tune.judge import compare_errors, summary_of
 from harness.tune.likelihood import Tuned
 from harness.tune.tune import AFTER, BEFORE, tune
 from models.errors import UsageError
@@ -182,15 +184,28 @@ def test_an_estimator_that_does_not_exist_is_told_in_a_line(
     )
 
 
+def outages(*positions: tuple[float, float]) -> list[Outage]:
+    """Outages apart from each other, with errors of the position before and after, none of them of speed."""
+    errors = [{HELD: (0.0, 0.0), "before": (a, 1.0), "tuned": (b, 1.0)} for a, b in positions]
+    return [Outage(20.0 * i, 20.0 * i + 10, 0.0, one, {}, np.zeros(0)) for i, one in enumerate(errors)]
+
+
 def test_errors_that_do_not_differ_have_no_p() -> None:
     # given a tuning that changes the error of the position by as much in each outage, and no speed
-    before = Errors(np.array([3.0, 5.0, 4.0]), np.array([1.0, 2.0, 3.0]))
-    tuned = Errors(before.position - 1, before.speed)
     # when
-    result = compare_errors({"before": before, "tuned": tuned}, [0, 1, 2], "before", "tuned")
+    result = compare_errors(outages((3, 2), (5, 4), (4, 3)), "before", "tuned")
     # then there is no t, and no NaN that JSON could not hold
     assert (result["position_error_m_p"], result["velocity_error_m_s_p"]) == (None, None)
-    # but where they vary there is one: by hand t = 2 / (1 / sqrt(3)), of 2 degrees of freedom
-    varied = Errors(before.position - np.array([1.0, 2.0, 3.0]), before.speed)
-    result = compare_errors({"before": before, "tuned": varied}, [0, 1, 2], "before", "tuned")
+    # but where they vary, by 1, 2 and 3, there is one: by hand t = 2 / (1 / sqrt(3)), of 2 degrees of freedom
+    result = compare_errors(outages((3, 2), (5, 3), (4, 1)), "before", "tuned")
     assert result["position_error_m_p"] == pytest.approx(0.0742, abs=1e-4)
+
+
+def test_outages_that_overlap_an_earlier_one_are_not_tested() -> None:
+    apart = outages((3, 2), (5, 3), (4, 1))
+    overlapping = [replace(outage, start=outage.start + 5, end=outage.end + 5) for outage in apart]
+    both = sorted([*apart, *overlapping], key=lambda outage: outage.start)
+    result = compare_errors(both, "before", "tuned")
+    assert result["apart"] == 3
+    assert result["position_error_m_p"] == pytest.approx(0.0742, abs=1e-4)
+    assert len(result["ways"]["tuned"]["position_error_m"]["each"]) == 6
