@@ -143,7 +143,7 @@ class PackMotion(Plant):
         wandered = led + kept * (m.side_slip - led) + m.slip_wander * ca.sqrt(1 - kept * kept) * draws[1]
         m.side_slip = clip(wandered, -LARGEST_SLIP, LARGEST_SLIP)
 
-    @triggered(lambda m: m._slip_is_set(), "there is slip", seldom=True)
+    @triggered(lambda m: m._slips(), "there is slip", seldom=True)
     def slide(m) -> None:
         """Slip, and the acceleration that comes of it.
 
@@ -204,6 +204,10 @@ class PackMotion(Plant):
     def _slip_is_set(m) -> SX:
         """Do the parameters ask for slip?"""
         return any_of(m.slip_wander > 0, m.slip_mean != 0, m.slip_lead != 0)
+
+    def _slips(m) -> SX:
+        """Is there slip to reckon with on this tick? A plant that slips by itself says so as well."""
+        return m._slip_is_set()
 
     def _kept(m, time: SX) -> SX:
         """What a first-order lag of this time constant keeps over a tick."""

@@ -46,14 +46,14 @@ class Fit:
 
     def __init__(
         self,
-        filter: Filter,
+        ekf: Filter,
         tuned: Tuned,
         start: float,
         end: float,
         progress: Callable[[float], None] | None = None,
     ) -> None:
-        self._filter, self._tuned, self._start, self._end = filter, tuned, start, end
-        self._ticks = int(np.ceil(end / filter.block.sample_time)) + 1
+        self._filter, self._tuned, self._start, self._end = ekf, tuned, start, end
+        self._ticks = int(np.ceil(end / ekf.block.sample_time)) + 1
         first = np.log10([noise.start for noise in tuned.noises])
         process = np.array([noise.name.startswith("sigma_") for noise in tuned.noises])
         searches = [self._search(first + more * process) for more in STARTS]
@@ -65,7 +65,7 @@ class Fit:
             if progress:
                 progress(100 * (j + 1) / len(first))
         self.log_likelihood = -best[1]
-        self.fixes = len(filter.innovations(self.parameters, self._ticks).between(start, end).time)
+        self.fixes = len(ekf.innovations(self.parameters, self._ticks).between(start, end).time)
 
     @property
     def parameters(self) -> dict[str, float]:

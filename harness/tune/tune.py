@@ -54,10 +54,10 @@ def tune(
                 f"{source.name}: too short to tune by: {number} fixes in its {half} half after the first "
                 f"{SETTLE:g} s; expected at least {FIXES} in each; record longer"
             )
-    filter, tuned = Filter(block, signals), Tuned(block, signals, held)
-    fit = Fit(filter, tuned, start, middle, progress)
+    ekf, tuned = Filter(block, signals), Tuned(block, signals, held)
+    fit = Fit(ekf, tuned, start, middle, progress)
     ways = {BEFORE: {}, AFTER: fit.parameters}
-    innovations = {name: filter.innovations(parameters) for name, parameters in ways.items()}
+    innovations = {name: ekf.innovations(parameters) for name, parameters in ways.items()}
     chosen = source.outages(OUTAGE_S, EVERY_S)
     windows = [window for window in chosen.windows if window[0] >= middle]
     result = {

@@ -110,6 +110,17 @@ def test_the_accelerations_of_a_path_integrate_to_its_velocity(native: Make) -> 
     assert out["slip"][100:].mean() == pytest.approx(0.1, abs=0.08)
 
 
+def test_a_body_that_lags_behind_its_path_feels_it_without_any_slip_parameter(native: Make) -> None:
+    # given a path to the north that turns east at once, at 1 m/s, and a body that turns by 180 deg/s
+    way = np.concatenate([np.arange(50), np.full(50, 49)]) * TS
+    out = follow(native, way, way[::-1].max() - way[::-1], largest_turn_rate=180 * DEG)
+    # when forward and lateral acceleration are turned by the heading and summed
+    right = out["slip_acceleration"] + out["speed"] * out["yaw_rate"]
+    change = np.cumsum((out["acceleration"] + 1j * right) * np.exp(1j * out["heading"])) * TS
+    # then they give the change from north to east
+    assert change[-1] - change[2] == pytest.approx(-1 + 1j, abs=1e-9)
+
+
 def test_slip_leads_the_course_of_a_path_without_ringing(native: Make) -> None:
     # given a path that goes straight and then round, and slip that leads by more than its own time
     north, east = circle(200)
