@@ -129,6 +129,17 @@ def test_files_hold_what_a_scenario_takes(result: dict[str, Any], tmp_path: Path
     assert "outages of 10 s there" in text.getvalue()
 
 
+@pytest.mark.parametrize(("lag_1", "is_said"), [(0.05, False), (0.15, True), (-0.15, True)])
+def test_intervals_over_correlated_innovations_are_said_to_be_too_narrow(
+    result: dict[str, Any], lag_1: float, is_said: bool
+) -> None:
+    tuned = result["judged"][AFTER] | {"autocorrelation": [lag_1], "autocorrelation_bound": 0.1}
+    text = io.StringIO()
+    judged = {BEFORE: result["judged"][BEFORE], AFTER: tuned}
+    report.show(result | {"judged": judged}, Console(file=text, width=120))
+    assert ("they are too narrow" in text.getvalue()) == is_said
+
+
 def test_a_stated_accuracy_that_varies_has_a_scale_and_a_floor() -> None:
     whole = signals(20.0)
     varied = replace(whole, gps_h_acc=np.where(whole.t < 10, 0.02, 3.0))
