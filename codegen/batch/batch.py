@@ -20,6 +20,7 @@ from codegen.scratch import Scratch
 from codegen.toolchains.compiler import FLAGS, build_library, processor
 from codegen.toolchains.library import load_library
 from models.errors import ParameterError, WiringError, nearest
+from models.kit.link import Key
 from models.system import System
 
 if TYPE_CHECKING:
@@ -30,7 +31,6 @@ WIDE = ("-mprefer-vector-width=512",)  # where a processor has such vectors
 FLIGHTS = 128  # trials under way at a time, in each thread
 # with the last flag, a loop over lanes that does not become vectors is an error
 SPEED = ("-O3", "-march=native", "-fno-math-errno", "-Werror=pass-failed")
-Key = tuple[str, str]  # component, flat name
 Array = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.int32]
 

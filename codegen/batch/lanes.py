@@ -36,10 +36,10 @@ from codegen.batch.graph import Graph
 from codegen.blocks.expressions import Writer
 from codegen.blocks.nodes import SELECT, Node, count_uses, read
 from models.kit.declaration import Type, flatten
+from models.kit.link import Key
 from models.kit.tracing import GROUPS, Phase, Table
 from models.system import System
 
-Key = tuple[str, str]  # component, flat name
 LATENCY = {  # cycles from operands to result where it is more than one, on today's x86-64
     ca.OP_ADD: 3, ca.OP_SUB: 3, ca.OP_MUL: 3, ca.OP_SQ: 3, ca.OP_TWICE: 3, ca.OP_FLOOR: 8, ca.OP_DIV: 13,
     ca.OP_SQRT: 20,

@@ -18,11 +18,10 @@ from models.errors import ParameterError, WiringError, nearest
 from models.kit.block import Block
 from models.kit.declaration import Type, Variable, flatten
 from models.kit.elementary import Precision
-from models.kit.link import Link, Values
+from models.kit.link import Key, Link, Values
 from models.kit.tracing import GROUPS
 from models.system import System
 
-Key = tuple[str, str]  # component, flat name
 Array = npt.NDArray[np.float64]
 
 

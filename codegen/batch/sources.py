@@ -6,13 +6,14 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from codegen.batch.lanes import BatchSystem, Key, Tick, field_name, ordinary_tick
+from codegen.batch.lanes import BatchSystem, Tick, field_name, ordinary_tick
 from codegen.blocks.block_c import VERSION, generate
 from codegen.blocks.expressions import MEMBERS, c_name
 from codegen.blocks.layout import fit
 from codegen.templating import environment
 from models.kit.block import Block
 from models.kit.declaration import Type
+from models.kit.link import Key
 from models.kit.tracing import Table
 from models.system import System
 

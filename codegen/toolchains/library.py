@@ -48,7 +48,7 @@ def why_not_loaded(path: Path, reason: object) -> str:
     """Why the system does not load a library, and what to do; `reason` is what it says itself."""
     here = platform.machine()
     kind = _kind(path)
-    if kind != ("a macOS library" if sys.platform == "darwin" else f"an ELF library for {here}"):
+    if kind != ("a macOS library" if sys.platform == "darwin" else f"an ELF library for {_family(here)}"):
         return f"{path.name} is {kind}, this machine is {here} ({sys.platform}); export it for this machine"
     if sys.platform == "linux" and os.statvfs(path).f_flag & os.ST_NOEXEC:
         return (
@@ -61,6 +61,14 @@ def why_not_loaded(path: Path, reason: object) -> str:
             f"{path.name} needs {other['name']}, which this machine lacks; install it, or export without it"
         )
     return text.replace(f"{path.parent}{os.sep}", "")
+
+
+def _family(machine: str) -> str:
+    """A machine's name in MACHINES, from the system's own: `armv7l` is `arm`, `i686` is `x86`."""
+    if re.fullmatch("i[3-6]86", machine):
+        return "x86"
+    names = sorted(MACHINES.values(), key=len, reverse=True)  # ppc64 before ppc
+    return next((name for name in names if machine.startswith(name)), machine)
 
 
 def _mount(path: Path) -> Path:

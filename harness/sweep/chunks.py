@@ -369,13 +369,21 @@ def _here(job: Job) -> Iterator[Pool]:
         executor.shutdown(wait=False, cancel_futures=True)
 
 
+def _host(text: str) -> str:
+    """The host in what is meant as host and port; an address of IPv6 in its brackets."""
+    bare = text.strip("/")
+    if bare.startswith("[") or bare.count(":") > 1:
+        return f"[{bare.strip('[').partition(']')[0]}]"
+    return bare.partition(":")[0] or "host"
+
+
 @contextmanager
 def _cluster(address: str, note: Note) -> Iterator[Pool]:
     if not ADDRESS.fullmatch(address):
-        host = address.partition("://")[2] or address.strip(":/") or "host"
+        scheme, _, rest = address.rpartition("://")
         raise UsageError(
             f"--dask {address}: is not the address of a scheduler; expected host and port, as in "
-            f"tcp://{host.partition(':')[0]}:8786, which `dask scheduler` prints"
+            f"{scheme or 'tcp'}://{_host(rest)}:8786, which `dask scheduler` prints"
         )
     from distributed import Client  # noqa: PLC0415 - it takes a second, which other sweeps need not wait
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+Key = tuple[str, str]  # component, flat name
 Values = Mapping[str, Mapping[str, float]]  # by component and flat name, SI
 
 

@@ -88,6 +88,9 @@ def test_the_end_of_an_outage_is_varied_from_its_start_on() -> None:
         ("10.0.0.1:", "tcp://10.0.0.1:8786"),
         ("tcp://host:http", "tcp://host:8786"),
         ("", "tcp://host:8786"),
+        ("::1", "tcp://[::1]:8786"),
+        ("tcp://[fe80::1]", "tcp://[fe80::1]:8786"),
+        ("tls://localhost", "tls://localhost:8786"),
     ],
 )
 def test_an_address_without_a_port_is_refused_at_once_with_an_example(address: str, example: str) -> None:
