@@ -9,8 +9,8 @@ motion of the pack and the errors of the receiver are not what any of the filter
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -37,7 +37,7 @@ from harness.studies.innovations import (
 from harness.studies.paths import GAITS, walk
 from harness.studies.published import OUTAGE_S
 from harness.studies.statistics import share
-from harness.studies.study import Options, Progress, Result
+from harness.studies.study import Options, Progress, Result, in_threads
 from harness.studies.tracking import Configuration
 from harness.terminal import new_table, print_table
 from models.canine_tracker import CanineTracker
@@ -112,15 +112,14 @@ def run(options: Options, progress: Progress) -> Result:
     seeds = range(1, (options.seeds or SEEDS) + 1)
     sets = {options.set: SETS[options.set]} if options.set else {SHIPPED: {}, **SETS}
     worlds: dict[str, Any] = {}
-    with ThreadPoolExecutor() as pool:
-        own = OwnWorld()
-        trials = list(pool.map(own.run, seeds))
-        worlds[OWN] = {name: judge([t[name] for t in trials]) for name in ALONE}
-        simulated = Simulated()
-        for number, (name, values) in enumerate(sets.items(), 1):
-            progress(100 * number / (len(sets) + 1))
-            trials = list(pool.map(lambda seed, v=values: simulated.run(seed, v), seeds))
-            worlds[name] = {title: judge([t[title] for t in trials]) for title in TOGETHER}
+    own = OwnWorld()
+    trials = list(in_threads(own.run, seeds))
+    worlds[OWN] = {name: judge([t[name] for t in trials]) for name in ALONE}
+    simulated = Simulated()
+    for number, (name, values) in enumerate(sets.items(), 1):
+        progress(100 * number / (len(sets) + 1))
+        trials = list(in_threads(partial(simulated.run, values=values), seeds))
+        worlds[name] = {title: judge([t[title] for t in trials]) for title in TOGETHER}
     return {"seeds": len(seeds), "outage_s": OUTAGE_S, "settle_s": SETTLE_S, "worlds": worlds}
 
 
