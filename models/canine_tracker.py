@@ -27,6 +27,7 @@ SHORT_NOISE = 4.0  # variance that the process noise brings in, by that which re
 MEAN_SHARE = 1 / 16  # of the process noise of the speed: that of its mean
 LATE = 1.0  # s: an end that comes later, after an outage, does not count
 FORGET_QUIET = 1.002  # a moving fix: the least motion seen may double in 90 s of moving
+UNMOVED = 1e6  # no motion is seen yet: more than any
 SETTLED = 40  # moving fixes after which the least motion is known
 FRESH = 0.6  # s, age of a fix that still tells whether the body moves
 
@@ -119,18 +120,15 @@ class CanineTracker(Estimator):
     rate_mean = State("rad/s", "over still_time", size=3)
     force_motion = State("1", "mean square deviation from it, in (m/s2)2")
     rate_motion = State("1", "likewise, in (rad/s)2")
-    least_force_motion = State("1", "least seen while moving", start=1e6)
-    least_rate_motion = State("1", "least seen while moving", start=1e6)
+    least_force_motion = State("1", "least seen while moving", start=UNMOVED)
+    least_rate_motion = State("1", "least seen while moving", start=UNMOVED)
     moving_fixes = State(Integer, "of a moving body so far", max=COUNT_MAX)
     still = State(Boolean, "the body rests")
 
     def initialize(m) -> None:
         """Nothing is learned yet."""
-        m.slip_covariance = Factors.diagonal([m.initial_slip_offset**2, m.initial_slip_lead**2]).pack()
-        m.reversion = m.learned_reversion = 1 / m.reversion_time
-        m.long_bias_sd = ca.sqrt(m.initial_bias_variance)
-        m.sigma = m.sigma_constant
-        m.rehearsal_errors = ca.vertcat(1, 1) * (m.sigma**2 / SHORT_NOISE * m.rehearsal_time)
+        m.slip_covariance = m._initial_slip_covariance()
+        m._forget_rehearsals()
 
     def listen(m) -> None:
         """Take the sample if all its values are good; else hold speed and course, and count it."""
@@ -156,6 +154,7 @@ class CanineTracker(Estimator):
         m.acceleration = where(good, along, m.x[BIAS])
         m.pull = where(good, m.reversion, 0)
         m.heard = good
+        m.still = 0  # `feel` says so anew on every good sample
         m.held_heading = where(good, m.heading_meas, m.held_heading)
 
     @before("predict")
@@ -310,10 +309,29 @@ class CanineTracker(Estimator):
         m.accel_bias, m.accel_bias_sd = m.long_bias, m.long_bias_sd
 
     def _begin(m) -> dict[int, tuple[SX, SX]]:
-        """The mean speed is that of the fix; a bias that has failed once is given up."""
+        """The mean speed is that of the fix; what was learned of the carrier is given up if it did not help.
+
+        The rehearsals, whose speeds come from the state that has failed, begin anew in any case.
+        """
+        m._forget_rehearsals()
         m.long_bias = where(m.renewed, 0, m.long_bias)
+        m.slip = where(m.renewed, 0, m.slip)
+        m.slip_covariance = where(m.renewed, m._initial_slip_covariance(), m.slip_covariance)
+        m.moving_fixes = where(m.renewed, 0, m.moving_fixes)
+        m.least_force_motion = where(m.renewed, UNMOVED, m.least_force_motion)
+        m.least_rate_motion = where(m.renewed, UNMOVED, m.least_rate_motion)
         bias = m.long_bias - m.reversion * m.gps_speed
         return {**super()._begin(), BIAS: (bias, m.initial_bias_variance)}
+
+    def _initial_slip_covariance(m) -> SX:
+        return Factors.diagonal([m.initial_slip_offset**2, m.initial_slip_lead**2]).pack()
+
+    def _forget_rehearsals(m) -> None:
+        m.rehearsing = m.rehearsals = 0
+        m.reversion = m.learned_reversion = 1 / m.reversion_time
+        m.long_bias_sd = ca.sqrt(m.initial_bias_variance)
+        m.sigma = m.sigma_constant
+        m.rehearsal_errors = ca.vertcat(1, 1) * (m.sigma**2 / SHORT_NOISE * m.rehearsal_time)
 
     def _heading(m) -> tuple[SX, SX]:
         return wrap(m.held_heading), m.heading_accuracy

@@ -436,6 +436,21 @@ def test_rest_is_told_apart_at_any_noise_of_the_sensors(native: Make) -> None:
     assert not out["still"][: round(40 / T)].any()
 
 
+@pytest.mark.parametrize("value", [math.nan, 300.0])
+def test_without_samples_a_body_that_stood_follows_its_fixes(native: Make, value: float) -> None:
+    """The inertial unit fails while it stands; it walks off, and the fixes tell so."""
+    speed = ramps(60, (2, 0), (3, 1.3), (40, 1.3), (41, 0), (50, 0), (51, 1.3), (60, 1.3))
+    signals = carried(speed, np.zeros(len(speed)), seed=19)
+    failed = round(45 / T)
+    signals["accel_y"][failed:] = value
+    out = run(native, signals)
+    assert out["still"][failed - 1]
+    assert not out["still"][failed:].any()
+    assert out["bad_samples"][-1] == len(speed) - failed
+    assert np.abs(out["speed"] - speed)[round(52 / T) :].max() < 0.3
+    assert error(out, signals) < 0.6
+
+
 # The recovery
 
 
@@ -449,3 +464,52 @@ def test_a_bias_far_from_the_truth_is_given_up_with_the_second_beginning(native:
     assert out["accepted"][fixes].tolist() == [0] * 4 + [1] * (len(fixes) - 4)
     assert out["accel_bias"][fixes[[1, 3]]].tolist() == [60, 0]
     assert abs(out["speed"][-1] - 1) < 0.1
+
+
+def test_with_a_second_beginning_nothing_is_rehearsed_but_the_carrier_is_known(native: Make) -> None:
+    """A car whose long rehearsals were right; the fixes jump by 1 km in the middle of the next one."""
+    t = np.arange(2060) * T
+    signals = carried(10 + 8 * np.sin(0.3 * t), turns(len(t), 0.3), seed=6, swing=0.3, offset=0.2, hidden=0.3)
+    jumped = round(80 / T)
+    signals["gps_north"][jumped:] += 1000
+    out = run(native, signals)
+    begun = np.flatnonzero(out["renewed"])[0]
+    before, fixes = begun - 1, signals["gps_fix"][:begun]
+    assert out["rehearsing"][before]
+    assert out["rehearsed_ticks"][before] > np.diff(np.flatnonzero(fixes))[-1]
+    assert out["reversion"][before] == pytest.approx(1 / 60)
+    assert out["long_bias"][begun] == out["long_bias"][before] == pytest.approx(0.3, abs=0.1)
+    assert out["slip[1]"][begun] == out["slip[1]"][before] == pytest.approx(0.2, abs=0.05)
+    assert out["least_force_motion"][begun] == out["least_force_motion"][before] < 1e6
+    # as at the first beginning
+    expected = {"sigma": 0.4, "reversion": 1 / 0.7, "learned_reversion": 1 / 0.7, "rehearsals": 0}
+    expected |= {"long_bias_sd": 1, "accel_bias_sd": 1, "rehearsed_ticks": 0, "rehearsing": 1}
+    expected |= {"rehearsal_errors[1]": 0.2, "rehearsal_errors[2]": 0.2}
+    assert {name: out[name][begun] for name in expected} == pytest.approx(expected)
+    # the rehearsal that begins is of the new speed, the covariance that of the first fix
+    speeds = [out[name][begun] for name in ("rehearsed[1]", "rehearsed[2]", "rehearsed_from")]
+    assert speeds == [as_received(signals)["gps_speed"][begun]] * 3
+    first = np.flatnonzero(out["started"])[0]
+    P = [f"covariance[{i}]" for i in range(1, 11)]
+    assert [out[name][begun] for name in P] == [out[name][first] for name in P]
+
+
+def test_after_a_beginning_in_vain_nothing_of_the_earlier_life_is_left(native: Make) -> None:
+    """From the third beginning on it does what a filter does that begins there."""
+    n, switched = 3000, 1500
+    signals = carried(np.full(n, 1.3), turns(n), seed=20, offset=0.3, lead=0.3, hidden=0.4)
+    ticks = np.flatnonzero(signals["gps_fix"])
+    signals["gps_north"][ticks[ticks >= switched]] += 3000
+    signals["gps_north"][ticks[ticks >= switched][:2]] -= 1000
+    begins = int(ticks[ticks >= switched][3])
+    inputs = {name: v for name, v in as_received(signals).items() if not name.startswith("true_")}
+    old = native(CanineTracker, "double", {"recovery_fixes": 2}).run(**inputs)
+    assert np.flatnonzero(np.diff(old["renewed"], prepend=0) > 0).size == 1
+    assert old["north"][begins] == inputs["gps_north"][begins]
+    fresh = native(CanineTracker, "double", {}).run(**{name: v[begins:] for name, v in inputs.items()})
+    of_the_samples = {f"{m}[{i}]" for m in ("force_mean", "rate_mean") for i in (1, 2, 3)}
+    of_the_samples |= {"force_motion", "rate_motion", "least_force_motion", "least_rate_motion", "still"}
+    for name in set(fresh) - of_the_samples - {"renewed"}:
+        assert old[name][begins + 10 :] == pytest.approx(fresh[name][10:], rel=1e-9, abs=1e-9), name
+    for name in ("least_force_motion", "least_rate_motion"):
+        assert old[name][begins] == fresh[name][0] == 1e6
