@@ -122,6 +122,7 @@ class CanineTracker(Estimator):
     rate_motion = State("1", "likewise, in (rad/s)2")
     least_force_motion = State("1", "least seen while moving", start=UNMOVED)
     least_rate_motion = State("1", "least seen while moving", start=UNMOVED)
+    fix_variance = State("1", "of the last fix's position, as believed, in m2")
     moving_fixes = State(Integer, "of a moving body so far", max=COUNT_MAX)
     still = State(Boolean, "the body rests")
 
@@ -244,7 +245,7 @@ class CanineTracker(Estimator):
                 clip(wrap(m.gps_course - expected), -m.largest_slip, m.largest_slip),
             )
         )
-        m.slip, m.slip_covariance = m.slip + ca.vertcat(*step.more), step.factors.pack()
+        m.slip, m.slip_covariance = m.slip + ca.vertcat(*step.increments), step.factors.pack()
 
     @before("correct")
     @triggered(lambda m: all_of(m.accepted, m.gps_speed > m.moving_speed), "an accepted fix of a moving body")
@@ -292,6 +293,12 @@ class CanineTracker(Estimator):
         m.reversion = m.learned_reversion
 
     @before("output")
+    @triggered(lambda m: all_of(m.started, m.age < 1), "a fix that was accepted or begun at")
+    def mark(m) -> None:
+        """Remember how well the receiver knows the place."""
+        m.fix_variance = m._position_variance()
+
+    @before("output")
     @triggered(
         lambda m: all_of(m.started, m.age < 1, ca.logic_not(m.rehearsing)), "a fix, and nothing is rehearsed"
     )
@@ -307,6 +314,11 @@ class CanineTracker(Estimator):
         """The estimate for this tick; the bias is that of the rehearsals, in which the mean has no part."""
         super().output()
         m.accel_bias, m.accel_bias_sd = m.long_bias, m.long_bias_sd
+
+    def _stated_variances(m) -> tuple[SX, SX, SX, SX]:
+        """What is common to all fixes, no filter finds: at most the variance of one, beside that of P."""
+        speed, bias, north, east = super()._stated_variances()
+        return speed, bias, north + m.fix_variance, east + m.fix_variance
 
     def _begin(m) -> dict[int, tuple[SX, SX]]:
         """The mean speed is that of the fix; what was learned of the carrier is given up if it did not help.

@@ -160,11 +160,8 @@ class Estimator(Block):
 
     def output(m) -> None:
         """The estimate for this tick."""
-        factors = m._factors()
         m.speed, m.accel_bias, m.north, m.east = (m.x[i] for i in m._reported())
-        m.speed_sd, m.accel_bias_sd, m.north_sd, m.east_sd = (
-            ca.sqrt(factors.variance(i)) for i in m._reported()
-        )
+        m.speed_sd, m.accel_bias_sd, m.north_sd, m.east_sd = map(ca.sqrt, m._stated_variances())
         m.heading, m.heading_sd = m._heading()
         m.sigma_accel = m.sigma
         m.valid = all_of(m.started, m.age * m.sample_time <= m.max_age)
@@ -205,6 +202,12 @@ class Estimator(Block):
     def _heading(m) -> tuple[SX, SX]:
         """The heading in (-pi, pi] and its standard deviation [rad]."""
         raise NotImplementedError
+
+    def _stated_variances(m) -> tuple[SX, SX, SX, SX]:
+        """Of speed, bias, north and east."""
+        factors = m._factors()
+        speed, bias, north, east = (factors.variance(i) for i in m._reported())
+        return speed, bias, north, east
 
     # What they use
 

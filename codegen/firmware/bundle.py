@@ -34,6 +34,8 @@ TEMPLATES = environment(Path(__file__).parent / "templates")
 SUMS = "SHA256SUMS"  # of a bundle's files, as `sha256sum -c` reads it
 PORT = "port.c"  # each target's own, by the same name
 COSTS = SOURCES / "costs.json"  # by target and estimator, measured by the processor in the loop
+# bytes of code and constants of programs that a processor has no room for: with parameters, as constants
+TOO_LARGE = {("rabbit4000", "seven_state+ahrs"): (62_500, 59_300)}
 DRIVERS = ("link.h", "mt.h", "ubx.h")  # headers of the members of `onboard` that are no blocks
 GENERATED = ("models.h", "fixes.h", "telemetry.h", "telemetry.c", "onboard.h", "navigation.h")
 # numbers that the program shares with the models
@@ -168,9 +170,15 @@ def write(
     neither overwritten nor removed.
 
     Raises:
-        UsageError: the folder cannot be written, holds another target's bundle, or has such a file by a name
-            of the bundle's; then nothing is written.
+        UsageError: the processor has no room for the program; the folder cannot be written, holds another
+            target's bundle, or has such a file by a name of the bundle's. Then nothing is written.
     """
+    if size := TOO_LARGE.get((target.name, navigation.name)):
+        raise UsageError(
+            f"--target {target.name}: {navigation.name} needs {size[constants]:,} bytes for code and "
+            f"constants, and there is room for {target.code:,}; nothing is written. "
+            "Leave out --ahrs, or choose another estimator or target"
+        )
     files = bundle(target, values, navigation, constants=constants)
     files[SUMS] = "".join(f"{_digest(text.encode())}  {name}\n" for name, text in sorted(files.items()))
     try:

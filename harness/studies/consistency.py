@@ -67,6 +67,7 @@ BIAS_WALK = 1e-3  # m/s2 per tick, as eq. 3.16 assumes
 
 
 BIAS_TOLD = ("accel_bias", "accel_bias_sd")
+STATED = (*BIAS_TOLD, "north_sd", "east_sd")
 
 
 ALONE: dict[str, Configuration] = {
@@ -88,7 +89,8 @@ class Trial:
 
     Attributes:
         innovations: after it has settled, before the outage.
-        errors, covariances: of speed, bias, north, east at the last fix (4,) and (4, 4), and at the end.
+        errors, covariances: of speed, bias, north, east at the last fix (4,) and (4, 4), and at the end; the
+            variances of the position are those that the estimator states, of which the tracker's exceed P's.
         has_bias: the second of these is the bias; in the tracker's state it stands together with the mean
             speed, so it is left out of NEES.
         bias_error_per_sd: of the bias that the estimator tells, at the last fix.
@@ -128,7 +130,7 @@ class OwnWorld:
 
     def __init__(self) -> None:
         self._series = Series(
-            FourState, observe=[*observed(FourState), *(f"four_state.{name}" for name in BIAS_TOLD)]
+            FourState, observe=[*observed(FourState), *(f"four_state.{name}" for name in STATED)]
         )
 
     def run(self, seed: int) -> dict[str, Trial]:
@@ -183,7 +185,7 @@ class Simulated:
         observe = [f"plant.{name}" for name in ("speed", "north", "east")] + ["sensors.gps_fix"]
         for name, judged in TOGETHER.items():
             observe += observed(judged.block, self._places[name])
-            observe += [f"{self._places[name]}.{output}" for output in BIAS_TOLD]
+            observe += [f"{self._places[name]}.{output}" for output in STATED]
         self._series = Series(system, observe)
 
     def run(self, seed: int, values: Mapping[str, Mapping[str, float]]) -> dict[str, Trial]:
@@ -229,6 +231,8 @@ def _trial(
     at = [last, len(truth) - 1]
     errors = state_of(block, rows, component)[at][:, states] - truth[at]
     P = covariance_of(block, rows, component)[at][:, np.array(states)[:, None], np.array(states)]
+    for i, name in ((2, "north_sd"), (3, "east_sd")):
+        P[:, i, i] = rows[f"{component}.{name}"][at] ** 2
     innovations = innovations_of(block, rows, component).between(SETTLE_S, np.inf)
     bias, sd = (rows[f"{component}.{name}"][last] for name in BIAS_TOLD)
     has_bias = block is not CanineTracker

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ PAGE = "tracking.md"
 TEMPLATES = environment(Path(__file__).parent / "templates")
 SCREEN_DPI = 96  # pictures for a page, not for print
 WALK = "walk_ublox_imu"  # the recording that the page's words are about
+REFLECTED = "built_up"  # the set in which fixes are reflected
 WIDTH = 170  # characters: the widest table
 PICTURES = (
     "pitch", "outage", "outage_detection", "heading", "tuning", "recording", "consistency", "observability",
@@ -107,6 +108,11 @@ def _mean_errors(configuration: Mapping[str, Any]) -> str:
     return f"{position:.1f} / {speed:.1f}"
 
 
+def _range(values: Iterable[float]) -> str:
+    ordered = sorted(values)
+    return f"{ordered[0]:.1f} to {ordered[-1]:.1f}"
+
+
 def _percent(value: float) -> str:
     return f"{100 * value:.0f} %"
 
@@ -138,8 +144,9 @@ def _consistent(worlds: Mapping[str, Any]) -> dict[str, Any]:
         row["nees"] / row["states"]
         for world, rows in others.items()
         for title, row in rows.items()
-        if world != "ideal" and title != "seven_state"
+        if world != "ideal" and title not in ("seven_state", OURS)
     ]
+    ours = {world: rows[OURS] for world, rows in others.items()}
     return {
         "nis": own["nis"] / own["nis_expected"],
         "nis_bounds": [bound / own["nis_expected"] for bound in own["nis_bounds"]],
@@ -147,4 +154,7 @@ def _consistent(worlds: Mapping[str, Any]) -> dict[str, Any]:
         "nees_bounds": [bound / own["states"] for bound in own["nees_bounds"]],
         "within": {key: f"{100 * min(part):.0f} to {100 * max(part):.0f} %" for key, part in shares.items()},
         "nees_elsewhere": f"{min(nees):.0f} to {max(nees):.0f}",
+        "nees_ours": _range(r["nees"] / r["states"] for world, r in ours.items() if world != REFLECTED),
+        "nees_reflected": f"{ours[REFLECTED]['nees'] / ours[REFLECTED]['states']:.1f}",
+        "bias_ours": _range(row["bias_error_per_sd"] for row in ours.values()),
     }

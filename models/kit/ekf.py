@@ -193,21 +193,21 @@ class Factors:
             gain[j] = g[j]
         innovation = wrap(innovation) if angle else innovation
         weighted = innovation / alpha
-        more = [gain[self.order.index(i)] * weighted for i in range(n)]
-        return Correction(more, Factors(U, D, self.order), innovation, alpha)
+        increments = [gain[self.order.index(i)] * weighted for i in range(n)]
+        return Correction(increments, Factors(U, D, self.order), innovation, alpha)
 
 
 class Correction(NamedTuple):
     """What one scalar measurement does.
 
     Attributes:
-        more: (n,) what is to be added to the states, in their order.
+        increments: (n,) what is to be added to the states, in their order.
         factors: the corrected covariance.
         innovation: the measurement less its prediction, wrapped if it is an angle.
         variance: the variance that the filter expects of the innovation.
     """
 
-    more: list[SX]
+    increments: list[SX]
     factors: Factors
     innovation: SX
     variance: SX
@@ -247,7 +247,7 @@ def correct(
         row, _, variance, angle = measurement
         steps.append(factors.correct(row, variance, measurement.innovation(x), angle))
         factors = steps[-1].factors
-        x = [value + more for value, more in zip(x, steps[-1].more, strict=True)]  # eq. 3.2
+        x = [value + increment for value, increment in zip(x, steps[-1].increments, strict=True)]  # eq. 3.2
     return ca.vertcat(*x), factors, steps
 
 

@@ -105,6 +105,7 @@ class Reference:
         self.rehearsal: dict[str, Any] = {}
         self.long_bias, self.long_bias_sd = 0.0, 1.0
         self.started = self.still = False
+        self.fix_sd = 0.0
 
     def step(self, u: dict[str, float]) -> None:
         roll, pitch, heading = u["roll_meas"], u["pitch_meas"], u["heading_meas"]
@@ -190,7 +191,7 @@ class Reference:
                 self.P[1, 1] = self.long_bias_sd**2 + 0.1 / self.T**2
             for i, name in ((0, "gps_speed"), (2, "gps_north"), (3, "gps_east")):
                 self.correct(i, u[name], r if i == 0 else r_position)
-        self.age = 0
+        self.age, self.fix_sd = 0, math.sqrt(r_position)
         if not self.rehearsal:
             v = self.x[0]
             brisk = {"v": v, "T": 0.7, "bias": self.x[1] + v / self.T - v / 0.7, "mean": 0.0}
@@ -245,8 +246,9 @@ def test_the_tracker_agrees_with_an_independent_filter(native: Make) -> None:
         sd = np.sqrt(np.diag(reference.P))
         x = np.array([out[f"x[{i}]"][k] for i in range(1, 5)])
         assert (np.abs(x - reference.x) < 1e-6 * sd).all(), k
-        for name, i in (("speed", 0), ("north", 2), ("east", 3)):
-            assert out[f"{name}_sd"][k] == pytest.approx(sd[i], rel=1e-6), (k, name)
+        north_sd, east_sd = (math.hypot(sd[i], reference.fix_sd) for i in (2, 3))
+        for name, stated in (("speed", sd[0]), ("north", north_sd), ("east", east_sd)):
+            assert out[f"{name}_sd"][k] == pytest.approx(stated, rel=1e-6), (k, name)
         assert [out["slip[1]"][k], out["slip[2]"][k]] == pytest.approx(list(reference.slip), abs=1e-9)
         assert out["accel_bias"][k] == pytest.approx(reference.long_bias, abs=1e-7)
         assert out["accel_bias_sd"][k] == pytest.approx(reference.long_bias_sd, rel=1e-6)
@@ -364,6 +366,34 @@ def test_bad_samples_leave_a_rehearsal_as_it_is(native: Make) -> None:
     signals = carried(np.full(3000, 1.3), np.zeros(3000), seed=17, swing=0, noise=0)
     signals["accel_x"] = np.where(np.arange(3000) % 3 > 0, math.nan, signals["accel_x"])
     assert run(native, signals)["sigma"][-1] == pytest.approx(math.sqrt(4 * 0.1**2 / 5))
+
+
+# The stated position
+
+
+def test_an_error_that_all_fixes_share_is_within_the_stated_deviation(native: Make) -> None:
+    """A receiver that wanders in a minute, as far as it states: fixes of 4 Hz do not average that away."""
+    squares = []
+    for seed in range(20):
+        signals = carried(np.full(1000, 1.3), turns(1000), seed=seed)
+        common = np.random.default_rng(100 + seed).normal(0, 1.0, 2)
+        signals["gps_north"], signals["gps_east"] = (
+            signals[f"gps_{axis}"] + error for axis, error in zip(("north", "east"), common, strict=True)
+        )
+        out = run(native, signals | {"gps_h_acc": np.full(1000, 2.0)})
+        for axis in ("north", "east"):
+            off = out[axis][-1] - signals[f"true_{axis}"][-1]
+            squares.append(off**2 / out[f"{axis}_sd"][-1] ** 2)
+    assert 0.5 < np.mean(squares) < 1.5  # 40 of them: 1 with a deviation of 0.22
+
+
+def test_the_receivers_part_is_that_of_the_last_good_fix(native: Make) -> None:
+    signals = carried(np.full(1000, 1.3), np.zeros(1000), seed=21)
+    accuracy = np.where(np.arange(1000) * T < 20, 2.0, 8.0)
+    accuracy[np.arange(1000) * T > 30] = math.nan
+    out = run(native, signals | {"gps_h_acc": accuracy})
+    assert out["fix_variance"][[1, 400, 700, 999]] == pytest.approx([1, 1, 16, 16])
+    assert np.isfinite(out["north_sd"]).all()
 
 
 # Standing still

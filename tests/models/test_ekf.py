@@ -374,7 +374,8 @@ def test_a_sum_of_states_is_corrected_as_the_textbook_does(n: int, seed: int) ->
     S = c @ P @ c + r
     L = P @ c / S
     deviation = np.sqrt(np.diag(P))
-    assert np.abs((value(ca.vertcat(*step.more)) - L * innovation) / deviation).max() < 1e-9 * abs(innovation)
+    increments = value(ca.vertcat(*step.increments))
+    assert np.abs((increments - L * innovation) / deviation).max() < 1e-9 * abs(innovation)
     assert value(step.variance)[0] == pytest.approx(S, rel=1e-10)
     assert value(step.innovation)[0] == innovation
     result = dense(value(step.factors.pack()), n)[np.ix_(place, place)]
@@ -389,9 +390,9 @@ def test_the_innovation_of_an_angle_is_the_shorter_way_round(innovation: float, 
     factors = Factors.diagonal([ca.SX(2.0), ca.SX(1.0)])
     as_angle = factors.correct(0, ca.SX(2.0), ca.SX(innovation), angle=True)
     assert value(as_angle.innovation)[0] == pytest.approx(wrapped, abs=1e-12)
-    assert value(ca.vertcat(*as_angle.more)) == pytest.approx([wrapped / 2, 0])
+    assert value(ca.vertcat(*as_angle.increments)) == pytest.approx([wrapped / 2, 0])
     as_length = factors.correct(0, ca.SX(2.0), ca.SX(innovation))
-    assert value(as_length.more[0])[0] == pytest.approx(innovation / 2)
+    assert value(as_length.increments[0])[0] == pytest.approx(innovation / 2)
 
 
 def test_measurements_are_taken_in_turn_each_with_what_the_last_one_left() -> None:

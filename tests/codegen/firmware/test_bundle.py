@@ -31,7 +31,7 @@ from elftools.elf.elffile import ELFFile
 import codegen
 from codegen.firmware import bundle
 from codegen.firmware.bundle import BLOCKS, COSTS, SOURCES
-from codegen.firmware.navigation import DEFAULT
+from codegen.firmware.navigation import DEFAULT, Navigation
 from codegen.firmware.targets import TARGETS
 from codegen.firmware.telemetry import Flag, Telemetry
 from codegen.toolchains import sdcc
@@ -41,7 +41,10 @@ from harness.log.geodesy import TangentPlane
 from harness.onboard.instruments import InertialUnit, Receiver
 from harness.onboard.processors import Received, open_processor
 from harness.onboard.radio import Decoder, Mission, Position, Start, encode
+from models.canine_ahrs import CanineAhrs
 from models.errors import UsageError
+from models.four_state import FourState
+from models.seven_state import SevenState
 from tests.codegen.firmware.vest import LATITUDE, LONGITUDE, Send, lead, still
 
 PROJECT = Path(codegen.__file__).resolve().parents[1]
@@ -161,6 +164,35 @@ def test_the_cortex_bundle_builds_with_zig_too(tmp_path: Path) -> None:
 
     # then there is the program
     assert elf_sizes(tmp_path / "onboard.elf")[0] > 10_000
+
+
+def test_what_a_constant_decides_builds_for_the_rabbit(tmp_path: Path) -> None:
+    # given an AHRS whose magnetometer is switched off by a constant
+    settings = rabbit_tools()
+    bundle.write(TARGETS["rabbit4000"], tmp_path, {}, Navigation(FourState, CanineAhrs), constants=True)
+
+    # when it is made, then that a condition never holds is no error
+    run_make(tmp_path, *settings, "canine_ahrs.rel")
+    assert (tmp_path / "canine_ahrs.rel").stat().st_size > 0
+
+
+@pytest.mark.parametrize(("constants", "size"), [(False, "62,500"), (True, "59,300")])
+def test_a_program_that_the_processor_has_no_room_for_is_refused(
+    constants: bool, size: str, tmp_path: Path
+) -> None:
+    # given seven states and the AHRS, when firmware for the Rabbit is asked for
+    large = Navigation(SevenState, CanineAhrs)
+    with pytest.raises(UsageError) as refused:
+        bundle.write(TARGETS["rabbit4000"], tmp_path, {}, large, constants=constants)
+
+    # then it says why and what to do, and writes nothing; another processor has room
+    assert str(refused.value) == (
+        f"--target rabbit4000: seven_state+ahrs needs {size} bytes for code and constants, "
+        "and there is room for 57,000; nothing is written. "
+        "Leave out --ahrs, or choose another estimator or target"
+    )
+    assert list(tmp_path.iterdir()) == []
+    assert bundle.write(TARGETS["cortex-m4f"], tmp_path, {}, large, constants=constants)
 
 
 def test_an_image_for_the_rabbit_that_reaches_into_the_ram_is_refused(tmp_path: Path, made: Make) -> None:

@@ -125,6 +125,22 @@ def test_the_filter_in_its_own_world_is_as_good_as_it_says(page: str) -> None:
     assert low < nees < high
 
 
+def test_our_own_states_its_position_and_its_bias_no_better_than_they_are(page: str) -> None:
+    (table,) = tables(page, HEADINGS["consistency"][0])
+    worlds = re.split(r"(?m)^world: ", table)[2:]
+    numbers = {
+        world.partition(",")[0]: [float(n) for n in line.split()[1:] if ".." not in n and "±" not in n]
+        for world in worlds
+        for line in world.splitlines()
+        if line.startswith(OURS)
+    }
+    assert numbers.keys() == {"shipped", *SETS}
+    for world, (_, _, nees, bias, _, _, _, position, _, speed) in numbers.items():
+        assert nees < (1 if world != "built_up" else 4)
+        assert bias < 1.2
+        assert min(position, speed) > 80  # % within twice the stated deviations, at the end of an outage
+
+
 def test_on_the_walk_our_own_ties_with_the_speed_held_and_the_text_s_filters_lose(page: str) -> None:
     (table,) = tables(page, HEADINGS["recording"][0])
     moving, standing, *_ = re.split(r"\d+ outages, ", table)[1:]
