@@ -1,6 +1,6 @@
 /* Arbitrary bytes in arbitrary blocks, with pauses, through the radio's parser.
- * Every byte is in a frame, skipped or held; a mission is within its ranges; a message has the values of its
- * type and changes no others. */
+ * Every byte is in a frame, skipped or held; no ABORT is held (rule 10); a mission is within its ranges; a
+ * message has the values of its type and changes no others. */
 #include "link.h"
 
 #include <assert.h>
@@ -38,6 +38,28 @@ static void check_message(link_message message, const radio_link *before, const 
     assert((message >= LINK_NOTHING) && (message <= LINK_HEARTBEAT));
 }
 
+static uint16_t crc_ccitt(const uint8_t *bytes, size_t n)
+{
+    unsigned crc = 0xFFFFU;
+
+    for (size_t i = 0U; i < (8U * n); i++) {
+        const unsigned bit = ((unsigned)bytes[i / 8U] >> (7U - (i % 8U))) & 1U;
+
+        crc = ((crc << 1) ^ (((crc >> 15) != bit) ? 0x1021U : 0U)) & 0xFFFFU;
+    }
+    return (uint16_t)crc;
+}
+
+static void check_held(const scanner *s)
+{
+    for (unsigned i = 0U; (i + 7U) <= s->count; i++) {
+        const uint8_t *const f = &s->bytes[s->start + i];
+        const bool looks = (f[0] == 0xA5U) && (f[1] == 0x5AU) && (f[2] == 4U) && (f[4] == 0U);
+
+        assert(!looks || (crc_ccitt(&f[2], 3U) != (uint16_t)(((unsigned)f[5] << 8) | f[6])));
+    }
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     radio_link m;
@@ -60,6 +82,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
             assert(((uint16_t)m.scanner.start + m.scanner.count) <= SCANNER_SIZE);
         } while (message != LINK_NOTHING);
         assert(input.count == 0U);
+        check_held(&m.scanner);
         assert((m.scanner.frame == NULL) && (m.scanner.count < SCANNER_SIZE));
         if ((data[at] & 1U) != 0U) {
             scanner_input nothing = {NULL, 0U};

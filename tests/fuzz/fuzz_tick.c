@@ -491,6 +491,19 @@ static void check_command(void)
     assert(fabsf(vest.controller.out.deviation) <= 3.1415930F);
 }
 
+/* No ABORT is held back behind another beginning (rule 10). */
+static void check_held(void)
+{
+    const scanner *const s = &vest.radio.scanner;
+
+    for (unsigned i = 0U; (i + 7U) <= s->count; i++) {
+        const uint8_t *const f = &s->bytes[s->start + i];
+        const bool looks = (f[0] == 0xA5U) && (f[1] == 0x5AU) && (f[2] == 4U) && (f[4] == 0U);
+
+        assert(!looks || (crc_ccitt(&f[2], 3U) != (uint16_t)(((unsigned)f[5] << 8) | f[6])));
+    }
+}
+
 static void check_vest(void)
 {
     static const uint16_t tones[6] = {0U, 1500U, 3500U, 9500U, 0U, 0U};
@@ -564,6 +577,7 @@ static void tick(void)
     check_estimate();
     check_command();
     check_vest();
+    check_held();
     check_telemetry();
     assert(vest.busy == (vest.estimator.in.gps_fix && !waited)); /* radio and telemetry wait for one tick at most */
     world.ticks++;

@@ -4,6 +4,8 @@
 
 #include "proof.h"
 
+#define HELD 12U /* bytes in which an ABORT is looked for */
+
 /* Finds any frame of the protocol's length, or none: prove_scanner.c proves this of the scanner. */
 bool scanner_next(scanner *s, scanner_input *input, const scanner_protocol *protocol)
 {
@@ -19,6 +21,14 @@ bool scanner_next(scanner *s, scanner_input *input, const scanner_protocol *prot
 void scanner_abandon(scanner *s)
 {
     (void)s;
+}
+
+/* A frame in the bytes held: that it lies there is what must be proved of link.c. */
+void scanner_take(scanner *s, uint8_t place, uint8_t length)
+{
+    assert((place + length) <= s->count);
+    s->frame = &s->bytes[s->start + place];
+    s->length = length;
 }
 
 void scanner_count(uint32_t *counter, uint16_t more)
@@ -47,6 +57,15 @@ void prove_intact(void)
 
     __CPROVER_assume((length >= (HEADER + CHECKSUM)) && (length <= 145U));
     (void)link_intact(frame, length);
+}
+
+/* What is found in the bytes held lies there, whole: the stub of scanner_take. */
+void prove_abort(void)
+{
+    scanner s;
+
+    __CPROVER_assume((s.start <= SCANNER_SIZE) && (s.count <= (SCANNER_SIZE - s.start)) && (s.count <= HELD));
+    (void)take_abort(&s);
 }
 
 void prove_message(void)

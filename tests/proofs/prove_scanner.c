@@ -109,3 +109,16 @@ void prove_abandon(void)
     scanner_abandon(&s);
     assert(sane(&s));
 }
+
+void prove_take(void)
+{
+    scanner s = any_scanner();
+    const uint8_t place = nondet_u8();
+    const uint8_t length = nondet_u8();
+    const uint8_t end = (uint8_t)(s.start + s.count);
+
+    __CPROVER_assume((place + length) <= s.count);
+    scanner_take(&s, place, length);
+    assert(sane(&s) && ((s.start + s.count) == end));
+    assert(__CPROVER_r_ok(s.frame, length) && (&s.frame[length] == &s.bytes[s.start]));
+}

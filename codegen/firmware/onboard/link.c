@@ -12,6 +12,7 @@
 #define LENGTH 4U
 #define HEADER 5U
 #define CHECKSUM 2U
+#define ABORT_SIZE (HEADER + CHECKSUM)
 
 #define POSITION 8U /* bytes of a latitude and a longitude */
 #define ID 2U       /* and of a mission's id */
@@ -89,6 +90,28 @@ static bool link_intact(const uint8_t *frame, uint8_t length)
     const uint8_t end = (uint8_t)(length - CHECKSUM);
 
     return crc16(&frame[TYPE], (uint8_t)(end - TYPE)) == big_u16(&frame[end]);
+}
+
+static bool link_aborts(const uint8_t *frame)
+{
+    return (frame[0] == SYNC_1) && (frame[1] == SYNC_2) && (frame[TYPE] == (uint8_t)LINK_ABORT) &&
+           (frame[LENGTH] == 0U) && link_intact(frame, (uint8_t)ABORT_SIZE);
+}
+
+/* Take an ABORT out of the bytes held, which otherwise wait until the frame that they seem to begin is whole.
+ * Returns whether there was one. */
+static bool take_abort(scanner *s)
+{
+    const uint8_t *const held = &s->bytes[s->start];
+    bool found = false;
+
+    for (uint8_t i = 0U; !found && ((i + ABORT_SIZE) <= s->count); i++) {
+        found = link_aborts(&held[i]);
+        if (found) {
+            scanner_take(s, i, (uint8_t)ABORT_SIZE);
+        }
+    }
+    return found;
 }
 
 static link_position get_position(const uint8_t *bytes)
@@ -187,7 +210,8 @@ link_message link_receive(radio_link *m, scanner_input *input)
     static const scanner_protocol protocol = {SYNC_1, HEADER, link_length, link_intact};
     link_message message = LINK_NOTHING;
 
-    while ((message == LINK_NOTHING) && scanner_next(&m->scanner, input, &protocol)) {
+    while ((message == LINK_NOTHING) &&
+           (scanner_next(&m->scanner, input, &protocol) || take_abort(&m->scanner))) {
         message = take_message(m);
     }
     return message;

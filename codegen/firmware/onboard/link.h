@@ -58,10 +58,14 @@ typedef struct {
 void link_init(radio_link *m);
 
 /* Read up to the end of the next valid message; call until it returns LINK_NOTHING. A refused message changes
- * only the counters. */
+ * only the counters.
+ * An ABORT is taken on the tick of its last byte, whatever came before (rule 10): once the input is used up, it
+ * is looked for in the bytes of a frame whose rest is missing, since that frame may be a false one. What was
+ * held before it is lost, a MISSION say, which the laptop sends again. By accident the bytes of a MISSION that
+ * comes in pieces look so once in 2^48 places; such a false stop is safe. */
 link_message link_receive(radio_link *m, scanner_input *input);
 
-/* Abandon a frame that lost its end: until later bytes had filled it up, it would hold back an ABORT. Call on
+/* Abandon a frame that lost its end: until later bytes had filled it up, it would hold back others. Call on
  * every tick once the radio has been silent for longer than a frame may pause (between two radio packets:
  * 0.2 s), and link_receive behind it. */
 void link_idle(radio_link *m);

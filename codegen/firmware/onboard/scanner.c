@@ -129,3 +129,15 @@ void scanner_abandon(scanner *s)
         s->count = (uint8_t)(s->count - 1U);
     }
 }
+
+void scanner_take(scanner *s, uint8_t place, uint8_t length)
+{
+    const uint8_t end = (uint8_t)(place + length);
+
+    scanner_count(&s->skipped, place);
+    scanner_count(&s->frames, 1U);
+    s->frame = &s->bytes[s->start + place];
+    s->length = length;
+    s->start = (uint8_t)(s->start + end);
+    s->count = (uint8_t)(s->count - end);
+}

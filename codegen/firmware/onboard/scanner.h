@@ -48,6 +48,10 @@ bool scanner_next(scanner *s, scanner_input *input, const scanner_protocol *prot
  * first. */
 void scanner_abandon(scanner *s);
 
+/* Take a frame that lies whole in the bytes held, at a place from the first of them; it is then at `frame`. The
+ * bytes before it are skipped. */
+void scanner_take(scanner *s, uint8_t place, uint8_t length);
+
 /* Count, stopping at the greatest value. */
 void scanner_count(uint32_t *counter, uint16_t more);
 

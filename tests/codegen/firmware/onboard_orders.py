@@ -183,6 +183,9 @@ NAN, INF = math.nan, math.inf
 EXTREMES: Mapping[str, bytes] = {
     "a mission done": BEGUN + ticks(2500) + ABORT + ticks(60) + START_IT + ticks(200),
     "overrides of every kind": BEGUN + b"".join(override(c) + ticks(40) for c in (1, 2, 3, 4, 5, 0, 6, 255)),
+    "aborts behind beginnings of missions": BEGUN + b"".join(
+        ticks(7) + raw("radio", b"\xa5\x5a\x01\0\x8a" * n) + ABORT + ticks(50) + START_IT for n in (1, 2, 27)
+    ),
     "a lost link": BEGUN + ticks(100) + background(SAMPLES | FIXES | OBEY) + ticks(200)
     + background(ALL) + ticks(200),
     "an outage and what comes back elsewhere": BEGUN + ticks(100) + background(SAMPLES | HEARTBEATS, 90, 3.0)

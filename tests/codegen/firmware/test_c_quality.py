@@ -230,6 +230,7 @@ BOTH = (*MEMORY, *NUMBERS)
 PROVED: dict[str, tuple[int, tuple[str, ...]]] = {
     "scanner.count": (1, MEMORY),
     "scanner.abandon": (1, MEMORY),
+    "scanner.take": (1, MEMORY),
     "scanner.top_up": (1, MEMORY),
     "scanner.search": (11, MEMORY),
     "ubx.length": (1, MEMORY),
@@ -241,6 +242,7 @@ PROVED: dict[str, tuple[int, tuple[str, ...]]] = {
     "mt.value": (1, MEMORY),
     "link.length": (1, MEMORY),
     "link.intact": (145, MEMORY),
+    "link.abort": (7, MEMORY),
     "link.message": (19, MEMORY),
     "link.telemetry": (60, MEMORY),
     "onboard.conversions": (1, BOTH),

@@ -241,10 +241,11 @@ def counted(driver: Driver) -> tuple[int, int, int, bytes]:
 def test_a_stream_cut_into_any_blocks_gives_the_same_frames(
     c: ctypes.CDLL, name: str, data: st.DataObject
 ) -> None:
-    # given good, damaged and foreign bytes
+    # given good, damaged and foreign bytes; an ABORT is taken at once, out of another frame too
+    good = [frame for frame in GOOD[name] if frame != radio.encode(radio.Abort(), frame[3])]
     pieces = st.one_of(
-        st.sampled_from(GOOD[name]),
-        st.sampled_from(GOOD[name]).flatmap(lambda f: st.integers(0, len(f)).map(lambda n: f[:n])),
+        st.sampled_from(good),
+        st.sampled_from(good).flatmap(lambda f: st.integers(0, len(f)).map(lambda n: f[:n])),
         st.binary(max_size=9),
     )
     stream = b"".join(data.draw(st.lists(pieces, max_size=12)))
@@ -600,14 +601,87 @@ def test_messages_of_unknown_types_are_counted(c: ctypes.CDLL) -> None:
     assert list(link.receive(raw_message(99, b"") + raw_message(ABORT, b""))) == [ABORT]
 
 
-def test_an_abort_behind_half_a_mission_waits_no_longer_than_the_radio_pauses(c: ctypes.CDLL) -> None:
-    # given a mission that lost its end
+@settings(max_examples=300, deadline=None)
+@given(data=st.data())
+def test_rule_10_an_abort_is_taken_with_its_last_byte_whatever_bytes_came_before(
+    c: ctypes.CDLL, data: st.DataObject
+) -> None:
+    # given whole and cut frames, headers that claim any length, and noise
+    headers = st.builds(lambda *values: b"\xa5\x5a" + bytes(values), *[st.integers(0, 255)] * 3)
+    cut = st.sampled_from(GOOD["link"]).flatmap(lambda f: st.integers(0, len(f)).map(lambda n: f[:n]))
+    pieces = st.one_of(headers, cut, st.sampled_from(GOOD["link"]), st.binary(max_size=9))
+    before = b"".join(data.draw(st.lists(pieces, max_size=12)))
+    stream = before + radio.encode(radio.Abort(), data.draw(st.integers(0, 255)))
+    # when they come in any blocks, an ABORT behind them
+    link, events, start = driver(c, "link"), list[int](), 0
+    while start < len(stream):
+        size = data.draw(st.integers(1, 300))
+        events = list(link.receive_block(stream[start : start + size]))
+        start += size
+    # then it is taken from the block in which it ends
+    assert ABORT in events
+    assert link.state.sequence == stream[-4]
+    # and nothing of what came before is left
+    assert link.state.scanner.count == 0
+
+
+@pytest.mark.parametrize("block", [1, 7, 200])
+def test_rule_10_an_abort_behind_any_part_of_a_mission_is_taken_at_once(c: ctypes.CDLL, block: int) -> None:
+    mission, abort = radio.encode(MISSION_16, 1), radio.encode(radio.Abort(), 2)
+    for length in range(len(mission)):
+        link = driver(c, "link")
+        # when more comes right behind it, then that is taken as well
+        assert list(link.receive(mission[:length] + abort + radio.encode(radio.Heartbeat(), 3), block)) == [
+            ABORT,
+            HEARTBEAT,
+        ]
+        # and the bytes before it are counted as skipped
+        assert link.accounted == length
+        assert link.state.scanner.frames == 2
+
+
+def test_rule_10_bytes_of_a_mission_that_look_like_an_abort_stop_only_when_it_comes_in_pieces(
+    c: ctypes.CDLL,
+) -> None:
+    # given a mission with a longitude of 152 deg west and a latitude at the equator that make an ABORT
+    abort = radio.encode(radio.Abort(), 9)
+    payload = HERE[:4] + abort + b"\0" + HERE[4:]
+    mission = raw_message(MISSION, b"\0\1" + payload)
+    assert abort in mission
+    # when it comes whole, then it is a mission
+    assert list(driver(c, "link").receive(mission)) == [MISSION]
+    # when a block ends behind those bytes, then the animal is stopped for nothing, which is safe
+    end = mission.index(abort) + len(abort)
     link = driver(c, "link")
-    assert list(link.receive(radio.encode(MISSION_16, 1)[:60] + radio.encode(radio.Abort(), 2))) == []
-    # when nothing more comes
-    link.c.link_idle(ctypes.byref(link.state))
-    # then
-    assert list(link.receive_block(b"")) == [ABORT]
+    assert list(link.receive_block(mission[:end])) == [ABORT]
+    assert list(link.receive_block(mission[end:])) == []
+
+
+def crc_behind(header: str) -> bytes:
+    """Five bytes and the CRC of the last three."""
+    return bytes.fromhex(header) + struct.pack(">H", radio.crc16(bytes.fromhex(header)[2:]))
+
+
+@pytest.mark.parametrize(
+    "looks",
+    [
+        pytest.param(crc_behind("a45a 04 09 00"), id="first byte"),
+        pytest.param(crc_behind("a55b 04 09 00"), id="second byte"),
+        pytest.param(crc_behind("a55a 05 09 00"), id="another message"),
+        pytest.param(crc_behind("a55a 04 09 01"), id="with a payload"),
+        pytest.param(crc_behind("a55a 04 09 00")[:6] + b"\0", id="wrong CRC"),
+    ],
+)
+def test_rule_10_a_frame_that_waits_is_not_disturbed_by_what_is_no_abort(
+    c: ctypes.CDLL, looks: bytes
+) -> None:
+    # given bytes inside a mission that differ from an ABORT in one place
+    mission = raw_message(MISSION, b"\0\1" + HERE[:4] + looks + b"\0" + HERE[4:])
+    # when it comes byte by byte
+    link = driver(c, "link")
+    # then it is taken as it is
+    assert list(link.receive(mission, 1)) == [MISSION]
+    assert link.state.scanner.skipped == 0
 
 
 def c_telemetry(telemetry: Telemetry) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 from collections.abc import Iterator
 from itertools import count
 from typing import Any
@@ -43,7 +44,7 @@ class Vest:
         self.telemetry = NO_TELEMETRY
 
     def tick(self, *messages: Any, fix: bool | None = None, **sensed: float) -> Memory:
-        """One tick: messages in one piece; a fix on each sixth tick unless `fix` says so."""
+        """One tick: messages (or bytes) in one piece; a fix on each sixth tick unless `fix` says so."""
         signals = {f"{n}_{a}": 0.0 for n in ("accel", "gyro", "mag") for a in "xyz"}
         signals |= {
             "roll_meas": 0.0,
@@ -59,7 +60,7 @@ class Vest:
             Received(
                 Receiver(PLANE).fix(0.04 * self.k, signals) if due else b"",
                 InertialUnit().sample(self.k, signals),
-                b"".join(encode(message, next(self.numbers)) for message in messages),
+                b"".join(m if isinstance(m, bytes) else encode(m, next(self.numbers)) for m in messages),
             )
         )
         self.k += 1
@@ -104,6 +105,27 @@ def test_abort_and_another_start_in_one_piece_end_the_one_and_begin_the_other(ve
     assert memory["controller.output.mode"] in RUNNING
     assert target(memory) == (0, 50)
     assert vest.telemetry.mission_id == B.id
+
+
+def test_rule_10_an_abort_stops_within_a_fifth_of_a_second_whatever_bytes_came_before(vest: Vest) -> None:
+    # given a full line: 57600 baud are 230 bytes a tick
+    draw = random.Random(10)
+    vest.ticks(10)
+    vest.tick(A)
+    for k in range(40):
+        memory = vest.ticks(60, Start(A.id))
+        assert memory["controller.output.command"] not in (Command.NONE, Command.STOP)
+        # when noise or the beginning of a long frame comes, and an ABORT in the middle of a tick's bytes
+        begin = b"\xa5\x5a" + bytes([1, k, draw.randrange(20, 139)])
+        before = draw.choice([begin, begin + draw.randbytes(9), draw.randbytes(draw.randrange(450))])
+        pieces = [before[i : i + 230] for i in range(0, len(before), 230)]
+        for piece in pieces[:-1]:
+            vest.tick(piece)
+        memories = [vest.tick(pieces[-1], Abort()), vest.tick()]
+        # then it is obeyed on its tick, or on the next if a fix makes the radio wait: within 0.08 s
+        assert Mode.STOPPED in [memory["controller.output.mode"] for memory in memories]
+        assert memories[-1]["controller.output.command"] == Command.STOP
+        vest.ticks(60)
 
 
 def test_a_mission_that_comes_while_another_is_under_way_changes_nothing(vest: Vest) -> None:
