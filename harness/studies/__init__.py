@@ -14,6 +14,7 @@ STUDIES = {
     "motion": "how the pack moves, by set, beside the text and a real dog (B.4, D.5)",
     "pitch": "what an incline does to an estimator that does not know of it (D.6)",
     "outage": "estimators through 10 s without GPS, beside the text's numbers (Tables 3.1, D.1, D.2)",
+    "leading": "how often each estimator leads the simulated dog to its waypoints",
     "heading": "what a magnetometer does for the heading through an outage (Appendix C)",
     "tuning": "over random set-ups: where fuzzy beats a constant Q, and where pitch helps (3.3)",
     "recording": "all our estimators on a recording: outages, halves, innovations",
