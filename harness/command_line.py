@@ -48,7 +48,14 @@ Fmu = Annotated[Path | None, typer.Option(exists=True, dir_okay=False, metavar="
 Estimator = Annotated[
     str | None, typer.Option(metavar="NAME|X.fmu", help="one of ours, such as six_state, or an FMU")
 ]
-Ahrs = Annotated[bool, typer.Option("--ahrs", help="put canine_ahrs between sensors and estimator")]
+Ahrs = Annotated[
+    bool,
+    typer.Option(
+        "--ahrs",
+        help="put canine_ahrs between sensors and estimator; canine_tracker then leads less often "
+        "(`canine study leading`)",
+    ),
+]
 Target = Annotated[str, typer.Argument(metavar="[SCENARIO.toml|SYSTEM.ssp|LOG.mcap]")]
 Stepping = Annotated[Order | None, typer.Option(help="of stepping; sequential by default")]
 Fmi = Annotated[Literal["2", "3"] | None, typer.Option(help="version of our FMUs; 2 by default")]
@@ -173,7 +180,7 @@ def run(
     canine run two_waypoint --seed 7 --set cmec.moving_deviation=37
     canine run my.toml --plant dog.fmu --order jacobi --fmi 3 --out out/dog
     canine run out/three_waypoint-1/trial.mcap    that trial again: the same log
-    canine run --estimator six_state --ahrs       another estimator of ours, fed by our AHRS
+    canine run --estimator canine_tracker         another estimator of ours
     canine run --onboard pil:cortex-m4f           the firmware in the loop, fed with its instruments' bytes
     canine run two_waypoint --seeds 1:20          twenty trials: a folder each, a table, seeds.csv
 
@@ -261,7 +268,7 @@ def firmware(
     canine firmware --target cortex-m4f --out firmware
     canine firmware --target rabbit4000 --parameters my.toml --constants --out firmware
     canine firmware --target host --set cmec.moving_deviation=37 --out firmware
-    canine firmware --target cortex-m4f --estimator six_state --ahrs --out firmware
+    canine firmware --target cortex-m4f --estimator canine_tracker --ahrs --out firmware
 
     Waypoints come by radio, not with the parameters.
     """
@@ -294,7 +301,7 @@ def processor_in_the_loop(
     \b
     canine pil --target cortex-m4f
     canine pil three_waypoint --target rabbit4000 --seed 7
-    canine pil --target cortex-m4f --estimator six_state --ahrs
+    canine pil --target cortex-m4f --estimator canine_tracker --ahrs
 
     It leaves pil.json with what a tick costs, and the trial's files as `canine run` does.
     """
@@ -526,7 +533,7 @@ def sweep_parameters(
     thresholds: Annotated[
         str | None,
         typer.Option(
-            metavar="a:b[:step]",
+            metavar="a[:b[:step]]",
             help="deviation threshold h' [deg]; 15:90, or 15:65 with three waypoints and more",
         ),
     ] = None,
@@ -570,7 +577,7 @@ def sweep_parameters(
     canine sweep three --thresholds 15:65         5.3.6: four types of trials in turns
     canine sweep my.toml --vary cmec.capture_radius=3:10:0.5 --trials 10000
     canine sweep two --vary canine.drift=-3:3:0.5 --vary cmec.moving_deviation=15:60:5
-    canine sweep three --system full --estimator six_state
+    canine sweep three --system full --estimator canine_tracker --thresholds 49
     canine sweep three --dask tcp://host:8786     on a cluster
 
     The same command goes on where an earlier one was interrupted.

@@ -240,7 +240,8 @@ def run_trial(
         parameters: values over the scenario's, by `block.name`; angles in degrees.
         plant, estimator, controller: FMUs that take the places of ours; a mapping file may be beside each.
             The estimator may be one of ours by its name, such as "six_state".
-        ahrs: put our AHRS between sensors and estimator.
+        ahrs: put our AHRS between sensors and estimator; canine_tracker then leads less often
+            (`canine study leading`).
         order: of stepping; by default `sequential`.
         fmi: version of our FMUs; by default 2.
         onboard: `pil:host`, `pil:cortex-m4f` or `pil:rabbit4000` puts the firmware into the loop.
@@ -309,7 +310,7 @@ def run_sweep(
     Args:
         target: `two`, `three` (the trials of 5.3.5 and 5.3.6), a `Scenario`, the name of a shipped one, or
             the path of a .toml.
-        thresholds: `a:b` or `a:b:step` of the deviation threshold h', deg.
+        thresholds: `a`, `a:b` or `a:b:step` of the deviation threshold h', deg.
         vary: any one or two parameters instead or beside, `{"cmec.capture_radius": "3:10:0.5"}`.
         trials: at each point.
         system: `cts` gives the controller the true state, `full` the estimate.

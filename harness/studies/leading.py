@@ -1,4 +1,4 @@
-"""How often each estimator leads the simulated dog to its waypoints, with the simulated attitude and with ours.
+"""How often each estimator leads the simulated dog, with the simulated attitude and with that of our AHRS.
 
 The trials are those of `canine sweep three --system full --estimator NAME`, at the threshold of 5.3.7's field
 trials. All estimators meet the same dogs and the same sensors, the shipped ones.
@@ -44,7 +44,7 @@ def run(options: Options, progress: Progress) -> Result:
 def _success(trials: int, estimator: str | None = None, ahrs: bool = False) -> dict[str, Any]:
     """The share of trials that succeed; without an estimator the controller has the true state."""
     sweep = plan_sweep(
-        "three", thresholds=f"{THRESHOLD_DEG:g}:{THRESHOLD_DEG:g}", trials=trials,
+        "three", thresholds=f"{THRESHOLD_DEG:g}", trials=trials,
         system="full" if estimator else "cts", estimator=estimator, ahrs=ahrs,
     )  # fmt: skip
     outcomes = Outcomes(sweep.job)
@@ -72,8 +72,8 @@ def show(result: Mapping[str, Any], console: Console) -> None:
     table.add_row("none: the true state", *_cells(result["true_state"]), "", "")
     print_table(table, console)
     console.print(
-        f"share of {result['trials']} trials that succeed: `canine sweep three --system full --estimator NAME "
-        f"[--ahrs] --thresholds {THRESHOLD_DEG:g}:{THRESHOLD_DEG:g} --trials {result['trials']}`",
+        f"share of {result['trials']} trials that succeed: `canine sweep three --system full "
+        f"--estimator NAME [--ahrs] --thresholds {THRESHOLD_DEG:g} --trials {result['trials']}`",
         highlight=False, markup=False, soft_wrap=True,
     )  # fmt: skip
 

@@ -49,7 +49,7 @@ def write(
         UsageError, RecordingError: the recording cannot be judged.
         FileError: the files cannot be written.
     """
-    studies = ["motion", "pitch", "outage", "heading", "tuning", "consistency"]
+    studies = ["leading", "motion", "pitch", "outage", "heading", "tuning", "consistency"]
     options = {name: Options(seeds=seeds) for name in studies}
     options["motion"] = Options(seeds=seeds, recording=unit)
     options |= {name: Options() for name in ("observability", "steady", "limit_cycle")}
@@ -89,6 +89,9 @@ def page(results: Mapping[str, Mapping[str, Any]]) -> str:
         fuzzy_by_chance=_fuzzy_by_chance(outage["sets"].get("dissertation", {})),
         tuning={answer["second"]: answer for answer in results["tuning"]["questions"]},
         consistent=_consistent(results["consistency"]["worlds"]),
+        leading={
+            (row["estimator"], row["attitude"]): _percent(row["share"]) for row in results["leading"]["rows"]
+        },
         percent=_percent,
         walk=results.get("recording", {}).get("recording") == WALK,
     )

@@ -157,8 +157,8 @@ def plan_sweep(
 
     Args:
         target: `two`, `three`, a scenario, its file or name; `system` overrides the scenario's.
-        thresholds: `a:b` or `a:b:step` [deg] of h'. By default, if `vary` is empty, 15:90 with one waypoint
-            beyond the start and 15:65 with more.
+        thresholds: `a`, `a:b` or `a:b:step` [deg] of h'. By default, if `vary` is empty, 15:90 with one
+            waypoint beyond the start and 15:65 with more.
         vary: `block.name=a:b:step`, in users' units.
         trials: at each point.
         system: name of one of SYSTEMS.
@@ -399,12 +399,15 @@ def _as_written(value: Decimal, variable: Variable) -> bool | int | float:
 
 
 def _range(what: str, text: str) -> tuple[Decimal, ...]:
-    """The values of `a:b:step`, b too if a step falls on it; as decimals, so that 0.1:0.3:0.1 has 0.3."""
+    """The values of `a`, `a:b` or `a:b:step`, b too if a step falls on it.
+
+    They are decimals, so that 0.1:0.3:0.1 has 0.3.
+    """
     fields = text.split(":")
-    if len(fields) not in (2, 3):
+    if not text or len(fields) > 3:
         raise SweepError(f"{what}: expected a:b:step, as in 15:90:5")
     numbers = [_number(what, field) for field in fields]
-    first, last, step = numbers if len(numbers) == 3 else (*numbers, Decimal(1))
+    first, last, step = numbers[0], (*numbers, numbers[0])[1], (*numbers[2:], Decimal(1))[0]
     if step <= 0:
         raise SweepError(f"{what}: the step is {step}; expected more than 0")
     if last < first:

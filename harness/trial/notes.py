@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 from harness.trial.pairs import windows
 from harness.trial.scenario import Scenario
 from models.canine import Canine
+from models.canine_ahrs import CanineAhrs
 from models.cmec import Cmec
 from models.kit.declaration import flatten
 from models.kit.timing import TICK
-from models.system import SYSTEMS
+from models.system import ESTIMATORS, SYSTEMS
 
 if TYPE_CHECKING:
     from harness.trial.plan import Interface
@@ -36,6 +37,8 @@ def idle_notes(
     moving = any(name.partition(".")[2].startswith(WAYPOINTS) for name in varied)
     if scenario.system in SYSTEMS:
         yield from _below_a_tick(scenario)
+    if scenario.system == "full_ahrs" and not _takes_attitude(scenario.estimator):
+        yield f"{scenario.estimator} takes no attitude: canine_ahrs changes nothing"
     for interface, block, own in _components(interfaces, values):
         for name, number, begin, until in windows(block, own):
             if begin == until:
@@ -80,6 +83,12 @@ def _components(
 ) -> Iterator[tuple[Interface, str, Mapping[str, float]]]:
     for component, interface in interfaces.items():
         yield interface, interface.block, values.get(component, {})
+
+
+def _takes_attitude(estimator: str) -> bool:
+    """Whether one of our estimators has an input that the AHRS feeds."""
+    inputs = ESTIMATORS[estimator].flat_names("input")
+    return any(name in inputs for name in CanineAhrs.flat_names("output"))
 
 
 def _below_a_tick(scenario: Scenario) -> Iterator[str]:

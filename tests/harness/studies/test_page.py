@@ -16,6 +16,7 @@ README = Path(__file__).parents[3] / "README.md"
 OURS = "canine_tracker"
 FENCE = "```"
 HEADINGS = {  # what only this study's table has in its heading, and how many tables it has
+    "leading": ("the estimator that leads", 1),
     "motion": ("swing of pitch", 1),
     "pitch": ("six states, no pitch, Q of B.12", 1),
     "outage": ("detection: 300 trials", len(SETS)),
@@ -113,6 +114,25 @@ def test_the_page_and_the_readme_state_the_shares_of_random_setups(page: str) ->
     assert f"significantly worse in {worse} %. Where the animal is slow" in words
     assert f"fuzzy is better in {slow} %" in words
     assert f"of 500 random set-ups it is better in {better} %" in README.read_text()
+
+
+def test_page_and_readme_say_how_often_each_estimator_leads(page: str) -> None:
+    # given the shares and intervals, with the simulated attitude and with ours
+    (table,) = tables(page, HEADINGS["leading"][0])
+    found = re.findall(r"(?m)^(\w+) +([\d.]+) % +\S+ +([\d.]+) % +\S+$", table)
+    led = {title: (float(simulated), float(own)) for title, simulated, own in found}
+    six, seven, four, ours = (led[title][0] for title in ("six_state", "seven_state", "four_state", OURS))
+    # then both pages say that six and seven states lead badly, and what the AHRS does to our own
+    readme = " ".join(README.read_text().split())
+    assert f"`seven_state` succeed in {six:.0f} and {seven:.0f} %" in readme
+    assert f"the others in {four:.0f} %" in readme
+    assert f"{four:.0f}" == f"{ours:.0f}" == f"{led['two_bias'][0]:.0f}"
+    assert f"with `--ahrs` it succeeds in {led[OURS][1]:.0f} % only" in readme
+    assert f"leads {led[OURS][1]:.0f} % of the trials instead of {ours:.0f} %" in page
+    assert f"leads {six:.0f} % of the trials, `four_state` {four:.0f} %" in page
+    # and that it does nothing for six states
+    assert led["six_state"][0] == led["six_state"][1]
+    assert led["four_state"][1] >= led["four_state"][0]
 
 
 def test_the_filter_in_its_own_world_is_as_good_as_it_says(page: str) -> None:

@@ -66,6 +66,10 @@ def test_an_empty_range_is_not_the_default_range() -> None:
         plan_sweep("two", thresholds="")
 
 
+def test_a_single_value_is_one_point() -> None:
+    assert [list(map(int, point)) for point in plan_sweep("two", thresholds="49").points] == [[49]]
+
+
 def test_the_end_of_an_outage_is_varied_from_its_start_on() -> None:
     settings = ["sensors.outage_start=[12]"]
     planned = plan_sweep("two", vary=["sensors.outage_end[1]=12:20:4"], system="full", settings=settings)

@@ -133,7 +133,7 @@ def test_thresholds_are_varied_beside_another_parameter_in_any_steps() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"thresholds": "30"}, "--thresholds 30: expected a:b:step, as in 15:90:5"),
+        ({"thresholds": "30:40:5:1"}, "--thresholds 30:40:5:1: expected a:b:step, as in 15:90:5"),
         ({"thresholds": "30:20"}, "--thresholds 30:20: the range is empty, 30 is more than 20"),
         ({"thresholds": "20:30:0"}, "--thresholds 20:30:0: the step is 0; expected more than 0"),
         ({"thresholds": "20:30:-1"}, "the step is -1"),

@@ -91,6 +91,12 @@ STOP = Setting("controller.override", "STOP", 10.0)
             ["canine.bumper_search_max is 2 s, below bumper_search_min: each search lasts 3 s"],
         ),
         (
+            replace(LEG, system="full_ahrs", estimator="six_state"),
+            ["six_state takes no attitude: canine_ahrs changes nothing"],
+        ),
+        (replace(LEG, system="full_ahrs", estimator="seven_state"), []),
+        (replace(LEG, estimator="six_state"), []),
+        (
             LEG.override(["sensors.outage_start=[12, 400]", "sensors.outage_end=[14, 410]"]),
             ["sensors.outage_start[2] = 400 s never acts: the trial lasts 300 s"],
         ),
