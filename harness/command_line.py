@@ -484,11 +484,13 @@ def replay_recording(
         _note(f"{recording}: {note}")
     chosen = source.outages(outage, every)
     with _bar("outages", len(chosen.windows), quiet=as_json) as progress:
-        outages = replay.replay(source, comparison, chosen, progress)
+        replayed = replay.replay(source, comparison, chosen, progress)
+    for note in replayed.notes:
+        _note(f"{recording}: {note}")
     place = folder or source.folder
     if others := replaced(place / "outages.json", replay.identity(source, comparison, chosen)):
         _note(f"{place}: has another replay, which this replaces ({others})")
-    result = replay.report(source, comparison, chosen, outages, place)
+    result = replay.report(source, comparison, chosen, replayed, place)
     if as_json:
         typer.echo(_as_json(result))
     else:

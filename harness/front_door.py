@@ -405,9 +405,9 @@ def run_replay(
             raise UsageError(f"{name} is {value:g} s; expected {low:g} to {high:g}")
     source = open_source(Path(recording), attitude)
     chosen = source.outages(outage, every)
-    outages = replay.replay(source, comparison, chosen, progress)
+    replayed = replay.replay(source, comparison, chosen, progress)
     folder = source.folder if out is None else Path(out)
-    return ReplayResult(folder, replay.report(source, comparison, chosen, outages, folder))
+    return ReplayResult(folder, replay.report(source, comparison, chosen, replayed, folder))
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from harness.trial.plan import si_value
 from harness.trial.scenario import Scenario, ScenarioError, load
 from models.errors import CanineError, UsageError, nearest
 from models.kit.block import Block
-from models.kit.declaration import Variable, flatten
+from models.kit.declaration import Input, Variable, flatten
 from models.seven_state import TUNINGS
 from models.system import ESTIMATORS, find_estimator
 
@@ -135,8 +135,14 @@ class Comparison:
         return left
 
     def notes(self, source: ReplaySource) -> list[str]:
-        """A note on each estimator that a recording has no sensors for."""
-        return [f"{e}: left out, since the recording has no magnetometer" for e in self._blind(source)]
+        """A note on each estimator that a recording has no sensors for, and on fixes that others refuse."""
+        blind = self._blind(source)
+        lines = [f"{e}: left out, since the recording has no magnetometer" for e in blind]
+        refusals: dict[str, list[str]] = {}
+        for estimator in self.estimators:
+            if estimator in ESTIMATORS and estimator not in blind:
+                refusals.setdefault(refused_fixes(estimator, source.signals([])), []).append(estimator)
+        return lines + [f"{', '.join(who)}: {refused}" for refused, who in refusals.items() if refused]
 
     def _blind(self, source: ReplaySource) -> list[str]:
         takers = [e for e in self.estimators if e in ESTIMATORS and _takes_field(e)]
@@ -144,6 +150,23 @@ class Comparison:
         if signals is None or any(np.any(getattr(signals, f"mag_{axis}")) for axis in "xyz"):
             return []
         return takers
+
+
+def refused_fixes(estimator: str, signals: SensorSignals) -> str:
+    """How many fixes an estimator of ours refuses as out of its declared ranges, and why; "" if none."""
+    block = ESTIMATORS[estimator]
+    declared, fixes = block.variables(Input), np.asarray(signals.gps_fix, dtype=np.bool_)
+    refused, causes = np.zeros(int(fixes.sum()), dtype=np.bool_), []
+    for name in block.fix:
+        values, of = np.asarray(getattr(signals, name), dtype=np.float64)[fixes], declared[name]
+        outside = ~((values >= of.min) & (values <= of.max))
+        refused |= outside
+        if outside.any():
+            span = " to ".join(dict.fromkeys(f"{v:.4g}" for v in np.percentile(values[outside], (0, 100))))
+            causes.append(f"{name} of {span} {of.unit}, expected {of.min:g} to {of.max:g} {of.unit}")
+    if not causes:
+        return ""
+    return f"{refused.sum()} of {len(refused)} fixes refused ({'; '.join(causes)}); are the units right?"
 
 
 def _takes_field(estimator: str) -> bool:

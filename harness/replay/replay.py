@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,7 @@ from harness.recording.signals import MOVING_M_S
 from harness.replay.comparison import BASELINES, HELD, HELD_BY, Comparison, hold_speed
 from harness.replay.plots import Track, replay_picture
 from harness.replay.source import ReplaySource
-from harness.replay.windows import SETTLE, Outages
+from harness.replay.windows import NOT_VALID, SETTLE, Outages
 from harness.terminal import new_table, print_table
 
 COLUMNS = ("position_error_m", "velocity_error_m_s")  # the second is the speed's; outages.json has this name
@@ -46,13 +46,31 @@ class Outage:
     standing: bool = False  # the animal stood still at its end
 
 
+@dataclass(frozen=True, eq=False)
+class Replayed:
+    """The outages of a replay that were judged, and what was not.
+
+    Attributes:
+        outages: each with the errors of the same configurations.
+        left_out: cause -> number of outages that were not judged, those of the choice among them.
+        notes: on configurations that were not valid.
+    """
+
+    outages: list[Outage]
+    left_out: dict[str, int]
+    notes: list[str]
+
+
 def replay(
     source: ReplaySource,
     comparison: Comparison,
     chosen: Outages,
     progress: Callable[[int], None] | None = None,
-) -> list[Outage]:
+) -> Replayed:
     """Run every configuration through every outage.
+
+    An estimator that says at the start of an outage that it is not valid has nothing to dead reckon from. A
+    configuration that is valid at no start is left out; else the outage is, for all, so that pairs stay pairs.
 
     Args:
         progress: called with the number of outages done.
@@ -60,7 +78,7 @@ def replay(
     Raises:
         FmuError: the FMU fails.
         EstimateError: an estimator answers no finite number.
-        RecordingError: there are no outages to judge.
+        RecordingError: there are no outages to judge, or no configuration is valid at any.
     """
     if not chosen.windows:
         left_out = f", left out: {counts(chosen.left_out)}" if chosen.left_out else ""
@@ -70,7 +88,8 @@ def replay(
             "fixes at both ends; record longer or take shorter outages"
         )
     configurations = comparison.usable(source)
-    outages = []
+    outages: list[Outage] = []
+    valid: dict[str, list[bool]] = {configuration.name: [] for configuration in configurations}
     for number, window in enumerate(chosen.windows):
         signals = source.signals([window])
         inside = np.flatnonzero((signals.t >= window[0]) & (signals.t <= window[1]))
@@ -80,6 +99,9 @@ def replay(
         sensed = {name: getattr(signals, name) for name in HELD_BY}
         runs = {name: hold_speed(sensed, ticks, mean_s) for name, mean_s in BASELINES.items()}
         runs |= {configuration.name: configuration.run(signals, ticks) for configuration in configurations}
+        before = max(0, int(inside[0]) - 1)  # the last tick with fixes
+        for name, at_starts in valid.items():
+            at_starts.append("valid" not in runs[name] or bool(runs[name]["valid"][before] > 0))
         errors = {
             name: (
                 float(
@@ -100,7 +122,48 @@ def replay(
         outages.append(Outage(*window, path_m, errors, estimates, signals.t[during], standing))
         if progress:
             progress(number + 1)
-    return outages
+    return _judged(source, comparison, chosen, outages, valid)
+
+
+def _judged(
+    source: ReplaySource,
+    comparison: Comparison,
+    chosen: Outages,
+    outages: Sequence[Outage],
+    valid: Mapping[str, Sequence[bool]],
+) -> Replayed:
+    """What can be judged of outages, by whether each configuration was valid at the start of each.
+
+    Raises:
+        RecordingError: no configuration was valid at the start of any outage, or none has all of them valid.
+    """
+    never = [name for name, at_starts in valid.items() if not any(at_starts)]
+    others = [name for name in valid if name not in never]
+    starts = f"the start of {'the outage' if len(outages) == 1 else f'any of {len(outages)} outages'}"
+    notes = [f"{name}: left out, since it is not valid at {starts}" for name in never]
+    notes += [
+        f"{name}: not valid at the start of {at_starts.count(False)} of {len(outages)} outages"
+        for name, at_starts in valid.items()
+        if name in others and not all(at_starts)
+    ]
+    judged = [
+        replace(outage, errors=_without(outage.errors, never), estimates=_without(outage.estimates, never))
+        for outage, *at_start in zip(outages, *(valid[name] for name in others), strict=True)
+        if all(at_start)
+    ]
+    if not others or not judged:
+        none = "all estimators are valid at the start of none" if others else f"none is valid at {starts}"
+        raise RecordingError(
+            f"{source.name}: no outage can be judged: {none}; {'. '.join(comparison.notes(source) or notes)}"
+        )
+    left_out = dict(chosen.left_out)
+    if number := len(outages) - len(judged):
+        left_out[NOT_VALID] = number
+    return Replayed(judged, left_out, notes)
+
+
+def _without(values: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if name not in names}
 
 
 def statistics(outages: Sequence[Outage]) -> dict[str, Any]:
@@ -185,7 +248,7 @@ def identity(source: ReplaySource, comparison: Comparison, chosen: Outages) -> d
 
 
 def report(
-    source: ReplaySource, comparison: Comparison, chosen: Outages, outages: Sequence[Outage], out: Path
+    source: ReplaySource, comparison: Comparison, chosen: Outages, replayed: Replayed, out: Path
 ) -> dict[str, Any]:
     """Write outages.json and replay.png; returns the content of the JSON.
 
@@ -194,13 +257,13 @@ def report(
         FileError: they cannot be written.
     """
     make_folder(out)
-    signals = source.signals([])
+    signals, outages = source.signals([]), replayed.outages
     result = {
         **identity(source, comparison, chosen),
         "dropped": dict(source.dropped),
-        "left_out": dict(chosen.left_out),
+        "left_out": replayed.left_out,
         "broken": source.broken,
-        "notes": [*source.notes, *comparison.notes(source)],
+        "notes": [*source.notes, *comparison.notes(source), *replayed.notes],
         **statistics(outages),
         **apart(outages),
         "outages": [
@@ -216,7 +279,7 @@ def report(
             for outage in outages
         ],
     }
-    write_whole(out / "outages.json", (json.dumps(result, indent=2, ensure_ascii=False) + "\n").encode())
+    write_whole(out / "outages.json", (json.dumps(result, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode())
     fixes = signals.reference_fix
     replay_picture(
         out / "replay.png",

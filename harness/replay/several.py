@@ -41,8 +41,8 @@ def replay_one(
     try:
         source = open_source(recording, attitude)
         chosen = source.outages(*outage)
-        outages = replay(source, comparison, chosen)
-        result = report(source, comparison, chosen, outages, folder / name)
+        replayed = replay(source, comparison, chosen)
+        result = report(source, comparison, chosen, replayed, folder / name)
     except CanineError as reason:
         return {"recording": name, "problem": str(reason)}
     return result | {"recording": name, "problem": ""}

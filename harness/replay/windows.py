@@ -25,6 +25,7 @@ NEAR_END = 1.5  # intervals between fixes from the last fix in an outage to its 
 NO_FIX_AT_THE_END = "no fix near the end"
 NO_FIXES_BEFORE = "fixes missing before the start"
 NO_SAMPLES = "IMU samples missing"
+NOT_VALID = "an estimator not valid at the start"
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,8 @@ def run(options: Options, progress: Progress) -> Result:
     source, comparison = open_source(options.recording), compare(ALL)
     chosen = source.outages(OUTAGE_S, EVERY_S)
     number = max(1, len(chosen.windows))
-    outages = replay(source, comparison, chosen, lambda done: progress(90 * done / number))
+    replayed = replay(source, comparison, chosen, lambda done: progress(90 * done / number))
+    outages = replayed.outages
     middle = (outages[0].start + outages[-1].end) / 2
     halves = {
         "first": [outage for outage in outages if outage.end <= middle],
@@ -48,7 +49,7 @@ def run(options: Options, progress: Progress) -> Result:
     innovations = {
         configuration.name: nis_of(source, configuration, middle)
         for configuration in comparison.usable(source)
-        if configuration.estimator in ESTIMATORS
+        if configuration.estimator in ESTIMATORS and configuration.name in outages[0].errors
     }
     progress(100)
     return {
@@ -57,8 +58,8 @@ def run(options: Options, progress: Progress) -> Result:
         "every_s": EVERY_S,
         "middle_s": middle,
         "dropped": dict(source.dropped),
-        "left_out": dict(chosen.left_out),
-        "notes": [*source.notes, *comparison.notes(source)],
+        "left_out": replayed.left_out,
+        "notes": [*source.notes, *comparison.notes(source), *replayed.notes],
         **statistics(outages),
         **apart(outages),
         "halves": {

@@ -94,6 +94,6 @@ def tune(
     if windows:
         configurations = tuple(Configuration(name, block.title(), values) for name, values in ways.items())
         comparison = Comparison((block.title(),), (), configurations)
-        outages = replay(source, comparison, replace(chosen, windows=windows))
+        outages = replay(source, comparison, replace(chosen, windows=windows)).outages
         result["outages"] = {"starts_s": [w[0] for w in windows]} | compare_errors(outages, BEFORE, AFTER)
     return result

@@ -59,7 +59,7 @@ def test_an_fmu_made_elsewhere_is_compared_with_ours(source: ReplaySource, tmp_p
     path = build_fmu(ESTIMATORS["six_state"], build_folder() / "fmi2", 2)
     comparison = compare(f"six_state,{path}")
     # when
-    (outage,) = replay(source, comparison, Outages(3, [WINDOW], {}, ""))
+    (outage,) = replay(source, comparison, Outages(3, [WINDOW], {}, "")).outages
     # then
     assert list(outage.errors)[2:] == ["six_state", "six_state.fmu"]
     assert outage.errors["six_state"] == outage.errors["six_state.fmu"]

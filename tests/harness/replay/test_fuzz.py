@@ -61,7 +61,7 @@ class Judged:
 def judge(folder: Path, length: float, every: float) -> Judged:
     source = open_source(folder)
     chosen = source.outages(length, every)
-    result = statistics(replay(source, compare("four_state"), chosen))
+    result = statistics(replay(source, compare("four_state"), chosen).outages)
     means = {name: c["position_error_m"]["mean"] for name, c in result["configurations"].items()}
     return Judged(chosen, means, dict(source.dropped))
 

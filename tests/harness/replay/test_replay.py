@@ -97,9 +97,9 @@ def test_a_fix_inside_an_outage_does_not_reach_the_estimator(walk: ReplaySource)
 @walk_is_there
 def test_every_configuration_is_compared_with_the_same_fix(walk: ReplaySource, tmp_path: Path) -> None:
     chosen = walk.outages(10, 40)
-    outages = replay(walk, FOUR, chosen)
-    assert len(outages) == 3
-    result = report(walk, FOUR, chosen, outages, tmp_path)
+    replayed = replay(walk, FOUR, chosen)
+    assert len(replayed.outages) == 3
+    result = report(walk, FOUR, chosen, replayed, tmp_path)
     expected = [HELD, MEAN, "no pitch", "pitch", "fuzzy", "pitch, floor", "fuzzy, floor, cap"]
     assert list(result["configurations"]) == expected
     written = json.loads((tmp_path / "outages.json").read_text())
@@ -183,7 +183,7 @@ def test_the_log_of_a_trial_gives_the_trials_estimate_again(tmp_path: Path) -> N
     )
     assert not np.array_equal(without["north"], again["north"])
     # and the baseline, which holds the speed of the last fix, errs by the change of the dog's speed
-    (replayed,) = replay(source, FOUR, Outages(4, [(10.0, 14.0)], {}, ""))
+    (replayed,) = replay(source, FOUR, Outages(4, [(10.0, 14.0)], {}, "")).outages
     signals = source.signals([(10.0, 14.0)])
     before = signals.gps_speed[np.flatnonzero(signals.gps_fix & (signals.t < 10.0))[-1]]
     at_end = signals.reference_speed[np.flatnonzero(signals.reference_fix & (signals.t <= 14.0))[-1]]

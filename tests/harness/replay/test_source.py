@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from harness.recording.recording import RecordingError
 from harness.replay.comparison import HELD, compare
 from harness.replay.replay import replay
 from harness.replay.source import open_source
-from harness.replay.windows import NO_FIX_AT_THE_END, NO_FIXES_BEFORE, NO_SAMPLES
+from harness.replay.windows import NO_FIX_AT_THE_END, NO_FIXES_BEFORE, NO_SAMPLES, NOT_VALID
 from tests.harness.replay.logs import TICK_S, walk, write
 
 
@@ -44,7 +45,7 @@ def test_a_fix_that_is_not_finite_is_dropped_and_counted(tmp_path: Path, name: s
     source = open_source(write(tmp_path / "trial.mcap", signals))
     # then the outage is judged at the fix before it, 0.2 s earlier
     assert source.dropped == {"fixes with a value that is not finite": 1}
-    outages = replay(source, compare("four_state"), source.outages(5, 5))
+    outages = replay(source, compare("four_state"), source.outages(5, 5)).outages
     assert len(outages) == 2
     assert np.isfinite(list(outages[0].errors.values())).all()
     assert outages[0].time[-1] == pytest.approx(19.8)
@@ -57,7 +58,7 @@ def test_a_sample_that_is_not_finite_is_counted_and_bridged(tmp_path: Path) -> N
     source = open_source(write(tmp_path / "trial.mcap", signals))
     assert source.dropped == {"IMU samples with a value that is not finite": 1}
     # then holding the speed goes on with the heading before it, and errs by nothing
-    outages = replay(source, compare("four_state"), source.outages(5, 5))
+    outages = replay(source, compare("four_state"), source.outages(5, 5)).outages
     assert outages[0].errors[HELD] == pytest.approx((0, 0), abs=1e-9)
     assert np.isfinite(list(outages[0].errors.values())).all()
 
@@ -138,3 +139,53 @@ def test_a_refusal_counts_the_outages_that_were_left_out(tmp_path: Path) -> None
     source = open_source(write(tmp_path / "trial.mcap", signals))
     with pytest.raises(RecordingError, match=r"can be judged, left out: 1 × IMU samples missing; "):
         replay(source, compare("four_state"), source.outages(5, 5))
+
+
+def test_fixes_that_the_estimator_refuses_are_no_reason_for_numbers(tmp_path: Path) -> None:
+    # given accuracies in millimetres that are declared in metres: the filter never starts
+    signals = walk()
+    signals["gps_h_acc"] = np.full(len(signals["gps_fix"]), 1750.0)
+    source = open_source(write(tmp_path / "trial.mcap", signals))
+    # then it is not judged by its distance from (0, 0), and the values that it refuses are named
+    with pytest.raises(
+        RecordingError,
+        match=r"none is valid at the start of any of 2 outages; four_state: 150 of 150 fixes refused "
+        r"\(gps_h_acc of 1750 m, expected 0.001 to 1000 m\); are the units right\?",
+    ):
+        replay(source, compare("four_state"), source.outages(5, 5))
+
+
+def test_fixes_refused_are_counted_and_the_others_judged(tmp_path: Path) -> None:
+    # given speeds of 60 and 80 m/s in two fixes, which no estimator takes
+    signals = walk()
+    signals["gps_speed"][tick(12)], signals["gps_speed"][tick(13)] = 60, 80
+    source = open_source(write(tmp_path / "trial.mcap", signals))
+    # then
+    comparison = compare("four_state,six_state")
+    assert comparison.notes(source) == [
+        "four_state, six_state: 2 of 150 fixes refused (gps_speed of 60 to 80 m/s, expected 0 to 50 m/s); "
+        "are the units right?"
+    ]
+    assert len(replay(source, comparison, source.outages(5, 5)).outages) == 2
+
+
+def test_an_outage_that_an_estimator_is_not_valid_at_is_left_out_and_counted(tmp_path: Path) -> None:
+    # given accuracies that no filter takes from 15.5 s on, and a filter that is valid for 3 s after a fix
+    signals = walk()
+    signals["gps_h_acc"][tick(15.5) :] = 2000
+    source = open_source(write(tmp_path / "trial.mcap", signals))
+    chosen = source.outages(5, 5)
+    assert chosen.windows == ((15, 20), (20, 25))
+    # then the first outage is judged and the second is not: its last good fix is 4.6 s old
+    replayed = replay(source, compare("six_state", ["six_state.max_age=3"]), chosen)
+    assert [outage.start for outage in replayed.outages] == [15]
+    assert replayed.left_out == {NOT_VALID: 1}
+    assert replayed.notes == ["six_state: not valid at the start of 1 of 2 outages"]
+    # and a configuration that is valid at none stands in no table
+    outages = replace(chosen, windows=chosen.windows[1:])
+    replayed = replay(source, compare("six_state,two_bias", ["six_state.max_age=3"]), outages)
+    assert "six_state" not in replayed.outages[0].errors
+    assert "six_state" not in replayed.outages[0].estimates
+    assert "two_bias" in replayed.outages[0].errors
+    assert replayed.left_out == {}
+    assert replayed.notes == ["six_state: left out, since it is not valid at the start of the outage"]

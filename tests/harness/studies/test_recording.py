@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from harness.recording.recording import RecordingError
 from harness.replay.comparison import CONFIGURATIONS, HELD, MEAN, compare
 from harness.replay.source import open_source
+from harness.replay.windows import NOT_VALID
 from harness.studies import recording
 from harness.studies.study import Options, run_study
 from models.errors import UsageError
@@ -124,3 +126,25 @@ def test_tables_and_picture_hold_all_of_it(result: dict[str, Any]) -> None:
 def test_the_study_needs_a_recording() -> None:
     with pytest.raises(UsageError, match="expected a recording, as in `canine study recording"):
         run_study("recording")
+
+
+def test_estimators_that_refuse_every_fix_are_not_judged(tmp_path: Path) -> None:
+    # given accuracies in millimetres that are declared in metres
+    signals = walk(40)
+    signals["gps_h_acc"] = np.full(len(signals["gps_fix"]), 1750.0)
+    log = write(tmp_path / "trial.mcap", signals)
+    # then
+    with pytest.raises(RecordingError, match="none is valid at the start of any of 3 outages; .* refused"):
+        run_study("recording", Options(recording=log))
+
+
+def test_outages_that_an_estimator_is_not_valid_at_are_counted(tmp_path: Path) -> None:
+    # given accuracies that no filter takes from 30 s on: at 46 s the last good fix is 16 s old
+    signals = walk(70)
+    signals["gps_h_acc"][round(30 / TICK_S) :] = 2000
+    log = write(tmp_path / "trial.mcap", signals)
+    result = run_study("recording", Options(recording=log))
+    # then the outages from 45 s on are judged no more
+    assert [outage["start_s"] for outage in result["outages"]] == [15, 20, 25, 30, 35, 40]
+    assert result["left_out"] == {NOT_VALID: 3}
+    assert "canine_tracker: not valid at the start of 3 of 9 outages" in result["notes"]
