@@ -159,11 +159,12 @@ def refused_fixes(estimator: str, signals: SensorSignals) -> str:
     refused, causes = np.zeros(int(fixes.sum()), dtype=np.bool_), []
     for name in block.fix:
         values, of = np.asarray(getattr(signals, name), dtype=np.float64)[fixes], declared[name]
-        outside = ~((values >= of.min) & (values <= of.max))
+        low, high = -np.inf if of.min is None else of.min, np.inf if of.max is None else of.max
+        outside = ~((values >= low) & (values <= high))
         refused |= outside
         if outside.any():
             span = " to ".join(dict.fromkeys(f"{v:.4g}" for v in np.percentile(values[outside], (0, 100))))
-            causes.append(f"{name} of {span} {of.unit}, expected {of.min:g} to {of.max:g} {of.unit}")
+            causes.append(f"{name} of {span} {of.unit}, expected {low:g} to {high:g} {of.unit}")
     if not causes:
         return ""
     return f"{refused.sum()} of {len(refused)} fixes refused ({'; '.join(causes)}); are the units right?"

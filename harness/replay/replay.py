@@ -69,8 +69,9 @@ def replay(
 ) -> Replayed:
     """Run every configuration through every outage.
 
-    An estimator that says at the start of an outage that it is not valid has nothing to dead reckon from. A
-    configuration that is valid at no start is left out; else the outage is, for all, so that pairs stay pairs.
+    An estimator that says at the start of an outage that it is not valid has nothing to dead reckon from.
+    A configuration that is valid at no start is left out; else the outage is, for all, so that pairs stay
+    pairs.
 
     Args:
         progress: called with the number of outages done.
@@ -279,7 +280,8 @@ def report(
             for outage in outages
         ],
     }
-    write_whole(out / "outages.json", (json.dumps(result, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode())
+    text = json.dumps(result, indent=2, ensure_ascii=False, allow_nan=False)
+    write_whole(out / "outages.json", (text + "\n").encode())
     fixes = signals.reference_fix
     replay_picture(
         out / "replay.png",

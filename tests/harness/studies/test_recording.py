@@ -134,7 +134,7 @@ def test_estimators_that_refuse_every_fix_are_not_judged(tmp_path: Path) -> None
     signals["gps_h_acc"] = np.full(len(signals["gps_fix"]), 1750.0)
     log = write(tmp_path / "trial.mcap", signals)
     # then
-    with pytest.raises(RecordingError, match="none is valid at the start of any of 3 outages; .* refused"):
+    with pytest.raises(RecordingError, match=r"none is valid at the start of any of 3 outages; .* refused"):
         run_study("recording", Options(recording=log))
 
 
