@@ -712,7 +712,7 @@ def tune_estimator(
     \b
     canine tune ../walk
     canine tune ../walk --hold sigma_bias         the bias walks as declared
-    canine tune out/demo/trial.mcap --estimator six_state
+    canine tune out/distance_100-1/trial.mcap --estimator canine_tracker
     """
     from harness.replay.source import open_source
     from harness.tune import report

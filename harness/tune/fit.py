@@ -17,6 +17,9 @@ DECADES = (-7.0, 4.0)  # of every noise: log10 of its value in SI
 STARTS = (0.0, 1.0)  # decades by which the process noise of a search's start differs from the declared one
 LEVEL = 0.95  # of the intervals
 STEP = 0.05  # decades, the first step of a search for an interval's end
+RESTARTS = 8  # of the search, where a profile finds a likelihood above the maximum
+TOLERANCE = 0.01  # of log-likelihood: what a search leaves of it
+WORST = 1e12  # the loss of noises whose likelihood is no number
 SECANTS = 2  # steps between a value inside an interval and one outside
 
 
@@ -42,6 +45,7 @@ class Fit:
     Attributes:
         noises: the fitted noises, in the order of `tuned.noises`.
         log_likelihood: at the maximum.
+        settled: no profile finds a likelihood above it; else the intervals mean little.
     """
 
     def __init__(
@@ -59,11 +63,13 @@ class Fit:
         searches = [self._search(first + more * process) for more in STARTS]
         best = min(searches, key=lambda search: search[1])
         best = self._search(best[0])
-        self.noises: list[Fitted] = []
-        for j in range(len(first)):
-            self.noises.append(self._interval(j, *best))
-            if progress:
-                progress(100 * (j + 1) / len(first))
+        for _ in range(RESTARTS):
+            self._lowest = best
+            self.noises = self._intervals(best, progress)
+            self.settled = self._lowest[1] >= best[1] - TOLERANCE
+            if self.settled:
+                break
+            best = self._search(self._lowest[0])
         self.log_likelihood = -best[1]
         self.fixes = len(ekf.innovations(self.parameters, self._ticks).between(start, end).time)
 
@@ -73,13 +79,14 @@ class Fit:
         return self._tuned.parameters([noise.value for noise in self.noises])
 
     def loss(self, decades: Array) -> float:
-        """Minus the log-likelihood of noises given by their log10."""
+        """Minus the log-likelihood of noises given by their log10; `WORST` where it is no number."""
         innovations = self._filter.innovations(self._tuned.parameters((10.0**decades).tolist()), self._ticks)
-        return -float(innovations.between(self._start, self._end).log_likelihood.sum())
+        loss = -float(innovations.between(self._start, self._end).log_likelihood.sum())
+        return loss if np.isfinite(loss) else WORST
 
     def _search(self, first: Array, held: int | None = None) -> tuple[Array, float]:
         """The least loss from a start; one noise may be held."""
-        free = np.array([j for j in range(len(first)) if j != held])
+        free = np.array([j for j in range(len(first)) if j != held], dtype=int)
         point = np.clip(first, *DECADES)
 
         def loss(values: Array) -> float:
@@ -87,12 +94,22 @@ class Fit:
             moved[free] = values
             return self.loss(moved)
 
+        if not free.size:
+            return point, self.loss(point)
         options = {"maxiter": 60, "eps": 1e-4, "ftol": 1e-8 if held is None else 1e-6}
         result = optimize.minimize(
             loss, point[free], method="L-BFGS-B", bounds=[DECADES] * len(free), options=options
         )
         point[free] = result.x
         return point, float(result.fun)
+
+    def _intervals(self, best: tuple[Array, float], progress: Callable[[float], None] | None) -> list[Fitted]:
+        noises = []
+        for j in range(len(best[0])):
+            noises.append(self._interval(j, *best))
+            if progress:
+                progress(100 * (j + 1) / len(best[0]))
+        return noises
 
     def _interval(self, j: int, best: Array, least: float) -> Fitted:
         """The profile likelihood's interval of a noise: where the others cannot make up for it."""
@@ -104,8 +121,10 @@ class Fit:
             moved = start.copy()
             moved[j] = decade
             point, value = self._search(moved, held=j)
-            profile[float(10.0**decade)] = twice = max(0.0, 2 * (value - least))
-            return float(np.sqrt(twice)), point
+            if value < self._lowest[1]:
+                self._lowest = point, value
+            profile[float(10.0**decade)] = twice = 2 * (value - least)
+            return float(np.sqrt(max(0.0, twice))), point
 
         ends = []
         for side in (-1, 1):

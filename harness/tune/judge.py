@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -37,17 +37,45 @@ def summary_of(innovations: Innovations) -> dict[str, Any]:
     }
 
 
-def compare_errors(outages: Sequence[Outage], first: str, second: str) -> dict[str, Any]:
-    """Means and medians of the errors, and a paired t-test over the outages that do not overlap."""
+def compare_errors(outages: Sequence[Outage], baselines: Sequence[str], tuned: str) -> dict[str, Any]:
+    """Means and medians of the errors, and paired t-tests over the outages that do not overlap.
+
+    Args:
+        baselines: each is tested against `tuned`.
+    """
     separate = disjoint(outages)
-    result: dict[str, Any] = {"ways": {name: {} for name in (HELD, first, second)}, "apart": len(separate)}
+    result: dict[str, Any] = {"ways": {name: {} for name in (HELD, *baselines, tuned)}}
+    result["apart"] = len(separate)
     for i, column in enumerate(COLUMNS):
         for name, way in result["ways"].items():
             errors = [outage.errors[name][i] for outage in outages]
             way[column] = {
                 "mean": float(np.mean(errors)), "median": float(np.median(errors)), "each": errors
             }  # fmt: skip
-        differences = np.array([outage.errors[first][i] - outage.errors[second][i] for outage in separate])
-        test = paired_t_test(differences) if len(separate) > 2 else None
-        result[f"{column}_p"] = None if test is None else float(test.pvalue)
+        result[f"{column}_p"] = {name: _p(separate, name, tuned, i) for name in baselines}
     return result
+
+
+def _p(outages: Sequence[Outage], first: str, second: str, column: int) -> float | None:
+    """Of the paired t-test of a column of the errors; None where there is no test."""
+    differences = np.array(
+        [outage.errors[first][column] - outage.errors[second][column] for outage in outages]
+    )
+    test = paired_t_test(differences) if len(outages) > 2 else None
+    return None if test is None else float(test.pvalue)
+
+
+def doubts(judged: Mapping[str, Mapping[str, Any]], tuned: str) -> list[str]:
+    """Why the part that the tuning has not seen does not confirm it, a line each; none if it does."""
+    row, lines = judged[tuned], []
+    low, high = row["nis_bounds"]
+    if not low <= row["nis"] <= high:
+        what = "larger" if row["nis"] > high else "smaller"
+        lines.append(
+            f"the second half does not confirm the tuning: its NIS is {row['nis']:.3g}, expected "
+            f"{low:.2f} to {high:.2f}; the innovations are {what} there than it states"
+        )
+    for name, other in judged.items():
+        if other["log_likelihood_per_fix"] > row["log_likelihood_per_fix"]:
+            lines.append(f"the second half does not confirm the tuning: {name} is more likely there")
+    return lines

@@ -47,6 +47,7 @@ class Tuned:
 
     Where the receiver states much the same accuracy all the time, a scale of it cannot be told from a floor:
     one deviation of all fixes is fitted. It becomes the floor, and a scale that would exceed it is lowered.
+    A noise that the estimator learns by itself is not tuned.
 
     Args:
         signals: of the recording, with all fixes.
@@ -64,7 +65,7 @@ class Tuned:
         self.noises = [
             Noise(name, variable.unit, max(self.declared[name], 1e-4), self.declared[name])
             for name, variable in ((v.name, v) for v in block.group("parameter"))
-            if name.startswith("sigma_") and name not in NOT_TUNED
+            if name.startswith("sigma_") and name not in NOT_TUNED and not self._is_learned(name)
         ]
         for kind, unit, accuracy in (
             ("position", "m", signals.gps_h_acc),
@@ -94,6 +95,15 @@ class Tuned:
     def fixed(self) -> dict[str, float]:
         """Parameters that tuning takes for granted: the process noise is constant."""
         return {"fuzzy": 0.0} if "fuzzy" in self.declared else {}
+
+    @property
+    def idle(self) -> tuple[str, ...]:
+        """Noises that are not in force as declared: by its fuzzy rules the estimator sets sigma itself."""
+        return ("sigma_constant",) if self.declared.get("fuzzy") else ()
+
+    def _is_learned(self, name: str) -> bool:
+        """Whether the estimator soon replaces a noise by what it learns from its rehearsals."""
+        return name == "sigma_constant" and bool(self.declared.get("rehearse"))
 
     def parameters(self, values: Sequence[float]) -> dict[str, float]:
         """The estimator's parameters for values of the noises."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import NullFormatter
 from rich.console import Console
 from rich.markup import escape
 from scipy import stats
@@ -20,6 +22,7 @@ from harness.drawing import (
     GPS,
     GRID,
     TRUTH,
+    Style,
     drawable,
     house_style,
     new_figure,
@@ -33,14 +36,16 @@ from harness.replay.replay import COLUMNS
 from harness.terminal import new_table, print_table
 from harness.trial.plan import is_angular
 from harness.tune.fit import LEVEL
-from harness.tune.tune import AFTER, BEFORE
+from harness.tune.tune import AFTER, BEFORE, CONSTANT
 from models.kit.declaration import Type
 from models.kit.units import DEG
 from models.system import ESTIMATORS
 
 IDENTITY = ("recording", "estimator", "held")  # what tells a tuning from others
 LIMIT = float(stats.chi2.ppf(LEVEL, 1))  # of twice the loss, at the ends of an interval
-COLORS = {BEFORE: ESTIMATES[1], AFTER: ESTIMATES[0], HELD: GPS}
+COLORS = {BEFORE: ESTIMATES[1], CONSTANT: ESTIMATES[3], AFTER: ESTIMATES[0], HELD: GPS}
+DIM: Style = {"style": "dim", "markup": False, "highlight": False, "soft_wrap": True}
+MOST_TICKS = 4  # of a noise's axis
 
 
 def default_folder(recording: str) -> Path:
@@ -68,6 +73,7 @@ def fragment(result: Mapping[str, Any]) -> str:
     for noise in result["noises"]:
         if noise["interval"][0] == 0 or noise["interval"][1] is None:
             lines.append(f"# the recording sets {_limit(noise)}")
+    lines += [f"# {doubt}" for doubt in result["doubts"]]
     return "\n".join(lines) + "\n"
 
 
@@ -103,16 +109,20 @@ def show(result: Mapping[str, Any], console: Console) -> None:
     table = new_table()
     start, end = result["fitted_on_s"]
     table.add_column(escape(f"{result['estimator']}, fitted on {start:.1f} to {end:.1f} s"))
-    for heading in ("before", "tuned", f"{100 * result['level']:.0f} %"):
+    for heading in (BEFORE, AFTER, f"{100 * result['level']:.0f} %"):
         table.add_column(heading, justify="right")
     for noise in result["noises"]:
         unit = "" if noise["unit"] == "1" else f" [{noise['unit']}]"
         low, high = noise["interval"]
         interval = f"{low:.3g}..{'' if high is None else format(high, '.3g')}"
-        table.add_row(
-            escape(noise["name"] + unit), f"{noise['before']:.3g}", f"{noise['value']:.3g}", interval
-        )
+        before = f"{noise['before']:.3g}" if noise["in_force_before"] else f"({noise['before']:.3g})"
+        table.add_row(escape(noise["name"] + unit), before, f"{noise['value']:.3g}", interval)
     print_table(table, console)
+    if idle := [noise["name"] for noise in result["noises"] if not noise["in_force_before"]]:
+        text = f"{BEFORE}, {idle[0]} is not in force: fuzzy rules set sigma by the speed; tuned, they are off"
+        console.print(text, **DIM)
+    if not result["settled"]:
+        console.print("the search found no clear maximum of the likelihood: the values mean little", **DIM)
     table = new_table()
     start, end = result["judged_on_s"]
     table.add_column(f"judged on {start:.1f} to {end:.1f} s")
@@ -132,12 +142,14 @@ def show(result: Mapping[str, Any], console: Console) -> None:
     if abs(tuned["autocorrelation"][0]) > tuned["autocorrelation_bound"]:
         console.print(
             "the intervals presume white innovations; lag 1 is outside its bounds: they are too narrow",
-            style="dim", markup=False, highlight=False,
+            **DIM,
         )  # fmt: skip
+    for doubt in result["doubts"]:
+        console.print(doubt, markup=False, highlight=False, soft_wrap=True)
     outages = result["outages"]
     if outages is None:
         text = f"no outage of {result['outage_s']:g} s can be judged in the second half"
-        console.print(text, style="dim", markup=False, highlight=False)
+        console.print(text, **DIM)
         return
     table = new_table()
     table.add_column(f"{len(outages['starts_s'])} outages of {result['outage_s']:g} s there")
@@ -147,9 +159,10 @@ def show(result: Mapping[str, Any], console: Console) -> None:
         table.add_row(name, *(f"{row[column][key]:.2f}" for column in COLUMNS for key in ("mean", "median")))
     print_table(table, console)
     for column, what in zip(COLUMNS, ("position", "speed"), strict=True):
-        if (p := outages[f"{column}_p"]) is not None:
-            text = f"{what}, {BEFORE} against {AFTER}: p = {p:.2g} (paired, n = {outages['apart']})"
-            console.print(text, style="dim", markup=False, highlight=False)
+        for name, p in outages[f"{column}_p"].items():
+            if p is not None:
+                text = f"{what}, {name} against {AFTER}: p = {p:.2g} (paired, n = {outages['apart']})"
+                console.print(text, **DIM)
 
 
 @house_style()
@@ -178,25 +191,43 @@ def figure(result: Mapping[str, Any]) -> Figure:
                 np.full(len(each), i) + np.linspace(-0.2, 0.2, len(each)), each, "o", color=COLORS[name]
             )
             errors.plot([i - 0.3, i + 0.3], [row[COLUMNS[0]]["mean"]] * 2, color=COLORS[name])
-        errors.set_xticks(range(3), [name.replace(" ", "\n") for name in result["outages"]["ways"]])
-        errors.set_xlim(-0.6, 2.6)
+        shown = [name.replace(" ", "\n") for name in result["outages"]["ways"]]
+        errors.set_xticks(range(len(shown)), shown)
+        errors.set_xlim(-0.6, len(shown) - 0.4)
         errors.set_ylim(bottom=0)
+    else:
+        text = f"no outage of {result['outage_s']:g} s\ncan be judged here"
+        errors.text(0.5, 0.5, text, ha="center", va="center", transform=errors.transAxes)
+        errors.set(xticks=[], yticks=[])
     errors.set_ylabel(f"position error after {result['outage_s']:g} s [m]")
     for i, (axes, noise) in enumerate(zip(below.subplots(1, len(noises)), noises, strict=True)):
         values, losses = np.array(noise["profile"]).T
         axes.semilogx(values, losses, "o-", color=COLORS[AFTER], markersize=3)
         axes.axhline(LIMIT, color=TRUTH, linewidth=1.0)
-        axes.axvline(noise["before"], color=COLORS[BEFORE], linewidth=1.0)
+        before = COLORS[BEFORE] if noise["in_force_before"] else COLORS[CONSTANT]
+        axes.axvline(noise["before"], color=before, linewidth=1.0)
         axes.set_ylim(0, 3 * LIMIT)
         unit = "" if noise["unit"] == "1" else f" [{noise['unit']}]"
         axes.set_xlabel(noise["name"] + unit, fontsize=9)
+        axes.set_xticks(ticks := _ticks(*axes.get_xlim()), [f"{tick:g}" for tick in ticks])
+        axes.xaxis.set_minor_formatter(NullFormatter())
         axes.grid(**GRID)
         if i == 0:
             axes.set_ylabel("twice the loss of log-likelihood")
     for axes in (time, white, errors):
         axes.grid(**GRID)
-    ways = result["outages"]["ways"] if result["outages"] else (BEFORE, AFTER)
+    ways = result["outages"]["ways"] if result["outages"] else result["ways"]
     handles = [Line2D([], [], color=COLORS[way], marker="o", linestyle="", label=way) for way in ways]
-    picture.legend(handles=handles, loc="outside lower center", ncols=3, **BELOW)
+    picture.legend(handles=handles, loc="outside lower center", ncols=len(handles), **BELOW)
     set_title(picture, f"{drawable(result['recording'])}: the noise of {result['estimator']}")
     return picture
+
+
+def _ticks(low: float, high: float) -> list[float]:
+    """A few round values between two: powers of ten, or 1, 2 and 5 times them where few are inside."""
+    powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    for digits in ((1,), (1, 2, 5), range(1, 10)):
+        inside = [v for power in powers for digit in digits if low <= (v := digit * 10.0**power) <= high]
+        if len(inside) > 1:
+            return inside[:: math.ceil(len(inside) / MOST_TICKS)]
+    return [low, high]

@@ -15,13 +15,13 @@ from harness.replay.source import ReplaySource
 from harness.replay.windows import SETTLE
 from harness.studies.published import OUTAGE_S
 from harness.tune.fit import LEVEL, Fit
-from harness.tune.judge import compare_errors, summary_of
+from harness.tune.judge import compare_errors, doubts, summary_of
 from harness.tune.likelihood import Filter, Tuned
 from models.estimator import Estimator
 
 FIXES = 40  # in either half, at least: 10 s at 4 Hz
 EVERY_S = 5.0
-BEFORE, AFTER = "as declared", "tuned"
+BEFORE, CONSTANT, AFTER = "as declared", "fuzzy off", "tuned"
 
 
 def tune(
@@ -56,10 +56,12 @@ def tune(
             )
     ekf, tuned = Filter(block, signals), Tuned(block, signals, held)
     fit = Fit(ekf, tuned, start, middle, progress)
-    ways = {BEFORE: {}, AFTER: fit.parameters}
+    # what tuning switches off is a way of its own: a better noise is not its doing
+    ways = {BEFORE: {}, **({CONSTANT: tuned.fixed} if tuned.fixed else {}), AFTER: fit.parameters}
     innovations = {name: ekf.innovations(parameters) for name, parameters in ways.items()}
     chosen = source.outages(OUTAGE_S, EVERY_S)
     windows = [window for window in chosen.windows if window[0] >= middle]
+    judged = {name: summary_of(values.between(middle, np.inf)) for name, values in innovations.items()}
     result = {
         "recording": source.name,
         "estimator": block.title(),
@@ -74,6 +76,7 @@ def tune(
                 "name": noise.name,
                 "unit": noise.unit,
                 "before": noise.before,
+                "in_force_before": noise.name not in tuned.idle,
                 "value": fitted.value,
                 "interval": [fitted.low, fitted.high if np.isfinite(fitted.high) else None],
                 "profile": [[value, loss] for value, loss in fitted.profile.items()],
@@ -81,7 +84,10 @@ def tune(
             for noise, fitted in zip(tuned.noises, fit.noises, strict=True)
         ],
         "parameters": fit.parameters,
-        "judged": {name: summary_of(values.between(middle, np.inf)) for name, values in innovations.items()},
+        "ways": {name: dict(parameters) for name, parameters in ways.items()},
+        "settled": fit.settled,
+        "judged": judged,
+        "doubts": doubts(judged, AFTER),
         "nis": {
             name: {"time_s": values.time.tolist(), "nis": values.nis.tolist()}
             for name, values in innovations.items()
@@ -95,5 +101,7 @@ def tune(
         configurations = tuple(Configuration(name, block.title(), values) for name, values in ways.items())
         comparison = Comparison((block.title(),), (), configurations)
         outages = replay(source, comparison, replace(chosen, windows=windows)).outages
-        result["outages"] = {"starts_s": [w[0] for w in windows]} | compare_errors(outages, BEFORE, AFTER)
+        result["outages"] = {"starts_s": [w[0] for w in windows]} | compare_errors(
+            outages, [name for name in ways if name != AFTER], AFTER
+        )
     return result

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import tomllib
 from collections.abc import Sequence
 from dataclasses import replace
@@ -22,9 +23,11 @@ from harness.replay.replay import Outage
 from harness.replay.source import ReplaySource
 from harness.studies.innovations import Innovations
 from harness.tune import report
-from harness.tune.judge import compare_errors, summary_of
-from harness.tune.likelihood import Tuned
-from harness.tune.tune import AFTER, BEFORE, tune
+from harness.tune.fit import Fit
+from harness.tune.judge import compare_errors, doubts, summary_of
+from harness.tune.likelihood import Noise, Tuned
+from harness.tune.tune import AFTER, BEFORE, CONSTANT, tune
+from models.canine_tracker import CanineTracker
 from models.errors import UsageError
 from models.four_state import FourState
 from models.kit.timing import TICK
@@ -135,7 +138,7 @@ def test_intervals_over_correlated_innovations_are_said_to_be_too_narrow(
 ) -> None:
     tuned = result["judged"][AFTER] | {"autocorrelation": [lag_1], "autocorrelation_bound": 0.1}
     text = io.StringIO()
-    judged = {BEFORE: result["judged"][BEFORE], AFTER: tuned}
+    judged = {**result["judged"], AFTER: tuned}
     report.show(result | {"judged": judged}, Console(file=text, width=120))
     assert ("they are too narrow" in text.getvalue()) == is_said
 
@@ -204,19 +207,147 @@ def outages(*positions: tuple[float, float]) -> list[Outage]:
 def test_errors_that_do_not_differ_have_no_p() -> None:
     # given a tuning that changes the error of the position by as much in each outage, and no speed
     # when
-    result = compare_errors(outages((3, 2), (5, 4), (4, 3)), "before", "tuned")
+    result = compare_errors(outages((3, 2), (5, 4), (4, 3)), ["before"], "tuned")
     # then there is no t, and no NaN that JSON could not hold
-    assert (result["position_error_m_p"], result["velocity_error_m_s_p"]) == (None, None)
+    assert result["position_error_m_p"] == result["velocity_error_m_s_p"] == {"before": None}
     # but where they vary, by 1, 2 and 3, there is one: by hand t = 2 / (1 / sqrt(3)), of 2 degrees of freedom
-    result = compare_errors(outages((3, 2), (5, 3), (4, 1)), "before", "tuned")
-    assert result["position_error_m_p"] == pytest.approx(0.0742, abs=1e-4)
+    result = compare_errors(outages((3, 2), (5, 3), (4, 1)), ["before"], "tuned")
+    assert result["position_error_m_p"] == {"before": pytest.approx(0.0742, abs=1e-4)}
 
 
 def test_outages_that_overlap_an_earlier_one_are_not_tested() -> None:
     apart = outages((3, 2), (5, 3), (4, 1))
     overlapping = [replace(outage, start=outage.start + 5, end=outage.end + 5) for outage in apart]
     both = sorted([*apart, *overlapping], key=lambda outage: outage.start)
-    result = compare_errors(both, "before", "tuned")
+    result = compare_errors(both, ["before"], "tuned")
     assert result["apart"] == 3
-    assert result["position_error_m_p"] == pytest.approx(0.0742, abs=1e-4)
+    assert result["position_error_m_p"] == {"before": pytest.approx(0.0742, abs=1e-4)}
     assert len(result["ways"]["tuned"]["position_error_m"]["each"]) == 6
+
+
+def shown(result: dict[str, Any]) -> str:
+    text = io.StringIO()
+    report.show(result, Console(file=text, width=160))
+    return text.getvalue()
+
+
+def test_what_tuning_switches_off_is_a_way_of_its_own(result: dict[str, Any]) -> None:
+    # given an estimator that tunes its noise by fuzzy rules, which a tuning switches off
+    assert result["ways"][BEFORE] == {}
+    assert result["ways"][CONSTANT] == {"fuzzy": 0.0}
+    # then it is judged without them, too, by innovations and by outages, and tested against
+    assert list(result["judged"]) == list(result["nis"]) == [BEFORE, CONSTANT, AFTER]
+    assert list(result["outages"]["ways"]) == [HELD, BEFORE, CONSTANT, AFTER]
+    assert list(result["outages"]["position_error_m_p"]) == [BEFORE, CONSTANT]
+    assert result["judged"][CONSTANT]["nis"] != result["judged"][BEFORE]["nis"]
+    # and the constant that was not in force before stands in brackets
+    in_force = {noise["name"]: noise["in_force_before"] for noise in result["noises"]}
+    assert in_force == {"sigma_constant": False, "sigma_bias": True, "position_sd": True, "speed_sd": True}
+    p = {"position_error_m_p": {BEFORE: 0.2, CONSTANT: 0.3}}
+    text = shown({**result, "outages": {**result["outages"], **p}})
+    assert re.search(r"sigma_constant \[m/s2\] +\(0\.1\)", text)
+    assert "as declared, sigma_constant is not in force: fuzzy rules set sigma by the speed" in text
+    assert f"position, {CONSTANT} against {AFTER}: p = 0.3 (paired" in text
+
+
+def test_a_noise_that_the_estimator_learns_is_not_tuned() -> None:
+    tuned = Tuned(CanineTracker, signals(20.0))
+    assert [noise.name for noise in tuned.noises] == ["sigma_bias", "position_sd", "speed_sd"]
+    assert (tuned.fixed, tuned.idle) == ({}, ())
+
+
+def test_a_tuning_that_the_second_half_does_not_confirm_says_so(
+    result: dict[str, Any], tmp_path: Path
+) -> None:
+    # given a NIS above its bounds, and one below, and a likelihood below the declared one's
+    row = result["judged"][AFTER]
+    low, high = row["nis_bounds"]
+    assert doubts(result["judged"], AFTER) == result["doubts"] == []
+    for nis, what in ((high + 1, "larger"), (low - 1, "smaller")):
+        (line,) = doubts({**result["judged"], AFTER: {**row, "nis": nis}}, AFTER)
+        # then the lines say so, by the numbers
+        assert line == (
+            f"the second half does not confirm the tuning: its NIS is {nis:.3g}, expected {low:.2f} to "
+            f"{high:.2f}; the innovations are {what} there than it states"
+        )
+    unlikely = {**result["judged"], AFTER: {**row, "log_likelihood_per_fix": -1e3}}
+    lines = doubts(unlikely, AFTER)
+    ends = [line.rpartition(": ")[2] for line in lines]
+    assert ends == [f"{name} is more likely there" for name in (BEFORE, CONSTANT)]
+    # and so do the table and the file of parameters
+    assert lines[0] in shown({**result, "doubts": lines})
+    report.report({**result, "doubts": lines}, tmp_path)
+    written = (tmp_path / "tune.toml").read_text()
+    assert f"# {lines[0]}" in written
+    assert tomllib.loads(written)["parameters"]
+
+
+def likely(log_likelihood: float) -> Innovations:
+    """One innovation of this log-likelihood, 40 at most: its variance gives 40, its value takes the rest."""
+    variance = np.exp(-80.0) / (2 * np.pi)
+    value = np.sqrt(2 * (40 - log_likelihood) * variance)
+    return Innovations(np.zeros(1), np.full((1, 1), value), np.full((1, 1), variance))
+
+
+class TwoHills:
+    """A likelihood of two noises: a maximum of 0 where both are 1, one of 30 where the first is 1e-4."""
+
+    block = FourState
+
+    def innovations(self, parameters: dict[str, float], ticks: int | None = None) -> Innovations:
+        first, second = (np.log10(parameters[name]) for name in ("sigma_a", "sigma_b"))
+        log_likelihood = max(-0.2 * first**2, 30 - 20 * (first + 4) ** 2) - 20 * second**2
+        return likely(log_likelihood)
+
+
+class TwoNoises:
+    noises: tuple[Noise, ...] = (Noise("sigma_a", "1", 1.0, 1.0), Noise("sigma_b", "1", 1.0, 1.0))
+
+    def parameters(self, values: Sequence[float]) -> dict[str, float]:
+        return dict(zip(("sigma_a", "sigma_b"), values, strict=True))
+
+
+def test_a_maximum_that_a_profile_finds_is_taken() -> None:
+    # given two maxima, of which the search from the declared noise finds the lower one
+    fit = Fit(TwoHills(), TwoNoises(), 0.0, 1.0)  # type: ignore[arg-type]
+    # then the profile, which walks over the higher one, leads there, and no value of it is below zero
+    assert fit.noises[0].value == pytest.approx(1e-4, rel=0.05)
+    assert fit.settled
+    assert min(fit.noises[0].profile.values()) > -0.05
+    assert 0 < fit.noises[0].low < 1e-4 < fit.noises[0].high < 1
+
+
+def test_noise_without_a_likelihood_is_not_taken_for_a_good_one() -> None:
+    class Broken(TwoHills):
+        def innovations(self, parameters: dict[str, float], ticks: int | None = None) -> Innovations:
+            if parameters["sigma_a"] < 0.5:
+                return likely(float("nan"))
+            return super().innovations(parameters, ticks)
+
+    fit = Fit(Broken(), TwoNoises(), 0.0, 1.0)  # type: ignore[arg-type]
+    assert 0.5 <= fit.noises[0].low < 1
+    assert all(np.isfinite(loss) for loss in fit.noises[0].profile.values())
+
+
+def test_one_noise_alone_can_be_tuned() -> None:
+    class One(TwoNoises):
+        noises = TwoNoises.noises[1:]
+
+        def parameters(self, values: Sequence[float]) -> dict[str, float]:
+            return {"sigma_a": 1.0, "sigma_b": values[0]}
+
+    fit = Fit(TwoHills(), One(), 0.0, 1.0)  # type: ignore[arg-type]
+    # twice the loss is 40 decades squared: 3.84 at 0.31 decades
+    assert np.log10(fit.noises[0].high) == pytest.approx(0.31, abs=0.01)
+
+
+def test_the_picture_labels_few_values_and_says_where_there_is_no_outage(result: dict[str, Any]) -> None:
+    without = report.figure({**result, "outages": None})
+    texts = [text.get_text() for axes in without.axes for text in axes.texts]
+    assert texts == ["no outage of 10 s\ncan be judged here"]
+    # by hand: a narrow axis has 1, 2, 5 times powers of ten, a broad one every second power
+    assert report._ticks(0.04, 0.11) == pytest.approx([0.05, 0.1])
+    assert report._ticks(1e-7, 1.0) == pytest.approx([1e-7, 1e-5, 1e-3, 1e-1])
+    assert report._ticks(0.31, 0.39) == [0.31, 0.39]
+    for axes in report.figure(result).axes[-len(result["noises"]) :]:
+        assert 1 < len(axes.get_xticks()) <= 4
