@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from codegen.blocks.block_c import VERSION
-from codegen.blocks.expressions import MEMBERS, c_name
+from codegen.blocks.expressions import c_name, member_of
 from codegen.templating import environment
 from codegen.toolchains.compiler import NUMERICS
 from fmus.dependencies import Known, initial_dependencies, tick_dependencies
@@ -85,7 +85,7 @@ class Scalar:
     @property
     def field(self) -> str:
         """Its member of the block's C struct."""
-        return f"{MEMBERS[self.kind]}.{c_name(self.name)}"
+        return f"{member_of(self.declared)}.{c_name(self.name)}"
 
     @property
     def role(self) -> str:

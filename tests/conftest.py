@@ -12,12 +12,11 @@ import numpy as np
 import pytest
 
 from codegen.blocks.block_c import generate, write_files
-from codegen.blocks.expressions import MEMBERS, c_name
+from codegen.blocks.expressions import c_name, member_of, members
 from codegen.toolchains import sdcc
 from codegen.toolchains.compiler import NUMERICS, CompileError, build_library
 from models.kit.block import Block
 from models.kit.declaration import Type, flatten
-from models.kit.tracing import GROUPS
 
 # second opinions beside pip's compiler, and tools that are no Python packages: program -> Debian package
 TOOLS = {
@@ -90,7 +89,7 @@ class Native:
 
     def _place(self, name: str) -> tuple[Any, Any, Any]:
         variable = next(v for v in self.block.variables().values() if name in v.flat_names)
-        group = getattr(self.data, MEMBERS[variable.kind])
+        group = getattr(self.data, member_of(variable))
         place = group if variable.size is None else getattr(group, variable.name)
         return place, variable, variable.flat_names.index(name)
 
@@ -164,8 +163,7 @@ def _build(block: type[Block], precision: Any, folder: Any) -> tuple[ctypes.CDLL
         flags=(*NUMERICS, "-fno-sanitize=all"),
     )
     groups = []
-    for kind in GROUPS:
-        fields = [(v.name, types[v.type] * v.size if v.size else types[v.type]) for v in block.group(kind)]
-        if fields:
-            groups.append((MEMBERS[kind], type(kind, (ctypes.Structure,), {"_fields_": fields})))
+    for member, variables in members(block).items():
+        fields = [(v.name, types[v.type] * v.size if v.size else types[v.type]) for v in variables]
+        groups.append((member, type(member, (ctypes.Structure,), {"_fields_": fields})))
     return ctypes.CDLL(str(library)), type(block.title(), (ctypes.Structure,), {"_fields_": groups})

@@ -66,10 +66,10 @@ void generated(const double *values, int32_t waypoints, const double *route, int
         cmec_defaults(&controller);
 @@
         for (int j = 0; j < waypoints; j++) {
-            controller.par.waypoint_north[j] = route[2 * j];
-            controller.par.waypoint_east[j] = route[2 * j + 1];
+            controller.mission.waypoint_north[j] = route[2 * j];
+            controller.mission.waypoint_east[j] = route[2 * j + 1];
         }
-        controller.par.waypoint_count = waypoints;
+        controller.mission.waypoint_count = waypoints;
         plant.par.shaking = false;
         plant.par.seed = (int32_t)seed + (int32_t)i;
         canine_initialize(&plant);

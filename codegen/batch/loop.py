@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from codegen.blocks.block_c import VERSION, generate
-from codegen.blocks.expressions import MEMBERS, c_name
+from codegen.blocks.expressions import c_name, member_of
 from codegen.blocks.layout import fit
 from codegen.templating import environment
 from models.kit.block import Block
@@ -63,7 +63,7 @@ def _fields(components: Mapping[str, type[Block]]) -> Iterator[tuple[str, str]]:
     for component, block in components.items():
         for kind in GROUPS:
             for name, variable in flatten(block.group(kind)):
-                yield f"{component}.{MEMBERS[kind]}.{c_name(name)}", variable.type.name
+                yield f"{component}.{member_of(variable)}.{c_name(name)}", variable.type.name
 
 
 def _copies(links: Sequence[Link], targets: Collection[str]) -> Iterator[str]:

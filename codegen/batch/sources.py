@@ -8,7 +8,7 @@ from pathlib import Path
 
 from codegen.batch.lanes import BatchSystem, Tick, field_name, ordinary_tick
 from codegen.blocks.block_c import VERSION, generate
-from codegen.blocks.expressions import MEMBERS, c_name
+from codegen.blocks.expressions import c_name, member_of
 from codegen.blocks.layout import fit
 from codegen.templating import environment
 from models.kit.block import Block
@@ -130,7 +130,7 @@ class Sources:
         variable = next(
             v for v in self.system.components[component].variables().values() if name in v.flat_names
         )
-        return {"place": f"{component}.{MEMBERS[variable.kind]}.{c_name(name)}", "cast": CASTS[variable.type]}
+        return {"place": f"{component}.{member_of(variable)}.{c_name(name)}", "cast": CASTS[variable.type]}
 
     def _calls(self, components: Mapping[str, type[Block]], plants: bool) -> Iterable[str]:
         """The calls of a tick, the plants' steps or those before them; links are copied before each step."""

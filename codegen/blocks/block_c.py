@@ -12,7 +12,17 @@ from pathlib import Path
 from typing import Any
 
 from codegen.blocks.decisions import Row, decide, questions, write_decisions
-from codegen.blocks.expressions import MEMBERS, Writer, c_name, constant_name, fields, literal
+from codegen.blocks.expressions import (
+    MEMBERS,
+    MISSION,
+    Writer,
+    c_name,
+    constant_name,
+    fields,
+    literal,
+    member_of,
+    members,
+)
 from codegen.blocks.layout import HARD_SPACE, fit
 from codegen.blocks.nodes import Nodes, behind, name_values, operations_behind, read
 from codegen.blocks.statements import Store, assign, condition, kept, statements, store_lines
@@ -23,9 +33,11 @@ from models.kit import random
 from models.kit.block import Block, first_line
 from models.kit.declaration import Type, Variable
 from models.kit.elementary import Precision
-from models.kit.tracing import GROUPS, Table, Transition, Update
+from models.kit.tracing import Table, Transition, Update
 
 VERSION = "1"  # of the generator: what the banner states
+# of a block's struct: what each member holds
+CONTENTS = {name: f"{kind}s" for kind, name in MEMBERS.items()} | {MISSION: "parameters that are latched"}
 TEMPLATES = environment(Path(__file__).parent / "templates")
 
 
@@ -46,6 +58,8 @@ def generate(
     keep: frozenset[str] | None = None,
     constants: Mapping[str, float] | None = None,
     instance: str = "",
+    *,
+    preset: bool = False,
 ) -> dict[str, str]:
     """The C of a block, file name to text; the same block gives the same bytes.
 
@@ -54,6 +68,7 @@ def generate(
         constants: values of scalar parameters that become macros of the header instead of fields.
         instance: the only one, as C, in memory that was cleared: the functions know its address, do not look
             at their pointer, and set no 0.
+        preset: others set the parameters that are not latched, from a table: `defaults` leaves them out.
 
     Raises:
         DeclarationError: the block does not have this precision, or an operation needs a library function.
@@ -81,7 +96,9 @@ def generate(
         "precision": precision,
         "sample_time": block.sample_time,
         "sample_time_literal": literal(block.sample_time, precision),
-        "groups": [_Struct(kind, block, precision, constants) for kind in GROUPS],
+        "structs": [
+            _Struct(name, variables, precision, constants) for name, variables in members(block).items()
+        ],
         "constants": [
             {
                 "name": constant_name(block, v.name),
@@ -97,11 +114,12 @@ def generate(
         "streams": [v for v in block.streams() if keep is None or not keep.isdisjoint(v.flat_names)],
         "starts": [
             line
-            for kind in GROUPS
-            if not (instance and kind == "state")  # `initialize` sets them
-            for line in _starts(kind, block, precision, constants, cleared=bool(instance))
+            for name, variables in members(block).items()
+            if not (instance and name == MEMBERS["state"])  # `initialize` sets them
+            if not (preset and name == MEMBERS["parameter"])
+            for line in _starts(variables, block, precision, constants, cleared=bool(instance))
         ],
-        "state_starts": _starts("state", block, precision, cleared=bool(instance)),
+        "state_starts": _starts(block.group("state"), block, precision, cleared=bool(instance)),
         "moore": block.moore,
         "operations": ", ".join(f"{r.name}{HARD_SPACE}{r.operations}" for r in [*start, *routines]),
     }
@@ -133,16 +151,16 @@ class _Struct:
     """One struct of the header: a member for each variable."""
 
     def __init__(
-        self, kind: str, block: type[Block], precision: Precision, constants: Collection[str]
+        self, member: str, variables: Sequence[Variable], precision: Precision, constants: Collection[str]
     ) -> None:
-        self.kind, self.member = kind, MEMBERS[kind]
+        self.member, self.content = member, CONTENTS[member]
         self.fields = [
             {
                 "type": {Type.REAL: precision, Type.INTEGER: "int32_t", Type.BOOLEAN: "bool"}[v.type],
                 "name": v.name + (f"[{v.size}]" if v.size else ""),
                 "comment": comment(v),
             }
-            for v in block.group(kind)
+            for v in variables
             if v.name not in constants
         ]
 
@@ -170,7 +188,7 @@ def _enums(block: type[Block]) -> list[dict[str, Any]]:
 
 
 def _starts(
-    kind: str,
+    variables: Sequence[Variable],
     block: type[Block],
     precision: Precision,
     constants: Collection[str] = (),
@@ -179,14 +197,14 @@ def _starts(
 ) -> list[str]:
     """Assignments of the declared start values; in memory that is `cleared`, of those that are not 0."""
     stores = []
-    for v in block.group(kind):
+    for v in variables:
         if v.name not in constants:
             for name, value in zip(v.flat_names, v.start, strict=True):
                 if cleared and value == 0:
                     continue
                 named = v.choices is not None and value in list(v.choices)
                 text = enum_name(block, v, int(value)) if named else start_literal(v, value, precision)
-                stores.append(Store(f"m->{MEMBERS[kind]}.{c_name(name)}", text))
+                stores.append(Store(f"m->{member_of(v)}.{c_name(name)}", text))
     return store_lines(stores)
 
 

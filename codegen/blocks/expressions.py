@@ -15,7 +15,7 @@ import numpy as np
 from codegen.blocks.nodes import COMPARISONS, ELEMENT, LOGIC, SELECT, CType, Leaf, Node
 from models.errors import DeclarationError
 from models.kit.block import Block
-from models.kit.declaration import Variable, flatten
+from models.kit.declaration import Parameter, Variable, flatten
 from models.kit.elementary import Precision
 from models.kit.tracing import GROUPS
 
@@ -26,9 +26,28 @@ BINARY = {
 MIRRORED = {"<": ">", "<=": ">=", "==": "==", "!=": "!="}  # to read constants on the right
 CALLS = {ca.OP_SQRT: "sqrt", ca.OP_FLOOR: "floor", ca.OP_FABS: "fabs"}
 MEMBERS = {"state": "state", "input": "in", "parameter": "par", "output": "out"}  # group -> C struct member
+MISSION = "mission"  # the member of the parameters that are latched
 Asking = Generator[tuple[Node, CType], str, str]  # asks for operands' texts, returns its own
 WIDTH = 104  # an expression longer than this gets a local; 88 costs the Rabbit 2 % more clocks
 MOST_CHOICES = 12  # a longer chain of choices gets a local
+
+
+def member_of(variable: Variable) -> str:
+    """The member of the block's C struct that has a variable.
+
+    A latched parameter has one beside the others': these are set once, all together.
+    """
+    is_latched = isinstance(variable, Parameter) and variable.latched
+    return MISSION if is_latched else MEMBERS[variable.kind]
+
+
+def members(block: type[Block]) -> dict[str, list[Variable]]:
+    """The variables of each member of the block's C struct, in their order."""
+    variables: dict[str, list[Variable]] = {}
+    for kind in GROUPS:
+        for variable in block.group(kind):
+            variables.setdefault(member_of(variable), []).append(variable)
+    return variables
 
 
 def fields(block: type[Block], constants: Collection[str] = ()) -> Leaf:
@@ -39,7 +58,7 @@ def fields(block: type[Block], constants: Collection[str] = ()) -> Leaf:
         name, variable = flat[group][element]
         if name in constants:
             return Node(ca.OP_INPUT, field=constant_name(block, name), variable=variable)
-        return Node(ca.OP_INPUT, field=f"m->{MEMBERS[GROUPS[group]]}.{c_name(name)}", variable=variable)
+        return Node(ca.OP_INPUT, field=f"m->{member_of(variable)}.{c_name(name)}", variable=variable)
 
     return leaf
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import casadi as ca
 
-from codegen.blocks.expressions import MEMBERS, Writer, bare, c_name, fields
+from codegen.blocks.expressions import Writer, bare, c_name, fields, member_of
 from codegen.blocks.nodes import (
     CTYPES,
     SELECT,
@@ -91,7 +91,7 @@ def assign(writes: Sequence[str], results: Sequence[Node], block: type[Block], w
       arithmetic, which has more registers till then: 300 clocks in `local_plane`.
     """
     declared = dict(flatten([v for kind in ("state", "output") for v in block.group(kind)]))
-    targets = [f"m->{MEMBERS[declared[name].kind]}.{c_name(name)}" for name in writes]
+    targets = [f"m->{member_of(declared[name])}.{c_name(name)}" for name in writes]
     for name, node in zip(writes, results, strict=True):
         if node.op == SELECT and declared[name].choices:
             node.enumeration = declared[name]

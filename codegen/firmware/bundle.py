@@ -35,7 +35,7 @@ SUMS = "SHA256SUMS"  # of a bundle's files, as `sha256sum -c` reads it
 PORT = "port.c"  # each target's own, by the same name
 COSTS = SOURCES / "costs.json"  # by target and estimator, measured by the processor in the loop
 # bytes of code and constants of programs that a processor has no room for: with parameters, as constants
-TOO_LARGE = {("rabbit4000", "seven_state+ahrs"): (62_500, 59_300)}
+TOO_LARGE = {("rabbit4000", "seven_state+ahrs"): (61_250, 59_300)}
 DRIVERS = ("link.h", "mt.h", "ubx.h")  # headers of the members of `onboard` that are no blocks
 GENERATED = ("models.h", "fixes.h", "telemetry.h", "telemetry.c", "onboard.h", "navigation.h")
 # numbers that the program shares with the models
@@ -111,20 +111,29 @@ def library(
             "float",
             constants=chosen[member] if constants else None,
             instance=f"vest.{member}" if addressed else "",
+            preset=True,
         )
     files |= program(navigation)
-    context = {"assignments": [] if constants else list(_assignments(blocks, chosen))}
+    context = {"tables": [] if constants else list(_tables(blocks, chosen))}
     files["parameters.c"] = TEMPLATES.get_template("parameters.c.jinja").render(context)
     return files
 
 
-def _assignments(blocks: Mapping[str, type[Block]], chosen: Values) -> Iterator[dict[str, str]]:
+def _tables(blocks: Mapping[str, type[Block]], chosen: Values) -> Iterator[dict[str, Any]]:
+    """Of each block that has some, the values of its parameters."""
     for member, block in blocks.items():
-        for name, variable in settable(block).items():
+        if settable(block):
             yield {
-                "field": f"m->{member}.par.{name}",
-                "value": start_literal(variable, chosen[member][name], "float"),
-                "comment": comment(variable),
+                "member": member,
+                "block": block.title(),
+                "rows": [
+                    {
+                        "name": name,
+                        "value": start_literal(variable, chosen[member][name], "float"),
+                        "comment": comment(variable),
+                    }
+                    for name, variable in settable(block).items()
+                ],
             }
 
 

@@ -11,10 +11,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
+from codegen.blocks.expressions import MISSION, member_of
 from codegen.firmware.structs import Headers
 from models.errors import DeclarationError
 from models.kit.block import Block
-from models.kit.declaration import Parameter, Type, Variable
+from models.kit.declaration import Type, Variable
 
 SCALARS = {"bool": Type.BOOLEAN, "float": Type.REAL} | dict.fromkeys(
     ("uint8_t", "uint16_t", "uint32_t", "int32_t"), Type.INTEGER
@@ -143,10 +144,10 @@ def _members(
 
 def of_block(member: str, block: type[Block]) -> Iterator[Entry]:
     """What a member of `onboard` that is a block holds."""
-    for kind, field in (("state", "state"), ("input", "in"), ("output", "out"), ("parameter", "par")):
+    for kind in ("state", "input", "output", "parameter"):
         for variable in block.group(kind):
             if kind != "parameter" or is_mission(variable):
-                place = f"{member}.{field}.{variable.name}{'[0]' if variable.size else ''}"
+                place = f"{member}.{member_of(variable)}.{variable.name}{'[0]' if variable.size else ''}"
                 name = f"{member}.{kind}.{variable.name}"
                 yield Entry(name, place, variable.type, variable.size or 0, place)
 
@@ -171,4 +172,4 @@ def words_of(entries: Iterable[Entry]) -> dict[str, Type]:
 
 def is_mission(variable: Variable) -> bool:
     """Does a parameter come by radio?"""
-    return isinstance(variable, Parameter) and variable.latched
+    return member_of(variable) == MISSION

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from codegen.blocks.block_c import generate, write_files
-from codegen.blocks.expressions import MEMBERS
+from codegen.blocks.expressions import member_of
 from models.kit.block import Block
 from models.kit.declaration import Type, flatten
 from models.system import BLOCKS
@@ -74,7 +74,8 @@ def struct_members(header: str) -> dict[str, list[tuple[str, str, int | None]]]:
     """What a header declares: member of the struct -> (C type, name, size of a vector) of each field."""
     members = {}
     header = re.sub(r"\n {8,}\* ", " ", header)  # comments that take several lines
-    for body, member in re.findall(r"struct \{ /\* \w+ \*/\n(.*?)\n    \} (\w+);", header, re.DOTALL):
+    structs = re.findall(r"    struct (?:\w+ )?\{ /\* [\w ]+ \*/\n(.*?)\n    \} (\w+);", header, re.DOTALL)
+    for body, member in structs:
         fields = re.findall(r"^        (\w+) (\w+)(?:\[(\d+)\])?; /\* .* \*/$", body, re.MULTILINE)
         assert len(fields) == len(body.splitlines()), body
         members[member] = [(c_type, name, int(size) if size else None) for c_type, name, size in fields]
@@ -148,7 +149,7 @@ class Library:
 def place(block: type[Block], records: Record, flat_name: str) -> tuple[Record, Any]:
     """The array that holds a scalar of every instance, and the index into it."""
     name, bracket, index = flat_name.partition("[")
-    member = MEMBERS[block.variables()[name].kind]
+    member = member_of(block.variables()[name])
     return records[member][name], (slice(None), int(index[:-1]) - 1) if bracket else slice(None)
 
 
@@ -195,8 +196,9 @@ class CompiledModel:
 
     def vector(self, kind: str) -> Record:
         """All scalars of a group in their order, as `Model.state` and `Model.output` are."""
-        member = self.records[MEMBERS[kind]] if self.block.group(kind) else None
-        parts = [np.ravel(member[v.name]).astype(np.float64) for v in self.block.group(kind)]  # type: ignore[index]
+        parts = [
+            np.ravel(self.records[member_of(v)][v.name]).astype(np.float64) for v in self.block.group(kind)
+        ]
         return np.concatenate(parts) if parts else np.zeros(0)
 
 

@@ -30,14 +30,14 @@ static cmec any_cmec(void)
     m.state.issue_east = float_in(-1.0e5F, 1.0e5F);
     m.state.base_north = float_in(-1.0e5F, 1.0e5F);
     m.state.base_east = float_in(-1.0e5F, 1.0e5F);
-    m.par.home_north = float_in(-1.0e5F, 1.0e5F);
-    m.par.home_east = float_in(-1.0e5F, 1.0e5F);
-    m.par.waypoint_count = int_in(1, 16);
+    m.mission.home_north = float_in(-1.0e5F, 1.0e5F);
+    m.mission.home_east = float_in(-1.0e5F, 1.0e5F);
+    m.mission.waypoint_count = int_in(1, 16);
     for (int i = 0; i < 16; i++) {
         m.state.route_north[i] = float_in(-1.0e5F, 1.0e5F);
         m.state.route_east[i] = float_in(-1.0e5F, 1.0e5F);
-        m.par.waypoint_north[i] = float_in(-1.0e5F, 1.0e5F);
-        m.par.waypoint_east[i] = float_in(-1.0e5F, 1.0e5F);
+        m.mission.waypoint_north[i] = float_in(-1.0e5F, 1.0e5F);
+        m.mission.waypoint_east[i] = float_in(-1.0e5F, 1.0e5F);
     }
     for (int i = 0; i < 8; i++) {
         m.state.anomalies[i] = int_in(0, 2000000000);

@@ -2,12 +2,14 @@
 #include "command_module.c"
 
 #include "proof.h"
+#include "shipped.h"
 
 void prove_step(void)
 {
     command_module m;
 
     command_module_defaults(&m);
+    m.par = shipped().command_module.par;
     m.in.command = nondet_i32();
     command_module_step(&m);
     assert((m.out.tone_hz == 0.0F) || (m.out.tone_hz == 1500.0F) || (m.out.tone_hz == 3500.0F) ||

@@ -4,6 +4,7 @@
 #include "four_state.c"
 
 #include "proof.h"
+#include "shipped.h"
 
 float sqrtf(float x)
 {
@@ -19,6 +20,7 @@ static four_state any_state(void)
     four_state m;
 
     four_state_defaults(&m);
+    m.par = shipped().estimator.par;
     m.state.started = true;
     for (int i = 0; i < 4; i++) {
         m.state.x[i] = float_in(-1.0e6F, 1.0e6F);

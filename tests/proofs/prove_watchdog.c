@@ -2,12 +2,14 @@
 #include "watchdog.c"
 
 #include "proof.h"
+#include "shipped.h"
 
 void prove_step(void)
 {
     watchdog m;
 
     watchdog_defaults(&m);
+    m.par = shipped().watchdog.par;
     watchdog_initialize(&m);
     m.state.imu_age = int_in(0, 2000000000);
     m.state.link_age = int_in(0, 2000000000);

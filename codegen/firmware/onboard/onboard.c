@@ -164,14 +164,14 @@ static bool plan(onboard *m)
     bool near;
 
     project(m, m->radio.mission.home.latitude, m->radio.mission.home.longitude, false);
-    m->controller.par.home_north = m->local_plane.out.north;
-    m->controller.par.home_east = m->local_plane.out.east;
+    m->controller.mission.home_north = m->local_plane.out.north;
+    m->controller.mission.home_east = m->local_plane.out.east;
     near = on_plane(m);
-    m->controller.par.waypoint_count = (int32_t)m->radio.mission.count;
+    m->controller.mission.waypoint_count = (int32_t)m->radio.mission.count;
     for (uint8_t i = 0U; i < m->radio.mission.count; i++) {
         project(m, m->radio.mission.waypoints[i].latitude, m->radio.mission.waypoints[i].longitude, false);
-        m->controller.par.waypoint_north[i] = m->local_plane.out.north;
-        m->controller.par.waypoint_east[i] = m->local_plane.out.east;
+        m->controller.mission.waypoint_north[i] = m->local_plane.out.north;
+        m->controller.mission.waypoint_east[i] = m->local_plane.out.east;
         near = near && on_plane(m);
     }
     return near;

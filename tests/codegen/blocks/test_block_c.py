@@ -11,12 +11,11 @@ from typing import Any
 import pytest
 
 from codegen.blocks.block_c import generate, write_files
-from codegen.blocks.expressions import MEMBERS
+from codegen.blocks.expressions import members
 from models.cmec import Cmec
 from models.command_module import CommandModule
 from models.kit.block import Block
 from models.kit.declaration import Input, Output, Type
-from models.kit.tracing import GROUPS
 from models.system import BLOCKS
 from tests.codegen.compiled import generated, struct_members
 
@@ -48,9 +47,8 @@ def test_struct_holds_the_declared_names_and_types_no_more_no_less(
 ) -> None:
     c_types = {Type.REAL: precision, Type.INTEGER: "int32_t", Type.BOOLEAN: "bool"}
     declared = {
-        MEMBERS[kind]: [(c_types[v.type], v.name, v.size) for v in block.group(kind)]
-        for kind in GROUPS
-        if block.group(kind)
+        member: [(c_types[v.type], v.name, v.size) for v in variables]
+        for member, variables in members(block).items()
     }
     assert struct_members(generated(block, precision)[f"{block.title()}.h"]) == declared
 
@@ -59,12 +57,11 @@ def test_struct_holds_the_declared_names_and_types_no_more_no_less(
 def test_every_field_that_c_uses_is_declared(block: type[Block], precision: Any) -> None:
     text = generated(block, precision)[f"{block.title()}.c"]
     used = set(re.findall(r"m->(\w+)\.(\w+)", text))
-    assert used <= {(MEMBERS[kind], v.name) for kind in GROUPS for v in block.group(kind)}
+    declared = {(member, v.name) for member, variables in members(block).items() for v in variables}
+    assert used <= declared
     # and defaults() sets every one
     defaults = text.split("_defaults(")[1].split("_initialize(")[0]
-    assert set(re.findall(r"m->(\w+)\.(\w+)", defaults)) == {
-        (MEMBERS[kind], v.name) for kind in GROUPS for v in block.group(kind)
-    }
+    assert set(re.findall(r"m->(\w+)\.(\w+)", defaults)) == declared
 
 
 @each

@@ -29,9 +29,11 @@ import pytest
 from elftools.elf.elffile import ELFFile
 
 import codegen
+from codegen.blocks.block_c import comment
 from codegen.firmware import bundle
 from codegen.firmware.bundle import BLOCKS, COSTS, SOURCES
 from codegen.firmware.navigation import DEFAULT, Navigation
+from codegen.firmware.record import is_mission
 from codegen.firmware.targets import TARGETS
 from codegen.firmware.telemetry import Flag, Telemetry
 from codegen.toolchains import sdcc
@@ -42,9 +44,11 @@ from harness.onboard.instruments import InertialUnit, Receiver
 from harness.onboard.processors import Received, open_processor
 from harness.onboard.radio import Decoder, Mission, Position, Start, encode
 from models.canine_ahrs import CanineAhrs
+from models.canine_tracker import CanineTracker
 from models.errors import UsageError
 from models.four_state import FourState
 from models.seven_state import SevenState
+from tests.codegen.compiled import struct_members
 from tests.codegen.firmware.vest import LATITUDE, LONGITUDE, Send, lead, still
 
 PROJECT = Path(codegen.__file__).resolve().parents[1]
@@ -176,7 +180,7 @@ def test_what_a_constant_decides_builds_for_the_rabbit(tmp_path: Path) -> None:
     assert (tmp_path / "canine_ahrs.rel").stat().st_size > 0
 
 
-@pytest.mark.parametrize(("constants", "size"), [(False, "62,500"), (True, "59,300")])
+@pytest.mark.parametrize(("constants", "size"), [(False, "61,250"), (True, "59,300")])
 def test_a_program_that_the_processor_has_no_room_for_is_refused(
     constants: bool, size: str, tmp_path: Path
 ) -> None:
@@ -397,15 +401,37 @@ def test_parameters_of_a_scenario_arrive_in_radians(tmp_path: Path, capsys: Any)
 
     # then they have it in float32 radians: 37 * pi / 180 = 0.64577182
     text = (tmp_path / "--set" / "parameters.c").read_text()
-    field = re.search(r"m->controller\.par\.moving_deviation = ([\d.e-]+)f;", text)
+    field = re.search(r"\.moving_deviation = ([\d.e-]+)f,", text)
     macro = re.search(
         r"#define CMEC_MOVING_DEVIATION ([\d.e-]+)f", (tmp_path / "--constants" / "cmec.h").read_text()
     )
     assert field
     assert macro
     assert np.float32(field[1]) == np.float32(macro[1]) == np.float32(0.64577182)
-    assert "m->controller.par.capture_radius = 2.5f;" in text
+    assert ".capture_radius = 2.5f," in text
     assert "moving_deviation" not in (tmp_path / "--constants" / "parameters.c").read_text()
+
+
+@pytest.mark.parametrize("navigation", [DEFAULT, Navigation(CanineTracker, CanineAhrs)], ids=lambda n: n.name)
+def test_each_parameter_has_its_value_in_one_place(navigation: Navigation) -> None:
+    # given a program's sources
+    files = bundle.library(navigation=navigation)
+    tables = dict(
+        re.findall(r"struct \w+ (\w+)_parameters = \{\n(.*?)\n    \};", files["parameters.c"], re.DOTALL)
+    )
+    assert tables.keys() == navigation.blocks.keys()
+    for member, block in navigation.blocks.items():
+        # then the table of a block has a value, the unit and the meaning of each field of `par`, in its order
+        declared = [v for v in block.group("parameter") if not is_mission(v)]
+        rows = re.findall(r"^        \.(\w+) = [\w.-]+,? /\* (.*) \*/$", tables[member], re.MULTILINE)
+        assert rows == [(v.name, comment(v)) for v in declared]
+        assert [name for _, name, _ in struct_members(files[f"{block.title()}.h"])["par"]] == [
+            n for n, _ in rows
+        ]
+        assert f"m->{member}.par = {member}_parameters;" in files["parameters.c"]
+        # and no other source sets it
+        for name, text in files.items():
+            assert not re.search(r"\bpar\.\w+(\[\w+\])? =(?!=)", text), name
 
 
 # --- files ---
@@ -891,7 +917,7 @@ def test_a_bundle_replaces_an_earlier_one_but_no_file_that_was_changed(tmp_path:
     # given a bundle, made once more with other parameters
     bundle.write(TARGETS["host"], tmp_path)
     bundle.write(TARGETS["host"], tmp_path, {"controller": {"moving_deviation": 0.5}})
-    assert "moving_deviation = 0.5f;" in (tmp_path / "parameters.c").read_text()
+    assert ".moving_deviation = 0.5f," in (tmp_path / "parameters.c").read_text()
     checked = subprocess.run(["sha256sum", "-c", "--quiet", bundle.SUMS], cwd=tmp_path, check=False)
     assert checked.returncode == 0
     # when its port has been changed, then it is named, and nothing is written
@@ -900,7 +926,7 @@ def test_a_bundle_replaces_an_earlier_one_but_no_file_that_was_changed(tmp_path:
     with pytest.raises(UsageError, match=r"not made here: port\.c; nothing is written"):
         bundle.write(TARGETS["host"], tmp_path)
     assert port.read_text().endswith("/* ours */\n")
-    assert "moving_deviation = 0.5f;" in (tmp_path / "parameters.c").read_text()
+    assert ".moving_deviation = 0.5f," in (tmp_path / "parameters.c").read_text()
 
 
 def test_a_bundle_overwrites_no_file_that_was_not_made_here(tmp_path: Path) -> None:

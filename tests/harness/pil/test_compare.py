@@ -461,8 +461,12 @@ def test_link_timeout_of_the_scenario_reaches_the_program(
 def assigned(folder: Path) -> dict[str, float]:
     """What parameters.c sets, by member and name."""
     text = (folder / "parameters.c").read_text()
-    rows = re.findall(r"m->(\w+)\.par\.(\w+) = ([^;]+);", text)
-    return {f"{member}.{name}": _number(value) for member, name, value in rows}
+    tables = re.findall(r"static const struct \w+ (\w+)_parameters = \{\n(.*?)\n    \};", text, re.DOTALL)
+    return {
+        f"{member}.{name}": _number(value)
+        for member, rows in tables
+        for name, value in re.findall(r"\.(\w+) = ([^,\s]+)", rows)
+    }
 
 
 def _number(literal: str) -> float:
