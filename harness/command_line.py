@@ -652,13 +652,18 @@ def study(
     recording: Annotated[
         Path | None,
         typer.Argument(
-            exists=True, metavar="[FOLDER|LOG.mcap]", help="for studies of one: recording, motion, outage"
+            exists=True,
+            metavar="[FOLDER|LOG.mcap|PATH.csv]",
+            help="for studies of one: recording (a folder or a log), motion (the folder of a dog's unit), "
+            "outage (a csv of positions or a log)",
         ),
     ] = None,
     *,
-    seeds: Annotated[int | None, typer.Option(help="trials of each kind; by default the study's own")] = None,
-    sensor_set: Annotated[
-        str | None,
+    seeds: Annotated[
+        int | None, typer.Option(help="trials of each kind, 2 to 5000; by default the study's own")
+    ] = None,
+    sensor_sets: Annotated[
+        list[str] | None,
         typer.Option("--set", metavar="NAME", help="of sensors and pack: dissertation, measured..."),
     ] = None,
     folder: Annotated[
@@ -680,10 +685,13 @@ def study(
         for title, summary in STUDIES.items():
             out().print(f"{title:<14}{summary}", soft_wrap=True, markup=False, highlight=False)
         return
+    if sensor_sets and len(sensor_sets) > 1:
+        raise UsageError(f"--set {' --set '.join(sensor_sets)}: a study takes one set, or all without --set")
+    sensor_set = sensor_sets[0] if sensor_sets else None
     with _bar("percent", 100, quiet=as_json) as progress:
         result = run_study(name, Options(seeds, sensor_set, recording), progress)
     place = folder or Path("out", f"study-{name}")
-    report(name, result, place)
+    report(name, result, place, _note)
     if as_json:
         typer.echo(_as_json(result))
     else:

@@ -417,10 +417,12 @@ class StudyResult:
     Attributes:
         folder: with the pictures and the result as JSON.
         result: all that tables and pictures show.
+        notes: what the user should know.
     """
 
     folder: Path
     result: dict[str, Any]
+    notes: tuple[str, ...] = ()
 
 
 def run_study(
@@ -441,7 +443,7 @@ def run_study(
 
     Args:
         name: as `canine study` lists them.
-        seeds: trials of each kind; by default the study's own number.
+        seeds: trials of each kind, 2 to 5,000; by default the study's own number.
         set_name: of sensors and pack, one of `models.sets.SETS`.
         recording: a folder or a log, for a study of one.
         out: the folder for the results; by default out/study-<name>.
@@ -456,8 +458,9 @@ def run_study(
     options = study.Options(seeds, set_name, None if recording is None else Path(recording))
     result = study.run_study(name, options, progress)
     folder = Path("out", f"study-{name}") if out is None else Path(out)
-    study.report(name, result, folder)
-    return StudyResult(folder, result)
+    notes: list[str] = []
+    study.report(name, result, folder, notes.append)
+    return StudyResult(folder, result, tuple(notes))
 
 
 def open_log(path: StrPath) -> Log:

@@ -204,6 +204,11 @@ def find_estimator(name: str) -> type[Estimator]:
     Raises:
         UsageError: there is none.
     """
+    if name == CanineAhrs.title():
+        raise UsageError(
+            f'"{name}" is no estimator, it gives one its attitude; expected one of {", ".join(ESTIMATORS)}, '
+            "in trials and on board with --ahrs, in replays with --attitude own"
+        )
     if name not in ESTIMATORS:
         raise UsageError(f'there is no estimator "{name}"{nearest(name, ESTIMATORS)}')
     return ESTIMATORS[name]

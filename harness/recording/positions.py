@@ -54,6 +54,11 @@ def read_positions(file: Path, shortest: float = SHORTEST) -> list[Piece]:
         RecordingError: it cannot be read, lacks a column, or has no piece that is long enough.
         LogError: the log is damaged.
     """
+    if file.is_dir():
+        raise RecordingError(
+            f"{file}: is a folder; expected a csv of positions with the columns "
+            f"{', '.join(str(column.column) for column in COLUMNS.values())}, or a trial's log"
+        )
     if file.suffix == ".mcap":
         log = read_log(file)
         missing = [name for name in ("plant.north", "plant.east") if name not in log]

@@ -179,7 +179,7 @@ def compare(estimators: str, settings: Sequence[str] = (), parameters: Sequence[
     """What to compare, from the options of `canine replay`.
 
     Args:
-        estimators: names of ours and paths of FMUs with commas between, or `all` of ours.
+        estimators: names of ours and paths of FMUs with commas between; `all` is all of ours.
         settings: `six_state.name=value`, or `estimator.name=value` for all that have the parameter; angles in
             degrees. They hold in every configuration.
         parameters: files of TOML such as tune.toml, whose [parameters] make a further configuration of each
@@ -190,7 +190,8 @@ def compare(estimators: str, settings: Sequence[str] = (), parameters: Sequence[
             is what configurations differ by.
     """
     names = [name.strip() for name in estimators.split(",")]
-    chosen = list(ESTIMATORS) if names == [ALL] else list(dict.fromkeys(names))
+    each = [ESTIMATORS if name == ALL else (name,) for name in names]
+    chosen = list(dict.fromkeys(name for some in each for name in some))
     configurations = [c for name in chosen for c in _configurations(name)]
     for path in parameters:
         configurations += _of_file(path, chosen)

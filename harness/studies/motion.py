@@ -16,6 +16,7 @@ from scipy import signal
 from codegen.batch.series import Series
 from harness.drawing import ESTIMATES, GRID, TRUTH, Style, house_style, new_figure
 from harness.recording.described import UNITS, Column, FileDescription, read_columns
+from harness.recording.recording import RecordingError
 from harness.studies.study import Options, Progress, Result
 from harness.terminal import new_table, print_table
 from models.errors import UsageError, nearest
@@ -83,6 +84,12 @@ def run(options: Options, progress: Progress) -> Result:
     """
     if options.set is not None and options.set not in SETS:
         raise UsageError(f'there is no set "{options.set}"{nearest(options.set, SETS)}')
+    for gait in GAITS:
+        if options.recording and not (options.recording / f"{gait}.csv").is_file():
+            raise RecordingError(
+                f"{options.recording}: has no {gait}.csv; expected the folder of a unit that a dog wore, "
+                f"with {' and '.join(f'{name}.csv' for name in GAITS)}"
+            )
     seeds = options.seeds or SEEDS
     chosen = [options.set] if options.set else list(SETS)
     series = _series()

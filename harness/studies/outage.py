@@ -72,7 +72,7 @@ def run(options: Options, progress: Progress) -> Result:
         raise UsageError(f'there is no set "{options.set}"{nearest(options.set, SETS)}')
     sets = [options.set] if options.set else list(SETS)
     paths: dict[str, Callable[[int], Path]] = {gait: partial(walk, of) for gait, of in GAITS.items()}
-    count = options.seeds or SEEDS
+    count, pieces = options.seeds or SEEDS, []
     if options.recording:
         recorded = read_positions(options.recording, shortest=RECORDED_S)
         pieces = [Path(piece.north, piece.east) for piece in stretches(recorded, RECORDED_S)]
@@ -93,7 +93,11 @@ def run(options: Options, progress: Progress) -> Result:
                 progress(100 * (done := done + 1) / total)
             sample = _sample(trial(tracking, path, set_name, seeds[0]))
             results[set_name][gait] = {**_judged(errors), "sample": sample}
-    return {"seeds": len(seeds), "outage_s": OUTAGE_S, "sets": results, "published": _published()}
+    recorded_path = {"stretches": len(pieces), "stretch_s": RECORDED_S} if pieces else None
+    return {
+        "seeds": len(seeds), "outage_s": OUTAGE_S, "recorded_path": recorded_path, "sets": results,
+        "published": _published(),
+    }  # fmt: skip
 
 
 def trial(tracking: Tracking, path_of: Callable[[int], Path], set_name: str, seed: int) -> Trial:
@@ -151,7 +155,8 @@ def _unpaired(standard: Array, adaptive: Array) -> dict[str, Any]:
             first, second = standard[rows[:n], i], adaptive[rows[n : n + m], i]
             is_better = bool(second.mean() < first.mean())
             better += is_better
-            significant += is_better and unpaired(first, second)["p"] < SIGNIFICANT
+            p = unpaired(first, second)["p"]
+            significant += is_better and p is not None and p < SIGNIFICANT
         tests[column] |= {
             "31_and_36": unpaired(standard[:n, i], adaptive[n : n + m, i]),
             "fuzzy_better": share(better, REPEATS),
@@ -209,6 +214,12 @@ def show(result: Mapping[str, Any], console: Console) -> None:
             console.print(
                 "\n".join(lines), "", style="dim", highlight=False, markup=False, soft_wrap=True, sep="\n"
             )
+    if path := result["recorded_path"]:
+        console.print(
+            f"{result['seeds']} trials: the path has {path['stretches']} stretches without a jump or overlap"
+            f", each of {path['stretch_s']:g} s and for one trial",
+            highlight=False, markup=False, soft_wrap=True,
+        )  # fmt: skip
     if any(DETECTION in gaits for gaits in result["sets"].values()):
         console.print(
             "In brackets: the dissertation (Tables D.1, 3.1). The set dissertation was chosen by them.",
@@ -249,19 +260,23 @@ def _in_words(test: Mapping[str, Any]) -> str:
     return f"  {test['first']} less {test['second']}, paired: {'; '.join(parts)}"
 
 
+def _p_of(test: Mapping[str, Any]) -> str:
+    return "too few for a test" if test["p"] is None else f"p = {test['p']:.2g}"
+
+
 def _chances(tests: Mapping[str, Any]) -> list[str]:
     """The unpaired tests, and how they would come out by chance."""
     lines = []
     for column, name in zip(COLUMNS, ("position", "speed"), strict=True):
         values = tests[column]
         line = f"  {tests['first']} against {tests['second']} in {name}, unpaired: "
-        line += f"halves of the trials p = {values['halves']['p']:.2g}"
+        line += f"halves of the trials {_p_of(values['halves'])}"
         if "31_and_36" in values:
             better, significantly = (
                 f"{100 * values[key]['share']:.0f} %" for key in ("fuzzy_better", "significantly")
             )
             line += (
-                f", 31 and 36 of them p = {values['31_and_36']['p']:.2g}; in {values['fuzzy_better']['n']} "
+                f", 31 and 36 of them {_p_of(values['31_and_36'])}; in {values['fuzzy_better']['n']} "
                 f"such draws fuzzy is better in {better}, significantly in {significantly}"
             )
         lines.append(line)

@@ -61,27 +61,33 @@ def run(options: Options, progress: Progress) -> Result:
         values = {"plant": {"duration[3]": LATER}, "sensors": NOISE}
         return tracking.run(ticks, seed, {}, values, outage=0)
 
-    trials = []
-    for done, one in enumerate(in_threads(trial, seeds), 1):
-        trials.append(one)
+    rows = []
+    for done, row in enumerate(in_threads(lambda seed: _measured(trial(seed)), seeds), 1):
+        rows.append(row)
         progress(100 * done / len(seeds))
-    configurations = {title: _summaries(trials, title) for title in CONFIGURATIONS}
+    configurations = {
+        title: {key: summary(np.array([row[title][key] for row in rows])) for key in rows[0][title]}
+        for title in CONFIGURATIONS
+    }
     return {
         "seeds": len(seeds), "asymptote_m_s2": ASYMPTOTE, "true_bias_m_s2": TRUE_BIAS, "published": PUBLISHED,
-        "configurations": configurations, "sample": _sample(trials[0]),
+        "configurations": configurations, "sample": _sample(trial(seeds[0])),
     }  # fmt: skip
 
 
-def _summaries(trials: list[Trial], title: str) -> dict[str, Any]:
+def _measured(trial: Trial) -> dict[str, dict[str, float]]:
+    """Of each configuration the bias [m/s2] at the end and later, the errors at the end and before it."""
     end, later = round(END / TICK), round(LATER / TICK)
-    biases = np.array([trial.estimates[title]["accel_bias"] for trial in trials])
-    positions = np.array([trial.position_error(trial.estimates[title]) for trial in trials])
-    speeds = np.array([trial.speed_error(trial.estimates[title]) for trial in trials])
     return {
-        "bias_m_s2_at_end": summary(biases[:, end]),
-        "bias_m_s2_later": summary(biases[:, later]),
-        "position_error_m_at_end": summary(positions[:, end]),
-        "speed_error_m_s_last_5_s": summary(speeds[:, end - round(5 / TICK) : end].mean(axis=1)),
+        title: {
+            "bias_m_s2_at_end": float(estimate["accel_bias"][end]),
+            "bias_m_s2_later": float(estimate["accel_bias"][later]),
+            "position_error_m_at_end": float(trial.position_error(estimate)[end]),
+            "speed_error_m_s_last_5_s": float(
+                trial.speed_error(estimate)[end - round(5 / TICK) : end].mean()
+            ),
+        }
+        for title, estimate in trial.estimates.items()
     }
 
 

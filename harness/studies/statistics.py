@@ -37,8 +37,14 @@ def paired(first: Array, second: Array) -> dict[str, float | None]:
     }  # fmt: skip
 
 
-def unpaired(first: Array, second: Array) -> dict[str, float]:
-    """The two-tailed t-test of errors from different trials, with pooled variance as in Table 3.1."""
+def unpaired(first: Array, second: Array) -> dict[str, float | None]:
+    """The two-tailed t-test of errors from different trials, with pooled variance as in Table 3.1.
+
+    There is no t where both have one value, or do not vary: the variance is not known.
+    """
+    df = len(first) + len(second) - 2
+    if df == 0 or np.ptp(first) == np.ptp(second) == 0:
+        return {"t": None, "df": df, "p": None}
     test = stats.ttest_ind(first, second)
     return {"t": float(test.statistic), "df": int(test.df), "p": float(test.pvalue)}
 

@@ -14,13 +14,14 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from harness.drawing import png_of
-from harness.files import make_folder, write_whole
+from harness.files import make_folder, replaced, write_whole
 from harness.studies import STUDIES
 from models.errors import UsageError, nearest
 
 Result = dict[str, Any]  # JSON
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
+MOST_SEEDS = 5000  # more would take gigabytes, and the intervals are narrow by then
 Progress = Callable[[float], None]  # called with the percentage that is done
 
 
@@ -92,18 +93,27 @@ def run_study(name: str, options: Options = Options(), progress: Progress | None
             raise UsageError(f"study {name} has no use for {what}; it takes {takes or 'no options'}")
     if options.seeds is not None and options.seeds < 2:
         raise UsageError(f"--seeds {options.seeds}: expected 2 or more, since a spread is stated")
+    if options.seeds is not None and options.seeds > MOST_SEEDS:
+        raise UsageError(f"--seeds {options.seeds}: expected at most {MOST_SEEDS}")
     result = study.run(options, progress or (lambda percent: None))
-    return {"study": name, **result}
+    recording = None if options.recording is None else str(options.recording)
+    asked = {"seeds": options.seeds, "set": options.set, "recording": recording}
+    return {"study": name, "options": asked, **result}
 
 
-def report(name: str, result: Result, folder: Path) -> None:
+def report(name: str, result: Result, folder: Path, note: Callable[[str], None] = lambda text: None) -> None:
     """Write `<name>.json` and the pictures into a folder.
+
+    Args:
+        note: called with a line for the user if they replace those of other options.
 
     Raises:
         UsageError: the folder cannot be made.
         FileError: they cannot be written.
     """
     make_folder(folder)
+    if others := replaced(folder / f"{name}.json", {"options": result["options"]}):
+        note(f"{folder}: has the results of other options, which these replace ({others})")
     text = json.dumps(result, indent=1, ensure_ascii=False, allow_nan=False)
     write_whole(folder / f"{name}.json", (text + "\n").encode())
     for title, figure in find_study(name).draw(result).items():

@@ -18,8 +18,9 @@ from harness.files import nearest_file
 from harness.onboard import ROLES
 from harness.trial import DEFAULT
 from harness.trial.scenario import Scenario, ScenarioError, checked, load, parse, with_estimator
+from models.canine_ahrs import CanineAhrs
 from models.errors import UsageError, nearest, printable
-from models.system import ESTIMATOR, ESTIMATORS, SYSTEMS, find_system
+from models.system import ESTIMATOR, ESTIMATORS, SYSTEMS, find_estimator, find_system
 
 PACKAGE = "system.ssp"  # a log's attachment
 
@@ -199,6 +200,8 @@ def _with_estimator(request: Request, estimator: str | None) -> Request:
     scenario, swaps = request.scenario, dict(request.swaps)
     if estimator not in ESTIMATORS:
         path = Path(estimator)
+        if estimator == CanineAhrs.title():
+            find_estimator(estimator)  # raises an error that says what it is for
         if path.suffix != ".fmu" and not path.is_file():
             raise UsageError(
                 f"--estimator {estimator}: expected the path of an FMU, or the name of one of ours"
@@ -254,6 +257,11 @@ def _checked(request: Request) -> Request:
     if request.onboard:
         option = f"--onboard pil:{request.onboard}"
         taken = next((role for role in ROLES if role in request.swaps), None)
+        if taken == "estimator":
+            raise UsageError(
+                f"--estimator {request.swaps[taken]}: firmware is made of our own estimators; "
+                f"expected one of {', '.join(ESTIMATORS)}"
+            )
         if taken:
             raise UsageError(f"{option}: the firmware takes the place of the {taken}; leave --{taken} out")
         if request.order != "sequential":

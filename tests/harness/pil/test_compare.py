@@ -362,6 +362,11 @@ def test_ctrl_c_ends_both_processors_with_130(
             'made for host, cortex-m4f, rabbit4000, not for "rabbit400"; did you mean "rabbit4000"?',
         ),
         (["two_waypoint", "--target", "cortex-m4f", "--set", "watchdog.link_timeot=1"], "link_timeout"),
+        (
+            ["--target", "cortex-m4f", "--estimator", __file__],
+            f"canine: --estimator {__file__}: firmware is made of our own estimators; expected one of "
+            "four_state, six_state, seven_state, two_bias, canine_tracker",
+        ),
     ],
 )
 def test_wrong_use_of_canine_pil_ends_with_2_and_says_what_is_expected(

@@ -146,3 +146,9 @@ def test_settings_of_a_replay_are_told_from_others(
     assert status == 0
     assert "six_state" in text
     assert "has another replay, which this replaces (settings: , now six_state.max_age=20)" in notes
+
+
+def test_all_stands_beside_names_and_paths(tmp_path: Path) -> None:
+    # given a list with `all` and one of ours again
+    assert compare("six_state,all").estimators == ("six_state", *(e for e in ESTIMATORS if e != "six_state"))
+    assert compare("all, six_state").estimators == tuple(ESTIMATORS)

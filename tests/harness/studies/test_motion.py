@@ -112,6 +112,12 @@ def test_the_real_dog_reads_as_its_page_says() -> None:
     [
         (Options(set="mesured"), UsageError, 'there is no set "mesured"; did you mean "measured"'),
         (Options(seeds=2, set="ideal", recording=Path("nowhere")), RecordingError, r"walking\.csv"),
+        (
+            Options(seeds=2, set="ideal", recording=Path(__file__)),
+            RecordingError,
+            r"test_motion\.py: has no walking\.csv; expected the folder of a unit that a dog wore, "
+            r"with walking\.csv and running\.csv",
+        ),
     ],
 )
 def test_what_is_not_there_is_told(options: Options, error: type[Exception], message: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 from pathlib import Path
 from typing import Any
 
@@ -119,6 +120,9 @@ def test_statistics_of_a_few_numbers_are_those_by_hand() -> None:
     assert paired(np.ones(3), np.zeros(3)) == {"difference": 1.0, "t": None, "df": 2, "p": None}
     # pooled variance of 0, 2 and 4, 6 is 2: t = -4 / sqrt(2 * (1/2 + 1/2))
     assert unpaired(np.array([0.0, 2.0]), np.array([4.0, 6.0]))["t"] == pytest.approx(-4 / 2**0.5)
+    # one value each, or values that do not vary: no variance, no t
+    assert unpaired(np.array([0.0]), np.array([4.0])) == {"t": None, "df": 0, "p": None}
+    assert unpaired(np.array([1.0, 1.0]), np.array([2.0, 2.0])) == {"t": None, "df": 2, "p": None}
     assert share(0, 10)["high"] == pytest.approx(1.96**2 / (10 + 1.96**2), rel=1e-3)  # Wilson
 
 
@@ -172,7 +176,30 @@ def test_a_recorded_path_drives_the_trials(tmp_path: Path) -> None:
     text = io.StringIO()
     outage.show(result, Console(file=text, width=200))
     assert "(21.5)" not in text.getvalue()
+    words = " ".join(text.getvalue().split())
+    assert (
+        "3 trials: the path has 3 stretches without a jump or overlap, each of 30 s and for one trial"
+        in words
+    )
     assert set(outage.draw(result)) == {"outage", "outage_recorded_path"}
+
+
+def test_two_trials_are_too_few_for_a_test_of_their_halves() -> None:
+    result = run_study("outage", Options(seeds=2, set="ideal"))
+    json.dumps(result, allow_nan=False)
+    text = io.StringIO()
+    outage.show(result, Console(file=text, width=200))
+    assert "in position, unpaired: halves of the trials too few for a test" in text.getvalue()
+    assert "stretches" not in text.getvalue()
+
+
+def test_a_folder_is_no_path(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError) as refusal:
+        run_study("outage", Options(recording=tmp_path))
+    assert str(refusal.value) == (
+        f"{tmp_path}: is a folder; expected a csv of positions with the columns t_s, x_m, y_m, "
+        "or a trial's log"
+    )
 
 
 def test_a_path_of_one_stretch_is_refused(tmp_path: Path) -> None:

@@ -41,11 +41,33 @@ def test_the_command_writes_json_and_pictures(tmp_path: Path, capsys: pytest.Cap
     assert (folder / "pitch.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_results_of_other_options_are_replaced_with_a_note(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    # given the results of a study in its default folder
+    assert run(["study", "pitch", "--seeds", "2"]) == 0
+    assert "note" not in capsys.readouterr().err
+    # when it is carried out again, nothing is said; with other options, what differs is
+    assert run(["study", "pitch", "--seeds", "2"]) == 0
+    assert "note" not in capsys.readouterr().err
+    assert run(["study", "pitch", "--seeds", "3"]) == 0
+    assert capsys.readouterr().err == (
+        "note: out/study-pitch: has the results of other options, which these replace "
+        "(options.seeds: 2, now 3)\n"
+    )
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["pich"], 'there is no study "pich"; did you mean "pitch"?'),
         (["pitch", "--seeds", "1"], "--seeds 1: expected 2 or more, since a spread is stated"),
+        (["pitch", "--seeds", "1000000000"], "--seeds 1000000000: expected at most 5000"),
+        (
+            ["outage", "--set", "ideal", "--set", "measured"],
+            "--set ideal --set measured: a study takes one set, or all without --set",
+        ),
         (["pitch", "--set", "ideal"], "study pitch has no use for --set; it takes --seeds"),
     ],
 )

@@ -104,6 +104,12 @@ def test_a_sweeps_folder_bears_the_name_of_its_estimator() -> None:
         (["--estimator", "six_stat"], 'or the name of one of ours; did you mean "six_state"?'),
         (["--estimator", "six.fmu"], 'there is no FMU "six.fmu"'),
         (
+            ["--estimator", "canine_ahrs"],
+            '"canine_ahrs" is no estimator, it gives one its attitude; expected one of four_state, '
+            "six_state, seven_state, two_bias, canine_tracker, in trials and on board with --ahrs, in "
+            "replays with --attitude own",
+        ),
+        (
             ["--estimator", "six_state", "--set", "four_state.fuzzy=false"],
             'no block or component "four_state"; the estimator is six_state: set "six_state.name", or run '
             "with --estimator four_state",
