@@ -20,7 +20,7 @@ from codegen.firmware.navigation import DEFAULT, Navigation
 from codegen.firmware.record import Entry, drivers, is_mission, of_block, words_of
 from codegen.firmware.structs import Headers, read_headers
 from codegen.firmware.targets import TARGETS, Target
-from codegen.firmware.telemetry import FIELDS, OFFSETS, PAYLOAD, Flag
+from codegen.firmware.telemetry import FIELDS, NOT_READY, OFFSETS, PAYLOAD, Flag, Ready, Refusal
 from codegen.templating import environment
 from models.cmec import MAX_WAYPOINTS
 from models.errors import UsageError
@@ -40,6 +40,7 @@ DRIVERS = ("link.h", "mt.h", "ubx.h")  # headers of the members of `onboard` tha
 GENERATED = ("models.h", "fixes.h", "telemetry.h", "telemetry.c", "onboard.h", "navigation.h")
 # numbers that the program shares with the models
 SHARED: dict[str, Any] = {"tick_ms": round(1000 * Block.sample_time), "max_waypoints": MAX_WAYPOINTS}
+READINESS: dict[str, Any] = {"ready": list(Ready), "refusals": list(Refusal), "not_ready": NOT_READY}
 BLOCKS = DEFAULT.blocks
 
 
@@ -52,6 +53,7 @@ def program(navigation: Navigation = DEFAULT) -> dict[str, str]:
     """The sources beside the blocks and parameters, file name to text: by hand, or from tables."""
     files = {path.name: path.read_text() for path in sorted(SOURCES.glob("*.[ch]"))}
     context = SHARED | {"fields": FIELDS, "offsets": OFFSETS, "flags": list(Flag), "size": PAYLOAD.size}
+    context |= READINESS
     context |= {"messages": MESSAGES, "limits": limits(), "navigation": navigation}
     context["headers"] = sorted(
         [*DRIVERS, "models.h", *(f"{block.title()}.h" for block in navigation.blocks.values())]
@@ -149,16 +151,20 @@ def bundle(
     for source in sorted((SOURCES / target.folder).iterdir()):
         if not source.name.startswith("pil"):
             files[source.name] = source.read_text()
-    context = SHARED | {
-        "target": target,
-        "constants": constants,
-        "sources": sorted(name for name in files if name.endswith(".c")),
-        "assembly": sorted(name for name in files if name.endswith(".s")),
-        "navigation": navigation,
-        "default": DEFAULT,
-        "estimators": ESTIMATORS,
-        "costs": json.loads(COSTS.read_text()).get(target.name, {}).get(navigation.name),
-    }
+    context = (
+        SHARED
+        | READINESS
+        | {
+            "target": target,
+            "constants": constants,
+            "sources": sorted(name for name in files if name.endswith(".c")),
+            "assembly": sorted(name for name in files if name.endswith(".s")),
+            "navigation": navigation,
+            "default": DEFAULT,
+            "estimators": ESTIMATORS,
+            "costs": json.loads(COSTS.read_text()).get(target.name, {}).get(navigation.name),
+        }
+    )
     files["Makefile"] = TEMPLATES.get_template(f"{target.folder}.mk.jinja").render(context)
     files["README.md"] = TEMPLATES.get_template("firmware.md.jinja").render(context)
     return files

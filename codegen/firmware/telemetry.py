@@ -1,7 +1,7 @@
 """The telemetry, stated once: what the vest tells the operator.
 
-From `Telemetry` and `Flag` come the struct and its writer in C (templates/telemetry.[hc].jinja), the laptop's
-reader (harness/onboard/radio.py) and the signals of the log (harness/onboard/stand_in.py).
+From `Telemetry`, `Flag` and `Ready` come the struct and its writer in C (templates/telemetry.[hc].jinja), the
+laptop's reader (harness/onboard/radio.py) and the signals of the log (harness/onboard/stand_in.py).
 """
 
 from __future__ import annotations
@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 import struct
 from dataclasses import astuple, dataclass
-from enum import IntFlag
+from enum import IntEnum, IntFlag
 from itertools import accumulate
-from typing import Annotated, ClassVar, get_type_hints
+from typing import Annotated, ClassVar, Self, get_type_hints
 
 TYPES = {"uint8_t": "B", "uint16_t": "H", "uint32_t": "I", "int16_t": "h", "int32_t": "i"}  # C: struct
 POSITION_UNIT = math.radians(1e-7)  # rad: latitudes and longitudes on board and by radio
@@ -65,15 +65,24 @@ class Wire:
         return f"{self.unit}: {self.meaning}" if self.unit else self.meaning
 
 
-class Flag(IntFlag):
-    """Conditions on board: the bits of `Telemetry.flags`. In C each is a bool of the struct."""
+class Bits(IntFlag):
+    """Bits of a field, each with its meaning."""
 
     meaning: str
 
-    def __new__(cls, bit: int, meaning: str = "") -> Flag:
+    def __new__(cls, bit: int, meaning: str = "") -> Self:
         flag = int.__new__(cls, bit)
         flag._value_, flag.meaning = bit, meaning
         return flag
+
+    @classmethod
+    def listed(cls) -> str:
+        """Their names, the lowest first."""
+        return ", ".join(str(bit.name).lower() for bit in cls)
+
+
+class Flag(Bits):
+    """Conditions on board: the bits of `Telemetry.flags`. In C each is a bool of the struct."""
 
     VALID = 0x01, "the estimate may be trusted"
     IMU_OK = 0x02, "samples come"
@@ -81,10 +90,58 @@ class Flag(IntFlag):
     FIXED = 0x08, "there has been a fix"
     LOADED = 0x10, "a mission is held"
     STARTED = 0x20, "the mission is under way, or has ended"
-    WAITING = 0x40, "a START waits for a fix, or for the end of a stop"
 
 
-BITS = "conditions on board, the lowest bit first: " + ", ".join(str(flag.name).lower() for flag in Flag)
+class Ready(Bits):
+    """What a START needs (rule 8): the bits of `Telemetry.ready`. In C macros, READY_LINK and so on."""
+
+    LINK = 0x001, "the operator is heard"
+    IMU = 0x002, "samples come"
+    FIX = 0x004, "there has been a fix"
+    ACCURACY = 0x008, "the last fix is accurate to the controller's capture radius"
+    ESTIMATE = 0x010, "the estimate may be trusted"
+    MISSION = 0x020, "a mission is held"
+    REACH = 0x040, "home and all waypoints are within the controller's range"
+    LEGS = 0x080, "each waypoint is farther from the one before than the capture radius"
+    FIRST_LEG = 0x100, "the first waypoint is farther from the animal than the capture radius"
+    RELEASED = 0x200, "no override is in force"
+    IDLE = 0x400, "the controller is idle"
+
+    @property
+    def missing(self) -> tuple[Ready, ...]:
+        """The bits that are off."""
+        return tuple(bit for bit in Ready if bit not in self)
+
+
+class Refusal(IntEnum):
+    """Why the last START was refused, in words; NONE once one was accepted.
+
+    From NOT_READY on it is the first bit of `Ready` that was missing: each reason is its number from there.
+    """
+
+    words: str
+
+    def __new__(cls, number: int, words: str = "") -> Self:
+        refusal = int.__new__(cls, number)
+        refusal._value_, refusal.words = number, words
+        return refusal
+
+    NONE = 0, "none was refused"
+    OTHER_MISSION = 1, "the vest holds another mission"
+    NO_LINK = 2, "the vest does not hear the operator"
+    NO_IMU = 3, "the inertial unit is silent"
+    NO_FIX = 4, "there has been no fix"
+    NOT_ACCURATE = 5, "the last fix is not accurate to the controller's capture radius"
+    NO_ESTIMATE = 6, "the estimate cannot be trusted"
+    NO_MISSION = 7, "the vest holds no mission"
+    OUT_OF_REACH = 8, "home or a waypoint is beyond the controller's range"
+    SHORT_LEG = 9, "two waypoints in a row are closer than the capture radius"
+    SHORT_FIRST_LEG = 10, "the animal is closer to the first waypoint than the capture radius"
+    OVERRIDDEN = 11, "an override is in force"
+    NOT_IDLE = 12, "a trial is under way, or has ended without an ABORT, or its stop is still held"
+
+
+NOT_READY = 2  # number of the refusal for the lowest bit of `Ready`
 
 
 @dataclass(frozen=True)
@@ -113,8 +170,10 @@ class Telemetry:
     status: Annotated[int, Wire("uint8_t", "", "how the trial stands")]
     waypoint: Annotated[int, Wire("uint8_t", "", "number of waypoints reached")]
     anomaly: Annotated[int, Wire("uint8_t", "", "what keeps the controller from deciding")]
-    flags: Annotated[int, Wire("uint8_t", "", BITS)]
-    mission_id: Annotated[int, Wire("uint16_t", "", "of the mission under way; else of the one held")]
+    flags: Annotated[int, Wire("uint8_t", "", f"conditions on board, the lowest bit first: {Flag.listed()}")]
+    ready: Annotated[int, Wire("uint16_t", "", f"what a START needs, the lowest bit first: {Ready.listed()}")]
+    refusal: Annotated[int, Wire("uint8_t", "", "why the last START was refused, 0 once one was accepted")]
+    mission_id: Annotated[int, Wire("uint16_t", "", "of the mission held; while one is under way that is it")]
     received: Annotated[int, Wire("uint8_t", "", "sequence number of the last message heard")]
     gps_frames: Annotated[int, Wire("uint16_t", "", "from the receiver, modulo 2^16")]
     gps_errors: Annotated[int, Wire("uint16_t", "", "wrong checksums")]

@@ -8,11 +8,14 @@ from codegen.firmware.telemetry import Flag, Telemetry
 from harness.onboard.radio import Abort, Decoder, Message, Mission, Override, Start, encode
 from models.commands import Command
 
-RESEND = 0.4  # s between the operator's messages; some may get lost before the vest stops
+RESEND = 0.4  # s between the operator's messages; two may get lost before an override or the link is over
 
 
 class Operator:
     """Keeps the vest in the state that the operator wishes, by its telemetry.
+
+    It stands for an operator who presses START until the trial begins, and no more afterwards: a trial that
+    has ended, or a vest that was reset, needs a new wish. An override is renewed while it is wished.
 
     Args:
         mission: home and waypoints.
@@ -25,6 +28,8 @@ class Operator:
         self._sequence = 0
         self._silent_since = -math.inf
         self._wish: tuple[bool, Command] | None = None
+        self._asked: int | None = None  # number of the first START of this wish
+        self._begun = False  # the trial of this wish has begun
 
     def send(self, time: float, start: bool, override: Command, link_ok: bool) -> bytes:
         """The frames that the laptop sends on a tick.
@@ -44,14 +49,23 @@ class Operator:
         flags = Flag(self._telemetry.flags) if self._telemetry else Flag(0)
         if self._telemetry is None or self._telemetry.mission_id != self.mission.id:
             messages.append(self.mission)
-        begun = Flag.STARTED in flags or Flag.WAITING in flags
-        if start and not begun:
+        started = Flag.STARTED in flags
+        if start and not self._has_begun(started):
+            self._asked = self._asked or self._sequence + len(messages) + 1
             messages.append(Start(self.mission.id))
-        if not start and (begun or wish != self._wish):
-            messages.append(Abort())
+        if not start:
+            self._asked, self._begun = None, False
+            if started or wish != self._wish:
+                messages.append(Abort())
         messages.append(Override(override))  # always, since an earlier one may be lost
         self._wish, self._silent_since = wish, time
         return b"".join(self._frame(message) for message in messages)
+
+    def _has_begun(self, started: bool) -> bool:
+        """Has the vest, having heard a START of this wish, begun? Telemetry from before it tells nothing."""
+        if started and self._asked and self._telemetry:
+            self._begun = self._begun or (self._telemetry.received - self._asked) % 256 < 128
+        return self._begun
 
     def _frame(self, message: Message) -> bytes:
         self._sequence += 1

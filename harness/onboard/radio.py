@@ -56,7 +56,10 @@ class Position:
 
 @dataclass(frozen=True)
 class Mission:
-    """Home and waypoints, one frame: the vest has it whole or not at all. Payload: their positions."""
+    """Home and waypoints, one frame: the vest has it whole or not at all. Payload: their positions.
+
+    While a mission is under way, or has ended without an ABORT, the vest refuses any.
+    """
 
     type: ClassVar[int] = 1
     home: Position
@@ -83,7 +86,10 @@ class Mission:
 
 @dataclass(frozen=True)
 class Start:
-    """Begin the mission of this id; the vest refuses if it holds another. Payload: u16."""
+    """Begin the mission of this id, at once or not at all. Payload: u16.
+
+    The vest refuses if it is not ready, and the telemetry says why (`Refusal`).
+    """
 
     type: ClassVar[int] = 2
     mission_id: int
@@ -95,7 +101,10 @@ class Start:
 
 @dataclass(frozen=True)
 class Override:
-    """The operator's command beats the controller's until `Command.NONE` releases it. Payload: u8."""
+    """The operator's command beats the controller's until `Command.NONE` releases it. Payload: u8.
+
+    It holds for `watchdog.override_timeout` unless it is sent again.
+    """
 
     type: ClassVar[int] = 3
     command: Command
@@ -107,7 +116,7 @@ class Override:
 
 @dataclass(frozen=True)
 class Abort:
-    """End the mission. No payload."""
+    """End the mission and the override. No payload."""
 
     type: ClassVar[int] = 4
 

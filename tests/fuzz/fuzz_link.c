@@ -32,7 +32,7 @@ static void check_message(link_message message, const radio_link *before, const 
     } else {
         assert(memcmp(&before->mission, &m->mission, sizeof(m->mission)) == 0);
     }
-    assert((message != LINK_START) || (m->mission.count > 0U));
+    assert((message == LINK_START) || (before->asked == m->asked));
     assert((message == LINK_OVERRIDE) || (before->override == m->override));
     assert(m->override <= 5U);
     assert((message >= LINK_NOTHING) && (message <= LINK_HEARTBEAT));

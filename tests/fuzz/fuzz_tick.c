@@ -29,6 +29,8 @@ void check_declared(const onboard *m);
 #define LONGEST_SILENCE 50U      /* ticks: 2 s of the radio */
 #define LONGEST_IMU_SILENCE 5U   /* ticks: 0.2 s */
 #define OLDEST_FIX 375U          /* ticks: 15 s */
+#define LONGEST_OVERRIDE 25U     /* ticks: 1 s */
+#define CAPTURE_RADIUS 7.0       /* m */
 #define STEP_PER_M 90.0          /* 1e-7 deg in a metre */
 #define RADIANS 0.017453292519943295
 #define TWO_PI 6.283185307179586
@@ -69,6 +71,7 @@ static struct {
     uint32_t ticks;
     uint32_t silence;     /* ticks without a valid message */
     uint32_t imu_silence; /* ticks without a sample */
+    uint32_t override_age; /* ticks without an override */
     uint32_t reports;     /* frames sent in this tick */
     bool due;             /* telemetry is due */
     uint32_t late;        /* ticks for which it has waited */
@@ -459,6 +462,11 @@ static int32_t commanded(int32_t mode)
     }
 }
 
+static bool overridden(void)
+{
+    return (vest.radio.override != 0U) && (world.override_age <= LONGEST_OVERRIDE);
+}
+
 /* The order of precedence, from what the program was given: a lost link, the operator's override, bad input,
  * an invalid estimate, the table. */
 static void check_command(void)
@@ -471,7 +479,7 @@ static void check_command(void)
 
     if (world.silence > LONGEST_SILENCE) {
         expected = CMEC_COMMAND_STOP;
-    } else if (vest.radio.override != 0U) {
+    } else if (overridden()) {
         expected = (int32_t)vest.radio.override;
     } else if (!good || !trusted) {
         expected = CMEC_COMMAND_STOP;
@@ -481,6 +489,7 @@ static void check_command(void)
     }
     assert(vest.controller.out.command == expected);
     assert(!vest.controller.in.start || vest.local_plane.state.settled);
+    assert(!vest.asked && !(vest.controller.in.start && (mode == CMEC_MODE_IDLE))); /* nothing is remembered */
     assert(vest.controller.out.waypoint <= vest.controller.state.count);
     assert((vest.controller.state.count >= 1) && (vest.controller.state.count <= (int32_t)LINK_MAX_WAYPOINTS));
     for (int32_t i = 0; i < vest.controller.state.count; i++) {
@@ -501,6 +510,28 @@ static void check_held(void)
         const bool looks = (f[0] == 0xA5U) && (f[1] == 0x5AU) && (f[2] == 4U) && (f[4] == 0U);
 
         assert(!looks || (crc_ccitt(&f[2], 3U) != (uint16_t)(((unsigned)f[5] << 8) | f[6])));
+    }
+}
+
+/* From one place to another, by more than the controller's capture radius, as far as floats tell. */
+static void check_leg(float north, float east, float to_north, float to_east)
+{
+    assert(hypot((double)to_north - (double)north, (double)to_east - (double)east) > (0.99999 * CAPTURE_RADIUS));
+}
+
+/* A trial has begun on this tick: all that a START needs was there (rule 8). */
+static void check_begun(int32_t mode_before)
+{
+    assert((mode_before == CMEC_MODE_IDLE) && (vest.refusal == 0U));
+    assert((world.silence <= LONGEST_SILENCE) && (world.imu_silence <= LONGEST_IMU_SILENCE));
+    assert(vest.estimator.out.valid && !overridden());
+    assert((double)vest.gps.fix.h_acc <= (1000.001 * CAPTURE_RADIUS));
+    assert((vest.radio.mission.count > 0U) && (vest.radio.mission.count == (uint32_t)vest.controller.state.count));
+    check_leg(vest.estimator.out.north, vest.estimator.out.east, vest.controller.state.route_north[0],
+              vest.controller.state.route_east[0]);
+    for (int32_t i = 1; i < vest.controller.state.count; i++) {
+        check_leg(vest.controller.state.route_north[i - 1], vest.controller.state.route_east[i - 1],
+                  vest.controller.state.route_north[i], vest.controller.state.route_east[i]);
     }
 }
 
@@ -537,14 +568,20 @@ static void check_telemetry(void)
     if (world.reports == 1U) {
         world.due = false;
         world.late = 0U;
-        assert((t[0] == 0xA5U) && (t[1] == 0x5AU) && (t[2] == 16U) && (t[4] == 45U));
-        assert(crc_ccitt(&t[2], 48U) == (uint16_t)(((unsigned)t[50] << 8) | t[51]));
+        assert((t[0] == 0xA5U) && (t[1] == 0x5AU) && (t[2] == 16U) && (t[4] == 48U));
+        assert(crc_ccitt(&t[2], 51U) == (uint16_t)(((unsigned)t[53] << 8) | t[54]));
         check_sent(&t[21], 100.0 * fmax((double)vest.estimator.out.north_sd, (double)vest.estimator.out.east_sd));
         check_sent(&t[23], 100.0 * (double)vest.estimator.out.speed_sd);
         check_sent(&t[25], 10.0 * (double)vest.controller.out.distance);
         assert(t[31] == (uint8_t)vest.controller.out.command);
         assert(((t[36] & 1U) != 0U) == vest.estimator.out.valid);
         assert(((t[36] & 4U) != 0U) == (world.silence <= LONGEST_SILENCE));
+        assert(((t[38] & 1U) != 0U) == (world.silence <= LONGEST_SILENCE));
+        assert(((t[38] & 2U) != 0U) == (world.imu_silence <= LONGEST_IMU_SILENCE));
+        assert(((t[38] & 0x20U) != 0U) == (vest.radio.mission.count > 0U));
+        assert(((t[37] & 2U) != 0U) == !overridden());
+        assert(((t[37] & 4U) != 0U) == (vest.controller.out.mode == CMEC_MODE_IDLE));
+        assert((t[37] & 0xF8U) == 0U);
     }
 }
 
@@ -559,6 +596,9 @@ static void tick(void)
     const bool waited = vest.busy;
     const int32_t bad_samples = vest.estimator.state.bad_samples;
     const uint32_t sampled = vest.imu.scanner.frames;
+    const bool started = vest.controller.in.start;
+    const int32_t mode = vest.controller.out.mode;
+    const link_mission mission = vest.radio.mission;
 
     walk();
     give();
@@ -566,6 +606,8 @@ static void tick(void)
     world.reports = 0U;
     onboard_tick(&vest);
     world.silence = (messages() != heard) ? 0U : (world.silence + 1U);
+    world.override_age = vest.watchdog.in.overridden ? 0U : (world.override_age + 1U);
+    assert(!vest.watchdog.in.overridden || (world.silence == 0U));
     world.imu_silence = vest.watchdog.in.sampled ? 0U : (world.imu_silence + 1U);
     assert(!vest.watchdog.in.sampled || /* a sample has come, and the estimator took it */
            ((vest.imu.scanner.frames != sampled) && (vest.estimator.state.bad_samples == bad_samples)));
@@ -577,6 +619,12 @@ static void tick(void)
     check_estimate();
     check_command();
     check_vest();
+    if (vest.controller.in.start && !started) {
+        check_begun(mode);
+    }
+    if (vest.controller.in.start && started) { /* what is held is what is led */
+        assert(memcmp(&mission, &vest.radio.mission, sizeof(mission)) == 0);
+    }
     check_held();
     check_telemetry();
     assert(vest.busy == (vest.estimator.in.gps_fix && !waited)); /* radio and telemetry wait for one tick at most */
@@ -651,6 +699,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     world.most = PORT_MOST;
     world.silence = LONGEST_SILENCE;
     world.imu_silence = LONGEST_IMU_SILENCE;
+    world.override_age = LONGEST_OVERRIDE;
     modes = 0U;
     onboard_init(&vest);
     while ((orders.left > 0U) && (world.ticks < MOST_TICKS)) {

@@ -30,6 +30,7 @@ def test_imu_and_operator_count_as_silent_before_their_first_message(native: Any
     assert (
         outputs["imu_ok"].tolist()
         == outputs["link_ok"].tolist()
+        == outputs["override_ok"].tolist()
         == outputs["estimate_ok"].tolist()
         == [0] * 3
     )
@@ -44,6 +45,8 @@ def test_imu_and_operator_count_as_silent_before_their_first_message(native: Any
         ("heard", "link_ok", "link_timeout", 2.0, 50),
         ("heard", "link_ok", "link_timeout", 0.6, 15),  # 14.999999... in float32
         ("heard", "link_ok", "link_timeout", 0.07, 1),  # less than two ticks
+        ("overridden", "override_ok", "override_timeout", 1.0, 25),
+        ("overridden", "override_ok", "override_timeout", 0.04, 1),
     ],
 )
 def test_silence_is_detected_on_the_first_tick_beyond_the_timeout(  # noqa: PLR0917
@@ -56,8 +59,8 @@ def test_silence_is_detected_on_the_first_tick_beyond_the_timeout(  # noqa: PLR0
     # then the sender counts as alive from there for the timeout, and not a tick longer
     expected = [3 <= k <= 3 + ticks for k in range(ticks + 10)]
     assert outputs[ok].tolist() == expected
-    # and the other one as silent throughout
-    assert not outputs["link_ok" if ok == "imu_ok" else "imu_ok"].any()
+    # and the others as silent throughout
+    assert not any(outputs[other].any() for other in {"imu_ok", "link_ok", "override_ok"} - {ok})
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)
@@ -65,9 +68,11 @@ def test_a_single_message_ends_a_long_silence_at_once(native: Any, precision: st
     # given silence from tick 1 to 99, long beyond both timeouts
     heard = once(0, 101) + once(100, 101)
     # when
-    outputs = native(Watchdog, precision).run(heard=heard, sampled=heard, valid=np.ones(101))
+    outputs = native(Watchdog, precision).run(
+        heard=heard, sampled=heard, overridden=heard, valid=np.ones(101)
+    )
     # then
-    for name, last in (("imu_ok", 5), ("link_ok", 50), ("estimate_ok", 5)):
+    for name, last in (("imu_ok", 5), ("link_ok", 50), ("override_ok", 25), ("estimate_ok", 5)):
         assert np.flatnonzero(outputs[name]).tolist() == [*range(last + 1), 100], name
 
 
@@ -92,13 +97,14 @@ def test_telemetry_is_due_at_once_and_then_every_period(
 def test_initialize_resets_the_watchdog(native: Any, precision: str) -> None:
     # given a watchdog that has heard both
     watchdog = native(Watchdog, precision)
-    watchdog.run(heard=np.ones(7), sampled=1, valid=1)
+    watchdog.run(heard=np.ones(7), sampled=1, overridden=1, valid=1)
     assert watchdog["link_ok"]
+    assert watchdog["override_ok"]
     # when
     watchdog._call("initialize")
     # then both count as silent, and telemetry is due at once
-    outputs = watchdog.run(heard=0, sampled=0)
-    assert (outputs["link_ok"][0], outputs["imu_ok"][0], outputs["report"][0]) == (0, 0, 1)
+    outputs = watchdog.run(heard=0, sampled=0, overridden=0)
+    assert [outputs[name][0] for name in ("link_ok", "imu_ok", "override_ok", "report")] == [0, 0, 0, 1]
 
 
 def test_ages_stop_at_their_maximum() -> None:
@@ -109,14 +115,14 @@ def test_ages_stop_at_their_maximum() -> None:
     for _ in range(3):
         model.step()
     # then
-    assert (model["imu_age"], model["link_age"]) == (COUNT_MAX, COUNT_MAX)
+    assert (model["imu_age"], model["link_age"], model["override_age"]) == (COUNT_MAX,) * 3
     assert not model["link_ok"]
 
 
-@pytest.mark.parametrize("name", ["imu_timeout", "link_timeout", "report_period"])
+@pytest.mark.parametrize("name", ["imu_timeout", "link_timeout", "override_timeout", "report_period"])
 def test_a_time_of_whole_ticks_counts_as_many_in_float32(native: Any, name: str) -> None:
     # given times of 1 to 250 ticks (the greatest report period), as decimals
-    limit = {"imu_timeout": "imu_limit", "link_timeout": "link_limit", "report_period": "report_ticks"}[name]
+    limit = "report_ticks" if name == "report_period" else name.replace("timeout", "limit")
     for ticks in range(1, 251):
         time = round(ticks * TICK, 2)
         # then both precisions count that many

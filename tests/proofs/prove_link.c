@@ -74,6 +74,7 @@ void prove_message(void)
     uint8_t frame[145];
     link_message message;
     const uint8_t before = m.override;
+    const uint8_t count = m.mission.count;
     const uint8_t place = nondet_u8();
 
     m.scanner.frame = frame;
@@ -86,7 +87,7 @@ void prove_message(void)
         assert((place >= m.mission.count) || on(&m.mission.waypoints[place]));
     }
     assert((message == LINK_OVERRIDE) ? (m.override <= 5U) : (m.override == before));
-    assert((message != LINK_START) || (m.mission.count > 0U));
+    assert(!m.locked || ((message != LINK_MISSION) && (m.mission.count == count)));
 }
 
 void prove_telemetry(void)
@@ -95,5 +96,5 @@ void prove_telemetry(void)
     uint8_t frame[LINK_TELEMETRY_SIZE];
 
     assert(link_write_telemetry(frame, nondet_u8(), &t) == LINK_TELEMETRY_SIZE);
-    assert((frame[0] == 0xA5U) && (frame[4] == 45U));
+    assert((frame[0] == 0xA5U) && (frame[4] == 48U));
 }

@@ -134,7 +134,7 @@ static bool take_mission(radio_link *m, const uint8_t *payload, uint8_t length)
 {
     const uint8_t *const positions = &payload[ID];
     const uint8_t end = (length >= ID) ? (uint8_t)(length - ID) : 0U;
-    bool valid = ((end % POSITION) == 0U) && (end >= (2U * POSITION));
+    bool valid = !m->locked && ((end % POSITION) == 0U) && (end >= (2U * POSITION));
 
     for (uint8_t i = 0U; valid && (i < end); i = (uint8_t)(i + POSITION)) {
         const link_position position = get_position(&positions[i]);
@@ -175,7 +175,8 @@ static link_message take_message(radio_link *m)
         message = take_mission(m, payload, length) ? LINK_MISSION : LINK_NOTHING;
         break;
     case LINK_START:
-        if ((length == 2U) && (m->mission.count > 0U) && (m->mission.id == big_u16(payload))) {
+        if (length == ID) {
+            m->asked = big_u16(payload);
             message = LINK_START;
         }
         break;

@@ -9,8 +9,8 @@
  * type              payload
  * 1  MISSION        u16: its id; home, then 1 to 16 waypoints: each latitude, longitude [1e-7 deg] i32
  *                   the laptop chooses the id, by which missions are told apart
- * 2  START          u16: the id of the MISSION to begin
- * 3  OVERRIDE       u8: the command, 0 releases
+ * 2  START          u16: the id of the MISSION to begin, at once or not at all
+ * 3  OVERRIDE       u8: the command, 0 releases; it holds for a time only unless it is sent again
  * 4  ABORT          -
  * 5  HEARTBEAT      -
  * 16 TELEMETRY      the fields of `telemetry` in their order, its bools as the bits of one byte, the first as
@@ -39,7 +39,7 @@ typedef struct {
 typedef enum {
     LINK_NOTHING = 0,   /* the input is used up */
     LINK_MISSION = 1,   /* the new one, whole, in `mission` */
-    LINK_START = 2,     /* of the mission held */
+    LINK_START = 2,     /* of the mission `asked` */
     LINK_OVERRIDE = 3,  /* the command in `override` */
     LINK_ABORT = 4,
     LINK_HEARTBEAT = 5,
@@ -49,9 +49,11 @@ typedef enum {
 typedef struct {
     scanner scanner;
     link_mission mission;
+    bool locked;      /* no mission is taken: that held is under way (rule 9) */
+    uint16_t asked;   /* id of the mission of the last START */
     uint8_t override; /* command of the operator; 0: none */
     uint8_t sequence; /* of the last message taken */
-    uint32_t refused; /* messages with a wrong length or value, a START of a mission that is not held */
+    uint32_t refused; /* messages with a wrong length or value, a MISSION while it is locked */
     uint32_t unknown; /* messages of other types; both counters stop at their greatest value */
 } radio_link; /* `link` is a function of POSIX */
 

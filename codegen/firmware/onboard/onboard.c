@@ -20,6 +20,10 @@
 #define ORIGIN_H_ACC 100000U /* mm, mm/s: accuracy that a fix needs to settle the plane */
 #define ORIGIN_S_ACC 10000U
 
+#ifndef CMEC_CAPTURE_RADIUS /* a bundle with constants has it */
+#define CMEC_CAPTURE_RADIUS (m->controller.par.capture_radius)
+#endif
+
 /* Get the next bytes of a source; `blocks` counts those that may still be read in this tick. Returns false if
  * there are none. */
 static bool next_bytes(port_source source, scanner_input *input, uint8_t *blocks)
@@ -32,34 +36,48 @@ static bool next_bytes(port_source source, scanner_input *input, uint8_t *blocks
     return input->count > 0U;
 }
 
-/* Let a message begin or end the trial. A START is for the mission held, and a new MISSION cancels it. It is
- * ignored while a trial is under way, or has ended without an ABORT. */
+/* A new mission, or a new plane: the mission held must be projected. */
+static void replan(onboard *m)
+{
+    m->planned = false;
+    m->route = 0U;
+}
+
+/* Let a message act. MISSION and ABORT undo a START before them, ABORT an override too (rule 9). */
 static void apply(onboard *m, link_message message)
 {
     switch (message) {
     case LINK_MISSION:
-        m->start_wanted = false;
+        m->asked = false;
         m->laden = true;
+        replan(m);
         break;
     case LINK_START:
-        m->start_wanted = !m->controller.in.start;
+        m->asked = true;
+        break;
+    case LINK_OVERRIDE:
+        m->watchdog.in.overridden = true;
         break;
     case LINK_ABORT:
-        m->start_wanted = false;
+        m->asked = false;
+        m->radio.override = 0U;
         m->controller.in.start = false;
         break;
-    default: /* the driver stores an override; the others only show that the operator is there */
+    default: /* it only shows that the operator is there */
         break;
     }
 }
 
-/* Obey the operator's messages in the input. Returns whether there was one. */
+/* Obey the operator's messages in the input. Returns whether there was one. While a mission is under way, or
+ * has ended without an ABORT, no other is taken: what is held is what is led, and a MISSION that the laptop
+ * repeats does not stop the animal. ABORT alone does. */
 static bool obey(onboard *m, scanner_input *input)
 {
     bool heard = false;
     link_message message;
 
     do {
+        m->radio.locked = m->controller.in.start;
         message = link_receive(&m->radio, input);
         heard = heard || (message != LINK_NOTHING);
         apply(m, message);
@@ -118,6 +136,7 @@ static bool project_fix(onboard *m, const ubx_fix *fix)
     project(m, fix->latitude, fix->longitude, accurate && !m->local_plane.state.settled);
     if (accurate && !m->controller.in.start && !on_plane(m)) {
         project(m, fix->latitude, fix->longitude, true);
+        replan(m);
     }
     return m->local_plane.state.settled;
 }
@@ -158,10 +177,21 @@ static bool hear_imu(onboard *m)
     return sampled;
 }
 
-/* Project the mission onto the plane. Returns whether all of it is within the controller's range. */
-static bool plan(onboard *m)
+/* Is a waypoint farther away than the capture radius? */
+static bool is_apart(const onboard *m, uint8_t waypoint, float north, float east)
+{
+    const float radius = CMEC_CAPTURE_RADIUS;
+    const float to_north = m->controller.mission.waypoint_north[waypoint] - north;
+    const float to_east = m->controller.mission.waypoint_east[waypoint] - east;
+
+    return ((to_north * to_north) + (to_east * to_east)) > (radius * radius);
+}
+
+/* Project the mission onto the plane. */
+static void plan(onboard *m)
 {
     bool near;
+    bool apart = true;
 
     project(m, m->radio.mission.home.latitude, m->radio.mission.home.longitude, false);
     m->controller.mission.home_north = m->local_plane.out.north;
@@ -169,27 +199,99 @@ static bool plan(onboard *m)
     near = on_plane(m);
     m->controller.mission.waypoint_count = (int32_t)m->radio.mission.count;
     for (uint8_t i = 0U; i < m->radio.mission.count; i++) {
+        const float north = m->local_plane.out.north; /* of the place before */
+        const float east = m->local_plane.out.east;
+
         project(m, m->radio.mission.waypoints[i].latitude, m->radio.mission.waypoints[i].longitude, false);
         m->controller.mission.waypoint_north[i] = m->local_plane.out.north;
         m->controller.mission.waypoint_east[i] = m->local_plane.out.east;
         near = near && on_plane(m);
+        apart = apart && ((i == 0U) || is_apart(m, i, north, east));
     }
-    return near;
+    if (near) {
+        m->route |= READY_REACH;
+    }
+    if (apart) {
+        m->route |= READY_LEGS;
+    }
+    m->planned = true;
+    m->laden = true;
 }
 
-/* Begin the trial when a START has come, the plane is settled and the controller is idle. A lost link
- * cancels a START that still waits. */
+/* The operator's command that is in force, 0 for none. */
+static uint8_t override_of(const onboard *m)
+{
+    return m->watchdog.out.override_ok ? m->radio.override : 0U;
+}
+
+/* What a START needs (rule 8): the bits of `ready` of the telemetry. */
+static uint16_t readiness(const onboard *m)
+{
+    uint16_t ready = m->route;
+
+    if (m->watchdog.out.link_ok) {
+        ready |= READY_LINK;
+    }
+    if (m->watchdog.out.imu_ok) {
+        ready |= READY_IMU;
+    }
+    if (m->local_plane.state.settled) {
+        ready |= READY_FIX;
+        if ((0.001f * (float)m->gps.fix.h_acc) <= CMEC_CAPTURE_RADIUS) {
+            ready |= READY_ACCURACY;
+        }
+    }
+    if (m->watchdog.out.estimate_ok) {
+        ready |= READY_ESTIMATE;
+    }
+    if (m->radio.mission.count > 0U) {
+        ready |= READY_MISSION;
+    }
+    if (m->planned && is_apart(m, 0U, m->estimator.out.north, m->estimator.out.east)) {
+        ready |= READY_FIRST_LEG;
+    }
+    if (override_of(m) == 0U) {
+        ready |= READY_RELEASED;
+    }
+    if (m->controller.out.mode == (int32_t)CMEC_MODE_IDLE) {
+        ready |= READY_IDLE;
+    }
+    return ready;
+}
+
+/* The reason for which a START is refused: the first bit that is missing; 0 if none is. */
+static uint8_t refusal_of(uint16_t ready)
+{
+    uint16_t missing = READY_ALL ^ ready;
+    uint8_t refusal = 0U;
+
+    if (missing != 0U) {
+        refusal = REFUSAL_NOT_READY;
+        while ((missing & 1U) == 0U) {
+            missing >>= 1;
+            refusal++;
+        }
+    }
+    return refusal;
+}
+
+/* Answer a START that has come on this tick: begin the mission held, or refuse and forget it (rule 9). One that
+ * repeats the START of the mission under way changes nothing. */
 static void begin(onboard *m)
 {
-    if (!m->watchdog.out.link_ok) {
-        m->start_wanted = false;
+    if (!m->planned && m->local_plane.state.settled && (m->radio.mission.count > 0U) && !m->busy) {
+        plan(m);
     }
-    if (m->start_wanted && m->local_plane.state.settled &&
-        (m->controller.out.mode == (int32_t)CMEC_MODE_IDLE)) {
-        m->controller.in.start = plan(m);
-        m->start_wanted = false;
-        m->laden = true;
-        m->mission_id = m->radio.mission.id;
+    if (m->asked) {
+        m->asked = false;
+        if ((m->radio.mission.count > 0U) && (m->radio.asked != m->radio.mission.id)) {
+            m->refusal = REFUSAL_OTHER_MISSION;
+        } else if (!m->controller.in.start || (m->controller.out.status != (int32_t)CMEC_STATUS_RUNNING)) {
+            m->refusal = refusal_of(readiness(m));
+            m->controller.in.start = m->controller.in.start || (m->refusal == 0U);
+        } else {
+            /* it is under way */
+        }
     }
 }
 
@@ -200,9 +302,13 @@ static void decide(onboard *m)
     m->controller.in.speed = m->estimator.out.speed;
     m->controller.in.heading = m->estimator.out.heading;
     m->controller.in.valid = m->watchdog.out.estimate_ok;
-    m->controller.in.override = (int32_t)m->radio.override;
+    m->controller.in.override = (int32_t)override_of(m);
     m->controller.in.link_ok = m->watchdog.out.link_ok;
     cmec_step(&m->controller);
+    if (m->controller.in.start && (m->controller.out.mode == (int32_t)CMEC_MODE_IDLE)) {
+        m->controller.in.start = false; /* bad input kept it from beginning */
+        m->refusal = REFUSAL_NO_ESTIMATE;
+    }
     m->command_module.in.command = m->controller.out.command;
     command_module_step(&m->command_module);
     port_command_module((uint16_t)m->command_module.out.tone_hz, m->command_module.out.vibrate_left,
@@ -301,8 +407,9 @@ static void report(onboard *m)
     t.fixed = m->local_plane.state.settled;
     t.loaded = m->radio.mission.count > 0U;
     t.started = m->controller.in.start;
-    t.waiting = m->start_wanted;
-    t.mission_id = m->controller.in.start ? m->mission_id : m->radio.mission.id;
+    t.ready = readiness(m);
+    t.refusal = m->refusal;
+    t.mission_id = m->radio.mission.id;
     t.received = m->radio.sequence;
     t.gps_frames = low_word(m->gps.scanner.frames);
     t.gps_errors = at_most_u16(m->gps.scanner.errors);
@@ -341,6 +448,7 @@ void onboard_tick(onboard *m)
 
     m->busy = busy;
     m->laden = false;
+    m->watchdog.in.overridden = false;
     m->watchdog.in.heard = !busy && hear_operator(m);
     sampled = hear_imu(m);
     taken = navigation_step(m);

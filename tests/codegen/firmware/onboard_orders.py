@@ -204,7 +204,8 @@ EXTREMES: Mapping[str, bytes] = {
     **{
         f"fixes at {name}": background(SAMPLES | HEARTBEATS) + b"".join(
             fix(latitude, longitude, pvt=k % 2 == 0) + ticks(6) for k in range(4)
-        ) + mission((0, 0), (2000, 0), (0, 2000)) + START_IT + background(ALL, 90) + ticks(600)
+        ) + mission((0, 0), (-2000 if latitude > 0 else 2000, 0), (0, 4000)) + START_IT
+        + background(ALL, 90) + ticks(600)
         for name, latitude, longitude in (
             ("the north pole", 900_000_000, 0), ("the south pole", -900_000_000, 1_800_000_000),
             ("the date line", 0, 1_800_000_000), ("the date line from the west", 0, -1_800_000_000),
@@ -229,14 +230,29 @@ EXTREMES: Mapping[str, bytes] = {
         for _ in range(2)
     ),
     "far missions": background(ALL) + ticks(20) + b"".join(
-        message(1, struct.pack(">H4i", 7, *home, *waypoint)) + START_IT + ticks(30)
+        message(1, struct.pack(">H4i", 7, *home, *waypoint)) + START_IT + ticks(30) + ABORT + ticks(50)
         for home in (HOME, (900_000_000, 1_800_000_000), (-900_000_000, -1_800_000_000))
         for waypoint in ((900_000_000, -1_800_000_000), (HOME[0], 945_100_000), (HOME[0], 945_099_999),
                          (HOME[0] + 8_990_000, HOME[1]), (-900_000_000, 0), (2**31 - 1, 0), (-(2**31), 0))
     ),
     "missions of all lengths": background(ALL)
     + ticks(20)
-    + b"".join(mission(*[(9, 9)] * (n + 1)) + START_IT + ticks(30) + ABORT + ticks(80) for n in range(18)),
+    + b"".join(
+        mission((0, 0), *((2000, 2000 * (i % 2)) for i in range(n)))
+        + START_IT
+        + ticks(30)
+        + ABORT
+        + ticks(80)
+        for n in range(18)
+    ),
+    "missions with a leg that is too short": background(ALL) + ticks(20) + b"".join(
+        mission(*places) + START_IT + ticks(30)
+        for places in (((0, 0), (0, 0)), ((0, 0), (2000, 0), (2000, 0)), ((0, 0), (2000, 0), (2000, 700)))
+    ),
+    "missions, starts and aborts while one is under way": BEGUN + ticks(50) + b"".join(
+        order + ticks(20) for order in (mission((0, 0), (0, 2000)), START_IT, override(4) + ABORT + START_IT,
+                                        START_IT, mission((0, 0), (0, 3000)) + START_IT, ABORT + START_IT)
+    ) + START_IT + ticks(100),
     "blocks of one byte": bytes([MOST, 0]) + BEGUN + ticks(300) + bytes([MOST, 9]) + ticks(300),
     "more bytes than a tick reads": background(ALL)
     + b"".join((raw(s, bytes([0xB5, 0xFA, 0xA5] * 85))) * 6 for s in SOURCES) + ticks(300),

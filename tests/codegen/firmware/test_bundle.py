@@ -828,7 +828,7 @@ def test_the_rabbits_port_moves_bytes_both_ways_with_its_registers_as_memory(
 
     # then the telemetry leaves byte by byte, each with an interrupt
     sent = [rabbit.read(scdr)]
-    for _ in range(51):
+    for _ in range(Decoder.SIZE - 1):
         rabbit.interrupt(0xE0E0)
         sent.append(rabbit.read(scdr))
     (report,) = Decoder().receive(bytes(sent))

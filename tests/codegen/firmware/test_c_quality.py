@@ -189,6 +189,8 @@ def test_hard_inputs_and_a_recorded_trial_pass_the_sanitizers(
     assert MODE_SUCCESS in reached["a mission done"]
     assert reached["long silence"] > {0}
     assert all(len(reached[f"fixes at {place}"]) > 1 for place in ("the date line", "the north pole"))
+    assert reached["missions with a leg that is too short"] == {0}
+    assert len(reached["missions of all lengths"]) > 1
 
 
 # --- fuzzing ---

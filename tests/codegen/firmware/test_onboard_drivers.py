@@ -558,7 +558,6 @@ HERE = struct.pack(">ii", 326_000_000, -854_900_000)
             raw_message(MISSION, struct.pack(">ii", 0, 1_800_000_001) + HERE), id="longitude of home"
         ),
         pytest.param(raw_message(MISSION, HERE + struct.pack(">ii", -(2**31), 0)), id="least latitude"),
-        pytest.param(raw_message(START, b"\0\0"), id="start of another mission"),
         pytest.param(raw_message(START, struct.pack(">HB", MISSION_16.id, 0)), id="start too long"),
         pytest.param(raw_message(OVERRIDE, b"\6"), id="unknown command"),
         pytest.param(raw_message(OVERRIDE, b""), id="no command"),
@@ -580,10 +579,21 @@ def test_a_radio_message_with_a_wrong_value_is_only_counted(c: ctypes.CDLL, mess
     assert link.state.refused == U32
 
 
-def test_a_start_without_a_mission_is_refused(c: ctypes.CDLL) -> None:
-    link = Driver(c, "link")
-    assert list(link.receive(raw_message(START, b"\0\0"))) == []
-    assert link.state.refused == 1
+def test_a_start_tells_the_mission_that_it_asks_for(c: ctypes.CDLL) -> None:
+    # given a vest without a mission, and one with another: whether it can begin is decided in onboard.c
+    for link in (Driver(c, "link"), driver(c, "link")):
+        assert list(link.receive(radio.encode(radio.Start(0xBEEF), 3))) == [START]
+        assert (link.state.asked, link.state.sequence, link.state.refused) == (0xBEEF, 3, 0)
+
+
+def test_rule_9_no_mission_is_taken_while_it_is_locked(c: ctypes.CDLL) -> None:
+    link = driver(c, "link")
+    link.state.locked = True
+    held = bytes(link.state.mission)
+    assert list(link.receive(radio.encode(MISSION_16, 1))) == []
+    assert (bytes(link.state.mission), link.state.refused) == (held, 1)
+    link.state.locked = False
+    assert list(link.receive(radio.encode(MISSION_16, 2))) == [MISSION]
 
 
 def test_a_mission_that_is_too_long_is_not_taken_for_a_frame(c: ctypes.CDLL) -> None:

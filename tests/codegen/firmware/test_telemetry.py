@@ -8,17 +8,27 @@ import re
 import pytest
 
 from codegen.firmware.bundle import headers, program
-from codegen.firmware.telemetry import FIELDS, PAYLOAD, UNITS, Flag, Telemetry, Wire
+from codegen.firmware.telemetry import (
+    FIELDS,
+    NOT_READY,
+    PAYLOAD,
+    UNITS,
+    Flag,
+    Ready,
+    Refusal,
+    Telemetry,
+    Wire,
+)
 from harness.onboard.stand_in import Onboard
 
 
 def test_each_field_has_a_member_of_its_type_and_the_flags_have_a_bool_each() -> None:
     # given the struct as the header has it
     members = {member.name: member.type for member in headers().structs["telemetry"]}
-    # then it has the fields in their order, and the seven conditions where the flags are
+    # then it has the fields in their order, and the six conditions where the flags are
     names = list(FIELDS)
     at = names.index("flags")
-    bools = ["valid", "imu_ok", "link_ok", "fixed", "loaded", "started", "waiting"]
+    bools = ["valid", "imu_ok", "link_ok", "fixed", "loaded", "started"]
     assert list(members) == [*names[:at], *bools, *names[at + 1 :]]
     assert {members[name] for name in bools} == {"bool"}
     assert all(members[name] == FIELDS[name].type for name in names if name != "flags")
@@ -29,10 +39,10 @@ def test_the_program_sets_every_member_of_the_telemetry_that_it_sends() -> None:
     assert set(re.findall(r"\bt\.(\w+) = ", program()["onboard.c"])) == members
 
 
-def test_payload_is_45_bytes_as_the_header_states() -> None:
-    # 4 + 4 + 4, seven of 2, six of 1, 2, 1, five of 2
-    assert PAYLOAD.size == 12 + 14 + 6 + 2 + 1 + 10
-    assert "#define TELEMETRY_SIZE 45U" in program()["telemetry.h"]
+def test_payload_is_48_bytes_as_the_header_states() -> None:
+    # 4 + 4 + 4, seven of 2, six of 1, 2, 1, 2, 1, five of 2
+    assert PAYLOAD.size == 12 + 14 + 6 + 2 + 1 + 2 + 1 + 10
+    assert "#define TELEMETRY_SIZE 48U" in program()["telemetry.h"]
 
 
 def test_payload_of_telemetry_is_read_back() -> None:
@@ -41,9 +51,38 @@ def test_payload_of_telemetry_is_read_back() -> None:
 
 
 def test_flags_are_the_bits_of_one_byte_each_once() -> None:
-    assert [flag.value for flag in Flag] == [1, 2, 4, 8, 16, 32, 64]
+    assert [flag.value for flag in Flag] == [1, 2, 4, 8, 16, 32]
     assert all(flag.meaning for flag in Flag)
     assert Flag(0x21) == Flag.VALID | Flag.STARTED
+
+
+def test_rule_8_each_bit_of_ready_has_a_macro_a_meaning_and_a_refusal_with_its_words() -> None:
+    # given the bits, the lowest first
+    assert [bit.value for bit in Ready] == [1 << k for k in range(11)]
+    # then the refusals count them
+    assert [refusal.value for refusal in Refusal] == list(range(NOT_READY + len(Ready)))
+    assert dict(zip(Ready, list(Refusal)[NOT_READY:], strict=True)) == {
+        Ready.LINK: Refusal.NO_LINK, Ready.IMU: Refusal.NO_IMU, Ready.FIX: Refusal.NO_FIX,
+        Ready.ACCURACY: Refusal.NOT_ACCURATE, Ready.ESTIMATE: Refusal.NO_ESTIMATE,
+        Ready.MISSION: Refusal.NO_MISSION, Ready.REACH: Refusal.OUT_OF_REACH, Ready.LEGS: Refusal.SHORT_LEG,
+        Ready.FIRST_LEG: Refusal.SHORT_FIRST_LEG, Ready.RELEASED: Refusal.OVERRIDDEN,
+        Ready.IDLE: Refusal.NOT_IDLE,
+    }  # fmt: skip
+    # and header and log name them in words
+    header = program()["telemetry.h"]
+    for bit in Ready:
+        assert f"#define READY_{bit.name} 0x{bit.value:03X}U /* {bit.meaning} */" in header
+        assert str(bit.name).lower() in FIELDS["ready"].meaning
+    assert "#define READY_ALL 0x7FFU" in header
+    assert "#define REFUSAL_NOT_READY 2U" in header
+    assert Refusal.NO_FIX.words == "there has been no fix"
+    assert len({refusal.words for refusal in Refusal}) == len(Refusal)
+
+
+def test_bits_that_are_off_are_listed_the_lowest_first() -> None:
+    ready = Ready(0x7FF) & ~Ready.FIX & ~Ready.IDLE
+    assert ready.missing == (Ready.FIX, Ready.IDLE)
+    assert Ready(0x7FF).missing == ()
 
 
 @pytest.mark.parametrize(

@@ -87,7 +87,10 @@ def clean(ticks: int) -> list[Received]:
     return [Received(epoch(40 * k) if k % 6 == 5 else b"", sample(k, walking(k, dice))) for k in range(ticks)]
 
 
-MISSION = radio.Mission(radio.Position(32.6, -85.49), (radio.Position(32.6002, -85.4899),) * 3)
+MISSION = radio.Mission(
+    radio.Position(32.6, -85.49),
+    tuple(radio.Position(32.6 + north, -85.4899) for north in (0.0002, 0.0004, 0.0002)),
+)
 MESSAGES: dict[int, radio.Message] = {
     20: MISSION, 25: radio.Start(0xBAD), 30: radio.Start(MISSION.id), 100: radio.Override(Command.LEFT),
     110: radio.Override(Command.NONE), 190: radio.Abort(), 200: radio.Start(MISSION.id),
@@ -348,7 +351,7 @@ def test_footprint_leaves_out_mailbox_and_record() -> None:
     # then the footprint is the same, while another variable of the program would count
     assert after.footprint == before.footprint
     files["onboard.h"] = files["onboard.h"].replace(
-        "bool start_wanted;", "uint32_t spare[8]; bool start_wanted;"
+        "uint32_t time_ms;", "uint32_t spare[8]; uint32_t time_ms;"
     )
     larger = cortex_m4f_image(TARGET, files).footprint
     assert larger

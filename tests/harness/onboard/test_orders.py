@@ -10,14 +10,14 @@ from typing import Any
 
 import pytest
 
-from codegen.firmware.telemetry import FIELDS, Flag, Telemetry
+from codegen.firmware.telemetry import FIELDS, Flag, Ready, Refusal, Telemetry
 from harness.log.geodesy import TangentPlane
 from harness.onboard.instruments import InertialUnit, Receiver
 from harness.onboard.memory import Memory
 from harness.onboard.processors import Received, open_processor
-from harness.onboard.radio import Abort, Decoder, Heartbeat, Mission, Position, Start, encode
+from harness.onboard.radio import Abort, Decoder, Heartbeat, Mission, Override, Position, Start, encode
 from models.cmec import Mode
-from models.commands import Command
+from models.commands import Command, Status
 
 PLANE = TangentPlane(math.radians(32.6), math.radians(-85.49))
 RUNNING = {Mode.FORWARD, Mode.STOP_TO_TURN, Mode.LEFT, Mode.RIGHT, Mode.DEAD}
@@ -86,7 +86,7 @@ def target(memory: Memory) -> tuple[float, float]:
     return tuple(round(memory[f"controller.state.target_{axis}"]) for axis in ("north", "east"))  # type: ignore[return-value]
 
 
-def test_abort_and_another_start_in_one_piece_end_the_one_and_begin_the_other(vest: Vest) -> None:
+def test_rule_9_a_start_right_behind_an_abort_is_refused_and_not_remembered(vest: Vest) -> None:
     # given a trial under way
     vest.ticks(10)
     vest.tick(A, Start(A.id))
@@ -94,17 +94,19 @@ def test_abort_and_another_start_in_one_piece_end_the_one_and_begin_the_other(ve
     assert memory["controller.output.mode"] in RUNNING
     assert target(memory) == (50, 0)
     # when an abort, another mission and its start come in the same tick
-    memory = vest.tick(Abort(), B, Start(B.id))
-    memory = vest.tick()
-    # then the first one is stopped, the telemetry says that the other waits, and it begins after the stop
+    vest.tick(Abort(), B, Start(B.id))
+    memory = vest.ticks(10)
+    # then the first one is stopped, the other is held, and the telemetry says why it was not begun
     assert memory["controller.output.mode"] == Mode.STOPPED
-    vest.ticks(10)
-    assert Flag.WAITING in Flag(vest.telemetry.flags)
-    assert Flag.STARTED not in Flag(vest.telemetry.flags)
-    memory = vest.ticks(60)
+    assert vest.telemetry.mission_id == B.id
+    assert vest.telemetry.refusal == Refusal.NOT_IDLE
+    # when the stop is over, then nothing begins
+    assert vest.ticks(100)["controller.output.mode"] == Mode.IDLE
+    # until it is started again
+    memory = vest.ticks(10, Start(B.id))
     assert memory["controller.output.mode"] in RUNNING
     assert target(memory) == (0, 50)
-    assert vest.telemetry.mission_id == B.id
+    assert vest.telemetry.refusal == Refusal.NONE
 
 
 def test_rule_10_an_abort_stops_within_a_fifth_of_a_second_whatever_bytes_came_before(vest: Vest) -> None:
@@ -128,15 +130,56 @@ def test_rule_10_an_abort_stops_within_a_fifth_of_a_second_whatever_bytes_came_b
         vest.ticks(60)
 
 
-def test_a_mission_that_comes_while_another_is_under_way_changes_nothing(vest: Vest) -> None:
+def test_rule_9_a_mission_is_refused_until_the_one_under_way_is_aborted(vest: Vest) -> None:
     vest.ticks(10)
     vest.tick(A, Start(A.id))
+    # when another comes with its start
     memory = vest.ticks(20, B, Start(B.id))
-    # it is held, but the trial and the telemetry stay with the first
+    # then trial, mission and telemetry stay with the first
     assert target(memory) == (50, 0)
-    assert vest.telemetry.mission_id == A.id
+    assert memory["controller.output.mode"] in RUNNING
+    assert memory["radio.mission.id"] == vest.telemetry.mission_id == A.id
     assert Flag.STARTED in Flag(vest.telemetry.flags)
-    assert Flag.WAITING not in Flag(vest.telemetry.flags)
+    assert vest.telemetry.refusal == Refusal.OTHER_MISSION
+    # when that is aborted and its stop is over, then the other can be led
+    vest.tick(Abort(), B)
+    vest.ticks(60)
+    assert target(vest.ticks(5, Start(B.id))) == (0, 50)
+
+
+def test_rule_9_a_mission_behind_its_start_undoes_it(vest: Vest) -> None:
+    vest.ticks(10)
+    memory = vest.tick(A, Start(A.id), B, fix=False)
+    assert memory["controller.output.mode"] == Mode.IDLE
+    assert vest.ticks(20)["controller.output.mode"] == Mode.IDLE
+    assert vest.tick(Start(B.id), Abort(), fix=False)["controller.output.mode"] == Mode.IDLE
+    assert vest.ticks(20)["controller.output.mode"] == Mode.IDLE
+
+
+def test_a_start_that_is_repeated_changes_nothing(vest: Vest) -> None:
+    # given a laptop that repeats mission and start until the telemetry shows them
+    vest.ticks(10)
+    memory = vest.ticks(30, A, Start(A.id))
+    assert memory["controller.output.mode"] in RUNNING
+    assert vest.telemetry.refusal == Refusal.NONE
+
+
+def test_rule_9_a_trial_that_has_ended_is_not_begun_again_before_an_abort(vest: Vest) -> None:
+    # given an animal that has been at the waypoint and is home again
+    vest.ticks(10)
+    vest.tick(A, Start(A.id))
+    vest.ticks(300, gps_north=50.0)
+    vest.ticks(300)
+    assert vest.telemetry.status == Status.SUCCESS
+    # when it is started again, then it is refused
+    memory = vest.ticks(20, Start(A.id))
+    assert memory["controller.output.mode"] not in RUNNING
+    assert vest.telemetry.refusal == Refusal.NOT_IDLE
+    assert Flag.STARTED in Flag(vest.telemetry.flags)
+    # and behind an abort it begins
+    vest.tick(Abort())
+    vest.ticks(60)
+    assert vest.ticks(5, Start(A.id))["controller.output.mode"] in RUNNING
 
 
 def answers(vest: Vest, *messages: Any) -> bool:
@@ -146,13 +189,13 @@ def answers(vest: Vest, *messages: Any) -> bool:
     return vest.telemetry != before
 
 
-def test_telemetry_that_is_due_as_a_mission_begins_comes_a_tick_later(vest: Vest) -> None:
+def test_telemetry_that_is_due_as_a_mission_comes_is_a_tick_later(vest: Vest) -> None:
     # given telemetry on every fifth tick
     vest.ticks(10)
     while not answers(vest):
         pass
     assert [answers(vest) for _ in range(9)] == [k == 4 for k in range(9)]
-    # when a mission begins on the fifth
+    # when a mission comes and begins on the fifth
     memory = vest.tick(A, Start(A.id), fix=False)
     # then the telemetry of that tick comes on the next, and the one after it is on time
     assert target(memory) == (50, 0)
@@ -161,47 +204,172 @@ def test_telemetry_that_is_due_as_a_mission_begins_comes_a_tick_later(vest: Vest
     assert Flag.STARTED in Flag(vest.telemetry.flags)
 
 
-def test_starts_on_every_tick_of_a_mission_out_of_range_do_not_silence_the_telemetry(vest: Vest) -> None:
+def test_missions_on_every_tick_do_not_silence_the_telemetry(vest: Vest) -> None:
     vest.ticks(10)
     far = Mission(HOME, (place(2e5, 0),))
     answers(vest, far)
-    # then each telemetry waits for one tick at most
-    assert [answers(vest, Start(far.id)) for _ in range(30)].count(True) == 6
+    # then each telemetry waits for two ticks at most
+    assert [answers(vest, far, Start(far.id)) for _ in range(30)].count(True) >= 4
     assert Flag.STARTED not in Flag(vest.telemetry.flags)
 
 
-def test_a_start_that_waits_is_cancelled_by_another_mission(vest: Vest) -> None:
-    # given a start before the first fix
-    for _ in range(5):
+def test_rule_9_a_start_before_the_first_fix_is_refused_and_not_remembered(vest: Vest) -> None:
+    # when a start comes before the first fix
+    for _ in range(6):
         vest.tick(A, Start(A.id), fix=False)
-    # when another mission comes, and then the fix
-    vest.tick(B, fix=False)
+    # then that is told
+    assert vest.telemetry.refusal == Refusal.NO_FIX
+    assert Flag.STARTED not in Flag(vest.telemetry.flags)
+    # and with the fix nothing begins until it is started again
     vest.tick(fix=True)
-    memory = vest.ticks(20)
-    # then nothing begins until that one is started
+    assert vest.ticks(20)["controller.output.mode"] == Mode.IDLE
+    assert vest.telemetry.refusal == Refusal.NO_FIX
+    assert Ready(vest.telemetry.ready).missing == ()
+    assert target(vest.ticks(5, Start(A.id))) == (50, 0)
+
+
+# --- rule 8: ready to start ---
+
+NEAR = Mission(HOME, (place(6.5, 0),))
+CLOSE = Mission(HOME, (place(50, 0), place(50, 6.5)))
+FAR = Mission(HOME, (place(50, 0), place(1.1e5, 0)))
+FAR_HOME = Mission(place(0, -1.1e5), (place(50, 0),))
+
+
+@pytest.mark.parametrize(
+    ("mission", "sensed", "missing", "refusal"),
+    [
+        (A, {}, (), Refusal.NONE),
+        (A, {"gps_h_acc": 6.9}, (), Refusal.NONE),
+        (A, {"gps_h_acc": 7.1}, (Ready.ACCURACY,), Refusal.NOT_ACCURATE),
+        (A, {"accel_x": math.nan}, (Ready.IMU, Ready.ESTIMATE), Refusal.NO_IMU),
+        (NEAR, {}, (Ready.FIRST_LEG,), Refusal.SHORT_FIRST_LEG),
+        (CLOSE, {}, (Ready.LEGS,), Refusal.SHORT_LEG),
+        (FAR, {}, (Ready.REACH,), Refusal.OUT_OF_REACH),
+        (FAR_HOME, {}, (Ready.REACH,), Refusal.OUT_OF_REACH),
+        (Mission(HOME, (place(7.5, 0),)), {}, (), Refusal.NONE),
+        (Mission(HOME, (place(50, 0), place(50, 7.5))), {}, (), Refusal.NONE),
+    ],
+)  # fmt: skip
+def test_rule_8_a_start_is_refused_with_the_first_thing_that_is_missing(
+    vest: Vest, mission: Mission, sensed: dict[str, float], missing: tuple[Ready, ...], refusal: Refusal
+) -> None:
+    # given a vest that holds a mission
+    vest.ticks(30, **sensed)
+    vest.tick(mission, fix=False)
+    vest.ticks(12, **sensed)
+    # then the telemetry lists what is missing before any START
+    assert Ready(vest.telemetry.ready).missing == missing
+    # when it is started, then it begins at once, or the reason is told
+    memory = vest.ticks(12, Start(mission.id), **sensed)
+    assert vest.telemetry.refusal == refusal
+    assert memory["controller.output.mode"] in (RUNNING if refusal is Refusal.NONE else {Mode.IDLE})
+
+
+def test_rule_8_a_start_without_a_mission_or_of_another_is_refused(vest: Vest) -> None:
+    vest.ticks(12, Start(A.id))
+    assert vest.telemetry.refusal == Refusal.NO_MISSION
+    assert Ready.MISSION in Ready(vest.telemetry.ready).missing
+    vest.tick(B)
+    vest.ticks(12, Start(A.id))
+    assert vest.telemetry.refusal == Refusal.OTHER_MISSION
+    assert Ready(vest.telemetry.ready).missing == ()
+
+
+def test_rule_8_no_trial_begins_on_an_estimate_that_is_too_old(vest: Vest) -> None:
+    # given a receiver that falls silent: a fix is trusted for 15 s
+    vest.ticks(12)
+    vest.tick(A)
+    for k in range(400):
+        vest.tick(*([Heartbeat()] if k % 10 == 0 else []), fix=False)
+    vest.tick(Start(A.id), fix=False)
+    for _ in range(10):
+        memory = vest.tick(fix=False)
+    assert Ready(vest.telemetry.ready).missing == (Ready.ESTIMATE,)
+    assert vest.telemetry.refusal == Refusal.NO_ESTIMATE
     assert memory["controller.output.mode"] == Mode.IDLE
-    vest.tick(Start(B.id), fix=False)
-    assert target(vest.ticks(5)) == (0, 50)
 
 
-def test_a_start_that_waits_is_cancelled_by_a_lost_link(vest: Vest) -> None:
+def test_rule_8_a_mission_that_comes_before_the_first_fix_is_ready_with_it(vest: Vest) -> None:
+    for _ in range(12):
+        vest.tick(A, fix=False)
+    assert Ready(vest.telemetry.ready).missing == (
+        Ready.FIX, Ready.ACCURACY, Ready.ESTIMATE, Ready.REACH, Ready.LEGS, Ready.FIRST_LEG,
+    )  # fmt: skip
+    vest.ticks(20)
+    assert Ready(vest.telemetry.ready).missing == ()
+
+
+def test_rule_8_the_readiness_without_a_link_is_told_as_such(vest: Vest) -> None:
+    vest.ticks(12)
+    vest.tick(A)
+    for _ in range(60):
+        vest.tick()
+    assert Ready(vest.telemetry.ready).missing == (Ready.LINK,)
+
+
+def test_rule_9_bad_input_that_keeps_a_trial_from_beginning_withdraws_its_start(vest: Vest) -> None:
+    # given a fix, and an inertial unit that drives the speed beyond the controller's range
+    vest.ticks(12)
+    vest.tick(A, fix=False)
+    for _ in range(20):
+        memory = vest.tick(fix=False, accel_x=199.0)
+    assert memory["estimator.output.speed"] > 50
+    assert memory["estimator.output.valid"] == 1
+    # when
+    vest.tick(Start(A.id), fix=False, accel_x=199.0)
+    for _ in range(6):
+        memory = vest.tick(fix=False)
+    # then it is refused and not remembered
+    assert vest.telemetry.refusal == Refusal.NO_ESTIMATE
+    assert memory["controller.input.start"] == 0
+    assert vest.ticks(60)["controller.output.mode"] == Mode.IDLE
+
+
+# --- rule 9: an override holds while it is renewed ---
+
+
+def test_rule_9_an_override_ends_a_second_after_it_was_last_sent(vest: Vest) -> None:
+    # given an operator who is heard and renews it twice
+    vest.ticks(10)
+    for _ in range(3):
+        vest.tick(Override(Command.LEFT), fix=False)
+        for _ in range(9):
+            vest.tick(fix=False)
+    # when only signs of life come: 25 ticks are 1 s, 9 of which are over
+    commands = [vest.tick(Heartbeat(), fix=False)["controller.output.command"] for _ in range(30)]
+    assert commands == [Command.LEFT] * 16 + [Command.NONE] * 14
+    # then it does not come back with another message
+    assert vest.ticks(20)["controller.output.command"] == Command.NONE
+    # but when it is sent again
+    assert vest.tick(Override(Command.LEFT), fix=False)["controller.output.command"] == Command.LEFT
+
+
+def test_rule_9_an_abort_ends_an_override(vest: Vest) -> None:
+    # given a trial in which the operator leads
+    vest.ticks(10)
     vest.tick(A, Start(A.id), fix=False)
-    for _ in range(60):  # 2.4 s
-        vest.tick(fix=False)
-    vest.tick(fix=True)
-    memory = vest.ticks(20)
-    assert memory["controller.output.mode"] == Mode.IDLE
-    assert memory["controller.output.command"] == Command.NONE
+    memory = vest.tick(Override(Command.LEFT), fix=False)
+    assert memory["controller.output.command"] == Command.LEFT
+    # when
+    memory = vest.tick(Abort(), fix=False)
+    # then the animal is stopped, then left alone
+    assert memory["controller.output.command"] == Command.STOP
+    assert memory["radio.override"] == Command.NONE
+    assert vest.ticks(60)["controller.output.command"] == Command.NONE
 
 
-def test_a_start_soon_after_an_abort_begins_when_the_stop_has_been_held(vest: Vest) -> None:
+def test_rule_8_no_trial_begins_under_an_override(vest: Vest) -> None:
     vest.ticks(10)
-    vest.tick(A, Start(A.id))
-    vest.ticks(10)
-    vest.tick(Abort(), fix=False)
-    memory = vest.ticks(10, Start(A.id))
-    assert memory["controller.output.mode"] == Mode.STOPPED
-    assert vest.ticks(60)["controller.output.mode"] in RUNNING
+    vest.tick(A, Override(Command.STOP), fix=False)
+    memory = vest.tick(Start(A.id), fix=False)
+    assert memory["controller.input.start"] == 0
+    vest.ticks(6)
+    assert Ready(vest.telemetry.ready).missing == (Ready.RELEASED,)
+    assert vest.telemetry.refusal == Refusal.OVERRIDDEN
+    # when it is released, then the start is not remembered
+    vest.tick(Override(Command.NONE), fix=False)
+    assert vest.ticks(20)["controller.output.mode"] == Mode.IDLE
 
 
 @pytest.mark.parametrize("sensed", [{"accel_x": math.nan}, {"heading_meas": math.inf}, {"accel_x": 1e4}])

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from codegen.firmware.telemetry import PAYLOAD, Flag, Telemetry
+from codegen.firmware.telemetry import PAYLOAD, Flag, Ready, Refusal, Telemetry
 from harness.onboard.radio import (
     Abort,
     Decoder,
@@ -31,7 +31,8 @@ HOME = Position(32.6, -85.49)
 TOLD = Telemetry(
     time_ms=61_200, latitude=326_000_000, longitude=-854_900_000, speed=-35, heading=-31_415, position_sd=210,
     speed_sd=40, distance=253, deviation=1571, directional_commands=7, command=4, mode=3, status=1,
-    waypoint=2, anomaly=0, flags=Flag.VALID | Flag.STARTED, mission_id=0xBEEF, received=9,
+    waypoint=2, anomaly=0, flags=Flag.VALID | Flag.STARTED,
+    ready=Ready.LINK | Ready.FIRST_LEG, refusal=Refusal.OUT_OF_REACH, mission_id=0xBEEF, received=9,
     gps_frames=700, gps_errors=1, imu_frames=1530, imu_errors=0, link_errors=65_535,
 )  # fmt: skip
 BITS = {"B": (0, 255), "H": (0, 2**16 - 1), "I": (0, 2**32 - 1), "h": (-(2**15), 2**15 - 1)} | {
@@ -69,10 +70,10 @@ def test_a_message_becomes_the_frame_of_the_layout(message: Heartbeat, body: str
 
 def test_telemetry_frame_is_that_of_the_layout() -> None:
     frame = encode(TOLD, 300)  # number 44 modulo 256
-    assert len(frame) == 52
-    assert frame[:5] == bytes.fromhex("a55a 10 2c 2d")
+    assert len(frame) == 55
+    assert frame[:5] == bytes.fromhex("a55a 10 2c 30")
     assert frame[5:-2] == bytes.fromhex(
-        "0000ef10 136e5d80 cd0b42e0 ffdd 8549 00d2 0028 00fd 0623 0007 04 03 01 02 00 21 beef 09"
+        "0000ef10 136e5d80 cd0b42e0 ffdd 8549 00d2 0028 00fd 0623 0007 04 03 01 02 00 21 0101 08 beef 09"
         "02bc 0001 05fa 0000 ffff"
     )
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from codegen.firmware.bundle import recorded
-from codegen.firmware.telemetry import FIELDS, Flag, Telemetry
+from codegen.firmware.telemetry import FIELDS, Flag, Ready, Refusal, Telemetry
 from harness.cosim.fmu import Call, FmuDescription, FmuError, Quantity
 from harness.cosim.loop import Outcome, Simulation
 from harness.cosim.stepping import Event
@@ -85,13 +85,41 @@ def test_mission_and_start_are_sent_again_until_the_telemetry_shows_them() -> No
     operator.receive(telemetry_frame(mission_id=MISSION.id, flags=Flag.LOADED))
     assert types(operator.send(1.2, True, Command.NONE, True))[0] is radio.Start
     # when it says that the trial is under way, then neither; the vest still gets a message
-    operator.receive(telemetry_frame(mission_id=MISSION.id, flags=Flag.LOADED | Flag.STARTED))
+    operator.receive(telemetry_frame(mission_id=MISSION.id, flags=Flag.LOADED | Flag.STARTED, received=8))
     sent = types(operator.send(1.6, True, Command.NONE, True))
     assert sent
     assert not {radio.Mission, radio.Start, radio.Abort} & set(sent)
-    # when the vest has begun anew (its battery), then all again
+
+
+def test_rule_9_a_vest_that_was_reset_gets_its_mission_again_but_no_start_without_a_new_wish() -> None:
+    # given a trial under way: the START is the laptop's second message
+    operator = Operator(MISSION)
+    assert types(operator.send(0.0, True, Command.NONE, True))[1] is radio.Start
+    operator.receive(telemetry_frame(mission_id=MISSION.id, flags=Flag.STARTED, received=2))
+    operator.send(0.4, True, Command.NONE, True)
+    # when the vest has begun anew (its battery)
     operator.receive(telemetry_frame())
-    assert types(operator.send(2.0, True, Command.NONE, True))[:2] == [radio.Mission, radio.Start]
+    # then
+    for k in range(2, 6):
+        assert types(operator.send(k * RESEND, True, Command.NONE, True)) == [radio.Mission, radio.Override]
+    # when the operator takes the wish back and wishes again
+    assert radio.Abort in types(operator.send(2.4, False, Command.NONE, True))
+    assert radio.Start in types(operator.send(2.8, True, Command.NONE, True))
+
+
+def test_telemetry_from_before_a_start_does_not_show_that_it_was_heard() -> None:
+    # given an earlier trial, of which the telemetry tells until the vest has heard the ABORT
+    operator = Operator(MISSION)
+    operator.send(0.0, True, Command.NONE, True)
+    operator.receive(telemetry_frame(mission_id=MISSION.id, flags=Flag.STARTED, received=3))
+    operator.send(0.4, False, Command.NONE, True)
+    operator.send(0.8, True, Command.NONE, True)
+    # when
+    operator.receive(telemetry_frame(mission_id=MISSION.id, flags=Flag.STARTED, received=3))
+    # then the START is sent on, until one tells that it began
+    assert radio.Start in types(operator.send(1.2, True, Command.NONE, True))
+    operator.receive(telemetry_frame(mission_id=MISSION.id, flags=Flag.STARTED, received=8))
+    assert radio.Start not in types(operator.send(1.6, True, Command.NONE, True))
 
 
 def test_the_laptops_messages_are_numbered_from_1() -> None:
@@ -337,29 +365,30 @@ def test_no_trial_starts_before_the_first_fix(walk: Callable[..., Walk]) -> None
     vest.wires.cut = {"gps"}
     # when the operator starts
     vest.commands(30)
-    # then the mission is held and the start is remembered
+    # then the mission is held, and the start is refused
     memory = vest.onboard.memory
-    assert (memory["radio.mission.count"], memory["start_wanted"], memory["controller.output.mode"]) == (
-        1,
-        1,
-        0,
-    )
+    assert (memory["radio.mission.count"], memory["controller.output.mode"]) == (1, Mode.IDLE)
+    assert vest.telemetry[-1].refusal == Refusal.NO_FIX
     assert vest.telemetry[-1].flags & (Flag.LOADED | Flag.FIXED | Flag.STARTED) == Flag.LOADED
-    # when a fix comes, then it begins
+    # when a fix comes, then it begins with the next START
     vest.wires.cut = set()
-    assert vest.until(Mode.FORWARD, most=10)
+    assert vest.until(Mode.FORWARD, most=20)
+    vest.commands(6)
+    assert vest.telemetry[-1].refusal == Refusal.NONE
 
 
 @pytest.mark.parametrize(("far", "begins"), [(99_900.0, True), (100_100.0, False)])
 def test_a_mission_too_far_away_is_not_started(walk: Callable[..., Walk], far: float, begins: bool) -> None:
     # given a waypoint about 100 km east, the controller's range
-    vest = walk(ORIGIN, {"controller": {"waypoint_count": 2, "waypoint_east[2]": far}})
+    mission = {"waypoint_count": 2, "waypoint_east[1]": 50.0, "waypoint_east[2]": far}
+    vest = walk(ORIGIN, {"controller": mission})
     # when
     vest.commands(30)
     # then it is started or refused as a whole, and the operator is told
     assert (vest.onboard.memory["controller.output.mode"] != Mode.IDLE) == begins
     assert bool(vest.telemetry[-1].flags & Flag.STARTED) == begins
     assert vest.telemetry[-1].flags & Flag.LOADED
+    assert vest.telemetry[-1].refusal == (Refusal.NONE if begins else Refusal.OUT_OF_REACH)
 
 
 def test_start_of_another_mission_is_refused(walk: Callable[..., Walk]) -> None:
@@ -367,17 +396,15 @@ def test_start_of_another_mission_is_refused(walk: Callable[..., Walk]) -> None:
     vest = walk()
     vest.commands(10, {})
     assert vest.onboard.memory["radio.mission.count"] == 1
-    refused = vest.onboard.memory["radio.refused"]
     # when another is started
     held = vest.onboard.operator.mission
     another = encode(radio.Start(held.id ^ 0x8000), 99)
     vest.onboard.operator.send = lambda *_: another  # type: ignore[method-assign]
-    for _ in range(3):
+    for _ in range(6):
         vest({})
-    # then it counts that, and stands
-    memory = vest.onboard.memory
-    assert memory["radio.refused"] == refused + 3
-    assert (memory["start_wanted"], memory["controller.output.mode"]) == (0, Mode.IDLE)
+    # then it says why, and stands
+    assert vest.onboard.memory["controller.output.mode"] == Mode.IDLE
+    assert vest.telemetry[-1].refusal == Refusal.OTHER_MISSION
 
 
 def test_an_aborted_trial_stops_the_animal_and_can_be_started_again(walk: Callable[..., Walk]) -> None:
@@ -556,6 +583,11 @@ def test_telemetry_in_the_log_has_the_programs_values(flown: Log) -> None:
     ):  # fmt: skip
         values = flown[f"telemetry.{name.split('.')[1]}"] if got is None else got
         assert np.abs(values[rows] - flown[name][rows]).max() <= 0.51 * unit + (unit == 0.0112) * 0.0112, name
+    # what a START needs was there as it began; then the controller was idle no more
+    assert not flown["telemetry.refusal"].any()
+    assert {int(x) for x in flown["telemetry.ready"][rows]} <= {0x7FF, 0x7FF & ~Ready.IDLE} | {
+        int(0x7FF & ~Ready.IDLE & ~Ready.FIRST_LEG)
+    }
     # on every tick of the trial a sample came, and on every fourth of a second a fix
     assert flown["telemetry.imu_frames"][rows[-1]] == rows[-1] + 1
     assert flown["telemetry.gps_frames"][rows[-1]] == 3 * (math.floor(sent[rows[-1]] / 0.25) + 1)
