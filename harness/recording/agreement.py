@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
+import numpy.typing as npt
 from scipy.integrate import cumulative_trapezoid
 
 from harness.recording.attitude import Array
@@ -15,12 +17,13 @@ from harness.recording.signals import MOVING_M_S
 
 FURTHEST_S = 3.0  # s, the largest offset that is looked for
 STEP_S = 0.02  # s between the offsets
-LEAST = 30  # pairs of fixes for a correlation that means something
+LEAST = 30  # pairs of fixes, one behind the other, for a correlation that means something
 STRONG = 0.6  # a correlation from which on an offset is told
 APART_S = 1.0  # s from the best offset, from which on another one that is as good makes it ambiguous
 MARGIN = 0.1  # in correlation, by which the best one beats those
 LARGEST_TILT_DEG = 20.0  # deg between gravity and the mounting: more is a wrong mounting, not a posture
-PAIR_GAP = 1.5  # median gaps between two fixes that make a pair
+PAIR_GAP = 1.5  # times the usual time between the fixes of a pair
+Value = TypeVar("Value", np.float64, np.complex128)
 
 
 @dataclass(frozen=True)
@@ -32,12 +35,14 @@ class Offset:
         correlation: the largest one; None without pairs.
         pairs: of fixes that were compared.
         reason: why it cannot be told; "" if it can.
+        reversed: one signal follows the other with the opposite sign, and with its own nowhere nearly so.
     """
 
     seconds: float | None
     correlation: float | None
     pairs: int
     reason: str
+    reversed: bool = False
 
 
 @dataclass(frozen=True)
@@ -82,12 +87,17 @@ def gravity(specific_force: Array, mounting: Array) -> Gravity:
     )
 
 
-def turning_offset(recording: Recording) -> Offset:
-    """By the rate of the course between moving fixes against the yaw rate."""
+def swept(times: Array, values: npt.NDArray[Value]) -> npt.NDArray[Value]:
+    """The integral of `values` (n,) from the first of the times (n,) s to each."""
+    return np.asarray(cumulative_trapezoid(values, times, initial=0))
+
+
+def turning_offset(recording: Recording, apart_s: float = 0.0) -> Offset:
+    """By the rate of the course between moving fixes, some time apart [s], against the yaw rate."""
     _, turned, moving = _turns(recording.fixes)
     # the yaw rate: about the vertical, which the mean force gives
     up = recording.specific_force.mean(axis=0)
-    return _best(recording, turned, moving, -recording.rate @ up / np.linalg.norm(up))
+    return _best(recording, turned, moving, -recording.rate @ up / np.linalg.norm(up), apart_s)
 
 
 def pushing_offset(recording: Recording) -> Offset:
@@ -114,29 +124,38 @@ def _turns(fixes: Fixes) -> tuple[Array, Array, Mask]:
     return (speed[1:] + speed[:-1]) / 2, turned, moving
 
 
-def _best(recording: Recording, change: Array, moving: Mask, signal: Array) -> Offset:
-    """The offset at which `signal` (n,), averaged between two fixes, follows their `change` (f - 1,) best."""
+def _best(recording: Recording, change: Array, moving: Mask, signal: Array, apart_s: float = 0.0) -> Offset:
+    """The offset at which `signal` (n,), averaged between two fixes, follows their change best.
+
+    Args:
+        change: from each fix to the next (f - 1,), of which those `moving` are used.
+        apart_s: s between the fixes of a pair; less than their interval stands for neighbours.
+    """
     t, imu_t = recording.fixes.t, recording.imu_t
-    gap = np.diff(t)
-    used = moving & (gap <= PAIR_GAP * np.median(gap))
-    used &= (t[:-1] >= imu_t[0] + FURTHEST_S) & (t[1:] <= imu_t[-1] - FURTHEST_S)
-    pairs = int(used.sum())
-    if pairs < LEAST:
-        return Offset(None, None, pairs, f"only {pairs} pairs of moving fixes, {LEAST} are needed")
-    rate = change[used] / gap[used]
-    summed = cumulative_trapezoid(signal, imu_t, initial=0.0)
+    interval = float(np.median(np.diff(t))) if len(t) > 1 else 1.0
+    apart = max(1, round(apart_s / interval))
+    summed_change, resting = np.r_[0, np.cumsum(change)], np.r_[0, np.cumsum(~moving)]
+    first, last = np.arange(max(0, len(t) - apart)), np.arange(apart, max(apart, len(t)))
+    used = (resting[first] == resting[last]) & (t[last] - t[first] <= PAIR_GAP * apart * interval)
+    used &= (t[first] >= imu_t[0] + FURTHEST_S) & (t[last] <= imu_t[-1] - FURTHEST_S)
+    first, last = first[used], last[used]
+    pairs = len(first)
+    if pairs < LEAST * apart:
+        return Offset(None, None, pairs, f"only {pairs // apart} pairs of moving fixes, {LEAST} are needed")
+    lasts = t[last] - t[first]
+    rate = (summed_change[last] - summed_change[first]) / lasts
+    summed = swept(imu_t, signal)
     offsets = np.arange(-round(FURTHEST_S / STEP_S), round(FURTHEST_S / STEP_S) + 1) * STEP_S
     correlations = np.zeros(len(offsets))
     for i, offset in enumerate(offsets):  # a sample at t + offset on the clock of the fixes was taken at t
-        start, end = (
-            np.interp(t[fix][used] - offset, imu_t, summed) for fix in (slice(None, -1), slice(1, None))
-        )
-        mean = (end - start) / gap[used]
+        start, end = (np.interp(t[fix] - offset, imu_t, summed) for fix in (first, last))
+        mean = (end - start) / lasts
         if rate.std() > 0 and mean.std() > 0:
             correlations[i] = np.corrcoef(rate, mean)[0, 1]
-    if correlations.min() < -STRONG and -correlations.min() > correlations.max():
-        worst = float(correlations.min())
-        return Offset(None, worst, pairs, f"one is the reverse of the other, correlation {worst:.2f}")
+    worst, most = float(correlations.min()), float(correlations.max())
+    if worst < -STRONG and -worst > most:
+        reason = f"one is the reverse of the other, correlation {worst:.2f}"
+        return Offset(None, worst, pairs, reason, reversed=-worst > most + MARGIN)
     best = int(correlations.argmax())
     strength, seconds = float(correlations[best]), float(offsets[best])
     elsewhere = float(correlations[np.abs(offsets - seconds) > APART_S].max())

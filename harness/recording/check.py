@@ -28,7 +28,6 @@ OFFSETS = {
     "swerving": ("force sideways against speed times rate of course", swerving_offset),
     "pushing": ("force forward against rate of speed", pushing_offset),
 }
-FAR_S = 0.3  # s of offset by the turns: more is a wrong clock, not a body that looks ahead
 LISTED = 5  # holes that are printed
 
 
@@ -57,17 +56,11 @@ def check(path: Path) -> dict[str, Any]:
     if samples:
         felt = gravity(samples.specific_force, parts.mounting)
         result["mounting"] = {"source": parts.mounting_source, **vars(felt)}
-        if felt.warning:
-            result["warnings"].append(felt.warning)
+        result["warnings"] += [felt.warning] * bool(felt.warning and not recording)
     if recording:
         offsets = {name: by(recording) for name, (_, by) in OFFSETS.items()}
         result["offset"] = {name: vars(offset) for name, offset in offsets.items()}
-        turning = offsets["turning"].seconds
-        if turning is not None and abs(turning) > FAR_S:
-            early = "early" if turning > 0 else "late"
-            result["warnings"].append(
-                f"by its turns the clock of the IMU is {abs(turning):.2f} s {early}: see clock.imu_offset"
-            )
+        result["warnings"] += recording.doubts
         result["overlap_s"] = float(min(recording.fixes.t[-1], recording.imu_t[-1]))
     return result
 

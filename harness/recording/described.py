@@ -266,8 +266,9 @@ def _mounting(path: Path, written: Any) -> Array:
         raise RecordingError(
             f"{path}: imu.mounting is no rotation, {fault}; expected the rows forward, right, down"
         )
+    got = "missing" if written is None else str(written)[:60]
     raise RecordingError(
-        f"{path}: imu.mounting is {str(written)[:60]}, expected how the IMU sits in the body: "
+        f"{path}: imu.mounting is {got}, expected how the IMU sits in the body: "
         f"{{ roll = 0, pitch = 0, yaw = 0 }} in deg or a matrix of three rows"
     )
 

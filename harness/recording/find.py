@@ -26,6 +26,7 @@ from harness.recording.described import (
     recorded_attitude,
     require_rate,
 )  # fmt: skip
+from harness.recording.doubts import doubts
 from harness.recording.imu_csv import read_imu_csv
 from harness.recording.mounting import rotation
 from harness.recording.pos import read_pos
@@ -104,7 +105,8 @@ class Parts:
         joined = join(self.name, tied.fixes, tied.samples, tied.offset, self.mounting)
         tilted = gravity(tied.samples.specific_force, self.mounting).warning
         order = f"clocks are tied by the {tied.source}" if tied.source.startswith(BY_ORDER) else ""
-        return replace(joined, notes=tuple(note for note in (order, tilted) if note))
+        doubtful = [doubt for doubt in (tilted, *doubts(joined)) if doubt]
+        return replace(joined, notes=(order,) if order else (), doubts=tuple(doubtful))
 
 
 def find_parts(path: Path) -> Parts:

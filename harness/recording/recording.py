@@ -169,7 +169,8 @@ class Recording:
     specific_force: Array  # (n, 3) m/s2, forward, right, down
     rate: Array  # (n, 3) rad/s, forward, right, down
     dropped: Mapping[str, int]  # how many fixes, samples or frames were not used, by cause in plain words
-    notes: tuple[str, ...] = ()  # what a result rests on, and what looks wrong
+    notes: tuple[str, ...] = ()  # what a result rests on
+    doubts: tuple[str, ...] = ()  # what looks wrong
     attitude: Array | None = None  # (n, 3) roll, pitch and heading [rad] of the body, where they are recorded
 
     @property

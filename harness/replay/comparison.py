@@ -240,6 +240,11 @@ def _of_file(path: Path, chosen: Sequence[str]) -> list[Configuration]:
 def _owners(owner: str, name: str, chosen: Sequence[str], where: str) -> list[str]:
     """The estimators in which a setting's parameter is."""
     ours = [estimator for estimator in chosen if estimator in ESTIMATORS]
+    if not ours:
+        raise ScenarioError(
+            f"{where}: {' and '.join(chosen)} is an FMU, whose parameters a replay does not set; expected an "
+            "estimator of ours, or export the FMU with the value"
+        )
     if owner not in (*ours, "estimator"):
         raise ScenarioError(
             f'{where}: no estimator "{owner}" is replayed{nearest(owner, (*ours, "estimator"))}'

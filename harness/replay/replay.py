@@ -30,7 +30,7 @@ from harness.terminal import new_table, print_table
 
 COLUMNS = ("position_error_m", "velocity_error_m_s")  # the second is the speed's; outages.json has this name
 CLASSIC = ("no pitch", "pitch", "fuzzy")  # the text's own comparison: its tests are always shown
-NO_SPREAD = 1e-9  # of paired differences, relative: a t-test would divide by nothing
+NO_SPREAD = 1e-9  # of paired differences, relative, and in m or m/s: a t-test would divide by nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,7 +218,7 @@ def apart(outages: Sequence[Outage]) -> dict[str, Any]:
 
 def paired_t_test(differences: Array) -> Any | None:
     """SciPy's two-tailed t-test of paired differences (n,); None where they have no spread, and so no t."""
-    if np.ptp(differences) <= NO_SPREAD * np.abs(differences).max():
+    if np.ptp(differences) <= NO_SPREAD * max(1.0, np.abs(differences).max()):
         return None
     return stats.ttest_1samp(differences, 0.0)
 

@@ -83,7 +83,7 @@ def _of_recording(folder: Path, attitude: str) -> ReplaySource:
         holes_of_imu(recording.imu_t),
         recording.dropped,
         attitude=attitude,
-        notes=(*recording.notes, *choice),
+        notes=(*recording.notes, *recording.doubts, *choice),
     )
 
 

@@ -69,6 +69,8 @@ def test_a_mounting_that_faces_backward_is_told_by_the_force_forward(tmp_path: P
     assert pushing["correlation"] < -0.95
     assert pushing["reason"] == "one is the reverse of the other, correlation -1.00"
     assert result["offset"]["turning"]["seconds"] == pytest.approx(0, abs=0.03)
+    (warning,) = result["warnings"]
+    assert warning.startswith("the force is turned by 180 deg to the ")
 
 
 def test_holes_have_a_place_and_a_length(tmp_path: Path) -> None:

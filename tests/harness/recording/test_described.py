@@ -197,6 +197,7 @@ WRONG = {
     "name": ('column = "lat"', 'column = "latt"', r'gps\.csv: got no column "latt".*did you mean "lat"\?'),
     "number": ("column = 2,", "column = 0,", r"accel_x\.column is 0, expected its name or its number from 1"),
     "both": ("{ value = 2.5,", "{ column = 2, value = 2.5,", r"h_acc expected either a column or one value"),
+    "none": (f"mounting = {ROLL}\n", "", r"imu\.mounting is missing, expected how the IMU sits in the body"),
     "angles": (ROLL, "{ roll = 180 }", r"imu\.mounting is .*roll.*expected how the IMU sits in the body"),
     "mirror": (ROLL, "[[1, 0, 0], [0, 1, 0], [0, 0, -1]]", r"no rotation, it mirrors"),
     "skew": (ROLL, "[[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]", r"no rotation, its rows are not at right angles"),

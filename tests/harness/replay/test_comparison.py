@@ -133,6 +133,13 @@ def test_what_cannot_be_compared_is_refused_with_a_hint(estimators: str, setting
         compare(estimators, [setting] if setting else [])
 
 
+@pytest.mark.parametrize("owner", ["estimator", "six"])
+def test_a_parameter_of_an_fmu_cannot_be_set(tmp_path: Path, owner: str) -> None:
+    (tmp_path / "six.fmu").write_bytes(b"")
+    with pytest.raises(UsageError, match=r"six\.fmu is an FMU, whose parameters a replay does not set"):
+        compare(str(tmp_path / "six.fmu"), [f"{owner}.gate=4"])
+
+
 def test_settings_of_a_replay_are_told_from_others(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -19,7 +19,7 @@ from harness.recording.recording import RecordingError
 from harness.recording.signals import SensorSignals
 from harness.replay.comparison import HELD, MEAN, Configuration, EstimateError, compare, hold_speed
 from harness.replay.fmu import run_fmu
-from harness.replay.replay import Outage, apart, replay, report, show, statistics
+from harness.replay.replay import Outage, apart, paired_t_test, replay, report, show, statistics
 from harness.replay.source import ReplaySource, open_source
 from harness.replay.windows import Outages
 from harness.trial import trial
@@ -269,6 +269,13 @@ def test_statistics_of_two_outages_are_those_found_by_hand() -> None:
     assert pair["n"] == 2
     # velocities that never differ have no t
     assert pair["velocity_error_m_s"] == {"t": None, "p": None}
+
+
+@pytest.mark.parametrize("least", [1e-200, 1e-10])
+def test_differences_of_less_than_a_nanometre_are_none(least: float) -> None:
+    # t would be infinite, or 1, and p 0, or 0.36, where nothing differs
+    assert paired_t_test(np.array([0, 0, 0, 0, least, 0])) is None
+    assert paired_t_test(np.array([0, 0, 0, 0, 1e-3, 0])) is not None
 
 
 def test_outages_that_overlap_an_earlier_one_are_left_out_of_the_t_test() -> None:
