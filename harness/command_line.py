@@ -457,7 +457,7 @@ def replay_recording(
     \b
     canine replay ../walk                         a folder with .ubx, imu*.csv and their time tags
     canine replay ../walk --estimator all         every estimator of ours, in each of its configurations
-    canine replay ../walk --estimator six_state,four_state --set six_state.sigma_heading=0.01
+    canine replay ../walk --estimator six_state,two_bias --set estimator.position_sd_floor=0.5
     canine replay ../walk --parameters out/tune-walk/tune.toml   with what canine tune found
     canine replay out/demo/trial.mcap --outage 5  the log of a trial
     canine replay field                           every recording below a folder: a table of all

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 
@@ -58,11 +58,13 @@ class Configuration:
     Attributes:
         estimator: of ours, or the path of an FMU.
         parameters: SI, by flat name.
+        settings: those of --set among them, as written.
     """
 
     name: str
     estimator: str
     parameters: Mapping[str, float] = field(default_factory=dict)
+    settings: tuple[str, ...] = ()
 
     def run(self, signals: SensorSignals, ticks: int, observe: Sequence[str] = ()) -> dict[str, Array]:
         """Run it over the first `ticks` ticks, from the start: each output and observed state, (ticks,).
@@ -202,8 +204,10 @@ def compare(estimators: str, settings: Sequence[str] = (), parameters: Sequence[
             if configuration.estimator in having:
                 own = _parameters(ESTIMATORS[configuration.estimator])
                 value = si_value(written, own[name], f"--set {address}")
-                configurations[i] = Configuration(
-                    configuration.name, configuration.estimator, {**configuration.parameters, name: value}
+                configurations[i] = replace(
+                    configuration,
+                    parameters={**configuration.parameters, name: value},
+                    settings=(*configuration.settings, f"{address}={written}"),
                 )
     return Comparison(tuple(chosen), (*settings, *map(str, parameters)), tuple(configurations))
 

@@ -9,13 +9,14 @@ measured heading. Outages that end standing still are judged apart from the othe
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.console import Console
+from rich.markup import escape
 from scipy import stats
 
 from harness.files import make_folder, write_whole
@@ -30,6 +31,8 @@ from harness.terminal import new_table, print_table
 
 COLUMNS = ("position_error_m", "velocity_error_m_s")  # the second is the speed's; outages.json has this name
 CLASSIC = ("no pitch", "pitch", "fuzzy")  # the text's own comparison: its tests are always shown
+LEAST = 3  # outages for a test
+SET = " *"  # behind the name of a configuration that --set changes
 NO_SPREAD = 1e-9  # of paired differences, relative, and in m or m/s: a t-test would divide by nothing
 
 
@@ -192,7 +195,7 @@ def statistics(outages: Sequence[Outage]) -> dict[str, Any]:
         for k in range(i + 1, len(names)):
             pair: dict[str, Any] = {"first": first, "second": names[k], "n": len(apart)}
             for j, column in enumerate(COLUMNS):
-                if len(apart) > 1:
+                if len(apart) >= LEAST:
                     test = paired_t_test(table[apart, i, j] - table[apart, k, j])
                     pair[column] = (
                         {"t": None, "p": None}
@@ -259,12 +262,18 @@ def report(
     """
     make_folder(out)
     signals, outages = source.signals([]), replayed.outages
+    judged = list(outages[0].errors)
+    names = _marked(judged, [c.name for c in comparison.configurations if c.settings])
+    estimators = dict.fromkeys(c.estimator for c in comparison.configurations if c.name in judged)
     result = {
         **identity(source, comparison, chosen),
         "dropped": dict(source.dropped),
         "left_out": replayed.left_out,
         "broken": source.broken,
         "notes": [*source.notes, *comparison.notes(source), *replayed.notes],
+        "set": {
+            c.name: list(c.settings) for c in comparison.configurations if c.settings and c.name in judged
+        },
         **statistics(outages),
         **apart(outages),
         "outages": [
@@ -286,13 +295,15 @@ def report(
     replay_picture(
         out / "replay.png",
         Track(signals.t[fixes], signals.reference_north[fixes], signals.reference_east[fixes]),
-        {name: [Track(o.time, *o.estimates[name]) for o in outages] for name in outages[0].errors},
-        {name: values[COLUMNS[0]] for name, values in result["configurations"].items()},
+        {names[name]: [Track(o.time, *o.estimates[name]) for o in outages] for name in judged},
+        {names[name]: values[COLUMNS[0]] for name, values in result["configurations"].items()},
         on_map=[outages.index(outage) for outage in disjoint(outages)],
-        title=f"{source.name}: {comparison.name} through outages of {chosen.length:g} s",
+        title=f"{source.name}: {', '.join(estimators)} through outages of {chosen.length:g} s",
         not_used="\n".join(
-            [not_used(result), f"not whole: {source.broken}" if source.broken else ""]
-        ).strip(),
+            filter(
+                None, [not_used(result), f"not whole: {source.broken}" if source.broken else "", _set(result)]
+            )
+        ),
     )
     return result
 
@@ -308,6 +319,17 @@ def not_used(result: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def _marked(names: Iterable[str], changed: Collection[str]) -> dict[str, str]:
+    """The configurations' names as tables and pictures show them."""
+    return {name: name + SET * (name in changed) for name in names}
+
+
+def _set(result: Mapping[str, Any]) -> str:
+    """What the mark behind a name means; "" if no configuration was changed."""
+    settings = dict.fromkeys(setting for some in result["set"].values() for setting in some)
+    return f"{SET.strip()} with --set {' --set '.join(settings)}" if settings else ""
+
+
 def show(result: Mapping[str, Any], console: Console) -> None:
     """Print the table of errors at the ends of the outages, standing ones apart, and the t-tests."""
     parts = {"error at the end of the outage": result}
@@ -317,28 +339,40 @@ def show(result: Mapping[str, Any], console: Console) -> None:
             "error at the end of the outage,\nstanding still": result["standing"],
         }
     parts = {heading: part for heading, part in parts.items() if part}
+    names = _marked(result["configurations"], result["set"])
     for heading, part in parts.items():
-        _show_errors(heading, part, console)
+        _show_errors(heading, part, names, console)
+    if line := _set(result):
+        console.print(line, markup=False, highlight=False)
     if lines := not_used(result):
         console.print(lines, markup=False, highlight=False)
-    _show_tests(next(iter(parts.values()))["paired_t_tests"], console)
+    which = "" if len(parts) == 1 and not result.get("standing") else next(iter(parts)).partition("\n")[2]
+    _show_tests(next(iter(parts.values()))["paired_t_tests"], names, which, console)
 
 
-def _show_errors(heading: str, part: Mapping[str, Any], console: Console) -> None:
+def _show_errors(heading: str, part: Mapping[str, Any], names: Mapping[str, str], console: Console) -> None:
     table = new_table()
     table.add_column(heading)
     for column in ("n", "position [m]\nmean", "\nsd", "\nmedian", "\np90"):
-        table.add_column(column, justify="right")
+        table.add_column(escape(column), justify="right")
     for column in ("speed [m/s]\nmean", "\nsd", "\nmedian", "\np90"):
-        table.add_column(column, justify="right")
+        table.add_column(escape(column), justify="right")
     for name, values in part["configurations"].items():
         cells = [values[column][key] for column in COLUMNS for key in ("mean", "sd", "median", "p90")]
-        table.add_row(name, str(values["n"]), *("-" if cell is None else f"{cell:.2f}" for cell in cells))
+        table.add_row(
+            names[name], str(values["n"]), *("-" if cell is None else f"{cell:.2f}" for cell in cells)
+        )
     print_table(table, console)
 
 
-def _show_tests(pairs: Sequence[Mapping[str, Any]], console: Console) -> None:
-    """The tests against the speed held, and of the text's configurations against each other."""
+def _show_tests(
+    pairs: Sequence[Mapping[str, Any]], names: Mapping[str, str], which: str, console: Console
+) -> None:
+    """The tests against the speed held, and of the text's configurations against each other.
+
+    Args:
+        which: of the outages they are of, in words; "" if of all.
+    """
     shown = [
         pair
         for pair in pairs
@@ -348,7 +382,8 @@ def _show_tests(pairs: Sequence[Mapping[str, Any]], console: Console) -> None:
     if not shown:
         return
     table = new_table()
-    table.add_column(f"paired t-test, n = {shown[0]['n']}\noutages that do not overlap")
+    where = f" {which}," if which else ""
+    table.add_column(f"paired t-test, n = {shown[0]['n']}:{where}\noutages that do not overlap")
     for column in ("position\nt", "\np", "speed\nt", "\np"):
         table.add_column(column, justify="right")
     for pair in shown:
@@ -357,5 +392,8 @@ def _show_tests(pairs: Sequence[Mapping[str, Any]], console: Console) -> None:
             test = pair[column]
             known = test and test["t"] is not None
             cells += [f"{test['t']:+.2f}", f"{test['p']:.2g}"] if known else ["-", "-"]
-        table.add_row(f"{pair['second']} against {pair['first']}", *cells)
+        table.add_row(f"{names[pair['second']]} against {names[pair['first']]}", *cells)
     print_table(table, console)
+    console.print(
+        "t below 0: the one named first has the larger error", style="dim", markup=False, highlight=False
+    )

@@ -56,6 +56,7 @@ from harness.trial.summary import position_error, summarize
 from models.cmec import Anomaly
 from models.commands import Command
 from models.kit.timing import TICK
+from models.system import ESTIMATOR
 
 COLOURS = {
     Command.NONE: "#0072B2",
@@ -127,7 +128,9 @@ def _title(log: Log) -> str:
     summary = summarize(log)
     name, seed = (drawable(str(text)) for text in (summary["scenario"] or log.path.name, summary["seed"]))
     time = f"{summary['time_s']:.1f}" if summary["time_s"] >= 1 else f"{summary['time_s']:g}"
-    return f"{name}, seed {seed}: {summary['outcome']} after {time} s"
+    special = summary["estimator"] not in (None, ESTIMATOR)
+    by = f", {drawable(summary['estimator'])}" if special else ""
+    return f"{name}, seed {seed}{by}: {summary['outcome']} after {time} s"
 
 
 @house_style()

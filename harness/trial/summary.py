@@ -21,12 +21,14 @@ from harness.terminal import console_of, new_table, print_table
 from harness.trial.disturbances import disturbances
 from models.cmec import Anomaly
 from models.commands import Status
+from models.system import ESTIMATOR
 
 TEMPLATES = environment(Path(__file__).parent / "templates")
 OUTCOMES = {Status.SUCCESS: "success", Status.FAILED: "failed", Status.STOPPED: "stopped"}
 LABELS = {
     "scenario": "scenario",
     "seed": "seed",
+    "estimator": "estimator",  # shown if it is another than the default
     "outcome": "outcome",
     "time_s": "time",
     "waypoints_reached": "waypoints reached",
@@ -45,6 +47,7 @@ def summarize(log: Log, real_time_factor: float | None = None, notes: Sequence[s
     - `outcome` follows from the last `status` of the controller: `success`, `failed` or `stopped`. Otherwise
       it is `timeout`, or `stopped` if the log is broken: something else ended the run. A run without a
       controller times out.
+    - `estimator` names what estimated, with what gave it its attitude; None without an estimator.
     - `time_s` is when the controller took that status, or the end of the run.
     - `anomalies` counts the ticks that reported each kind, by name.
     - `position_error_m` is the horizontal distance of the estimate from the truth over all ticks; None
@@ -59,6 +62,7 @@ def summarize(log: Log, real_time_factor: float | None = None, notes: Sequence[s
     return {
         "scenario": scenario.get("name", ""),
         "seed": _seed(scenario.get("seed", "")),
+        "estimator": estimator_of(log),
         "outcome": outcome,
         "time_s": time,
         "waypoints_reached": _last(log, "controller.waypoint"),
@@ -70,6 +74,15 @@ def summarize(log: Log, real_time_factor: float | None = None, notes: Sequence[s
         "log": log.path.name,
         "notes": list(notes),
     }
+
+
+def estimator_of(log: Log) -> str | None:
+    """The estimator of a trial in words; None without one, or if the log does not tell."""
+    roles, swaps = log.metadata.get("roles", {}), log.metadata.get("swaps", {})
+    if "estimator" not in roles:
+        return None
+    ahrs = f" with {roles['ahrs']}" if "ahrs" in roles else ""
+    return roles["estimator"] + " from an FMU" * ("estimator" in swaps) + ahrs
 
 
 def _outcome(log: Log) -> tuple[str, float]:
@@ -132,6 +145,8 @@ def words(summary: Mapping[str, Any]) -> dict[str, str]:
     )
     factor = summary["real_time_factor"]
     text["real_time_factor"] = "not measured" if factor is None else f"{factor:.0f}"
+    if summary["estimator"] in (None, ESTIMATOR):
+        del text["estimator"]
     return {LABELS[key]: value for key, value in text.items()}
 
 

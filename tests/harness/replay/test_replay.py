@@ -33,6 +33,7 @@ from tests.harness.replay.logs import walk as walk_of_log
 from tests.harness.replay.logs import write
 
 PROJECT = Path(__file__).resolve().parents[3]
+NOTHING_ELSE: dict[str, Any] = {"dropped": {}, "left_out": {}, "set": {}}  # of a replay's result
 WALK = Path(os.environ.get("CANINE_DATA", PROJECT.parent / "shared" / "data")) / "walk_ublox_imu"
 FOUR = compare("four_state")
 walk_is_there = pytest.mark.skipif(not WALK.is_dir(), reason=f"no recording in {WALK}")
@@ -142,26 +143,33 @@ def test_the_mean_speed_is_that_of_the_fixes_of_three_seconds() -> None:
 
 
 def test_outages_that_end_standing_still_are_judged_apart(capsys: pytest.CaptureFixture[str]) -> None:
-    # given two outages that end in motion, and one at rest in which a filter ran away
+    # given three outages that end in motion, and one at rest in which a filter ran away
     outages = [
         outage({HELD: (1.0, 0.1), "pitch": (2.0, 0.2)}),
-        outage({HELD: (3.0, 0.1), "pitch": (6.0, 0.2)}, start=10.0),
-        outage({HELD: (0.5, 0.0), "pitch": (40.0, 4.0)}, start=20.0, standing=True),
+        outage({HELD: (3.0, 0.1), "pitch": (5.0, 0.2)}, start=10.0),
+        outage({HELD: (2.0, 0.1), "pitch": (5.0, 0.2)}, start=20.0),
+        outage({HELD: (0.5, 0.0), "pitch": (40.0, 4.0)}, start=30.0, standing=True),
     ]
     # when
     parts = apart(outages)
-    show({"dropped": {}, "left_out": {}, **statistics(outages), **parts}, Console(width=120))
+    show({**NOTHING_ELSE, **statistics(outages), **parts}, Console(width=120))
     # then
     assert parts["moving"]["configurations"]["pitch"]["position_error_m"]["mean"] == pytest.approx(4.0)
     assert parts["standing"]["configurations"]["pitch"]["position_error_m"]["mean"] == pytest.approx(40.0)
-    assert parts["moving"]["paired_t_tests"][0]["position_error_m"]["t"] == pytest.approx(-2.0)
+    # by hand: the differences are -1, -2 and -3
+    assert parts["moving"]["paired_t_tests"][0]["position_error_m"]["t"] == pytest.approx(-2 * 3**0.5)
     assert apart(outages[:2])["standing"] is None
     # and the terminal has both, and the test of those in motion
     text = capsys.readouterr().out
     assert "in motion" in text
     assert "standing still" in text
     assert "40.00" in text
-    assert "-2.00" in text
+    assert "paired t-test, n = 3: in motion," in text
+    assert "-3.46" in text
+    assert "t below 0: the one named first has the larger error" in text
+    # with their units
+    assert "position [m]" in text
+    assert "speed [m/s]" in text
 
 
 def test_the_log_of_a_trial_gives_the_trials_estimate_again(tmp_path: Path) -> None:
@@ -253,22 +261,54 @@ def test_what_was_left_out_or_dropped_is_told_in_all_places(
     assert drawn["not_used"] == lines + "not whole: the file ends early"
 
 
-def test_statistics_of_two_outages_are_those_found_by_hand() -> None:
-    # given two outages with errors of 1 and 3 m against 2 and 6 m
+def test_rows_that_set_has_changed_are_marked_and_the_title_has_the_estimators_that_are_judged(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given a walk without a magnetometer, and a parameter that both configurations of one estimator get
+    source = open_source(write(tmp_path / "trial.mcap", walk_of_log(40)))
+    chosen = source.outages(5, 5)
+    comparison = compare("six_state,seven_state,two_bias", ["two_bias.gate=9"])
+    drawn: list[Any] = []
+    monkeypatch.setattr(
+        "harness.replay.replay.replay_picture", lambda *these, **words: drawn.extend((these, words))
+    )
+    # when
+    result = report(source, comparison, chosen, replay(source, comparison, chosen), tmp_path)
+    show(result, Console(width=120))
+    # then the file, the table and the picture say which rows these are, and what was set
+    assert result["set"] == {key: ["two_bias.gate=9"] for key in ("two_bias", "two_bias, floor, cap")}
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split("  ")[0] for line in lines[2:7]] == [
+        "speed held", "mean speed", "six_state", "two_bias *", "two_bias, floor, cap *"
+    ]  # fmt: skip
+    assert "* with --set two_bias.gate=9" in lines
+    (_, _, estimates, errors), words = drawn
+    assert list(estimates) == list(errors)
+    assert list(estimates)[3:] == ["two_bias *", "two_bias, floor, cap *"]
+    assert words["title"] == "trial: six_state, two_bias through outages of 5 s"
+    assert words["not_used"] == "* with --set two_bias.gate=9"
+
+
+def test_statistics_of_three_outages_are_those_found_by_hand() -> None:
+    # given three outages with errors of 1, 3 and 5 m against 2, 5 and 8 m
     outages = [
         outage({"a": (1.0, 0.0), "b": (2.0, 0.0)}),
-        outage({"a": (3.0, 0.0), "b": (6.0, 0.0)}, start=10.0),
+        outage({"a": (3.0, 0.0), "b": (5.0, 0.0)}, start=10.0),
+        outage({"a": (5.0, 0.0), "b": (8.0, 0.0)}, start=20.0),
     ]
     result = statistics(outages)
-    # then mean 2, sd sqrt(2), median 2, p90 = 1 + 0.9 * 2
+    # then mean 3, sd 2, median 3, p90 = 3 + 0.8 * 2
     a = result["configurations"]["a"]["position_error_m"]
-    assert a == pytest.approx({"mean": 2.0, "sd": 2**0.5, "median": 2.0, "p90": 2.8})
-    # differences -1 and -3: mean -2, sd sqrt(2), so t = -2 / (sqrt(2) / sqrt(2)) = -2
+    assert a == pytest.approx({"mean": 3.0, "sd": 2.0, "median": 3.0, "p90": 4.6})
+    # differences -1, -2 and -3: mean -2, sd 1, so t = -2 / (1 / sqrt(3))
     (pair,) = result["paired_t_tests"]
-    assert pair["position_error_m"]["t"] == pytest.approx(-2.0)
-    assert pair["n"] == 2
+    assert pair["position_error_m"]["t"] == pytest.approx(-2 * 3**0.5)
+    assert pair["n"] == 3
     # velocities that never differ have no t
     assert pair["velocity_error_m_s"] == {"t": None, "p": None}
+    # and of two outages there is no test
+    (pair,) = statistics(outages[:2])["paired_t_tests"]
+    assert (pair["n"], pair["position_error_m"], pair["velocity_error_m_s"]) == (2, None, None)
 
 
 @pytest.mark.parametrize("least", [1e-200, 1e-10])
@@ -279,19 +319,19 @@ def test_differences_of_less_than_a_nanometre_are_none(least: float) -> None:
 
 
 def test_outages_that_overlap_an_earlier_one_are_left_out_of_the_t_test() -> None:
-    # given three outages of which the second shares half of the first
-    errors = [{"a": (e, 0.0), "b": (2 * e, 0.0)} for e in (1.0, 50.0, 3.0)]
-    outages = [outage(e, start) for e, start in zip(errors, (0.0, 5.0, 10.0), strict=True)]
-    # then the test is of the first and the third, as by hand above, and the mean of all
+    # given four outages of which the second shares half of the first
+    errors = [{"a": (e, 0.0), "b": (2 * e, 0.0)} for e in (1.0, 50.0, 2.0, 3.0)]
+    outages = [outage(e, start) for e, start in zip(errors, (0.0, 5.0, 10.0, 20.0), strict=True)]
+    # then the test is of the others, as by hand above, and the mean of all
     result = statistics(outages)
-    assert result["paired_t_tests"][0]["position_error_m"]["t"] == pytest.approx(-2.0)
-    assert result["configurations"]["a"]["position_error_m"]["mean"] == pytest.approx(18.0)
+    assert result["paired_t_tests"][0]["position_error_m"]["t"] == pytest.approx(-2 * 3**0.5)
+    assert result["configurations"]["a"]["position_error_m"]["mean"] == pytest.approx(14.0)
 
 
 def test_a_single_outage_has_no_spread_and_no_test(capsys: pytest.CaptureFixture[str]) -> None:
     result = statistics([outage({"a": (1.0, 0.5), "b": (2.0, 0.5)})])
     assert result["configurations"]["a"]["position_error_m"]["sd"] is None
-    show(result | {"dropped": {}, "left_out": {}}, Console())
+    show({**NOTHING_ELSE, **result}, Console())
     assert "-" in capsys.readouterr().out
 
 

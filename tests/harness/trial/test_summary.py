@@ -1,7 +1,9 @@
 """A summary's numbers are those that its log's rows give by hand."""
 
+import io
 import json
 import math
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -13,6 +15,7 @@ from rich.console import Console
 from harness.files import FileError
 from harness.log.channel import Channel
 from harness.log.log import Log
+from harness.trial.plots import trial_figure
 from harness.trial.summary import show, summarize, write_page, write_summary
 
 VOID = {"meta", "img"}
@@ -61,6 +64,7 @@ def test_the_summary_of_a_trial_is_that_derived_by_hand() -> None:
     assert summarize(log, 40.5) == {
         "scenario": "<three>",
         "seed": 7,
+        "estimator": None,
         "outcome": "success",
         "time_s": 1.5,
         "waypoints_reached": 2,
@@ -150,6 +154,31 @@ def test_the_table_shows_every_key_in_words() -> None:
         "times real time not measured",
         "log trial.mcap",
     ]
+
+
+@pytest.mark.parametrize(
+    ("roles", "swaps", "words"),
+    [
+        ({"estimator": "four_state"}, {}, None),
+        ({"estimator": "four_state", "ahrs": "canine_ahrs"}, {}, "four_state with canine_ahrs"),
+        ({"estimator": "canine_tracker"}, {}, "canine_tracker"),
+        ({"estimator": "kalman"}, {"estimator": "estimator.fmu"}, "kalman from an FMU"),
+        ({"controller": "cmec"}, {}, None),
+    ],
+)
+def test_another_estimator_than_the_default_is_named(
+    roles: dict[str, str], swaps: dict[str, str], words: str | None
+) -> None:
+    log = little(status=[1, 2])
+    log = replace(log, metadata={**log.metadata, "roles": roles, "swaps": swaps})
+    # then the table has a row for it, and the picture's title has its name
+    console = Console(width=100, record=True, file=io.StringIO())
+    show(summary := summarize(log), console)
+    rows = [" ".join(line.split()) for line in console.export_text().splitlines()]
+    assert [row for row in rows if row.startswith("estimator")] == ([f"estimator {words}"] if words else [])
+    by = f", {words}" if words else ""
+    assert trial_figure(log).get_suptitle() == f"<three>, seed 7{by}: success after 0.5 s"
+    assert summary["estimator"] == (words or roles.get("estimator"))
 
 
 class Page(HTMLParser):
