@@ -13,7 +13,17 @@ from models.earth import GRAVITY
 from models.kit import casadi as ca
 from models.kit.block import Block, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State
-from models.kit.geometry import COUNT_MAX, all_of, any_of, clip, counted, where, wrap
+from models.kit.geometry import (
+    COUNT_MAX,
+    LONGEST,
+    SHORT_COUNT_MAX,
+    all_of,
+    any_of,
+    clip,
+    counted,
+    where,
+    wrap,
+)
 from models.kit.units import DEG
 
 ALONE_S = 1.5  # s after a fix, from which on the acceleration forward is not known
@@ -74,10 +84,10 @@ class CanineAhrs(Block):
     )
     hold_time = Parameter("s", "the speed of an older fix is not used", start=15, min=0, max=1e6)
     lost_time = Parameter(
-        "s", "without samples for longer, speed and heading are lost", start=0.25, min=0, max=1e6
+        "s", "without samples for longer, speed and heading are lost", start=0.25, min=0, max=LONGEST
     )
     start_time = Parameter(
-        "s", "over which the first force is averaged, moving or not", start=2, min=0, max=1e6
+        "s", "over which the first force is averaged, moving or not", start=2, min=0, max=LONGEST
     )
     rest_rate = Parameter("rad/s", "largest deviation of the turn rate at rest", start=0.05, min=0)
     rest_noise = Parameter("1", "largest deviations at rest, by those when it was quietest", start=2, min=1)
@@ -90,16 +100,16 @@ class CanineAhrs(Block):
     innovation = State("1", "specific force less known acceleration, reversed, in g, less `down`", size=3)
     correction = State("1", "part of the innovation that is taken on a tick", start=1)
     share = State("1", "part of the correction that is in force", start=1)
-    averaged = State(Integer, "samples in the average of the first force", max=COUNT_MAX)
+    averaged = State(Integer, "samples in the average of the first force", min=0, max=SHORT_COUNT_MAX)
     settled = State(Boolean, "the first force is averaged")
     heading_variance = State("1", "of the heading, in variances of a course", start=UNKNOWN)
     good = State(Boolean, "this tick's inertial sample is good")
-    missed = State(Integer, "bad samples in a row", max=COUNT_MAX)
+    missed = State(Integer, "bad samples in a row", min=0, max=SHORT_COUNT_MAX)
     speed = State("m/s", "of the last good fix; 0 if it is too old")
     moving = State(Boolean, "the last good fix shows that it moves")
     age = State(Integer, "ticks since the last good fix", start=COUNT_MAX, max=COUNT_MAX)
     gap = State(Integer, "ticks between the last two good fixes", start=COUNT_MAX, max=COUNT_MAX)
-    samples = State(Integer, "samples in the window", max=WINDOW)
+    samples = State(Integer, "samples in the window", min=0, max=WINDOW)
     rate_sum = State("rad/s", "turn rates in the window", size=3)
     rate_squares = State("1", "their squares, in (rad/s)2")
     force_sum = State("1", "innovations in the window", size=3)
@@ -107,7 +117,7 @@ class CanineAhrs(Block):
     judged = State(Boolean, "the window was judged on this tick")
     resting = State(Boolean, "at rest in the last window")
     moved = State(Boolean, "not all windows were at rest")
-    rested = State(Integer, "windows at rest so far", max=COUNT_MAX)
+    rested = State(Integer, "windows at rest so far", min=0, max=SHORT_COUNT_MAX)
     quiet_rate = State("1", "least variance of the turn rate in a window, in (rad/s)2", start=1)
     quiet_force = State("1", "least variance of the force in a window, in g2", start=1)
     bad_samples = State(Integer, "inertial samples skipped", max=COUNT_MAX)
@@ -118,7 +128,7 @@ class CanineAhrs(Block):
         """Is the sample good? Else the attitude is held, and the sample counted."""
         m.good = m.within("accel_x", "accel_y", "accel_z", "gyro_x", "gyro_y", "gyro_z")
         m.bad_samples = counted(m.bad_samples, ca.logic_not(m.good))
-        m.missed = where(m.good, 0, counted(m.missed))
+        m.missed = where(m.good, 0, counted(m.missed, most=SHORT_COUNT_MAX))
         lost = m.missed * m.sample_time > m.lost_time
         m.heading_variance = where(lost, UNKNOWN, m.heading_variance)
         m.age = where(lost, COUNT_MAX, counted(m.age))
@@ -131,7 +141,7 @@ class CanineAhrs(Block):
     @triggered(lambda m: all_of(m.good, ca.logic_not(m.settled)), "a good sample, until `settled`")
     def settle(m) -> None:
         """Average the first force as long as no unknown acceleration is in it, at least over `start_time`."""
-        m.averaged = counted(m.averaged)
+        m.averaged = counted(m.averaged, most=SHORT_COUNT_MAX)
         least = m.gain * m.sample_time
         early = m.averaged * m.sample_time < m.start_time
         known = any_of(ca.logic_not(m.moved), m.age * m.sample_time <= m.hold_time)
@@ -221,7 +231,7 @@ class CanineAhrs(Block):
             *(ca.fabs(m.bias[i] + rate[i]) <= m.largest_bias for i in range(3)),
         )
         m.moved = any_of(m.moved, ca.logic_not(m.resting))
-        m.rested = counted(m.rested, m.resting)
+        m.rested = counted(m.rested, m.resting, most=SHORT_COUNT_MAX)
         share = where(m.rested < BIAS_WINDOWS, 1 / where(m.rested > 1, m.rested, 1), 1 / BIAS_WINDOWS)
         m.bias = m.bias + where(m.resting, share, 0) * rate
         m.judged = 1

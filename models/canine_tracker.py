@@ -14,7 +14,18 @@ from models.kit import casadi as ca
 from models.kit.block import before, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Parameter, State
 from models.kit.ekf import Factors, Measurement
-from models.kit.geometry import COUNT_MAX, all_of, any_of, at_least, at_most, clip, counted, where, wrap
+from models.kit.geometry import (
+    LONGEST,
+    SHORT_COUNT_MAX,
+    all_of,
+    any_of,
+    at_least,
+    at_most,
+    clip,
+    counted,
+    where,
+    wrap,
+)
 from models.kit.timing import TICK, lasted
 
 NORTH, EAST = 2, 3  # behind speed and bias in the state, eq. 3.9
@@ -80,7 +91,9 @@ class CanineTracker(Estimator):
         "s", "likewise for a carrier whose acceleration is good", start=60, min=0.1
     )
     rehearse = Parameter(Boolean, "learn sigma and which time is right; off: reversion_time", start=1)
-    rehearsal_time = Parameter("s", "length of a rehearsed outage of the speed", start=5, min=0.1)
+    rehearsal_time = Parameter(
+        "s", "length of a rehearsed outage of the speed", start=5, min=0.1, max=LONGEST
+    )
     rehearsal_margin = Parameter(
         "1", "how often smaller the long one's mean square has to be", start=4, min=0
     )
@@ -110,11 +123,11 @@ class CanineTracker(Estimator):
     rehearsing = State(Boolean, "a rehearsal goes on")
     rehearsed = State("m/s", "speeds of the rehearsed outage, brisk and long", size=2)
     rehearsed_from = State("m/s", "speed at which it began")
-    rehearsed_ticks = State(Integer, "since it began", max=COUNT_MAX)
+    rehearsed_ticks = State(Integer, "since it began", min=0, max=SHORT_COUNT_MAX)
     brisk_bias = State("m/s2", "what the brisk one takes off the acceleration")
     long_bias = State("m/s2", "with which the long one would have ended right: the accelerometer's bias")
     long_bias_sd = State("m/s2", "its standard deviation")
-    rehearsals = State(Integer, "that counted", max=COUNT_MAX)
+    rehearsals = State(Integer, "that counted", min=0, max=SHORT_COUNT_MAX)
     rehearsal_errors = State("1", "their mean square errors in (m/s)2, brisk and long", size=2)
     force_mean = State("m/s2", "over still_time", size=3)
     rate_mean = State("rad/s", "over still_time", size=3)
@@ -123,7 +136,7 @@ class CanineTracker(Estimator):
     least_force_motion = State("1", "least seen while moving", start=UNMOVED)
     least_rate_motion = State("1", "least seen while moving", start=UNMOVED)
     fix_variance = State("1", "of the last fix's position, as believed, in m2")
-    moving_fixes = State(Integer, "of a moving body so far", max=COUNT_MAX)
+    moving_fixes = State(Integer, "of a moving body so far", min=0, max=SHORT_COUNT_MAX)
     still = State(Boolean, "the body rests")
 
     def initialize(m) -> None:
@@ -136,7 +149,7 @@ class CanineTracker(Estimator):
         learned = m.sigma
         super().listen()
         m.sigma = learned
-        m.rehearsed_ticks = counted(m.rehearsed_ticks)
+        m.rehearsed_ticks = counted(m.rehearsed_ticks, most=SHORT_COUNT_MAX)
 
     def _listen(m, good: SX) -> None:
         sine_pitch, cosine_pitch = ca.sin(m.pitch_meas), ca.cos(m.pitch_meas)
@@ -251,7 +264,7 @@ class CanineTracker(Estimator):
     @triggered(lambda m: all_of(m.accepted, m.gps_speed > m.moving_speed), "an accepted fix of a moving body")
     def move(m) -> None:
         """Remember the least motion that the inertial sensors feel of a moving body."""
-        m.moving_fixes = counted(m.moving_fixes)
+        m.moving_fixes = counted(m.moving_fixes, most=SHORT_COUNT_MAX)
         m.least_force_motion = at_most(m.force_motion, FORGET_QUIET * m.least_force_motion)
         m.least_rate_motion = at_most(m.rate_motion, FORGET_QUIET * m.least_rate_motion)
 
@@ -270,7 +283,7 @@ class CanineTracker(Estimator):
             any_of(m.gps_speed > m.moving_speed, m.rehearsed_from > m.moving_speed),
         )
         error = m.gps_speed - m.rehearsed
-        m.rehearsals = where(counts, counted(m.rehearsals), m.rehearsals)
+        m.rehearsals = where(counts, counted(m.rehearsals, most=SHORT_COUNT_MAX), m.rehearsals)
         part = where(counts, at_least(1 / (m.rehearsals + DOUBTED), 1 / REHEARSED), 0)
         m.rehearsal_errors = m.rehearsal_errors + part * (error**2 - m.rehearsal_errors)
         m.long_bias = m.long_bias - where(counts, LEARNED, 0) * error[LONG] / lasting

@@ -9,12 +9,23 @@ from models.commands import Command, Status
 from models.kit import casadi as ca
 from models.kit.block import Block, Row, moves, table, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State
-from models.kit.geometry import COUNT_MAX, all_of, any_of, counted, none_of, one_of, where, wrap
+from models.kit.geometry import (
+    LONGEST,
+    SHORT_COUNT_MAX,
+    all_of,
+    any_of,
+    counted,
+    none_of,
+    one_of,
+    where,
+    wrap,
+)
 from models.kit.timing import TICK, lasted
 from models.kit.tracing import Condition
 from models.kit.units import DEG
 
 MAX_WAYPOINTS = 16
+MOST_TURNS = 1000  # that MAXTURN can allow
 
 
 class Mode(IntEnum):
@@ -116,19 +127,21 @@ class Cmec(Block):
         min=0,
         max=4,
     )
-    stop_hold = Parameter("s", "DELAYTHRESH: least time a stop command is on", start=1.5, min=0, max=1e4)
-    turn_timeout = Parameter("s", "DELTHRESH2: longest time a turn command is on", start=3, min=0, max=1e4)
+    stop_hold = Parameter("s", "DELAYTHRESH: least time a stop command is on", start=1.5, min=0, max=LONGEST)
+    turn_timeout = Parameter(
+        "s", "DELTHRESH2: longest time a turn command is on", start=3, min=0, max=LONGEST
+    )
     forward_timeout = Parameter(
-        "s", "DELTHRESH3: time in which the animal must move", start=3, min=TICK, max=1e4
+        "s", "DELTHRESH3: time in which the animal must move", start=3, min=TICK, max=LONGEST
     )
     forward_distance = Parameter("m", "DISTTHRESH: how far it must move in that time", start=1, min=0)
-    dead_time = Parameter("s", "HEADCOUNTTHRESH: length of a no-command period", start=1, min=0, max=1e4)
+    dead_time = Parameter("s", "HEADCOUNTTHRESH: length of a no-command period", start=1, min=0, max=LONGEST)
     max_turns = Parameter(
         Integer,
         "MAXTURN: directional commands allowed per waypoint (per trial without reset_turns)",
         start=2,
         min=0,
-        max=1000,
+        max=MOST_TURNS,
     )
     # choices that the text leaves open: the two readings
     turn_end_deviation = Parameter(
@@ -156,10 +169,10 @@ class Cmec(Block):
     home_east = Parameter("m", "where the animal is recalled to", start=0, min=-1e5, max=1e5, latched=True)
 
     now = State(Mode, "mode")
-    ticks = State(Integer, "ticks since the mode was entered", max=COUNT_MAX)
+    ticks = State(Integer, "ticks since the mode was entered", min=0, max=SHORT_COUNT_MAX)
     overruled = State(Anomaly, "what keeps the controller from deciding")
-    reached = State(Integer, "waypoints reached")
-    turns = State(Integer, "directional commands that count towards MAXTURN")
+    reached = State(Integer, "waypoints reached", min=0, max=MAX_WAYPOINTS)
+    turns = State(Integer, "directional commands that count towards MAXTURN", min=0, max=MOST_TURNS)
     issued = State(Integer, "directional commands issued")
     planned = State(Command, "command to follow the no-command period")
     uncounted = State(Boolean, "the next turn does not count towards MAXTURN")
@@ -167,7 +180,7 @@ class Cmec(Block):
     issue_east = State("m", "where the forward command was issued")
     target_north = State("m", "waypoint aimed at, or home")
     target_east = State("m", "waypoint aimed at, or home")
-    count = State(Integer, "waypoints in use, latched", start=1)
+    count = State(Integer, "waypoints in use, latched", start=1, min=1, max=MAX_WAYPOINTS)
     route_north = State("m", "waypoints, latched", size=MAX_WAYPOINTS)
     route_east = State("m", "waypoints, latched", size=MAX_WAYPOINTS)
     base_north = State("m", "home, latched")
@@ -183,7 +196,7 @@ class Cmec(Block):
         cause = where(m.link_ok, cause, Anomaly.LOST_LINK)
         m.anomaly = where(cause != m.overruled, cause, Anomaly.NONE)
         m.overruled = cause
-        m.ticks = counted(m.ticks)
+        m.ticks = counted(m.ticks, most=SHORT_COUNT_MAX)
 
     @triggered(
         lambda m: all_of(m.start, m.now == Mode.IDLE, ca.logic_not(m._blocked())),

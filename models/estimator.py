@@ -11,6 +11,7 @@ from models.kit.ekf import Correction, Factors, Measurement, correct
 from models.kit.geometry import COUNT_MAX, all_of, any_of, at_least, counted, where, wrap
 
 SPEED, BIAS = 0, 1  # every state begins with them
+MOST_REJECTED = 1000  # fixes, before the filter begins anew
 
 
 class Estimator(Block):
@@ -84,7 +85,11 @@ class Estimator(Block):
     gate_speed_growth = Parameter("m/s2", "nominal growth of the speed's deviation", start=4, min=0)
     gate_position_growth = Parameter("m/s", "nominal growth of the position's deviation", start=1.5, min=0)
     recovery_fixes = Parameter(
-        Integer, "fixes rejected in a row after which the filter begins anew", start=4, min=1, max=1000
+        Integer,
+        "fixes rejected in a row after which the filter begins anew",
+        start=4,
+        min=1,
+        max=MOST_REJECTED,
     )
     max_age = Parameter("s", "a fix older than this makes the estimate invalid", start=15, min=0, max=1e6)
 
@@ -97,7 +102,7 @@ class Estimator(Block):
     age = State(Integer, "ticks since the last accepted fix", max=COUNT_MAX)
     good = State(Boolean, "the last fix has all its values in range")
     accepted = State(Boolean, "this tick's fix passed the gate")
-    rejected = State(Integer, "fixes rejected in a row")
+    rejected = State(Integer, "fixes rejected in a row", min=0, max=MOST_REJECTED)
     bad_samples = State(Integer, "samples skipped for values out of range", max=COUNT_MAX)
     bad_fixes = State(Integer, "fixes skipped for values out of range", max=COUNT_MAX)
 

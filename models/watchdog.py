@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from models.kit.block import Block
 from models.kit.declaration import Boolean, Input, Integer, Output, Parameter, State
-from models.kit.geometry import COUNT_MAX, all_of, counted, where
+from models.kit.geometry import LONGEST, SHORT_COUNT_MAX, all_of, counted, where
 from models.kit.timing import TICK, ticks_within
 
 
@@ -25,23 +25,29 @@ class Watchdog(Block):
     estimate_ok = Output(Boolean, "the estimate may be trusted")
     report = Output(Boolean, "telemetry is due on this tick")
 
-    imu_timeout = Parameter("s", "longest time without a sample of the IMU", start=0.2, min=TICK, max=1e4)
+    imu_timeout = Parameter("s", "longest time without a sample of the IMU", start=0.2, min=TICK, max=LONGEST)
     link_timeout = Parameter(
-        "s", "longest time without a message of the operator", start=2, min=TICK, max=1e4
+        "s", "longest time without a message of the operator", start=2, min=TICK, max=LONGEST
     )
     override_timeout = Parameter(
-        "s", "longest time for which an override holds, unless it is renewed", start=1, min=TICK, max=1e4
+        "s", "longest time for which an override holds, unless it is renewed", start=1, min=TICK, max=LONGEST
     )
     report_period = Parameter("s", "time between two reports by telemetry", start=0.2, min=TICK, max=10)
 
-    imu_limit = State(Integer, "imu_timeout in ticks")
-    link_limit = State(Integer, "link_timeout in ticks")
-    override_limit = State(Integer, "override_timeout in ticks")
-    report_ticks = State(Integer, "report_period in ticks")
-    imu_age = State(Integer, "ticks since the last sample", start=COUNT_MAX, max=COUNT_MAX)
-    link_age = State(Integer, "ticks since the last message", start=COUNT_MAX, max=COUNT_MAX)
-    override_age = State(Integer, "ticks since the last override", start=COUNT_MAX, max=COUNT_MAX)
-    report_age = State(Integer, "ticks since the last report", start=COUNT_MAX, max=COUNT_MAX)
+    imu_limit = State(Integer, "imu_timeout in ticks", min=0, max=SHORT_COUNT_MAX)
+    link_limit = State(Integer, "link_timeout in ticks", min=0, max=SHORT_COUNT_MAX)
+    override_limit = State(Integer, "override_timeout in ticks", min=0, max=SHORT_COUNT_MAX)
+    report_ticks = State(Integer, "report_period in ticks", min=0, max=SHORT_COUNT_MAX)
+    imu_age = State(Integer, "ticks since the last sample", start=SHORT_COUNT_MAX, min=0, max=SHORT_COUNT_MAX)
+    link_age = State(
+        Integer, "ticks since the last message", start=SHORT_COUNT_MAX, min=0, max=SHORT_COUNT_MAX
+    )
+    override_age = State(
+        Integer, "ticks since the last override", start=SHORT_COUNT_MAX, min=0, max=SHORT_COUNT_MAX
+    )
+    report_age = State(
+        Integer, "ticks since the last report", start=SHORT_COUNT_MAX, min=0, max=SHORT_COUNT_MAX
+    )
 
     def initialize(m) -> None:
         """Turn the times into whole ticks, so that every tick compares counts alone."""
@@ -52,12 +58,12 @@ class Watchdog(Block):
 
     def watch(m) -> None:
         """Count the ticks since each last arrival, and compare them with their limits."""
-        m.imu_age = where(m.sampled, 0, counted(m.imu_age))
-        m.link_age = where(m.heard, 0, counted(m.link_age))
-        m.override_age = where(m.overridden, 0, counted(m.override_age))
+        m.imu_age = where(m.sampled, 0, counted(m.imu_age, most=SHORT_COUNT_MAX))
+        m.link_age = where(m.heard, 0, counted(m.link_age, most=SHORT_COUNT_MAX))
+        m.override_age = where(m.overridden, 0, counted(m.override_age, most=SHORT_COUNT_MAX))
         m.imu_ok, m.link_ok = m.imu_age <= m.imu_limit, m.link_age <= m.link_limit
         m.override_ok = m.override_age <= m.override_limit
         m.estimate_ok = all_of(m.valid, m.imu_ok)
-        m.report_age = counted(m.report_age)
+        m.report_age = counted(m.report_age, most=SHORT_COUNT_MAX)
         m.report = m.report_age >= m.report_ticks
         m.report_age = where(m.report, 0, m.report_age)

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from codegen.blocks.block_c import generate, write_files
-from codegen.blocks.expressions import c_name, member_of, members
+from codegen.blocks.expressions import c_name, c_type, member_of, members
+from codegen.blocks.nodes import CType, ctype_of
 from codegen.toolchains import sdcc
 from codegen.toolchains.compiler import NUMERICS, CompileError, build_library
 from models.kit.block import Block
@@ -140,17 +141,19 @@ def native(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Native]:
 
 def _build(block: type[Block], precision: Any, folder: Any) -> tuple[ctypes.CDLL, type]:
     real = {"double": ctypes.c_double, "float": ctypes.c_float}[precision]
-    types: dict[Type, Any] = {Type.REAL: real, Type.INTEGER: ctypes.c_int32, Type.BOOLEAN: ctypes.c_bool}
-    c_types = {Type.REAL: precision, Type.INTEGER: "int32_t", Type.BOOLEAN: "bool"}
+    types: dict[CType, Any] = {
+        "real": real, "int": ctypes.c_int32, "short": ctypes.c_int16, "bool": ctypes.c_bool
+    }  # fmt: skip
     files = generate(block, precision)
     inputs = list(flatten(block.group("input")))
+    c_types = [c_type(ctype_of(v, precision), precision) for _, v in inputs]
     written = [(f"m->out.{c_name(n)}") for n in block.flat_names("output")]
     written += [(f"m->state.{c_name(n)}") for n in block.flat_names("state")]
     files["run.c"] = DRIVER.format(
         title=block.title(),
         read="\n".join(
-            f"        m->in.{c_name(n)} = ({c_types[v.type]})u[k * {len(inputs)} + {i}];"
-            for i, (n, v) in enumerate(inputs)
+            f"        m->in.{c_name(n)} = ({c_types[i]})u[k * {len(inputs)} + {i}];"
+            for i, (n, _) in enumerate(inputs)
         ),
         write="\n".join(f"        y[k * {len(written)} + {i}] = (double){w};" for i, w in enumerate(written)),
     )
@@ -164,6 +167,7 @@ def _build(block: type[Block], precision: Any, folder: Any) -> tuple[ctypes.CDLL
     )
     groups = []
     for member, variables in members(block).items():
-        fields = [(v.name, types[v.type] * v.size if v.size else types[v.type]) for v in variables]
+        scalars = [(v, types[ctype_of(v, precision)]) for v in variables]
+        fields = [(v.name, scalar * v.size if v.size else scalar) for v, scalar in scalars]
         groups.append((member, type(member, (ctypes.Structure,), {"_fields_": fields})))
     return ctypes.CDLL(str(library)), type(block.title(), (ctypes.Structure,), {"_fields_": groups})

@@ -17,6 +17,7 @@ from codegen.blocks.expressions import (
     MISSION,
     Writer,
     c_name,
+    c_type,
     constant_name,
     fields,
     literal,
@@ -24,7 +25,7 @@ from codegen.blocks.expressions import (
     members,
 )
 from codegen.blocks.layout import HARD_SPACE, fit
-from codegen.blocks.nodes import Nodes, behind, name_values, operations_behind, read
+from codegen.blocks.nodes import Nodes, behind, ctype_of, name_values, operations_behind, read
 from codegen.blocks.statements import Store, assign, condition, kept, statements, store_lines
 from codegen.files import write_whole
 from codegen.templating import environment
@@ -156,7 +157,7 @@ class _Struct:
         self.member, self.content = member, CONTENTS[member]
         self.fields = [
             {
-                "type": {Type.REAL: precision, Type.INTEGER: "int32_t", Type.BOOLEAN: "bool"}[v.type],
+                "type": c_type(ctype_of(v, precision), precision),
                 "name": v.name + (f"[{v.size}]" if v.size else ""),
                 "comment": comment(v),
             }
@@ -275,7 +276,7 @@ class _Generator:
     def _case(self, transitions: Sequence[Transition]) -> tuple[list[str], int]:
         """The decisions of a mode, and how many operations they take together."""
         nodes, writer, rows = Nodes(), self.writer(), []
-        leaf = nodes.leaf(fields(self.block, self.constants))
+        leaf = nodes.leaf(fields(self.block, self.precision, self.constants))
         for transition in transitions:
             (guard,), _ = read(transition.guard, leaf, nodes.make)
             results, _ = read(transition.function, leaf, nodes.make)

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 import casadi as ca
 import numpy as np
 
-from codegen.blocks.nodes import COMPARISONS, ELEMENT, LOGIC, SELECT, CType, Leaf, Node
+from codegen.blocks.nodes import COMPARISONS, ELEMENT, LOGIC, SELECT, CType, Leaf, Node, ctype_of
 from models.errors import DeclarationError
 from models.kit.block import Block
 from models.kit.declaration import Parameter, Variable, flatten
@@ -26,6 +26,7 @@ BINARY = {
 MIRRORED = {"<": ">", "<=": ">=", "==": "==", "!=": "!="}  # to read constants on the right
 CALLS = {ca.OP_SQRT: "sqrt", ca.OP_FLOOR: "floor", ca.OP_FABS: "fabs"}
 MEMBERS = {"state": "state", "input": "in", "parameter": "par", "output": "out"}  # group -> C struct member
+WHOLE: dict[CType, str] = {"int": "int32_t", "short": "int16_t"}  # C's type of whole numbers
 MISSION = "mission"  # the member of the parameters that are latched
 Asking = Generator[tuple[Node, CType], str, str]  # asks for operands' texts, returns its own
 WIDTH = 104  # an expression longer than this gets a local; 88 costs the Rabbit 2 % more clocks
@@ -50,15 +51,16 @@ def members(block: type[Block]) -> dict[str, list[Variable]]:
     return variables
 
 
-def fields(block: type[Block], constants: Collection[str] = ()) -> Leaf:
+def fields(block: type[Block], precision: Precision = "double", constants: Collection[str] = ()) -> Leaf:
     """The leaves of a block's functions: fields of its struct `m`; parameters may be constants."""
     flat = [list(flatten(block.group(kind))) for kind in GROUPS]
 
     def leaf(group: int, element: int) -> Node:
         name, variable = flat[group][element]
-        if name in constants:
-            return Node(ca.OP_INPUT, field=constant_name(block, name), variable=variable)
-        return Node(ca.OP_INPUT, field=f"m->{member_of(variable)}.{c_name(name)}", variable=variable)
+        place = (
+            constant_name(block, name) if name in constants else f"m->{member_of(variable)}.{c_name(name)}"
+        )
+        return Node(ca.OP_INPUT, field=place, variable=variable, ctype=ctype_of(variable, precision))
 
     return leaf
 
@@ -166,8 +168,7 @@ class Writer:
         name = node.hint
         if not name:
             name, self._numbers = f"t{self._numbers}", self._numbers + 1
-        c_type = {"real": self.real, "int": "int32_t", "bool": "bool"}[ctype]
-        self.lines.append(f"const {c_type} {name} = {bare(text)};")
+        self.lines.append(f"const {c_type(ctype, self.real)} {name} = {bare(text)};")
         node.name, node.held_as = name, ctype
         self._named.append(node)
         return name
@@ -186,7 +187,7 @@ class Writer:
 
     def _compose(self, node: Node, use: CType) -> Asking:
         if node.op == ca.OP_CONST:
-            if use == "int":
+            if use in WHOLE:
                 return str(int(node.value))
             if use == "bool":
                 return "true" if node.value else "false"
@@ -214,9 +215,11 @@ class Writer:
                 no = bare(no)
             text = f"({(yield a[0], 'bool')} ? {yes} : {no})"
         elif node.op == ELEMENT:
-            text = f"{node.field}[{bare((yield a[0], 'int'))}]"
+            text = f"{node.field}[{bare((yield a[0], a[0].ctype if a[0].ctype in WHOLE else 'int'))}]"
         elif node.op in BINARY:
             text = f"({(yield a[0], ctype)} {BINARY[node.op]} {(yield a[1], ctype)})"
+            if ctype == "short":  # C computes it as an int
+                text = f"({WHOLE[ctype]}){text}"
         elif node.op == ca.OP_NEG:
             text = f"(-{(yield a[0], ctype)})"
         elif node.op == ca.OP_SQ:
@@ -248,9 +251,11 @@ class Writer:
             a, b, symbol = b, a, MIRRORED[symbol]
         named = self._named_value(a, b)
         if named:
-            return f"({(yield a, 'int')} {symbol} {named})"
+            return f"({(yield a, 'short' if a.ctype == 'short' else 'int')} {symbol} {named})"
         kinds = {a.ctype, b.ctype}
         as_type: CType = "real" if "real" in kinds or kinds == {"constant"} else "int"
+        if "short" in kinds and kinds <= {"short", "constant"} and a.is_short and b.is_short:
+            as_type = "short"
         return f"({(yield a, as_type)} {symbol} {(yield b, as_type)})"
 
 
@@ -261,13 +266,18 @@ def _is_short(text: str, chained: bool) -> bool:
     return text.count("?") <= MOST_CHOICES and max(map(len, text.split(" : "))) <= WIDTH
 
 
+def c_type(ctype: CType, real: str) -> str:
+    """The type by which C declares a value."""
+    return {"real": real, "bool": "bool", **WHOLE}[ctype]
+
+
 def _cast(text: str, have: CType, want: CType, real: str) -> str:
     if have == want:
         return text
     if want == "bool":
         return f"({text} != 0)"
-    if want == "int":
-        return f"(int32_t){text}" if have == "bool" else f"(int32_t)({bare(text)})"
+    if want in WHOLE:
+        return f"({WHOLE[want]}){text}" if have in ("bool", "short") else f"({WHOLE[want]})({bare(text)})"
     return f"({real}){text}"
 
 

@@ -14,9 +14,12 @@ import casadi as ca
 
 from models.errors import DeclarationError
 from models.kit.declaration import Type, Variable
+from models.kit.elementary import Precision
 
-CType = Literal["real", "int", "bool", "constant"]
+CType = Literal["real", "int", "short", "bool", "constant"]
 CTYPES: dict[Type, CType] = {Type.REAL: "real", Type.INTEGER: "int", Type.BOOLEAN: "bool"}
+SHORT = (-(2.0**15), 2.0**15 - 1)  # what an int16_t holds
+UNLIMITED = (-math.inf, math.inf)
 COMPARISONS = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE)
 LOGIC = (ca.OP_AND, ca.OP_OR, ca.OP_NOT)
 SELECT = -1  # c ? a : b, for which CasADi has no instruction
@@ -28,11 +31,32 @@ PRINTED = {
 SHORTEST_VECTOR = 4  # choices between fewer elements than this stay choices
 
 
+def ctype_of(variable: Variable, precision: Precision) -> CType:
+    """What C holds a variable as.
+
+    In float, which is for small processors, a whole number has 16 bits if its declared range lies within 0
+    and 32767.
+    """
+    is_short = (
+        precision == "float"
+        and variable.type is Type.INTEGER
+        and variable.min is not None
+        and variable.max is not None
+        and 0 <= variable.min <= variable.max <= SHORT[1]
+    )
+    return "short" if is_short else CTYPES[variable.type]
+
+
 class Node:
     """One value: an operation on other nodes, a field of the block's struct, or a constant.
 
+    Whole numbers are computed in 16 bits only where no operand can make the result leave them. So a processor
+    whose int has 16 bits computes what the others do: none of its operations overflows where theirs do not.
+
     Attributes:
         ctype: what C computes it as; `constant`: made of constants alone, it takes the type of its use.
+        range: of a whole number, what it can be while states and outputs keep their declared ranges; inputs
+            and parameters, which others set, can be all that their type holds.
         field: where it is read, as C writes it; of an ELEMENT, the vector.
         uses: by how many operands and results it is used in what is being printed.
         name: of the local that holds it, "" while there is none.
@@ -49,10 +73,15 @@ class Node:
         value: float = 0.0,
         field: str = "",
         variable: Variable | None = None,
+        *,
+        ctype: CType | None = None,
     ) -> None:
         self.op, self.operands, self.value, self.field = op, operands, value, field
         self.variable = variable
-        self.ctype = self._ctype()
+        self.ctype = ctype or (CTYPES[variable.type] if variable is not None else "real")
+        self.range = self._range()
+        if variable is None:
+            self.ctype = self._ctype()
         self.uses = 0
         self.name = self.hint = ""
         self.held_as: CType = "real"
@@ -64,8 +93,6 @@ class Node:
     def _ctype(self) -> CType:
         if self.op == ca.OP_CONST:
             return "constant" if self.value == int(self.value) and abs(self.value) < 2**31 else "real"
-        if self.variable is not None:
-            return CTYPES[self.variable.type]
         if self.op in COMPARISONS or self.op in LOGIC:
             return "bool"
         if self.op in (ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_NEG, SELECT):
@@ -73,8 +100,33 @@ class Node:
             ctypes = {operand.ctype for operand in values}
             if ctypes == {"constant"}:
                 return "constant" if self.op == SELECT else "real"
-            return "real" if "real" in ctypes else "int"
+            if "real" in ctypes:
+                return "real"
+            return "short" if self.is_short and "short" in ctypes and "int" not in ctypes else "int"
         return "real"
+
+    def _range(self) -> tuple[float, float]:
+        if self.op == ca.OP_CONST:
+            return self.value, self.value
+        if self.variable is not None:
+            low, high = self.variable.min, self.variable.max
+            if self.ctype != "short" or low is None or high is None:
+                return (0.0, 1.0) if self.ctype == "bool" else UNLIMITED
+            return (low, high) if self.variable.kind in ("state", "output") else SHORT
+        if self.op in COMPARISONS or self.op in LOGIC:
+            return 0.0, 1.0
+        if self.op == SELECT:
+            _, yes, no = (operand.range for operand in self.operands)
+            return min(yes[0], no[0]), max(yes[1], no[1])
+        if self.op in (ca.OP_ADD, ca.OP_SUB):
+            a, b = (operand.range for operand in self.operands)
+            return (a[0] + b[0], a[1] + b[1]) if self.op == ca.OP_ADD else (a[0] - b[1], a[1] - b[0])
+        return UNLIMITED
+
+    @property
+    def is_short(self) -> bool:
+        """Does a whole number fit 16 bits?"""
+        return SHORT[0] <= self.range[0] and self.range[1] <= SHORT[1]
 
     @property
     def printed_operands(self) -> tuple[Node, ...]:
@@ -142,16 +194,18 @@ class Nodes:
             index, *chosen = self._elements.get(rest, (None,))
             if chosen != [vector, k]:
                 return None
-        if index is None or index.ctype != "int" or not _compares(equal, index, k):
+        if index is None or index.ctype not in ("int", "short") or not _compares(equal, index, k):
             return None
-        size, variable = k + 1, last.variable
+        size, variable, ctype = k + 1, last.variable, last.ctype
         self._elements[select] = index, vector, size
         if size < SHORTEST_VECTOR:
             return None
         checks = (ca.OP_LE, (self.constant(1.0), index)), (ca.OP_LT, (index, self.constant(float(size))))
         inside = self.make(ca.OP_AND, tuple(self.make(*check) for check in checks))
         place = self.make(SELECT, (inside, index, self.constant(0.0)))
-        element = self.once((ELEMENT, place, vector), lambda: Node(ELEMENT, (place,), 0.0, vector, variable))
+        element = self.once(
+            (ELEMENT, place, vector), lambda: Node(ELEMENT, (place,), 0.0, vector, variable, ctype=ctype)
+        )
         self._elements[element] = index, vector, size
         return element
 

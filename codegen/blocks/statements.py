@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
@@ -11,16 +12,17 @@ import casadi as ca
 
 from codegen.blocks.expressions import Writer, bare, c_name, fields, member_of
 from codegen.blocks.nodes import (
-    CTYPES,
     SELECT,
     Node,
     Nodes,
     behind,
     count_uses,
+    ctype_of,
     name_values,
     operations_behind,
     read,
 )
+from models.errors import DeclarationError
 from models.kit.block import Block
 from models.kit.declaration import flatten
 
@@ -65,7 +67,7 @@ def statements(
         keep: the variables that matter, all by default; others are neither computed nor stored.
     """
     nodes = Nodes()
-    results, _ = read(function, nodes.leaf(fields(block, writer.constants)), nodes.make)
+    results, _ = read(function, nodes.leaf(fields(block, writer.precision, writer.constants)), nodes.make)
     writes, results = kept(writes, results, keep)
     operations = operations_behind(results)
     assign(writes, results, block, writer)
@@ -111,7 +113,12 @@ def assign(writes: Sequence[str], results: Sequence[Node], block: type[Block], w
         if node.field == target:  # it stays what it is
             continue
         variable, written = declared[name], len(writer.lines)
-        ctype = CTYPES[variable.type]
+        ctype = ctype_of(variable, writer.precision)
+        if ctype == "short" and node.ctype != "real" and not node.is_short:
+            raise DeclarationError(
+                f"{block.title()}: {name} can become {_range(node)}; expected -32768 to 32767, since its "
+                "declared range fits 16 bits. Let it stop at its max (`counted`), or leave its max out"
+            )
         is_real_output = variable.kind == "output" and node.ctype == "real" and len(results) > 1
         if node.op == ca.OP_CONST and variable.choices and node.value in list(variable.choices):
             text = writer.enum_name(variable, int(node.value))
@@ -130,6 +137,11 @@ def assign(writes: Sequence[str], results: Sequence[Node], block: type[Block], w
     for node, _ in hinted:
         node.hint = ""
     writer.lines += store_lines(_in_order(at_once)) + store_lines(_in_order(at_the_end))
+
+
+def _range(node: Node) -> str:
+    low, high = node.range
+    return f"{low:g} to {high:g}" if math.isfinite(high - low) else "any number of 32 bits"
 
 
 def _in_order(stores: Sequence[Store]) -> list[Store]:
@@ -195,7 +207,7 @@ def _independent(runs: Sequence[Sequence[Store]]) -> bool:
 def condition(function: Any, block: type[Block], writer: Writer) -> tuple[str, int]:
     """A guard as one C expression, and its operation count."""
     nodes = Nodes()
-    (node,), _ = read(function, nodes.leaf(fields(block, writer.constants)), nodes.make)
+    (node,), _ = read(function, nodes.leaf(fields(block, writer.precision, writer.constants)), nodes.make)
     name_values(behind([node]))
     count_uses([node])
     return bare(writer.write(node, "bool", locals_allowed=False)), operations_behind([node])

@@ -35,7 +35,7 @@ SUMS = "SHA256SUMS"  # of a bundle's files, as `sha256sum -c` reads it
 PORT = "port.c"  # each target's own, by the same name
 COSTS = SOURCES / "costs.json"  # by target and estimator, measured by the processor in the loop
 # bytes of code and constants of programs that a processor has no room for: with parameters, as constants
-TOO_LARGE = {("rabbit4000", "seven_state+ahrs"): (61_250, 59_300)}
+TOO_LARGE = {("rabbit4000", "seven_state+ahrs"): (60_850, 59_800)}
 DRIVERS = ("link.h", "mt.h", "ubx.h")  # headers of the members of `onboard` that are no blocks
 GENERATED = ("models.h", "fixes.h", "telemetry.h", "telemetry.c", "onboard.h", "navigation.h")
 # numbers that the program shares with the models
@@ -132,11 +132,19 @@ def _tables(blocks: Mapping[str, type[Block]], chosen: Values) -> Iterator[dict[
                     {
                         "name": name,
                         "value": start_literal(variable, chosen[member][name], "float"),
-                        "comment": comment(variable),
+                        "comment": comment(variable) + _limits(variable),
                     }
                     for name, variable in settable(block).items()
                 ],
             }
+
+
+def _limits(variable: Variable) -> str:
+    """The range that a number must keep, for an engineer who changes it."""
+    if variable.type is Type.BOOLEAN or (variable.min is None and variable.max is None):
+        return ""
+    low, high = (bound if bound is None else f"{bound:.4g}" for bound in (variable.min, variable.max))
+    return f"; {low} to {high}" if low and high else f"; from {low}" if low else f"; up to {high}"
 
 
 def bundle(

@@ -18,7 +18,7 @@ from models.kit.block import Block
 from models.kit.declaration import Type, Variable
 
 SCALARS = {"bool": Type.BOOLEAN, "float": Type.REAL} | dict.fromkeys(
-    ("uint8_t", "uint16_t", "uint32_t", "int32_t"), Type.INTEGER
+    ("uint8_t", "uint16_t", "uint32_t", "int16_t", "int32_t"), Type.INTEGER
 )
 # members, by struct and name, whose own name is not part of their words' names
 UNNAMED = frozenset(

@@ -32,6 +32,7 @@ from harness.studies.study import Options, Progress, Result
 from harness.terminal import new_table, print_table
 from models.canine import Canine
 from models.cmec import Cmec, Mode
+from models.kit.geometry import LONGEST
 from models.kit.timing import TICK
 from models.kit.units import DEG
 from models.system import trial_simulator
@@ -141,8 +142,8 @@ class Loop:
             "waypoint_count": 1,
             "waypoint_north[1]": FAR_M,
             "max_turns": 1000,
-            "forward_timeout": 1e4,
-            "turn_timeout": 1e4,
+            "forward_timeout": LONGEST,
+            "turn_timeout": LONGEST,
         }
         obedient = {"left_success": 1.0, "right_success": 1.0, "drift_deviation": 0.0}
         steady = {"left_turn_rate_deviation": 0.0, "right_turn_rate_deviation": 0.0, "shaking": 0.0}

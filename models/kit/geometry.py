@@ -12,6 +12,8 @@ from models.kit import casadi as ca
 from models.kit.declaration import SX
 
 COUNT_MAX = 2e9  # fits an int32; at 25 Hz it takes two and a half years
+SHORT_COUNT_MAX = 30_000  # fits an int16; at 25 Hz it takes 20 minutes
+LONGEST = 1e3  # s: the longest time that is compared with such a count of ticks
 
 
 def wrap(angle: SX) -> SX:
@@ -35,9 +37,9 @@ def at_most(value: SX, high: SX | float) -> SX:
     return ca.if_else(value < high, value, high)
 
 
-def counted(count: SX, more: SX | float = 1) -> SX:
-    """The count and `more`, up to COUNT_MAX: a counter that stops is safer than one that overflows."""
-    return ca.if_else(count < COUNT_MAX, count + more, count)
+def counted(count: SX, more: SX | float = 1, most: float = COUNT_MAX) -> SX:
+    """The count and `more`, up to `most`: a counter that stops is safer than one that overflows."""
+    return ca.if_else(count < most, count + more, count)
 
 
 def where(condition: SX, yes: SX | float, no: SX | float) -> SX:

@@ -26,7 +26,7 @@ WARNINGS = (
 )  # fmt: skip
 ZIG = (sys.executable, "-m", "ziglang", "cc")
 CTS = Path(__file__).parent / "blocks" / "cts.c"
-TYPES = {"double": "f8", "float": "f4", "int32_t": "i4", "bool": "?"}
+TYPES = {"double": "f8", "float": "f4", "int32_t": "i4", "int16_t": "i2", "bool": "?"}
 Record = np.ndarray[Any, Any]
 # the C of a block, made once for all tests that only read it; mypy takes a class for nothing hashable
 generated: Callable[[type[Block], Any], dict[str, str]] = cache(generate)  # type: ignore[assignment]

@@ -12,18 +12,24 @@ float sqrtf(float x)
     return root;
 }
 
+/* Is there a waypoint left? */
+static bool on_a_leg(const cmec *m)
+{
+    return (m->state.now > CMEC_MODE_IDLE) && (m->state.now <= CMEC_MODE_STOP_AT_WAYPOINT);
+}
+
 static cmec any_cmec(void)
 {
     cmec m; /* any state */
 
-    m.state.now = int_in(CMEC_MODE_IDLE, CMEC_MODE_STOPPED);
-    m.state.ticks = int_in(0, 2000000000);
-    m.state.overruled = int_in(CMEC_ANOMALY_NONE, CMEC_ANOMALY_BAD_INPUT);
-    m.state.reached = int_in(0, 16);
-    m.state.turns = int_in(0, 2000000000);
+    m.state.now = short_in(CMEC_MODE_IDLE, CMEC_MODE_STOPPED);
+    m.state.ticks = short_in(0, 30000);
+    m.state.overruled = short_in(CMEC_ANOMALY_NONE, CMEC_ANOMALY_BAD_INPUT);
+    m.state.reached = short_in(0, 16);
+    m.state.turns = short_in(0, 1000);
     m.state.issued = int_in(0, 2000000000);
-    m.state.count = int_in(1, 16);
-    m.state.planned = int_in(CMEC_COMMAND_NONE, CMEC_COMMAND_RIGHT);
+    m.state.count = short_in(1, 16);
+    m.state.planned = short_in(CMEC_COMMAND_NONE, CMEC_COMMAND_RIGHT);
     m.state.target_north = float_in(-1.0e5F, 1.0e5F);
     m.state.target_east = float_in(-1.0e5F, 1.0e5F);
     m.state.issue_north = float_in(-1.0e5F, 1.0e5F);
@@ -32,7 +38,7 @@ static cmec any_cmec(void)
     m.state.base_east = float_in(-1.0e5F, 1.0e5F);
     m.mission.home_north = float_in(-1.0e5F, 1.0e5F);
     m.mission.home_east = float_in(-1.0e5F, 1.0e5F);
-    m.mission.waypoint_count = int_in(1, 16);
+    m.mission.waypoint_count = short_in(1, 16);
     for (int i = 0; i < 16; i++) {
         m.state.route_north[i] = float_in(-1.0e5F, 1.0e5F);
         m.state.route_east[i] = float_in(-1.0e5F, 1.0e5F);
@@ -49,11 +55,13 @@ static cmec any_cmec(void)
     m.par.limit_stop_deviation = nondet_bool();
     m.par.count_reissue = nondet_bool();
     m.par.reset_turns = nondet_bool();
-    m.par.stop_hold = float_in(0.0F, 1.0e4F);
-    m.par.forward_timeout = float_in(0.04F, 1.0e4F);
+    m.par.stop_hold = float_in(0.0F, 1.0e3F);
+    m.par.forward_timeout = float_in(0.04F, 1.0e3F);
     m.par.forward_distance = float_in(0.0F, 1.0e4F);
-    m.par.dead_time = float_in(0.0F, 1.0e4F);
-    m.par.turn_timeout = float_in(0.0F, 1.0e4F);
+    m.par.dead_time = float_in(0.0F, 1.0e3F);
+    m.par.turn_timeout = float_in(0.0F, 1.0e3F);
+    m.par.max_turns = short_in(0, 1000);
+    __CPROVER_assume(on_a_leg(&m) ? (m.state.reached < m.state.count) : (m.state.reached <= m.state.count));
     return m;
 }
 
@@ -93,12 +101,17 @@ void prove_precedence(void)
     }
 }
 
-/* The whole tick: modes, counts and memory; the order of precedence again. */
+/* The whole tick: modes, counts within their declared ranges, memory; the order of precedence again. */
 void prove_step(void)
 {
     cmec m = any_cmec();
 
     cmec_step(&m);
+    assert((m.state.ticks >= 0) && (m.state.ticks <= 30000));
+    assert((m.state.turns >= 0) && (m.state.turns <= 1000));
+    assert((m.state.count >= 1) && (m.state.count <= 16));
+    assert(m.state.reached >= 0);
+    assert(on_a_leg(&m) ? (m.state.reached < m.state.count) : (m.state.reached <= m.state.count));
     assert((m.state.now >= CMEC_MODE_IDLE) && (m.state.now <= CMEC_MODE_STOPPED));
     assert((m.out.command >= CMEC_COMMAND_NONE) && (m.out.command <= CMEC_COMMAND_RIGHT));
     if (!m.in.link_ok) {

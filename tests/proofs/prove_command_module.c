@@ -10,7 +10,7 @@ void prove_step(void)
 
     command_module_defaults(&m);
     m.par = shipped().command_module.par;
-    m.in.command = nondet_i32();
+    m.in.command = nondet_i16();
     command_module_step(&m);
     assert((m.out.tone_hz == 0.0F) || (m.out.tone_hz == 1500.0F) || (m.out.tone_hz == 3500.0F) ||
            (m.out.tone_hz == 9500.0F));

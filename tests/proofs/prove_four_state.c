@@ -31,7 +31,7 @@ static four_state any_state(void)
     m.state.age = int_in(0, 2000000000);
     m.state.bad_samples = int_in(0, 2000000000);
     m.state.bad_fixes = int_in(0, 2000000000);
-    m.state.rejected = int_in(0, 1000);
+    m.state.rejected = short_in(0, 1000);
     return m;
 }
 

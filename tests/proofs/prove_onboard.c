@@ -6,7 +6,7 @@
 void prove_conversions(void)
 {
     const float value = nondet_float();
-    const int32_t number = nondet_i32();
+    const int16_t number = nondet_i16();
     const uint32_t count = nondet_u32();
 
     __CPROVER_assume(!__CPROVER_isnanf(value)); /* the values are finite: prove_four_state.c, prove_cmec.c */

@@ -197,7 +197,7 @@ static void plan(onboard *m)
     m->controller.mission.home_north = m->local_plane.out.north;
     m->controller.mission.home_east = m->local_plane.out.east;
     near = on_plane(m);
-    m->controller.mission.waypoint_count = (int32_t)m->radio.mission.count;
+    m->controller.mission.waypoint_count = (int16_t)m->radio.mission.count;
     for (uint8_t i = 0U; i < m->radio.mission.count; i++) {
         const float north = m->local_plane.out.north; /* of the place before */
         const float east = m->local_plane.out.east;
@@ -253,7 +253,7 @@ static uint16_t readiness(const onboard *m)
     if (override_of(m) == 0U) {
         ready |= READY_RELEASED;
     }
-    if (m->controller.out.mode == (int32_t)CMEC_MODE_IDLE) {
+    if (m->controller.out.mode == (int16_t)CMEC_MODE_IDLE) {
         ready |= READY_IDLE;
     }
     return ready;
@@ -286,7 +286,7 @@ static void begin(onboard *m)
         m->asked = false;
         if ((m->radio.mission.count > 0U) && (m->radio.asked != m->radio.mission.id)) {
             m->refusal = REFUSAL_OTHER_MISSION;
-        } else if (!m->controller.in.start || (m->controller.out.status != (int32_t)CMEC_STATUS_RUNNING)) {
+        } else if (!m->controller.in.start || (m->controller.out.status != (int16_t)CMEC_STATUS_RUNNING)) {
             m->refusal = refusal_of(readiness(m));
             m->controller.in.start = m->controller.in.start || (m->refusal == 0U);
         } else {
@@ -302,10 +302,10 @@ static void decide(onboard *m)
     m->controller.in.speed = m->estimator.out.speed;
     m->controller.in.heading = m->estimator.out.heading;
     m->controller.in.valid = m->watchdog.out.estimate_ok;
-    m->controller.in.override = (int32_t)override_of(m);
+    m->controller.in.override = (int16_t)override_of(m);
     m->controller.in.link_ok = m->watchdog.out.link_ok;
     cmec_step(&m->controller);
-    if (m->controller.in.start && (m->controller.out.mode == (int32_t)CMEC_MODE_IDLE)) {
+    if (m->controller.in.start && (m->controller.out.mode == (int16_t)CMEC_MODE_IDLE)) {
         m->controller.in.start = false; /* bad input kept it from beginning */
         m->refusal = REFUSAL_NO_ESTIMATE;
     }
@@ -340,9 +340,9 @@ static uint16_t to_u16(float value)
     return (uint16_t)whole(value, 0, (int32_t)UINT16_MAX);
 }
 
-static uint8_t to_u8(int32_t value)
+static uint8_t to_u8(int16_t value)
 {
-    return (value > (int32_t)UINT8_MAX) ? UINT8_MAX : (uint8_t)value;
+    return (value > (int16_t)UINT8_MAX) ? UINT8_MAX : (uint8_t)value;
 }
 
 static uint16_t low_word(uint32_t count)

@@ -12,10 +12,11 @@ import pytest
 
 from codegen.blocks.block_c import generate, write_files
 from codegen.blocks.expressions import members
+from codegen.blocks.nodes import ctype_of
 from models.cmec import Cmec
 from models.command_module import CommandModule
 from models.kit.block import Block
-from models.kit.declaration import Input, Output, Type
+from models.kit.declaration import Input, Output
 from models.system import BLOCKS
 from tests.codegen.compiled import generated, struct_members
 
@@ -45,9 +46,9 @@ def test_header_of_cmec_is_as_reviewed(golden: Golden) -> None:
 def test_struct_holds_the_declared_names_and_types_no_more_no_less(
     block: type[Block], precision: Any
 ) -> None:
-    c_types = {Type.REAL: precision, Type.INTEGER: "int32_t", Type.BOOLEAN: "bool"}
+    c_types = {"real": precision, "int": "int32_t", "short": "int16_t", "bool": "bool"}
     declared = {
-        member: [(c_types[v.type], v.name, v.size) for v in variables]
+        member: [(c_types[ctype_of(v, precision)], v.name, v.size) for v in variables]
         for member, variables in members(block).items()
     }
     assert struct_members(generated(block, precision)[f"{block.title()}.h"]) == declared

@@ -333,3 +333,95 @@ def test_what_changes_stands_left_of_a_parameter_it_is_compared_with() -> None:
 def test_a_choice_of_a_choice_with_the_same_condition_is_one_choice() -> None:
     (line,) = printed(lambda m: ca.if_else(m.on, ca.if_else(m.on, m.x, 1), 2))
     assert line == "m->out.y = m->in.on ? m->in.x : 2.0;"
+
+
+class Counts(Block):
+    """Whole numbers that fit 16 bits, and others."""
+
+    precisions = ("double", "float")
+
+    asked = Input(Integer, "set by others", min=0, max=10)
+    limit = Parameter(Integer, "set by others", start=3, min=0, max=1000)
+    few = State(Integer, "up to 30,000", min=0, max=30_000)
+    many = State(Integer, "up to 32,767", min=0, max=32_767)
+    open = State(Integer, "without a max", min=0)
+    on = State(Boolean, "a Boolean")
+    part = State("1", "a real")
+
+
+def counts(expression: Any, target: str = "few", precision: Any = "float") -> list[str]:
+    """The C that sets a state of Counts to an expression of its variables."""
+
+    class Sum(Counts):
+        """Counts with an update."""
+
+        def add(m) -> None:
+            """Set one."""
+            setattr(m, target, expression(m))
+
+    text = generate(Sum, precision)["sum.c"]
+    return [line.strip() for line in text.split("static void sum_add")[1].split("}")[0].splitlines()[2:]]
+
+
+def test_whole_numbers_whose_range_fits_have_16_bits_in_float_alone() -> None:
+    class Held(Counts):
+        """Counts that stay."""
+
+        def stay(m) -> None:
+            """Nothing changes."""
+            m.part = 0
+
+    def types(precision: Any) -> list[str]:
+        header = generate(Held, precision)["held.h"]
+        return [line.split()[0] for line in header.splitlines() if "_t " in line]
+
+    assert types("float") == ["int16_t", "int16_t", "int32_t", "int16_t", "int16_t"]
+    assert types("double") == ["int32_t"] * 5
+
+
+@pytest.mark.parametrize(
+    ("expression", "target", "line"),
+    [
+        (lambda m: m.few + 1, "few", "m->state.few = (int16_t)(m->state.few + 1);"),
+        (lambda m: m.few + m.on, "few", "m->state.few = (int16_t)(m->state.few + (int16_t)m->state.on);"),
+        # a number of 32 bits has room for a sum that may leave 16
+        (lambda m: m.many + 1, "open", "m->state.open = (int32_t)m->state.many + 1;"),
+        (lambda m: m.few + m.many, "open", "m->state.open = (int32_t)m->state.few + (int32_t)m->state.many;"),
+        (lambda m: m.few + m.open, "open", "m->state.open = (int32_t)m->state.few + m->state.open;"),
+        # what others set may have any value of its type
+        (lambda m: m.asked - 1, "open", "m->state.open = (int32_t)m->in.asked - 1;"),
+        (lambda m: m.limit - 1, "open", "m->state.open = (int32_t)m->par.limit - 1;"),
+        (lambda m: -m.few, "open", "m->state.open = -(int32_t)m->state.few;"),
+        (lambda m: m.few < m.limit, "on", "m->state.on = m->state.few < m->par.limit;"),
+        (lambda m: m.few < 40_000, "on", "m->state.on = (int32_t)m->state.few < 40000;"),
+        (lambda m: m.few < m.open, "on", "m->state.on = (int32_t)m->state.few < m->state.open;"),
+        (lambda m: m.few + 1 < m.many, "on", "m->state.on = (int16_t)(m->state.few + 1) < m->state.many;"),
+        (lambda m: m.many + 1 < 5, "on", "m->state.on = ((int32_t)m->state.many + 1) < 5;"),
+        (lambda m: 0.5 * m.few, "part", "m->state.part = 0.5f * (float)m->state.few;"),
+    ],
+)
+def test_a_whole_number_is_computed_in_16_bits_where_it_cannot_leave_them(
+    expression: Any, target: str, line: str
+) -> None:
+    assert counts(expression, target) == [line]
+
+
+@pytest.mark.parametrize(
+    ("expression", "target", "range_"),
+    [
+        (lambda m: m.many + 1, "many", "1 to 32768"),
+        (lambda m: m.few + m.many, "few", "0 to 62767"),
+        (lambda m: m.asked + 1, "few", "-32767 to 32768"),
+        (lambda m: m.open + 1, "few", "any number of 32 bits"),
+        (lambda m: ca.if_else(m.on, 2e9, m.few), "few", "0 to 2e\\+09"),
+    ],
+)
+def test_what_may_leave_the_16_bits_of_its_variable_is_refused(
+    expression: Any, target: str, range_: str
+) -> None:
+    with pytest.raises(
+        DeclarationError, match=f"^sum: {target} can become {range_}; expected -32768 to 32767"
+    ):
+        counts(expression, target)
+    # in double all have 32 bits
+    assert counts(expression, target, "double")

@@ -266,11 +266,14 @@ LONG: dict[str, tuple[int, tuple[str, ...]]] = {
 }
 if os.environ.get("CANINE_PROVE") == "all":
     PROVED |= LONG
+# where the int of C has 16 bits, as on the Rabbit 4000: functions that compute in int16_t
+SHORT_INT = ("-Iint16", "--16")
+PROVED_SHORT = ("watchdog.step", "command_module.step", "cmec.precedence", "cmec.step", "four_state.judge")
 
 
 @pytest.fixture(scope="module")
-def proofs(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], cbmc.Answer]:
-    """`proofs("ubx.receive")`: what CBMC says of prove_receive in prove_ubx.c."""
+def proofs(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., cbmc.Answer]:
+    """`proofs("ubx.receive")`: what CBMC says of prove_receive in prove_ubx.c; with further options."""
     try:
         cbmc.program()
     except ToolchainError as reason:
@@ -279,10 +282,12 @@ def proofs(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], cbmc.Ans
     write_files(library(), folder)
     for source in PROOFS.glob("*.[ch]"):
         shutil.copy(source, folder)
+    shutil.copytree(PROOFS / "int16", folder / "int16")
 
-    def ask(name: str) -> cbmc.Answer:
+    def ask(name: str, more: tuple[str, ...] = ()) -> cbmc.Answer:
         unit, function = name.split(".")
         unwind, checks = PROVED[name]
+        checks = (*checks, *more)
         return cbmc.check(
             [f"prove_{unit}.c"], f"prove_{function}", folder, unwind=unwind, checks=checks, timeout=PROVING
         )
@@ -291,7 +296,33 @@ def proofs(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], cbmc.Ans
 
 
 @pytest.mark.parametrize("name", PROVED)
-def test_cbmc_proves_the_function_for_all_its_inputs(name: str, proofs: Callable[[str], cbmc.Answer]) -> None:
+def test_cbmc_proves_the_function_for_all_its_inputs(name: str, proofs: Callable[..., cbmc.Answer]) -> None:
     answer = proofs(name)
     assert answer.failed == ()
     assert answer.checks > 0
+
+
+@pytest.mark.parametrize("name", PROVED_SHORT)
+def test_cbmc_proves_the_function_with_an_int_of_16_bits(
+    name: str, proofs: Callable[..., cbmc.Answer]
+) -> None:
+    answer = proofs(name, SHORT_INT)
+    assert answer.failed == ()
+    assert answer.checks > 0
+
+
+def test_cbmc_finds_a_planted_sum_that_only_an_int_of_16_bits_is_too_small_for(tmp_path: Path) -> None:
+    # given C that adds to the greatest int16_t
+    try:
+        cbmc.program()
+    except ToolchainError as reason:
+        leave_out(str(reason))
+    shutil.copytree(PROOFS / "int16", tmp_path / "int16")
+    (tmp_path / "sum.c").write_text(
+        "#include <stdint.h>\nint16_t nondet_i16(void);\nint32_t sum;\n"
+        "void prove_sum(void)\n{\n    const int16_t ticks = nondet_i16();\n\n    sum = ticks + 1;\n}\n"
+    )
+    # then it overflows where an int has 16 bits alone
+    assert cbmc.check(["sum.c"], "prove_sum", tmp_path, unwind=1).failed == ()
+    (failed,) = cbmc.check(["sum.c"], "prove_sum", tmp_path, unwind=1, checks=SHORT_INT).failed
+    assert "overflow" in failed
