@@ -377,13 +377,16 @@ def test_a_bad_first_fix_does_not_start_the_filter(native: Make, precision: str)
 # The gate
 
 
-def standing_then(native: Make, seconds_without: float, jump: float, fixes: int) -> tuple[Columns, list[int]]:
-    """After 20 s at a walk GPS fails for a time and comes back `jump` m off: (columns, fixes' ticks)."""
+def standing_then(
+    native: Make, seconds_without: float, jump: float, fixes: int, value: str = "gps_north"
+) -> tuple[Columns, list[int]]:
+    """After 20 s at a walk GPS fails for a time; then a value is `jump` off: (columns, fixes' ticks)."""
     n = round((20 + seconds_without + 10) / T)
     inputs = motion(np.full(n, 1.0), np.zeros(n))
     inputs = without_fixes(inputs, 20, 20 + seconds_without)
     after = np.flatnonzero(inputs["gps_fix"] & (np.arange(n) * T >= 20 + seconds_without))
-    inputs["gps_north"][after[:fixes]] += jump
+    inputs[value] = np.array(inputs[value])
+    inputs[value][after[:fixes]] += jump
     return native(FourState).run(**inputs), after.tolist()
 
 
@@ -404,11 +407,38 @@ def test_after_an_outage_the_gate_accepts_a_jump_of_50_m(native: Make) -> None:
     assert not near["accepted"][ticks[0]]
 
 
-@pytest.mark.parametrize(("jump", "accepted"), [(12.0, 1), (13.0, 0)])
-def test_the_gate_is_12_55_m_wide_between_fixes(native: Make, jump: float, accepted: int) -> None:
+@pytest.mark.parametrize("value", ["gps_north", "gps_east"])
+@pytest.mark.parametrize(("jump", "accepted"), [(12.0, 1), (13.0, 0), (-12.0, 1), (-13.0, 0)])
+def test_the_gate_is_12_55_m_wide_between_fixes(native: Make, jump: float, accepted: int, value: str) -> None:
     """7 ticks after the last: 5 sqrt(2 1.75^2 + (1.5 * 0.28)^2) = 12.55 m."""
-    out, after = standing_then(native, 0, jump, fixes=1)
+    out, after = standing_then(native, 0, jump, fixes=1, value=value)
     assert out["accepted"][after[0]] == accepted
+
+
+@pytest.mark.parametrize(("seconds_without", "width"), [(0, 4.85), (1, 24.81)])
+def test_the_gate_of_the_speed_grows_by_4_m_s_in_a_second(
+    native: Make, seconds_without: int, width: float
+) -> None:
+    """5 sqrt(2 0.1^2 + (4 * 0.24)^2) = 4.85 m/s 6 ticks after the last, and (4 * 1.24)^2 24.81 after 31."""
+    for jump, accepted in ((0.97 * width, 1), (1.03 * width, 0)):
+        out, after = standing_then(native, seconds_without, jump, fixes=1, value="gps_speed")
+        assert out["accepted"][after[0]] == accepted
+
+
+def test_a_bad_fix_between_rejected_ones_is_not_counted_as_one(native: Make) -> None:
+    # given fixes 500 m off, of which the third has an accuracy that no receiver states
+    n = 1500
+    inputs = motion(np.full(n, 1.0), np.zeros(n))
+    away = np.flatnonzero(inputs["gps_fix"] & (np.arange(n) * T >= 40))
+    inputs["gps_north"][away] += 500
+    inputs["gps_h_acc"][away[2]] = 1e4
+    out = native(FourState).run(**inputs)
+    # then the filter begins anew with the fifth, the fourth that it rejects
+    assert out["rejected"][away[:5]].tolist() == [1, 2, 2, 3, 0]
+    assert out["bad_fixes"][-1] == 1
+    assert (out["north"][away[3]], out["north"][away[4]]) == (
+        pytest.approx(away[3] * T, abs=1), pytest.approx(500 + away[4] * T, abs=1)
+    )  # fmt: skip
 
 
 def test_sigma_does_not_widen_the_gate(native: Make) -> None:

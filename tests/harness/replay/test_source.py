@@ -189,3 +189,14 @@ def test_an_outage_that_an_estimator_is_not_valid_at_is_left_out_and_counted(tmp
     assert "two_bias" in replayed.outages[0].errors
     assert replayed.left_out == {}
     assert replayed.notes == ["six_state: left out, since it is not valid at the start of the outage"]
+
+
+@pytest.mark.parametrize(("speed", "standing"), [(0.45, True), (0.55, False), (0.95, False)])
+def test_an_outage_that_ends_below_half_a_metre_per_second_ends_standing(
+    tmp_path: Path, speed: float, standing: bool
+) -> None:
+    signals = walk()
+    signals["gps_speed"][tick(19) : tick(21)] = speed
+    source = open_source(write(tmp_path / "trial.mcap", signals))
+    first, second = replay(source, compare("six_state"), source.outages(5, 5)).outages
+    assert (first.standing, second.standing) == (standing, False)

@@ -64,6 +64,16 @@ def test_coverage_counts_errors_inside_the_ellipse() -> None:
     assert row["nis"] == pytest.approx(3.0)
     assert row["nees"] == pytest.approx((1.51**2 + 1.52**2 + 2.48**2 + 2.49**2) / 5)
     assert (row["states"], row["bias_error_per_sd"]) == (4, 0.5)
+    # and of the 5 * 20 fixes with three values each, 95 % of correlations are within 1.96 / sqrt(300)
+    assert row["autocorrelation_bound"] == pytest.approx(1.96 / 300**0.5, rel=1e-4)
+
+
+def test_innovations_are_judged_once_the_filter_has_settled() -> None:
+    # given a trial of 50 s whose last 10 s have no fixes, at 4 Hz: 120 fixes from 10 s on
+    for trial in consistency.OwnWorld().run(1).values():
+        assert trial.innovations.time.min() == pytest.approx(10.0, abs=0.25)
+        assert trial.innovations.time.min() >= 10.0
+        assert len(trial.innovations.time) == pytest.approx(120, abs=2)
 
 
 def test_where_the_second_state_is_not_the_bias_alone_nees_leaves_it_out() -> None:

@@ -90,3 +90,27 @@ def test_tables_and_picture_have_each_system(result: dict[str, Any]) -> None:
     observability.show(result, Console(file=text, width=150))
     assert all(system in text.getvalue() for system in SYSTEMS)
     assert len(observability.draw(result)["observability"].axes) == 3
+
+
+def test_without_noise_a_state_is_known_as_by_least_squares_with_what_was_known_before(
+    result: dict[str, Any],
+) -> None:
+    # given all fixes of a straight walk as one problem in SI, with P0 as measurements of the start
+    states, motion = SYSTEMS[OFFSET], motions()["walks straight"]
+    rows, transition, fixes = [np.diag([1 / state.deviation for state in states])], np.eye(len(states)), 0
+    for tick, (speed, heading, pitch) in enumerate(
+        zip(motion.speed, motion.heading, motion.pitch, strict=True)
+    ):
+        if tick * 0.04 >= 0.25 * fixes - 1e-9:
+            H, deviations = measurement(OFFSET, speed)
+            rows.append(H @ transition / deviations[:, None])
+            fixes += 1
+        transition = over_a_tick(dynamics(OFFSET, speed, heading, pitch)) @ transition
+    _, R = np.linalg.qr(np.vstack(rows))
+    deviations = np.sqrt(np.sum(np.linalg.inv(R) ** 2, axis=1))
+    # then bias and pitch offset, which it does not tell apart, are known as far as they were before
+    known = result["systems"][OFFSET]["walks straight"]["sd_without_noise"]
+    for state, deviation in zip(states, deviations, strict=True):
+        assert known[state.name] == pytest.approx(deviation * state.scale, rel=1e-4), state.name
+    assert 0.5 < known["accelerometer bias"] < 1.0
+    assert 5.0 < known["pitch offset"] < 10.0

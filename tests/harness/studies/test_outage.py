@@ -224,3 +224,31 @@ def test_the_mean_speed_is_that_of_the_fixes_of_its_time() -> None:
     assert one.held(1.0)["east"][-1] == pytest.approx(5.0 + 3.0)
     assert one.held(3.0)["speed"][-1] == pytest.approx(7 / 3)
     assert one.held(1.0)["speed"][49] == 2.0  # before the outage it is the fixes'
+
+
+def test_the_unpaired_test_is_of_pitch_against_fuzzy(result: dict[str, Any]) -> None:
+    # given the errors of 70 trials: the first 35 with pitch against the last 35 with fuzzy, 31 and 36 of them
+    for gait in GAITS:
+        of_gait = result["sets"]["dissertation"][gait]
+        for column, i in zip(outage.COLUMNS, (0, 1), strict=True):
+            standard, adaptive = (np.array(of_gait["errors"][title][i]) for title in (PITCH, FUZZY))
+            tests = of_gait["unpaired_t_tests"][column]
+            for key, of in (("halves", (35, 35, 70)), ("31_and_36", (31, 31, 67))):
+                expected = stats.ttest_ind(standard[: of[0]], adaptive[of[1] : of[2]])
+                assert tests[key]["t"] == pytest.approx(expected.statistic, abs=0.01), key
+
+
+def test_draws_in_which_fuzzy_is_worse_are_not_significantly_better() -> None:
+    # given errors of 70 trials that are all larger by 10 m with fuzzy, and all smaller by 10 m/s
+    errors = np.random.default_rng(1).normal(20, 1, (70, 2))
+    tests = outage._unpaired(errors, errors + np.array([10, -10]))
+    # then none of the draws, and each of them, is better, and so are all that differ significantly
+    shares = [tests[c][key]["share"] for c in outage.COLUMNS for key in ("fuzzy_better", "significantly")]
+    assert shares == [0, 0, 1, 1]
+
+
+def test_unpaired_errors_have_one_variance_as_in_table_3_1() -> None:
+    # 0, 2 and 3, 5, 10: means 1 and 6, variances 2 and 13, pooled (2 + 2 * 13) / 3; Welch's t would be -2.17
+    test = unpaired(np.array([0.0, 2.0]), np.array([3.0, 5.0, 10.0]))
+    assert test["t"] == pytest.approx(-5 / (28 / 3 * (1 / 2 + 1 / 3)) ** 0.5)
+    assert test["df"] == 3

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import io
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from rich.console import Console
 
 from harness.studies import pitch
 from harness.studies.study import Options, run_study
+from harness.studies.tracking import Trial
 
 
 @pytest.fixture(scope="module")
@@ -57,3 +59,21 @@ def test_the_table_names_each_configuration_and_the_picture_has_three_panels(res
     assert all(title in text.getvalue() for title in pitch.CONFIGURATIONS)
     (figure,) = pitch.draw(result).values()
     assert len(figure.axes) == 3
+
+
+def test_the_speed_is_judged_over_the_last_five_seconds_of_the_profile() -> None:
+    # given a speed error that grows by 0.1 m/s in a second, to 1.9 m/s at 19 s, and a bias that is the time
+    time = np.arange(1501) * 0.04
+    one = SimpleNamespace(
+        estimates={"pitch": {"accel_bias": time}},
+        position_error=lambda estimate: 2 * estimate["accel_bias"],
+        speed_error=lambda estimate: 0.1 * estimate["accel_bias"],
+    )
+    # then its mean is that at 16.48 s, in the middle of the ticks from 14 to 18.96 s
+    row = pitch._measured(cast("Trial", one))["pitch"]
+    assert row == pytest.approx(
+        {
+            "bias_m_s2_at_end": 19.0, "bias_m_s2_later": 60.0, "position_error_m_at_end": 38.0,
+            "speed_error_m_s_last_5_s": 1.648,
+        }
+    )  # fmt: skip

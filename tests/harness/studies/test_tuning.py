@@ -91,3 +91,14 @@ def test_table_and_picture_state_the_shares(result: dict[str, Any]) -> None:
     assert "fuzzy against pitch" in text.getvalue()
     (figure,) = tuning.draw(result).values()
     assert len(figure.axes) == 4
+
+
+def test_set_ups_that_are_significantly_better_and_worse_are_told_apart() -> None:
+    # given errors of a to b: half, by chance too; twice, three times, and one and a half times by chance
+    pairs = [(2.0, 1.0, 0.01), (2.0, 1.0, 0.6), (1.0, 2.0, 0.02), (1.0, 3.0, 0.04), (1.0, 1.5, 0.3)]
+    rows = [{"mean_error": {"a": [a, 0.0], "b": [b, 0.0]}, "p": {"a, b": p}} for a, b, p in pairs]
+    answer = tuning._answer("a", "b", [draw_setup(seed) for seed in range(1, 6)], rows)
+    # then
+    shares = [answer[key]["share"] for key in ("better", "significantly_better", "significantly_worse")]
+    assert shares == [0.4, 0.2, 0.4]
+    assert answer["median_ratio"] == 1.5

@@ -30,6 +30,7 @@ from harness.tune.tune import AFTER, BEFORE, CONSTANT, tune
 from models.canine_tracker import CanineTracker
 from models.errors import UsageError
 from models.four_state import FourState
+from models.kit.ekf import UNUSED
 from models.kit.timing import TICK
 
 POSITION, SPEED, ACCEL = 0.4, 0.08, 1.5  # m, m/s, m/s2 in a sample: the noise that is to be found
@@ -178,6 +179,12 @@ def test_the_summary_has_the_shares_of_each_value() -> None:
     summary = summary_of(innovations)
     assert (summary["nis"], summary["nis_expected"]) == (pytest.approx(2.0), 2)
     assert summary["nis_by_value"] == pytest.approx([1.0, 1.0])
+    # and where two of three fixes lack the second value, its share is of those that have it
+    lacking = np.arange(30) % 3 > 0
+    variances = np.column_stack([np.ones(30), np.where(lacking, UNUSED, 4.0)])
+    summary = summary_of(Innovations(np.arange(30.0), np.tile([1.0, 2.0], (30, 1)), variances))
+    assert summary["nis_by_value"] == pytest.approx([1.0, 1.0])
+    assert summary["nis_expected"] == pytest.approx(4 / 3)
 
 
 def test_a_recording_that_is_too_short_is_refused() -> None:
