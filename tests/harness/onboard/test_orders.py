@@ -152,8 +152,10 @@ def test_rule_9_a_mission_behind_its_start_undoes_it(vest: Vest) -> None:
     memory = vest.tick(A, Start(A.id), B, fix=False)
     assert memory["controller.output.mode"] == Mode.IDLE
     assert vest.ticks(20)["controller.output.mode"] == Mode.IDLE
-    assert vest.tick(Start(B.id), Abort(), fix=False)["controller.output.mode"] == Mode.IDLE
-    assert vest.ticks(20)["controller.output.mode"] == Mode.IDLE
+    # the same one again as well, and an abort
+    for behind in (B, Abort()):
+        assert vest.tick(Start(B.id), behind, fix=False)["controller.output.mode"] == Mode.IDLE
+        assert vest.ticks(20)["controller.output.mode"] == Mode.IDLE
 
 
 def test_a_start_that_is_repeated_changes_nothing(vest: Vest) -> None:
@@ -204,6 +206,30 @@ def test_telemetry_that_is_due_as_a_mission_comes_is_a_tick_later(vest: Vest) ->
     assert Flag.STARTED in Flag(vest.telemetry.flags)
 
 
+def test_telemetry_that_is_due_as_a_mission_comes_before_any_fix_is_a_tick_later(vest: Vest) -> None:
+    while not answers(vest):
+        pass
+    assert [answers(vest) for _ in range(4)] == [False] * 4
+    assert [answers(vest, A), answers(vest)] == [False, True]
+
+
+def test_a_mission_is_projected_on_the_tick_behind_the_first_fix_and_telemetry_waits_for_it(
+    vest: Vest,
+) -> None:
+    # given a mission held, and telemetry that is due on the second tick from here
+    vest.tick(A, fix=False)
+    while not answers(vest):
+        pass
+    assert [answers(vest) for _ in range(3)] == [False] * 3
+    # when the first fix comes on the next, which takes long by itself
+    assert vest.tick(fix=True)["planned"] == 0
+    # then
+    before = vest.telemetry
+    assert vest.tick(fix=False)["planned"] == 1
+    assert vest.telemetry == before
+    assert answers(vest)
+
+
 def test_missions_on_every_tick_do_not_silence_the_telemetry(vest: Vest) -> None:
     vest.ticks(10)
     far = Mission(HOME, (place(2e5, 0),))
@@ -232,6 +258,7 @@ def test_rule_9_a_start_before_the_first_fix_is_refused_and_not_remembered(vest:
 
 NEAR = Mission(HOME, (place(6.5, 0),))
 CLOSE = Mission(HOME, (place(50, 0), place(50, 6.5)))
+CLOSE_FIRST = Mission(HOME, (place(50, 0), place(50, 6.5), place(50, 50)))
 FAR = Mission(HOME, (place(50, 0), place(1.1e5, 0)))
 FAR_HOME = Mission(place(0, -1.1e5), (place(50, 0),))
 
@@ -245,6 +272,7 @@ FAR_HOME = Mission(place(0, -1.1e5), (place(50, 0),))
         (A, {"accel_x": math.nan}, (Ready.IMU, Ready.ESTIMATE), Refusal.NO_IMU),
         (NEAR, {}, (Ready.FIRST_LEG,), Refusal.SHORT_FIRST_LEG),
         (CLOSE, {}, (Ready.LEGS,), Refusal.SHORT_LEG),
+        (CLOSE_FIRST, {}, (Ready.LEGS,), Refusal.SHORT_LEG),
         (FAR, {}, (Ready.REACH,), Refusal.OUT_OF_REACH),
         (FAR_HOME, {}, (Ready.REACH,), Refusal.OUT_OF_REACH),
         (Mission(HOME, (place(7.5, 0),)), {}, (), Refusal.NONE),
@@ -269,7 +297,11 @@ def test_rule_8_a_start_is_refused_with_the_first_thing_that_is_missing(
 def test_rule_8_a_start_without_a_mission_or_of_another_is_refused(vest: Vest) -> None:
     vest.ticks(12, Start(A.id))
     assert vest.telemetry.refusal == Refusal.NO_MISSION
-    assert Ready.MISSION in Ready(vest.telemetry.ready).missing
+    # and no bit of a mission's is on, wherever the animal is
+    vest.ticks(60, gps_north=20.0)
+    assert Ready(vest.telemetry.ready).missing == (
+        Ready.MISSION, Ready.REACH, Ready.LEGS, Ready.FIRST_LEG,
+    )  # fmt: skip
     vest.tick(B)
     vest.ticks(12, Start(A.id))
     assert vest.telemetry.refusal == Refusal.OTHER_MISSION
@@ -339,6 +371,7 @@ def test_rule_9_an_override_ends_a_second_after_it_was_last_sent(vest: Vest) -> 
     # when only signs of life come: 25 ticks are 1 s, 9 of which are over
     commands = [vest.tick(Heartbeat(), fix=False)["controller.output.command"] for _ in range(30)]
     assert commands == [Command.LEFT] * 16 + [Command.NONE] * 14
+    assert Ready.RELEASED not in Ready(vest.telemetry.ready).missing
     # then it does not come back with another message
     assert vest.ticks(20)["controller.output.command"] == Command.NONE
     # but when it is sent again
@@ -403,6 +436,18 @@ def test_a_bad_first_fix_does_not_settle_the_plane(vest: Vest) -> None:
     assert memory["local_plane.state.settled"] == 1
     assert memory["estimator.output.valid"] == 1
     assert abs(memory["estimator.output.north"]) < 1
+
+
+def test_rule_8_a_mission_out_of_reach_is_ready_once_the_vest_is_there(vest: Vest) -> None:
+    # given a mission 150 km away
+    there = Mission(place(150_000, 0), (place(150_050, 0),))
+    vest.ticks(12)
+    vest.tick(there, fix=False)
+    vest.ticks(12)
+    assert Ready(vest.telemetry.ready).missing == (Ready.REACH,)
+    # when the vest is carried there
+    vest.ticks(60, gps_north=150_000.0)
+    assert Ready(vest.telemetry.ready).missing == ()
 
 
 def test_a_vest_carried_far_away_settles_the_plane_again_before_a_trial(vest: Vest) -> None:
