@@ -1,4 +1,4 @@
-"""What a scenario asks for and cannot act, as notes: a line each."""
+"""What a scenario asks for and cannot act, and what a vest refused, as notes: a line each."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from collections.abc import Collection, Iterator, Mapping
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+from codegen.firmware.telemetry import Refusal
+from harness.log.log import Log
 from harness.trial.pairs import windows
 from harness.trial.scenario import Scenario
 from models.canine import Canine
@@ -66,6 +68,14 @@ def late_notes(scenario: Scenario, interfaces: Interfaces, values: Values, end: 
         for what, time in timed(scenario, interfaces, values)
         if end < time <= scenario.duration
     ]
+
+
+def refusal_notes(log: Log) -> list[str]:
+    """Why the vest refused the last START of a trial on board, if it did."""
+    if "telemetry.refusal" not in log:
+        return []
+    refusal = Refusal(int(log["telemetry.refusal"][-1]))
+    return [f"the vest refused the last START: {refusal.words}"] if refusal else []
 
 
 def timed(scenario: Scenario, interfaces: Interfaces, values: Values) -> Iterator[tuple[str, float]]:

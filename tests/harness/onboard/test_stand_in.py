@@ -609,6 +609,21 @@ def test_log_of_a_processor_can_be_run_with_fmus(flown: Log) -> None:
         assert request.onboard == ""
 
 
+@pytest.mark.parametrize(("north", "refusal"), [(8.0, None), (6.0, Refusal.SHORT_FIRST_LEG)])
+def test_rule_8_a_trial_that_the_vest_refuses_says_why(
+    north: float, refusal: Refusal | None, tmp_path: Path
+) -> None:
+    # given a first waypoint nearer or farther than 7 m, and GPS without error
+    exact = {"sensors.gps_wander": 0.0, "sensors.gps_position_noise": 0.0}
+    scenario = replace(load("two_waypoint"), waypoints=((north, 0.0),), duration=2.0, parameters=exact)
+    request = Request(scenario, onboard="host")
+    with prepared(request) as ready:
+        # when it has run, then a note tells
+        notes = trial.run(request, ready, tmp_path)["notes"]
+    told = [note for note in notes if "refused" in note]
+    assert told == ([f"the vest refused the last START: {refusal.words}"] if refusal else [])
+
+
 def test_outage_sends_no_fixes_and_the_estimate_ages(tmp_path: Path) -> None:
     # given no GPS from 6 to 9 s
     outage = {"sensors.outage_start": [6.0], "sensors.outage_end": [9.0]}
