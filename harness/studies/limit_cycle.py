@@ -247,7 +247,9 @@ def show(result: Mapping[str, Any], console: Console) -> None:
     at_the_mean, at_the_slower = result["critical_delay_s"].values()
     for text in (
         f"the table's dog turns at {result['rate_deg_s']:.1f} deg/s to both sides: a cycle needs a delay of "
-        f"about {_delays(at_the_mean)}",
+        f"{_delays(at_the_mean)}; up to a tick of {TICK:g} s less, by where the ticks fall",
+        f"the CMEC's periods exceed the exact relay's by {2 * HOLD:g} s and ticks: before each of both turns "
+        f"the dog is stopped and stands for {HOLD:g} s (`stop_hold`), which a relay does not know",
         f"with the turn rates of Table 5.1 the slower side decides: {_delays(at_the_slower)}",
         f"drift, no delay, h' = 49 deg: by phase plane {predicted['least_deg']:.1f} to "
         f"{predicted['greatest_deg']:.1f} deg in {predicted['period_s']:.2f} s, simulated "

@@ -14,7 +14,7 @@ from rich.console import Console
 from scipy import signal
 
 from codegen.batch.series import Series
-from harness.drawing import ESTIMATES, GRID, TRUTH, Style, house_style, new_figure
+from harness.drawing import ESTIMATES, GRID, TRUTH, Style, house_style, new_figure, set_title
 from harness.recording.described import UNITS, Column, FileDescription, read_columns
 from harness.recording.recording import RecordingError
 from harness.studies.study import Options, Progress, Result
@@ -247,9 +247,10 @@ def draw(result: Mapping[str, Any]) -> Mapping[str, Figure]:
     for chart in axes[-1]:
         chart.set_xlabel("frequency [Hz]")
     handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, fontsize=10, ncols=len(labels), loc="outside upper left", frameon=False)
+    figure.legend(handles, labels, fontsize=10, ncols=len(labels), loc="outside lower center", frameon=False)
     for column, least in enumerate((1e-2, 1e-3, 1e-4)):
         axes[0, column].set_ylim(bottom=least)
+    set_title(figure, "Spectra of what the unit on the pack reads, by set")
     return {"motion": figure}
 
 

@@ -12,8 +12,9 @@ from rich.console import Console
 from codegen.templating import environment
 from harness.drawing import png_of
 from harness.files import write_whole
-from harness.replay.comparison import HELD
+from harness.replay.comparison import CAP, FLOORS, HELD
 from harness.studies.consistency import OWN
+from harness.studies.motion import DOG
 from harness.studies.outage import OURS
 from harness.studies.outage_pictures import DETECTION
 from harness.studies.published import FUZZY, INERTIAL, NO_PITCH, OUTAGE, PITCH
@@ -35,6 +36,7 @@ PICTURES = (
 def write(
     recording: Path | None = None,
     unit: Path | None = None,
+    path: Path | None = None,
     folder: Path = RESULTS,
     seeds: int | None = None,
 ) -> None:
@@ -43,6 +45,7 @@ def write(
     Args:
         recording: for the study of that name; without one the page keeps to simulated motion.
         unit: folder of the samples of a unit that a dog wore, for the study `motion`.
+        path: a csv of the positions of a live animal, for the study `outage`.
         seeds: of each study; by default the study's own number.
 
     Raises:
@@ -56,16 +59,17 @@ def write(
     if recording is not None:
         options["recording"] = Options(recording=recording)
     results = {name: run_study(name, chosen) for name, chosen in options.items()}
+    along = None if path is None else run_study("outage", Options(seeds=seeds, recording=path))
     folder.mkdir(parents=True, exist_ok=True)
     for name, result in results.items():
         for title, figure in find_study(name).draw(result).items():
             if title in PICTURES:
                 write_whole(folder / f"tracking_{title}.png", png_of(figure, SCREEN_DPI))
-    write_whole(folder / PAGE, page(results).encode())
+    write_whole(folder / PAGE, page(results, along).encode())
 
 
-def page(results: Mapping[str, Mapping[str, Any]]) -> str:
-    """The page's text, from the results by study."""
+def page(results: Mapping[str, Mapping[str, Any]], along: Mapping[str, Any] | None = None) -> str:
+    """The page's text, from the results by study, and those of the study `outage` along an animal's path."""
     outage = results["outage"]
     detection = {name: gaits[DETECTION]["configurations"] for name, gaits in outage["sets"].items()}
     ours = {
@@ -92,6 +96,9 @@ def page(results: Mapping[str, Mapping[str, Any]]) -> str:
         leading={
             (row["estimator"], row["attitude"]): _percent(row["share"]) for row in results["leading"]["rows"]
         },
+        dog=_beside_the_dog(results["motion"]["gaits"]),
+        floors={**FLOORS, **CAP},
+        path=None if along is None else _along(along),
         percent=_percent,
         walk=results.get("recording", {}).get("recording") == WALK,
     )
@@ -109,6 +116,26 @@ def _mean_errors(configuration: Mapping[str, Any]) -> str:
     """Mean errors of position [m] and speed [m/s]."""
     position, speed = (configuration[column]["mean"] for column in ("position_error_m", "speed_error_m_s"))
     return f"{position:.1f} / {speed:.1f}"
+
+
+def _beside_the_dog(gaits: Mapping[str, Mapping[str, Any]]) -> dict[str, Any] | None:
+    """The figures of the set `measured` and of the real dog, by gait; None without a dog."""
+    if not all(DOG in of for of in gaits.values()):
+        return None
+    return {gait: {"ours": of["measured"], "dog": of[DOG]} for gait, of in gaits.items()}
+
+
+def _along(outage: Mapping[str, Any]) -> dict[str, Any]:
+    """The results along the path of a live animal: trials, errors by set, the whole table."""
+    return {
+        "seeds": outage["seeds"],
+        "held": [
+            {"set": name, **_held(values)}
+            for name, gaits in outage["sets"].items()
+            for values in gaits.values()
+        ],
+        "table": printed("outage", outage),
+    }
 
 
 def _range(values: Iterable[float]) -> str:
@@ -156,6 +183,9 @@ def _consistent(worlds: Mapping[str, Any]) -> dict[str, Any]:
         "nees": own["nees"] / own["states"],
         "nees_bounds": [bound / own["states"] for bound in own["nees_bounds"]],
         "within": {key: f"{100 * min(part):.0f} to {100 * max(part):.0f} %" for key, part in shares.items()},
+        "least": {
+            key: list(others)[min(range(len(part)), key=part.__getitem__)] for key, part in shares.items()
+        },
         "nees_elsewhere": f"{min(nees):.0f} to {max(nees):.0f}",
         "nees_ours": _range(r["nees"] / r["states"] for world, r in ours.items() if world != REFLECTED),
         "nees_reflected": f"{ours[REFLECTED]['nees'] / ours[REFLECTED]['states']:.1f}",

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from harness.drawing import ABOVE, ESTIMATES, GPS, GRID, TRUTH, house_style, new_figure
+from harness.drawing import ABOVE, ESTIMATES, GPS, GRID, TRUTH, house_style, new_figure, set_title
 from harness.studies.published import INCLINE_DEG, TRUE_BIAS
 from harness.studies.statistics import summary
 from harness.studies.study import Options, Progress, Result, in_threads
@@ -177,4 +177,5 @@ def draw(result: Mapping[str, Any]) -> Mapping[str, Figure]:
     for each in axes.values():
         each.grid(**GRID)
     chart.legend(fontsize=9, ncols=2, **ABOVE)
+    set_title(figure, f"The Canine Motion Simulator up an incline of {INCLINE_DEG:g} deg (D.6), seed 1")
     return {"pitch": figure}

@@ -218,7 +218,7 @@ def draw(result: Mapping[str, Any]) -> Mapping[str, Figure]:
     handles = [h for axes in panels[::2] for h in axes.get_legend_handles_labels()[0]]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), **BELOW)
     figure.suptitle(
-        drawable(f"{result['recording']}: all estimators through outages of {result['outage_s']:g} s")
+        drawable(f"{result['recording']}: the estimators through outages of {result['outage_s']:g} s")
     )
     return {"recording": figure}
 
@@ -240,7 +240,7 @@ def _errors(axes: Axes, outages: Sequence[Mapping[str, Any]], names: Sequence[st
             if errors and not standing:
                 axes.plot(
                     [np.mean(errors)] * 2, [place - 0.35, place + 0.35], color=TRUTH, linewidth=2,
-                    label="mean" if place == 0 else None,
+                    label="mean of those moving" if place == 0 else None,
                 )  # fmt: skip
     axes.set_xlabel(TITLES[column])
     axes.set_xlim(left=0)

@@ -46,6 +46,7 @@ SHOWN = (0.1, 0.2, 1.07, 5.0, 151.7)  # m/s2, in the picture of an outage
 H_ACC, S_ACC = 3.5, 0.1  # m, m/s that the receiver states (B.11): 1.75 m and 0.1 m/s after eq. 3.15
 PERIOD, FIXES = 25, (0, 7, 13, 19)  # ticks of a period, and of its fixes: each on the first at or after n/4 s
 SETTLE_S, OUTAGE_S = 1200, 10  # s
+SETTLED = 5.0  # time constants after which less than 1 % of the start is left
 NUDGE = 1e-3  # m/s, m: a measurement moved by this shows the filter's gain
 STATES = ("speed", "bias", "north")
 UNITS = ("m/s", "m/s2", "m")
@@ -196,6 +197,7 @@ def run(options: Options, progress: Progress) -> Result:
             {
                 "sigma_accel": sigma,
                 "settling_s": settling_time(fixes),
+                "has_settled": settling_time(fixes) * SETTLED < SETTLE_S,
                 "sd": {
                     name: {
                         "filter": float(own["sd"][i]),
@@ -249,7 +251,7 @@ def show(result: Mapping[str, Any], console: Console) -> None:
         alone = {name: values[-1] for name, values in row["outage_sd_m"].items()}
         table.add_row(
             f"{row['sigma_accel']:g}",
-            f"{row['settling_s']:.1f}",
+            f"{row['settling_s']:.1f}" + ("" if row["has_settled"] else "*"),
             *cells,
             _percent(row["gain"]["speed by speed"], "dlqe"),
             f"{alone['filter']:.2f}",
@@ -262,6 +264,12 @@ def show(result: Mapping[str, Any], console: Console) -> None:
         "predictions and 4 fixes; dlqe: against one fix every 6.25 predictions",
         style="dim", markup=False, highlight=False,
     )  # fmt: skip
+    if late := [f"{row['sigma_accel']:g}" for row in result["rows"] if not row["has_settled"]]:
+        console.print(
+            f"* not settled after {result['settled_s']} s, {SETTLED:g} time constants are more: with sigma "
+            f"{', '.join(late)} m/s2 the bias still falls, and is off from either theory for that",
+            style="dim", markup=False, highlight=False, soft_wrap=True,
+        )  # fmt: skip
 
 
 def _percent(values: Mapping[str, float], theory: str) -> str:
@@ -285,10 +293,15 @@ def _picture(result: Mapping[str, Any]) -> Figure:
         by = {name: [row["sd"][state][name] for row in rows] for name in ("filter", "periodic", "dlqe")}
         settled.loglog(sigmas, by["periodic"], color=color, label=f"{state} [{unit}]")
         settled.loglog(sigmas, by["dlqe"], color=color, linestyle=":")
-        settled.loglog(sigmas, by["filter"], "o", color=color, markersize=5)
+        for has_settled, face in ((True, color), (False, "none")):
+            marks = [i for i, row in enumerate(rows) if row["has_settled"] == has_settled]
+            settled.loglog(
+                [sigmas[i] for i in marks], [by["filter"][i] for i in marks], "o", color=color, markersize=5,
+                markerfacecolor=face,
+            )  # fmt: skip
     settled.set_xlabel("process noise of the acceleration, sigma [m/s2]")
     settled.set_ylabel("standard deviation after a fix")
-    settled.set_title(f"settled, after {result['settled_s']} s", fontsize=10)
+    settled.set_title(f"after {result['settled_s']} s with fixes", fontsize=10)
     for color, row in zip(ESTIMATES, [row for row in rows if row["sigma_accel"] in SHOWN], strict=False):
         time = np.arange(result["outage_s"] + 1)
         alone.semilogy(
@@ -306,9 +319,13 @@ def _picture(result: Mapping[str, Any]) -> Figure:
         {"color": TRUTH, "linestyle": "-", "label": "theory, whole period or closed form"},
         {"color": TRUTH, "linestyle": ":", "label": "theory, dlqe of a single rate"},
         {"color": TRUTH, "linestyle": "", "marker": "o", "label": "the filter's own"},
+        {"color": TRUTH, "linestyle": "", "marker": "o", "markerfacecolor": "none", "label": "not settled"},
     ]
     picture.legend(
-        handles=[Line2D([], [], **kind) for kind in kinds], loc="outside lower center", ncols=3, **BELOW
+        handles=[Line2D([], [], **kind) for kind in kinds],
+        loc="outside lower center",
+        ncols=len(kinds),
+        **BELOW,
     )
     set_title(picture, "four_state: deviations that theory foresees, and those at which it settles")
     return picture

@@ -15,7 +15,7 @@ from matplotlib.ticker import FuncFormatter
 from rich.console import Console
 from scipy import stats
 
-from harness.drawing import ESTIMATES, GRID, TRUTH, house_style, new_figure
+from harness.drawing import BELOW, ESTIMATES, GRID, TRUTH, house_style, new_figure
 from harness.studies import published
 from harness.studies.paths import SEARCHING, walk
 from harness.studies.published import FUZZY, INERTIAL, NO_PITCH, OUTAGE_S, PITCH
@@ -280,5 +280,6 @@ def draw(result: Mapping[str, Any]) -> Mapping[str, Figure]:
         for axes in (left, right):
             axes.grid(**GRID)
             axes.set_axisbelow(True)
-    grid[0, 0].legend(fontsize=9, loc="upper left")
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower left", ncols=len(labels), **BELOW)
     return {"tuning": figure}

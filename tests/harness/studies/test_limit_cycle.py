@@ -73,6 +73,20 @@ def test_events_and_simulation_agree_where_the_cycle_begins(loop: Loop) -> None:
     assert (foreseen[0], foreseen[-1]) == (False, True)
 
 
+@pytest.mark.parametrize("threshold", [23, 37, 49])
+@pytest.mark.parametrize("delay", [0.2, 0.4, 0.6, 0.8, 1.0, 1.2])
+def test_periods_exceed_the_relays_by_two_stops_and_ticks(threshold: float, delay: float) -> None:
+    # given the delay from which on there is a cycle: h' and 5 deg more at 67.8 deg/s
+    critical = (threshold + 5) / 67.8
+    cycle = by_events(threshold * DEG, delay)
+    assert cycle is not None or delay < critical
+    assert cycle is None or delay > critical - TICK
+    # then the dog stands for 1.5 s before each of both turns, and each turn takes up to two ticks more
+    if cycle is not None:
+        _, period = exact_relay(threshold * DEG, delay)
+        assert 0 < cycle[1] - period - 2 * 1.5 < 4 * TICK
+
+
 def test_a_dog_that_drifts_swings_on_one_side(loop: Loop) -> None:
     log = loop.run(49 * DEG)
     simulated = _cycle(log)

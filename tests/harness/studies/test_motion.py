@@ -132,4 +132,9 @@ def test_table_and_picture_have_every_set(result: dict[str, Any]) -> None:
     assert text.getvalue().count("the text (B.4, D.5)") == 2
     (figure,) = motion.draw(result).values()
     assert len(figure.axes) == 6
+    # the title stands above the panels, the legend below them
+    figure.draw_without_rendering()
+    legend = figure.legends[0].get_window_extent()
+    assert figure.get_suptitle().startswith("Spectra")
+    assert legend.y1 < min(axes.get_window_extent().y0 for axes in figure.axes)
     assert [len(axes.lines) for axes in figure.axes] == [len(SETS)] * 6

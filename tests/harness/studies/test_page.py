@@ -20,6 +20,7 @@ HEADINGS = {  # what only this study's table has in its heading, and how many ta
     "motion": ("swing of pitch", 1),
     "pitch": ("six states, no pitch, Q of B.12", 1),
     "outage": ("detection: 300 trials", len(SETS)),
+    "outage along a path": ("recorded path: 17 trials", 1),
     "heading": ("heading error in the", 1),
     "tuning": ("below 2 m/s:", 1),
     "recording": ("moving at the end", 1),
@@ -95,6 +96,51 @@ def test_the_speed_held_and_our_own_lose_only_where_the_page_says_so(
         assert best < mean[HELD]
     if gait == "running":
         assert mean["two_bias"] <= mean[FUZZY]
+
+
+def test_along_a_real_dog_s_path_the_speed_held_and_our_own_tie_where_the_page_says_so(page: str) -> None:
+    (table,) = tables(page, HEADINGS["outage along a path"][0])
+    parts = dict(zip(SETS, re.split(r"(?m)^set ", table)[1:], strict=True))
+    for set_name, part in parts.items():
+        mean = {title: values[0] for title, values in rows(part).items()}
+        (row,) = re.findall(rf"\| `{set_name}` \| ([\d.]+) \| ([\d.]+) \| ([\d.]+) \| ([\d.e-]+) \|", page)
+        held, best, ours, p = map(float, row)
+        assert (held, ours) == (mean[HELD], mean[OURS])
+        assert best == min(mean[title] for title in (NO_PITCH, PITCH, FUZZY))
+        assert 1.75 < held / rows(outage(page, set_name, "detection"))[HELD][0] < 3.05
+        assert (p < 0.05 and max(best, ours) < held) == (set_name == "ideal")
+
+
+def test_choices_and_page_agree_about_the_position_of_seven_states(page: str) -> None:
+    choices = (Path(__file__).parents[3] / "models" / "CHOICES.md").read_text()
+    stated = re.search(
+        r"off by (\d+) m after 10 s \(study `outage`, .*?; (\d+) m in `consistency`\)", choices
+    )
+    assert stated
+    (consistency,) = tables(page, HEADINGS["consistency"][0])
+    (ideal,) = (part for part in consistency.split("world: ") if part.startswith("ideal"))
+    (line,) = (line for line in ideal.splitlines() if line.startswith("seven_state"))
+    assert float(stated[1]) == round(rows(outage(page, "ideal", "detection"))["seven_state"][0])
+    assert f" {stated[2]}." in line
+
+
+def test_the_page_says_where_the_measured_set_and_the_stated_deviations_fall_short(page: str) -> None:
+    # given the running rows of the set and of the dog
+    (table,) = tables(page, HEADINGS["motion"][0])
+    running = table.partition("running")[2]
+    ours, dog = (
+        re.findall(r"-?[\d.]+", line)
+        for name in ("measured", "real dog")
+        for line in running.splitlines()
+        if line.startswith(name)
+    )
+    # then the words have their mean pitch, yaw rates and mean reading: columns 4, 8 and 9, and 10
+    words = " ".join(page.split())
+    assert f"its pitch is {ours[3]} deg on average against {dog[3]}" in words
+    assert f"within {ours[7]} to {ours[8]} deg/s against {dog[7]} to {dog[8]}" in words
+    assert f"its mean reading is {ours[9]} m/s2 against {dog[9]}" in words
+    # and the shares of the stated deviations name a set for their least
+    assert re.search(r"Too few are the positions within twice them in `built_up`", words)
 
 
 def test_pitch_improves_the_text_s_set_and_fuzzy_is_not_shown_to(page: str) -> None:

@@ -59,6 +59,7 @@ def test_the_table_names_each_configuration_and_the_picture_has_three_panels(res
     assert all(title in text.getvalue() for title in pitch.CONFIGURATIONS)
     (figure,) = pitch.draw(result).values()
     assert len(figure.axes) == 3
+    assert figure.get_suptitle() == "The Canine Motion Simulator up an incline of 10 deg (D.6), seed 1"
 
 
 def test_the_speed_is_judged_over_the_last_five_seconds_of_the_profile() -> None:

@@ -148,3 +148,10 @@ def test_outages_that_an_estimator_is_not_valid_at_are_counted(tmp_path: Path) -
     assert [outage["start_s"] for outage in result["outages"]] == [15, 20, 25, 30, 35, 40]
     assert result["left_out"] == {NOT_VALID: 3}
     assert "canine_tracker: not valid at the start of 3 of 9 outages" in result["notes"]
+
+
+def test_the_legend_says_of_which_outages_the_mean_is(result: dict[str, Any]) -> None:
+    (figure,) = recording.draw(result).values()
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "mean of those moving" in texts
+    assert "mean" not in texts

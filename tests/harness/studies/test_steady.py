@@ -56,6 +56,25 @@ def test_a_single_rate_is_one_fix_in_a_quarter_of_a_second() -> None:
     assert gain == pytest.approx(P @ H.T @ np.linalg.inv(R), rel=0.02, abs=1e-4)
 
 
+def test_what_has_not_settled_is_marked() -> None:
+    result = steady.run(Options(), lambda percent: None)
+    # by hand: after 1,200 s five time constants of 208 s have passed, but not of 964 s
+    assert [row["sigma_accel"] for row in result["rows"] if not row["has_settled"]] == [5.0, 20.0, 151.7]
+    off = {
+        row["sigma_accel"]: abs(row["sd"]["bias"]["filter"] / row["sd"]["bias"]["periodic"] - 1)
+        for row in result["rows"]
+    }
+    assert all((error > 0.01) == (sigma >= 5) for sigma, error in off.items())
+    text = io.StringIO()
+    steady.show(result, Console(file=text, width=170))
+    lines = text.getvalue().splitlines()
+    assert [line.split()[0] for line in lines if "*" in line[:20]] == ["5", "20", "151.7", "*"]
+    assert "* not settled after 1200 s" in text.getvalue()
+    (figure,) = steady.draw(result).values()
+    hollow = [line for line in figure.axes[0].lines if line.get_markerfacecolor() == "none"]
+    assert [np.asarray(line.get_xdata()).tolist() for line in hollow] == 3 * [[5.0, 20.0, 151.7]]
+
+
 def test_the_filter_settles_at_the_covariance_and_gain_of_the_equation() -> None:
     own = settle(0.2)
     gain, after = through_period(lifted(0.2), 0.2)[0]

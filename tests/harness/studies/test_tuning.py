@@ -102,3 +102,9 @@ def test_set_ups_that_are_significantly_better_and_worse_are_told_apart() -> Non
     shares = [answer[key]["share"] for key in ("better", "significantly_better", "significantly_worse")]
     assert shares == [0.4, 0.2, 0.4]
     assert answer["median_ratio"] == 1.5
+
+
+def test_the_legend_covers_no_point(result: dict[str, Any]) -> None:
+    (figure,) = tuning.draw(result).values()
+    assert [axes.get_legend() for axes in figure.axes] == [None] * 4
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["significant", "not significant"]
