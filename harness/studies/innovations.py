@@ -120,9 +120,13 @@ def mean_bounds(freedom: float, number: int, level: float = 0.95) -> tuple[float
 
 
 def autocorrelation(whitened: Array, lags: int) -> Array:
-    """Of each value's own series (f, m), without removing its mean, averaged over the values: (lags,)."""
-    power = (whitened**2).sum(axis=0)
-    products = [(whitened[lag:] * whitened[:-lag]).sum(axis=0) / power for lag in range(1, lags + 1)]
+    """Of each value's own series (f, m), without removing its mean, averaged over the values: (lags,).
+
+    A value that no fix has, such as the course of an animal that stands, does not count.
+    """
+    known = whitened[:, (whitened != 0).any(axis=0)]
+    power = (known**2).sum(axis=0)
+    products = [(known[lag:] * known[:-lag]).sum(axis=0) / power for lag in range(1, lags + 1)]
     return np.asarray(np.mean(products, axis=1))
 
 

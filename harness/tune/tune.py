@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from harness.recording.recording import RecordingError
-from harness.replay.comparison import Comparison, Configuration, compare
+from harness.replay.comparison import Comparison, Configuration, compare, refused_fixes
 from harness.replay.replay import replay
 from harness.replay.source import ReplaySource
 from harness.replay.windows import SETTLE
@@ -45,16 +45,19 @@ def tune(
     fixes = signals.t[signals.gps_fix]
     start = float(fixes[0] + SETTLE) if len(fixes) else 0.0
     middle = float((start + fixes[-1]) / 2) if len(fixes) else 0.0
+    ekf = Filter(block, signals)
+    taken = ekf.innovations({}).time
     for half, number in (
-        ("first", int(((fixes >= start) & (fixes < middle)).sum())),
-        ("second", int((fixes >= middle).sum())),
+        ("first", int(((taken >= start) & (taken < middle)).sum())),
+        ("second", int((taken >= middle).sum())),
     ):
         if number < FIXES:
+            refused = refused_fixes(block.title(), signals)
             raise RecordingError(
                 f"{source.name}: too short to tune by: {number} fixes in its {half} half after the first "
-                f"{SETTLE:g} s; expected at least {FIXES} in each; record longer"
+                f"{SETTLE:g} s; expected at least {FIXES} in each; {refused or 'record longer'}"
             )
-    ekf, tuned = Filter(block, signals), Tuned(block, signals, held)
+    tuned = Tuned(block, signals, held)
     fit = Fit(ekf, tuned, start, middle, progress)
     # what tuning switches off is a way of its own: a better noise is not its doing
     ways = {BEFORE: {}, **({CONSTANT: tuned.fixed} if tuned.fixed else {}), AFTER: fit.parameters}
@@ -62,7 +65,7 @@ def tune(
     chosen = source.outages(OUTAGE_S, EVERY_S)
     windows = [window for window in chosen.windows if window[0] >= middle]
     judged = {name: summary_of(values.between(middle, np.inf)) for name, values in innovations.items()}
-    result = {
+    result: dict[str, Any] = {
         "recording": source.name,
         "estimator": block.title(),
         "held": list(held),
@@ -100,8 +103,14 @@ def tune(
     if windows:
         configurations = tuple(Configuration(name, block.title(), values) for name, values in ways.items())
         comparison = Comparison((block.title(),), (), configurations)
-        outages = replay(source, comparison, replace(chosen, windows=windows)).outages
-        result["outages"] = {"starts_s": [w[0] for w in windows]} | compare_errors(
-            outages, [name for name in ways if name != AFTER], AFTER
-        )
+        try:
+            replayed = replay(source, comparison, replace(chosen, windows=windows))
+        except RecordingError as reason:
+            result["notes"] += [str(reason)]
+            return result
+        result["notes"] += replayed.notes
+        if all(name in replayed.outages[0].errors for name in ways):
+            result["outages"] = {"starts_s": [outage.start for outage in replayed.outages]} | compare_errors(
+                replayed.outages, [name for name in ways if name != AFTER], AFTER
+            )
     return result

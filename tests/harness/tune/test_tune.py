@@ -196,6 +196,30 @@ def test_a_recording_that_is_too_short_is_refused() -> None:
     )
 
 
+def test_a_recording_whose_fixes_the_estimator_refuses_is_refused() -> None:
+    # given accuracies in millimetres that are declared in metres
+    whole = source(70.0)
+    millimetres = replace(
+        whole, signals=lambda w: replace(whole.signals(w), gps_h_acc=np.full(len(whole.signals(w).t), 3500.0))
+    )
+    with pytest.raises(
+        RecordingError, match=r"0 fixes in its first half .* 280 of 280 fixes refused \(gps_h_acc of 3500 m,"
+    ):
+        tune(millimetres, FourState)
+
+
+def test_a_second_half_at_rest_has_no_course_and_is_judged_by_the_other_values() -> None:
+    # given white innovations of four values, of which no fix has the second
+    values = np.random.default_rng(2).normal(0, 1, (200, 4))
+    variances = np.ones((200, 4))
+    variances[:, 1] = UNUSED
+    summary = summary_of(Innovations(np.arange(200.0), values, variances))
+    # then the others are as white as they are alone, and JSON can hold it
+    alone = summary_of(Innovations(np.arange(200.0), values[:, [0, 2, 3]], np.ones((200, 3))))
+    assert summary["autocorrelation"] == pytest.approx(alone["autocorrelation"])
+    json.dumps(summary, allow_nan=False)
+
+
 def test_an_estimator_that_does_not_exist_is_told_in_a_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
