@@ -326,6 +326,40 @@ def processor_in_the_loop(
         _say_where(place)
 
 
+@app.command("prove")
+def prove_rules(
+    wanted: Annotated[list[str] | None, typer.Argument(metavar="[RULE|PROOF]...")] = None,
+    *,
+    as_json: Annotated[bool, typer.Option("--json", help="print the verdicts as JSON")] = False,
+) -> None:
+    """Prove what the C that ships does, whatever its inputs are: the safety rules, and what they rest on.
+
+    \b
+    canine prove 3                                rule 3 of models/SAFETY.md
+    canine prove watchdog cmec.aim                a unit of the C, or one proof
+    canine prove                                  all of them: minutes
+
+    The model checker CBMC does it; where it is missing it is fetched from Debian (30 MB).
+    """
+    from tempfile import TemporaryDirectory
+
+    from codegen.firmware import proving
+
+    proofs = proving.find(wanted or [])
+    verdicts = []
+    with TemporaryDirectory() as folder:
+        proving.write_sources(Path(folder))
+        for proof in proofs:
+            verdict = proving.prove(proof, Path(folder))
+            verdicts.append(verdict)
+            if not as_json:
+                typer.echo(verdict.text())
+    if as_json:
+        typer.echo(_as_json([verdict.facts() for verdict in verdicts]))
+    if failed := [v.proof.name for v in verdicts if v.failed]:
+        raise CanineError(f"{len(failed)} of {len(verdicts)} proofs fail: {', '.join(failed)}")
+
+
 @app.command()
 def wiring(
     target: Target = DEFAULT,

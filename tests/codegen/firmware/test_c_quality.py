@@ -1,4 +1,4 @@
-"""The onboard program's C under static analysis, three compilers, sanitizers, a fuzzer and a model checker.
+"""The onboard program's C under static analysis, three compilers, sanitizers and a fuzzer.
 
 codegen/QUALITY.md tells the firmware engineer the same, and holds the list of deviations from MISRA C.
 """
@@ -10,7 +10,6 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -18,12 +17,9 @@ import pytest
 import codegen
 from codegen.blocks.block_c import write_files
 from codegen.firmware.bundle import SOURCES, library, processor_in_the_loop
-from codegen.toolchains.debian import ToolchainError
-from tests.codegen.firmware import cbmc
 from tests.codegen.firmware import onboard_orders as orders
 from tests.codegen.firmware.onboard_drivers import DATA
 
-PROOFS = Path(__file__).resolve().parents[2] / "proofs"
 QUALITY = Path(codegen.__file__).parent / "QUALITY.md"
 WARNINGS = (
     "-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion",
@@ -34,7 +30,6 @@ UNDEFINED = "address,undefined,float-cast-overflow,float-divide-by-zero"
 SANITIZERS = {"gcc": UNDEFINED, "clang": f"{UNDEFINED},implicit-conversion"}
 MODE_SUCCESS, MODE_FAILED, MODE_DEAD = 9, 10, 5  # of models.cmec.Mode
 FUZZING = 10  # s
-PROVING = 120.0  # s, at most, for one
 
 
 def leave_out(reason: str) -> None:
@@ -221,108 +216,3 @@ def test_fuzzer_finds_no_broken_invariant_in_the_whole_tick(trial: bytes, tmp_pa
     done = re.search(r"Done (\d+) runs", output)
     assert done is not None
     assert int(done[1]) > len(inputs)
-
-
-# --- proofs ---
-
-MEMORY = ("--pointer-overflow-check", "--enum-range-check")
-NUMBERS = ("--nan-check", "--float-overflow-check", "--float-div-by-zero-check", "--conversion-check")
-BOTH = (*MEMORY, *NUMBERS)
-# unit and function: how often loops are followed, which checks beside bounds, pointers and signed overflow
-PROVED: dict[str, tuple[int, tuple[str, ...]]] = {
-    "scanner.count": (1, MEMORY),
-    "scanner.abandon": (1, MEMORY),
-    "scanner.take": (1, MEMORY),
-    "scanner.top_up": (1, MEMORY),
-    "scanner.search": (11, MEMORY),
-    "ubx.length": (1, MEMORY),
-    "ubx.intact": (26, MEMORY),
-    "ubx.receive": (1, MEMORY),
-    "mt.length": (1, MEMORY),
-    "mt.intact": (56, MEMORY),
-    "mt.receive": (4, MEMORY),
-    "mt.value": (1, MEMORY),
-    "link.length": (1, MEMORY),
-    "link.intact": (145, MEMORY),
-    "link.abort": (7, MEMORY),
-    "link.message": (19, MEMORY),
-    "link.telemetry": (60, MEMORY),
-    "onboard.conversions": (1, BOTH),
-    "onboard.nearest": (1, BOTH),
-    "onboard.position": (1, BOTH),
-    "watchdog.step": (1, BOTH),
-    "command_module.step": (1, BOTH),
-    "local_plane.project": (1, BOTH),
-    "cmec.precedence": (17, BOTH),
-    "cmec.step": (17, MEMORY),
-    "four_state.judge": (11, BOTH),
-    "four_state.output": (11, BOTH),
-}
-# tens of seconds each: only where CANINE_PROVE=all
-LONG: dict[str, tuple[int, tuple[str, ...]]] = {
-    "four_state.tune": (11, BOTH),
-    "four_state.listen": (11, (*MEMORY, "--conversion-check")),
-    "cmec.aim": (17, (*MEMORY, "--nan-check", "--float-overflow-check", "--float-div-by-zero-check")),
-}
-if os.environ.get("CANINE_PROVE") == "all":
-    PROVED |= LONG
-# where the int of C has 16 bits, as on the Rabbit 4000: functions that compute in int16_t
-SHORT_INT = ("-Iint16", "--16")
-PROVED_SHORT = ("watchdog.step", "command_module.step", "cmec.precedence", "cmec.step", "four_state.judge")
-
-
-@pytest.fixture(scope="module")
-def proofs(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., cbmc.Answer]:
-    """`proofs("ubx.receive")`: what CBMC says of prove_receive in prove_ubx.c; with further options."""
-    try:
-        cbmc.program()
-    except ToolchainError as reason:
-        leave_out(str(reason))
-    folder = tmp_path_factory.mktemp("proofs")
-    write_files(library(), folder)
-    for source in PROOFS.glob("*.[ch]"):
-        shutil.copy(source, folder)
-    shutil.copytree(PROOFS / "int16", folder / "int16")
-
-    def ask(name: str, more: tuple[str, ...] = ()) -> cbmc.Answer:
-        unit, function = name.split(".")
-        unwind, checks = PROVED[name]
-        checks = (*checks, *more)
-        return cbmc.check(
-            [f"prove_{unit}.c"], f"prove_{function}", folder, unwind=unwind, checks=checks, timeout=PROVING
-        )
-
-    return ask
-
-
-@pytest.mark.parametrize("name", PROVED)
-def test_cbmc_proves_the_function_for_all_its_inputs(name: str, proofs: Callable[..., cbmc.Answer]) -> None:
-    answer = proofs(name)
-    assert answer.failed == ()
-    assert answer.checks > 0
-
-
-@pytest.mark.parametrize("name", PROVED_SHORT)
-def test_cbmc_proves_the_function_with_an_int_of_16_bits(
-    name: str, proofs: Callable[..., cbmc.Answer]
-) -> None:
-    answer = proofs(name, SHORT_INT)
-    assert answer.failed == ()
-    assert answer.checks > 0
-
-
-def test_cbmc_finds_a_planted_sum_that_only_an_int_of_16_bits_is_too_small_for(tmp_path: Path) -> None:
-    # given C that adds to the greatest int16_t
-    try:
-        cbmc.program()
-    except ToolchainError as reason:
-        leave_out(str(reason))
-    shutil.copytree(PROOFS / "int16", tmp_path / "int16")
-    (tmp_path / "sum.c").write_text(
-        "#include <stdint.h>\nint16_t nondet_i16(void);\nint32_t sum;\n"
-        "void prove_sum(void)\n{\n    const int16_t ticks = nondet_i16();\n\n    sum = ticks + 1;\n}\n"
-    )
-    # then it overflows where an int has 16 bits alone
-    assert cbmc.check(["sum.c"], "prove_sum", tmp_path, unwind=1).failed == ()
-    (failed,) = cbmc.check(["sum.c"], "prove_sum", tmp_path, unwind=1, checks=SHORT_INT).failed
-    assert "overflow" in failed

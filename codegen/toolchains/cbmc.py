@@ -1,17 +1,19 @@
 """The bounded model checker CBMC, unpacked from Debian's packages as SDCC is.
 
-python -m tests.codegen.firmware.cbmc          fetches it, once
+python -m codegen.toolchains.cbmc                fetches it, once
 """
 
 from __future__ import annotations
 
 import re
+import shutil
 import subprocess
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from codegen.toolchains.debian import folder_of, unpack
+from codegen.toolchains.debian import ToolchainError, folder_of, unpack
 from models.errors import CanineError
 
 NAME = "cbmc-6.6.0"
@@ -36,13 +38,25 @@ class Answer:
 
 
 def program() -> Path:
-    """CBMC's program, fetched if need be.
+    """CBMC's program, fetched if need be; else one that the PATH has.
 
     Raises:
-        ToolchainError: it cannot be fetched.
+        ToolchainError: there is none, and it cannot be fetched; the message says how it is had.
     """
     path = folder_of(NAME) / "bin" / "cbmc"
-    return path if path.is_file() else unpack(NAME, PACKAGES, ("bin/cbmc",)) / "bin" / "cbmc"
+    if path.is_file():
+        return path
+    try:
+        return unpack(NAME, PACKAGES, ("bin/cbmc",)) / "bin" / "cbmc"
+    except ToolchainError as reason:
+        installed = shutil.which("cbmc")
+        if installed is None:
+            raise ToolchainError(
+                f"the proofs need CBMC 6, and it is missing: {reason}. On Debian 13: apt install cbmc; "
+                f"elsewhere: https://diffblue.github.io/cbmc, or with Debian's tools and a network: "
+                f"{Path(sys.executable)} -m codegen.toolchains.cbmc"
+            ) from None
+        return Path(installed)
 
 
 def check(

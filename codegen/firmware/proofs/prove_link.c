@@ -68,26 +68,59 @@ void prove_abort(void)
     (void)take_abort(&s);
 }
 
+static bool same(const link_position *p, const link_position *q)
+{
+    return (p->latitude == q->latitude) && (p->longitude == q->longitude);
+}
+
+static uint16_t number(const uint8_t *bytes)
+{
+    return (uint16_t)((bytes[0] * 256U) + bytes[1]);
+}
+
+/* Is it the position that eight bytes tell? */
+static bool told(const link_position *p, const uint8_t *bytes)
+{
+    return (((uint32_t)p->latitude >> 16) == number(bytes)) && (((uint32_t)p->latitude & 0xFFFFU) == number(&bytes[2])) &&
+           (((uint32_t)p->longitude >> 16) == number(&bytes[4])) &&
+           (((uint32_t)p->longitude & 0xFFFFU) == number(&bytes[6]));
+}
+
+/* A message changes what it is for, and nothing else; one that is refused changes nothing. */
 void prove_message(void)
 {
     radio_link m;
     uint8_t frame[145];
+    const uint8_t *const payload = &frame[HEADER];
     link_message message;
-    const uint8_t before = m.override;
-    const uint8_t count = m.mission.count;
     const uint8_t place = nondet_u8();
 
     m.scanner.frame = frame;
+    m.locked = nondet_bool();
+    const radio_link before = m;
+    __CPROVER_assume(place < LINK_MAX_WAYPOINTS);
     __CPROVER_assume(frame[LENGTH] <= MAX_PAYLOAD); /* by link_length */
     __CPROVER_assume(m.mission.count <= LINK_MAX_WAYPOINTS);
     message = take_message(&m);
     assert(m.mission.count <= LINK_MAX_WAYPOINTS);
+    assert((message == LINK_NOTHING) || ((uint8_t)message == frame[TYPE]));
+    assert(m.locked == before.locked);
     if (message == LINK_MISSION) {
-        assert((m.mission.count >= 1U) && on(&m.mission.home));
-        assert((place >= m.mission.count) || on(&m.mission.waypoints[place]));
+        assert(!m.locked && (frame[LENGTH] == (2U + (8U * (1U + m.mission.count)))));
+        assert((m.mission.count >= 1U) && (m.mission.id == number(payload)));
+        assert(on(&m.mission.home) && told(&m.mission.home, &payload[2]));
+        assert((place >= m.mission.count) || (on(&m.mission.waypoints[place]) &&
+                                              told(&m.mission.waypoints[place], &payload[10U + (8U * place)])));
+    } else {
+        assert((m.mission.count == before.mission.count) && (m.mission.id == before.mission.id));
+        assert(same(&m.mission.home, &before.mission.home));
+        assert(same(&m.mission.waypoints[place], &before.mission.waypoints[place]));
     }
-    assert((message == LINK_OVERRIDE) ? (m.override <= 5U) : (m.override == before));
-    assert(!m.locked || ((message != LINK_MISSION) && (m.mission.count == count)));
+    assert(m.asked == ((message == LINK_START) ? number(payload) : before.asked));
+    assert(m.override == ((message == LINK_OVERRIDE) ? payload[0] : before.override));
+    assert((m.override <= 5U) || (message != LINK_OVERRIDE));
+    assert(m.sequence == ((message == LINK_NOTHING) ? before.sequence : frame[3]));
+    assert((message != LINK_NOTHING) || (frame[TYPE] != 4U) || (frame[LENGTH] != 0U)); /* an ABORT is taken */
 }
 
 void prove_telemetry(void)

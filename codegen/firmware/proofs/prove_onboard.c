@@ -53,3 +53,40 @@ void prove_position(void)
         assert((turned == 0) || (east > HALF) || (east < -HALF));
     }
 }
+
+/* Any place on the plane or off it: prove_local_plane.c. */
+void local_plane_step(local_plane *m)
+{
+    m->out.north = nondet_float();
+    m->out.east = nondet_float();
+}
+
+/* Rule 8: a trial begins only by a START for the mission held, with everything that it needs. */
+void prove_begin(void)
+{
+    onboard m;
+
+    m.asked = nondet_bool();
+    m.planned = nondet_bool();
+    m.busy = nondet_bool();
+    m.controller.in.start = nondet_bool();
+    m.watchdog.out.link_ok = nondet_bool();
+    m.watchdog.out.imu_ok = nondet_bool();
+    m.watchdog.out.estimate_ok = nondet_bool();
+    m.watchdog.out.override_ok = nondet_bool();
+    m.local_plane.state.settled = nondet_bool();
+    m.controller.par.capture_radius = 7.0F;
+    __CPROVER_assume(m.radio.mission.count <= LINK_MAX_WAYPOINTS);
+    __CPROVER_assume((m.route & ~(READY_REACH | READY_LEGS)) == 0);
+    const bool before = m.controller.in.start;
+    const bool asked = m.asked;
+    begin(&m);
+    assert(!m.asked && (!before || m.controller.in.start));
+    if (m.controller.in.start && !before) {
+        assert((m.route & (READY_REACH | READY_LEGS)) == (READY_REACH | READY_LEGS));
+        assert(asked && (m.radio.mission.count > 0U) && (m.radio.asked == m.radio.mission.id));
+        assert(m.watchdog.out.link_ok && m.watchdog.out.imu_ok && m.watchdog.out.estimate_ok);
+        assert(m.local_plane.state.settled && m.planned && (m.controller.out.mode == CMEC_MODE_IDLE));
+        assert(!m.watchdog.out.override_ok || (m.radio.override == 0U));
+    }
+}

@@ -51,6 +51,32 @@ void prove_receive(void)
     assert(m.lost >= lost);
 }
 
+/* A sample is new if its counter has moved; then all of it is taken, and those between are counted as lost. */
+void prove_sample(void)
+{
+    mt m;
+    const mt before = m;
+    uint8_t frame[55];
+    const uint8_t place = nondet_u8();
+    const uint16_t counter = (uint16_t)(((uint16_t)frame[52] << 8) | frame[53]);
+    const uint16_t step = (uint16_t)(counter - before.counter);
+    bool fresh;
+
+    __CPROVER_assume(place < sizeof(m.values));
+    m.scanner.frame = frame;
+    m.sampled = nondet_bool();
+    const bool sampled = m.sampled;
+    fresh = take_sample(&m);
+    assert(fresh == (!sampled || (step != 0U)));
+    assert(m.sampled && (m.counter == counter));
+    assert(m.values[place] == (fresh ? frame[HEADER + place] : before.values[place]));
+    if (sampled && (step >= 1U) && (step <= 32768U)) {
+        assert((m.lost == UINT32_MAX) || (m.lost == (before.lost + step - 1U)));
+    } else {
+        assert(m.lost == before.lost);
+    }
+}
+
 /* For all bytes a value is a finite number. */
 void prove_value(void)
 {

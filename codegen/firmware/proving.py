@@ -1,0 +1,252 @@
+"""Proofs of the C that ships, by the model checker CBMC: what each shows, and what it takes for granted.
+
+Their sources are in `proofs/`: `unit.name` is the function `prove_name` of `prove_unit.c`. CBMC follows every
+path for every value that a proof leaves open.
+"""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from codegen.blocks.block_c import write_files
+from codegen.firmware.bundle import library
+from codegen.toolchains import cbmc
+from models.errors import UsageError
+
+SOURCES = Path(__file__).parent / "proofs"
+# checks beside CBMC's own (bounds, pointers, signed overflow, division by zero, shifts)
+MEMORY = ("--pointer-overflow-check", "--enum-range-check")
+NUMBERS = ("--nan-check", "--float-overflow-check", "--float-div-by-zero-check", "--conversion-check")
+BOTH = (*MEMORY, *NUMBERS)
+SHORT_INT = ("-Iint16", "--16")  # the int of C has 16 bits, as on the Rabbit 4000
+TIMEOUT = 300.0  # s, at most, for one
+
+# what proofs take for granted
+SHIPPED = "parameters as the firmware ships"
+YOUNG = "no counter has reached 2e9: two and a half years of ticks"
+MISSION = "home and waypoints lie within 100 km of the origin"
+SCANNER = "the scanner gives frames of the protocol's length, as scanner.search shows"
+ROOT = "sqrtf gives a value of 0 or more, up to a bound, for 0 or more"
+
+
+@dataclass(frozen=True)
+class Proof:
+    """One proof.
+
+    Attributes:
+        name: unit and function.
+        claim: what holds.
+        rule: of models/SAFETY.md, if it is one of these.
+        loops: how often loops are followed; that they end by then is shown too.
+        checks: options of CBMC.
+        assumes: what is taken for granted.
+        long: tens of seconds.
+        short: shown with an int of 16 bits too.
+    """
+
+    name: str
+    claim: str
+    rule: int | None = None
+    loops: int = 1
+    checks: tuple[str, ...] = MEMORY
+    assumes: tuple[str, ...] = ()
+    long: bool = False
+    short: bool = False
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What CBMC says of a proof.
+
+    Attributes:
+        failed: properties that do not hold: line and property.
+        seconds: it took.
+    """
+
+    proof: Proof
+    failed: tuple[str, ...]
+    seconds: float
+
+    def facts(self) -> dict[str, Any]:
+        """The verdict as JSON has it."""
+        proof = self.proof
+        return {
+            "rule": proof.rule,
+            "proof": proof.name,
+            "claim": proof.claim,
+            "holds": not self.failed,
+            "seconds": round(self.seconds, 1),
+            "assumes": list(proof.assumes),
+            "failed": list(self.failed),
+        }
+
+    def text(self) -> str:
+        """The verdict in lines: rule, proof, verdict, seconds; claim, assumptions, and what fails."""
+        proof = self.proof
+        rule = "" if proof.rule is None else f"rule {proof.rule}"
+        verdict = "FAILS" if self.failed else "holds"
+        lines = [f"{rule:9}{proof.name:24}{verdict}  {self.seconds:6.1f} s  {proof.claim}"]
+        if proof.assumes:
+            lines.append(f"{'':9}assumes: {'; '.join(proof.assumes)}")
+        return "\n".join([*lines, *(f"{'':9}fails: {failed}" for failed in self.failed)])
+
+
+STATE = ("bounds of the estimator's state that are far wider than in trials", SHIPPED, ROOT)
+AIM = (*MEMORY, "--nan-check", "--float-overflow-check", "--float-div-by-zero-check")
+LISTEN = (*MEMORY, "--conversion-check")
+PROOFS = (
+    # the parsers
+    Proof("scanner.count", "counters stop at their greatest value"),
+    Proof("scanner.abandon", "no access beyond the buffer"),
+    Proof("scanner.take", "no access beyond the buffer; what is taken lies in it"),
+    Proof("scanner.top_up", "no access beyond the buffer; as many bytes are taken as are missing"),
+    Proof("scanner.search", "no access beyond the input; a frame found lies in it", loops=11),
+    Proof("ubx.length", "a frame fits the buffer"),
+    Proof("ubx.intact", "no access beyond a frame", loops=26),
+    Proof("ubx.good", "what the receiver says of a fix is kept, and from NAV-SOL alone", assumes=(SCANNER,)),
+    Proof("ubx.receive", "a fix is good, new, and in range", assumes=(SCANNER,)),
+    Proof("mt.length", "a frame has 55 bytes"),
+    Proof("mt.intact", "no access beyond a frame", loops=56),
+    Proof("mt.sample", "a sample is new if its counter moved; it is taken whole, lost ones are counted"),
+    Proof("mt.receive", "no access beyond a frame", loops=4, assumes=(SCANNER, "two frames in an input")),
+    Proof("mt.value", "values are finite"),
+    Proof("link.length", "a frame is no longer than a mission's"),
+    Proof("link.intact", "no access beyond a frame", loops=145),
+    Proof("link.abort", "an ABORT that is found lies in the bytes held", loops=7),
+    Proof("link.message", "a message changes what it is for and nothing else; an ABORT is taken", loops=19),
+    Proof("link.telemetry", "no access beyond a frame", loops=60),
+    # the onboard program
+    Proof(
+        "onboard.conversions", "numbers of telemetry saturate", checks=BOTH, assumes=("the value is not NaN",)
+    ),
+    Proof("onboard.nearest", "numbers of telemetry are rounded to the nearest", checks=BOTH),
+    Proof(
+        "onboard.position", "positions of telemetry are on earth, and the place that is meant", checks=BOTH
+    ),
+    Proof(
+        "onboard.begin",
+        "a trial begins only by a START for the mission held, when all that it needs is there",
+        rule=8,
+        loops=19,
+    ),
+    # the blocks
+    Proof(
+        "watchdog.step",
+        "ages count and stop; silence is found on its tick",
+        checks=BOTH,
+        short=True,
+        assumes=(SHIPPED,),
+    ),
+    Proof(
+        "command_module.step",
+        "each command has its cue, and no other",
+        checks=BOTH,
+        short=True,
+        assumes=(SHIPPED,),
+    ),
+    Proof(
+        "local_plane.project",
+        "a position anywhere on earth has a place on the plane",
+        checks=BOTH,
+        assumes=("the scales of the plane are those of the earth",),
+    ),
+    Proof(
+        "four_state.judge",
+        "a fix is accepted only with all its values in range",
+        loops=11,
+        checks=BOTH,
+        short=True,
+        assumes=STATE,
+    ),
+    Proof(
+        "four_state.output",
+        "outputs are finite, the heading within half a turn",
+        loops=11,
+        checks=BOTH,
+        assumes=STATE,
+    ),
+    Proof(
+        "four_state.tune", "sigma is within [0.01, 200] m/s2", loops=11, checks=BOTH, long=True, assumes=STATE
+    ),
+    Proof(
+        "four_state.listen", "a bad sample is not taken", loops=11, checks=LISTEN, long=True, assumes=STATE
+    ),
+    # the controller
+    Proof(
+        "cmec.precedence",
+        "a lost link, the operator, bad input, an invalid estimate, the table",
+        loops=17,
+        checks=BOTH,
+        short=True,
+        assumes=(YOUNG, MISSION),
+    ),
+    Proof(
+        "cmec.step",
+        "a tick leaves no memory and keeps its order of precedence",
+        loops=17,
+        short=True,
+        assumes=(YOUNG, MISSION, ROOT),
+    ),
+    Proof(
+        "cmec.aim",
+        "distance is within [0, 1e6] m, deviation within [-3.2, 3.2] rad",
+        loops=17,
+        checks=AIM,
+        long=True,
+        assumes=(MISSION, ROOT),
+    ),
+)
+NAMED = {proof.name: proof for proof in PROOFS}
+
+
+def find(wanted: Sequence[str] = ()) -> list[Proof]:
+    """The proofs of rules, by number, and those by name or unit; all if none is wanted.
+
+    Raises:
+        UsageError: there is no such rule or name.
+    """
+    proofs: list[Proof] = []
+    for word in wanted:
+        found = [p for p in PROOFS if word in (p.name, p.name.split(".")[0], str(p.rule))]
+        if not found:
+            rules = ", ".join(sorted({str(p.rule) for p in PROOFS if p.rule is not None}, key=int))
+            units = ", ".join(dict.fromkeys(p.name.split(".")[0] for p in PROOFS))
+            raise UsageError(f"{word}: no such proof; rules that are proved: {rules}; units: {units}")
+        proofs += [p for p in found if p not in proofs]
+    return proofs or list(PROOFS)
+
+
+def write_sources(folder: Path) -> None:
+    """Write the C that ships and the proofs into a folder."""
+    write_files(library(), folder)
+    shutil.copytree(SOURCES, folder, dirs_exist_ok=True)
+
+
+def prove(proof: Proof, folder: Path, more: Sequence[str] = (), timeout: float = TIMEOUT) -> Verdict:
+    """Ask CBMC for a proof, in a folder with the sources.
+
+    Args:
+        more: further options of CBMC.
+
+    Raises:
+        CbmcError: no answer in time (s), or CBMC refuses the C.
+        ToolchainError: there is no CBMC.
+    """
+    unit, function = proof.name.split(".")
+    begun = time.monotonic()
+    answer = cbmc.check(
+        [f"prove_{unit}.c"],
+        f"prove_{function}",
+        folder,
+        unwind=proof.loops,
+        checks=(*proof.checks, *more),
+        timeout=timeout,
+    )
+    if answer.checks == 0:
+        raise cbmc.CbmcError(f"{proof.name}: CBMC had nothing to check")
+    return Verdict(proof, answer.failed, time.monotonic() - begun)
