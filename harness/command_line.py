@@ -73,7 +73,11 @@ OnboardEstimator = Annotated[
     str | None, typer.Option("--estimator", metavar="NAME", help="of ours; by default the scenario's")
 ]
 OnboardAhrs = Annotated[
-    bool, typer.Option("--ahrs", help="attitude by canine_ahrs, not by the inertial unit itself")
+    bool,
+    typer.Option(
+        "--ahrs",
+        help="attitude by canine_ahrs, not by the inertial unit itself; its gyroscopes must not saturate",
+    ),
 ]
 
 
