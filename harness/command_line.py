@@ -591,7 +591,8 @@ def sweep_parameters(
     ] = None,
     ahrs: Ahrs = False,
     reading: Annotated[
-        Literal["calibrated", "literal"] | None, typer.Option(help="by default the scenario's, calibrated")
+        Literal["calibrated", "literal", "guarded"] | None,
+        typer.Option(help="by default the scenario's, calibrated"),
     ] = None,
     seed: Annotated[
         int | None, typer.Option(min=0, max=MAX_SEED, help="of the first trial at each point; 1 by default")

@@ -285,7 +285,7 @@ def run_sweep(
     vary: Mapping[str, str] | None = None,
     trials: int = 1000,
     system: Literal["cts", "full"] = "cts",
-    reading: Literal["calibrated", "literal"] | None = None,
+    reading: Literal["calibrated", "literal", "guarded"] | None = None,
     seed: int | None = None,
     parameters: Mapping[str, Written] | None = None,
     estimator: str | None = None,

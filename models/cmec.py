@@ -7,7 +7,7 @@ from enum import IntEnum
 
 from models.commands import Command, Status
 from models.kit import casadi as ca
-from models.kit.block import Block, Row, moves, table, triggered
+from models.kit.block import Row, moves, table, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State
 from models.kit.geometry import (
     LONGEST,
@@ -23,74 +23,14 @@ from models.kit.geometry import (
 from models.kit.timing import TICK, lasted
 from models.kit.tracing import Condition
 from models.kit.units import DEG
+from models.modes import BEFORE_RECALL, COMMANDS, ENDED, STATUSES, Anomaly, Mode
+from models.safety import Supervised
 
 MAX_WAYPOINTS = 16
 MOST_TURNS = 1000  # that MAXTURN can allow
 
 
-class Mode(IntEnum):
-    """What the controller is doing (Figure 4.2, and the dead period of 4.1.4.3)."""
-
-    IDLE = 0
-    FORWARD = 1
-    STOP_TO_TURN = 2
-    LEFT = 3
-    RIGHT = 4
-    DEAD = 5
-    STOP_AT_WAYPOINT = 6
-    RECALL = 7
-    FAILURE_RECALL = 8
-    SUCCESS = 9
-    FAILED = 10
-    STOPPED = 11
-
-
-class Anomaly(IntEnum):
-    """How the animal disobeys (Table 4.3), and what keeps the controller from deciding."""
-
-    NONE = 0
-    FORWARD_FAILURE = 1
-    TURN_FAILURE = 2
-    DIRECTION_SWITCH = 3
-    NO_COMMAND = 4
-    TRIAL_FAILURE = 5
-    LOST_LINK = 6
-    INVALID_ESTIMATE = 7
-    BAD_INPUT = 8
-
-
-COMMANDS = {
-    Mode.FORWARD: Command.FORWARD,
-    Mode.STOP_TO_TURN: Command.STOP,
-    Mode.LEFT: Command.LEFT,
-    Mode.RIGHT: Command.RIGHT,
-    Mode.STOP_AT_WAYPOINT: Command.STOP,
-    Mode.RECALL: Command.RECALL,
-    Mode.FAILURE_RECALL: Command.RECALL,
-    Mode.STOPPED: Command.STOP,
-}
-STATUSES = {
-    Mode.IDLE: Status.IDLE,
-    Mode.SUCCESS: Status.SUCCESS,
-    Mode.FAILURE_RECALL: Status.FAILED,
-    Mode.FAILED: Status.FAILED,
-    Mode.STOPPED: Status.STOPPED,
-}
-BEFORE_RECALL = frozenset(
-    {
-        Mode.IDLE,
-        Mode.FORWARD,
-        Mode.STOP_TO_TURN,
-        Mode.LEFT,
-        Mode.RIGHT,
-        Mode.DEAD,
-        Mode.STOP_AT_WAYPOINT,
-    }
-)
-ENDED = frozenset({Mode.SUCCESS, Mode.FAILED, Mode.STOPPED})
-
-
-class Cmec(Block):
+class Cmec(Supervised):
     """Canine maximum effort controller: waypoints and the estimate to commands, tick by tick."""
 
     source = "Miller 2010, 4.1.4, eq. 4.1-4.4, Figure 4.2, Tables 4.1-4.3"
@@ -100,6 +40,7 @@ class Cmec(Block):
     east = Input("m", "estimated position", min=-1e5, max=1e5)
     speed = Input("m/s", "estimated ground speed", min=-50, max=50)
     heading = Input("rad", "estimated heading, clockwise from north", min=-7, max=7)
+    speed_sd = Input("m/s", "standard deviation of the speed", start=0, min=0)
     valid = Input(Boolean, "the estimate may be trusted", start=1)
     start = Input(Boolean, "the trial is on; latches the waypoints when it becomes true", start=0)
     override = Input(Command, "the operator's command, which beats the controller's", start=0)
@@ -143,7 +84,10 @@ class Cmec(Block):
         min=0,
         max=MOST_TURNS,
     )
-    # choices that the text leaves open: the two readings
+    rest_speed_sd = Parameter(
+        "m/s", "an animal whose speed is less sure than this does not count as stopped", start=1e6, min=0
+    )
+    # choices that the text leaves open: the readings
     turn_end_deviation = Parameter(
         "rad", "orientation deviation below which a turn command ends", start=5 * DEG, min=0, max=4
     )
@@ -340,13 +284,6 @@ class Cmec(Block):
         yield Row(Mode.RECALL, won, Mode.SUCCESS, {"ticks": 0})
         yield Row(Mode.FAILURE_RECALL, won, Mode.FAILED, {"ticks": 0})
 
-    @triggered(lambda m: m.anomaly > Anomaly.NONE, "`anomaly` is not NONE", seldom=True)
-    def report(m) -> None:
-        """Count each anomaly by its kind."""
-        m.anomalies = ca.vertcat(
-            *(m.anomalies[a - 1] + (m.anomaly == a) for a in Anomaly if a is not Anomaly.NONE)
-        )
-
     def answer(m) -> None:
         """The mode's command, unless something beats it."""
         command = _choose(m.now, COMMANDS, Command.NONE)
@@ -372,7 +309,11 @@ class Cmec(Block):
 
     def _at_rest(m) -> SX:
         """Has the stop command been on long enough, and has the animal stopped?"""
-        return all_of(m._lasted(m.stop_hold), m.speed < m.stopped_speed)
+        return all_of(
+            m._lasted(m.stop_hold),
+            ca.fabs(m.speed) < m.stopped_speed,
+            m.speed_sd <= m.rest_speed_sd,
+        )
 
     def _stuck(m) -> SX:
         """Has the animal moved too little since FORWARD was issued, on the tick on which its time is up?"""

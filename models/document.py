@@ -19,7 +19,7 @@ README = Path(__file__).with_name("README.md")
 INTRODUCTION = """# The models
 
 Each block is one file, with the dissertation's equations in their order; every equation names its number.
-`kit/` is what blocks are declared with, `system.py` links them, and `readings.py` holds the two readings of
+`kit/` is what blocks are declared with, `system.py` links them, and `readings.py` holds the readings of
 what the text leaves open. [CHOICES.md](CHOICES.md) lists where the text errs or is silent, and what is done.
 Angles are in rad here and in the FMUs, in degrees at the command line and in scenarios.
 
@@ -165,9 +165,11 @@ def _choices(block: type[Block], variable: str) -> type[IntEnum]:
 
 def _readings() -> str:
     names = list(READINGS)
-    lines = ["## The two readings", "", f"| parameter | {' | '.join(names)} |", "|---|" + "---|" * len(names)]
-    for parameter in READINGS[names[0]]:
-        cells = [_reading(READINGS[name][parameter]) for name in names]
+    lines = ["## The readings", "", f"| parameter | {' | '.join(names)} |", "|---|" + "---|" * len(names)]
+    for parameter in dict.fromkeys(p for name in names for p in READINGS[name]):
+        block, _, name = parameter.partition(".")
+        unit = {b.title(): b for b in BLOCKS}[block].variables()[name].unit
+        cells = [_reading(READINGS[name].get(parameter), unit) for name in names]
         lines.append(f"| `{parameter}` | {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
@@ -180,8 +182,12 @@ def _tunings() -> str:
     return "\n".join([*lines, ""])
 
 
-def _reading(value: float) -> str:
-    return str(value).lower() if isinstance(value, bool) else f"{math.degrees(value):g} deg"
+def _reading(value: float | None, unit: str) -> str:
+    if value is None:
+        return "as it starts"
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{math.degrees(value):g} deg" if unit == "rad" else f"{value:g} {unit}"
 
 
 if __name__ == "__main__":

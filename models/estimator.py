@@ -9,6 +9,7 @@ from models.kit.block import Block, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State
 from models.kit.ekf import Correction, Factors, Measurement, correct
 from models.kit.geometry import COUNT_MAX, all_of, any_of, at_least, counted, where, wrap
+from models.kit.timing import lasted
 
 SPEED, BIAS = 0, 1  # every state begins with them
 MOST_REJECTED = 1000  # fixes, before the filter begins anew
@@ -60,7 +61,7 @@ class Estimator(Block):
     heading_sd = Output("rad", "standard deviation of the heading")
     accel_bias_sd = Output("m/s2", "standard deviation of the bias")
     sigma_accel = Output("m/s2", "process noise of the acceleration in force")
-    valid = Output(Boolean, "the last accepted fix is no older than max_age")
+    valid = Output(Boolean, "the last accepted fix is no older than max_age, the deviations are in bounds")
 
     sigma_constant = Parameter("m/s2", "process noise of the acceleration, not tuned (D.7)", start=0.1, min=0)
     sigma_bias = Parameter("m/s2", "random walk of the bias per tick (eq. 3.16)", start=1e-3, min=0)
@@ -91,7 +92,18 @@ class Estimator(Block):
         min=1,
         max=MOST_REJECTED,
     )
+    recovery_time = Parameter("s", "and the time for which they must have come", start=0, min=0, max=1e4)
+    recovery_speed = Parameter(
+        "m/s", "rejected fixes farther apart than a body of this speed moves count anew", start=1e6, min=0
+    )
     max_age = Parameter("s", "a fix older than this makes the estimate invalid", start=15, min=0, max=1e6)
+    # rule 5 of SAFETY.md: good enough to lead by
+    max_position_sd = Parameter(
+        "m", "a standard deviation of north or east above this makes it invalid", start=1e9, min=0
+    )
+    max_speed_sd = Parameter(
+        "m/s", "a standard deviation of the speed above this makes it invalid", start=1e9, min=0
+    )
 
     started = State(Boolean, "a first fix has set the state")
     renewed = State(Boolean, "the filter has begun anew, and no fix passed the gate since")
@@ -102,7 +114,11 @@ class Estimator(Block):
     age = State(Integer, "ticks since the last accepted fix", max=COUNT_MAX)
     good = State(Boolean, "the last fix has all its values in range")
     accepted = State(Boolean, "this tick's fix passed the gate")
-    rejected = State(Integer, "fixes rejected in a row", min=0, max=MOST_REJECTED)
+    rejected = State(Integer, "fixes rejected in a row that agree with each other", min=0, max=MOST_REJECTED)
+    rejected_north = State("m", "position of the last of them")
+    rejected_east = State("m", "position of the last of them")
+    rejected_age = State(Integer, "age when it came")
+    rejected_since = State(Integer, "age when the first of them came")
     bad_samples = State(Integer, "samples skipped for values out of range", max=COUNT_MAX)
     bad_fixes = State(Integer, "fixes skipped for values out of range", max=COUNT_MAX)
 
@@ -135,7 +151,7 @@ class Estimator(Block):
             (m.gps_speed - m.x[SPEED]) ** 2 <= m.gate**2 * speed_variance,
         )
         m.accepted = all_of(m.good, near, m.started)
-        m.rejected = where(m.good, where(m.accepted, 0, m.rejected + 1), m.rejected)
+        m._count_rejected(position_variance)
         m.bad_fixes = counted(m.bad_fixes, ca.logic_not(m.good))
 
     @triggered("accepted")
@@ -147,8 +163,8 @@ class Estimator(Block):
         m.age = m.renewed = 0
 
     @triggered(
-        lambda m: all_of(m.gps_fix, m.good, any_of(ca.logic_not(m.started), m.rejected >= m.recovery_fixes)),
-        "a good fix is the first, or the last of `recovery_fixes` rejected in a row",
+        lambda m: all_of(m.gps_fix, m.good, any_of(ca.logic_not(m.started), m._is_elsewhere())),
+        "a good fix is the first, or the last of `recovery_fixes` rejected in a row for `recovery_time`",
     )
     def recover(m) -> None:
         """Begin, or begin anew, at the fix; keep the bias if there is one that has not failed so already.
@@ -169,7 +185,13 @@ class Estimator(Block):
         m.speed_sd, m.accel_bias_sd, m.north_sd, m.east_sd = map(ca.sqrt, m._stated_variances())
         m.heading, m.heading_sd = m._heading()
         m.sigma_accel = m.sigma
-        m.valid = all_of(m.started, m.age * m.sample_time <= m.max_age)
+        m.valid = all_of(
+            m.started,
+            m.age * m.sample_time <= m.max_age,
+            m.north_sd <= m.max_position_sd,
+            m.east_sd <= m.max_position_sd,
+            m.speed_sd <= m.max_speed_sd,
+        )
 
     # What is an estimator's own
 
@@ -230,6 +252,24 @@ class Estimator(Block):
         x, factors, steps = correct(m.x, m._factors(), measurements)
         m.x, m.covariance = m._wrapped(x), factors.pack()
         return steps
+
+    def _count_rejected(m, position_variance: SX) -> None:
+        """Fixes that are rejected in a row count together if the body can have moved from one to the next."""
+        reach = m.recovery_speed * (m.age - m.rejected_age) * m.sample_time
+        step = (m.gps_north - m.rejected_north) ** 2 + (m.gps_east - m.rejected_east) ** 2
+        agrees = all_of(m.rejected > 0, step <= reach**2 + m.gate**2 * position_variance)
+        rejected = all_of(m.good, ca.logic_not(m.accepted))
+        m.rejected_since = where(all_of(rejected, ca.logic_not(agrees)), m.age, m.rejected_since)
+        m.rejected_north = where(rejected, m.gps_north, m.rejected_north)
+        m.rejected_east = where(rejected, m.gps_east, m.rejected_east)
+        m.rejected_age = where(rejected, m.age, m.rejected_age)
+        count = where(agrees, counted(m.rejected, most=MOST_REJECTED), 1)
+        m.rejected = where(m.good, where(m.accepted, 0, count), m.rejected)
+
+    def _is_elsewhere(m) -> SX:
+        """Have fixes that agree been rejected often and long enough?"""
+        since = lasted(m.age - m.rejected_since, m.recovery_time, m.sample_time)
+        return all_of(m.rejected >= m.recovery_fixes, since)
 
     def _position_variance(m) -> SX:
         return at_least(m.position_sd_scale * m.gps_h_acc, m.position_sd_floor) ** 2  # eq. 3.15

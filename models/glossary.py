@@ -147,13 +147,13 @@ TERMS: dict[str, tuple[Term, ...]] = {
         ),
     ),
     "Control": (
-        Term("mode", "what the controller is doing", (("Mode", "models/cmec.py"),)),
+        Term("mode", "what the controller is doing", (("Mode", "models/modes.py"),)),
         Term("command", "what the animal is told", (("Command", "models/commands.py"),)),
         Term("status", "how the trial stands; some end it", (("Status", "models/commands.py"),)),
         Term(
             "anomaly",
             "a way in which the animal disobeys, or a reason why the controller does not lead",
-            (("Anomaly", "models/cmec.py"),),
+            (("Anomaly", "models/modes.py"),),
         ),
         Term(
             "telemetry",

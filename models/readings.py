@@ -1,12 +1,17 @@
-"""The two readings of the controller and the simulator: parameters where the text leaves a choice.
+"""The readings of the controller and the simulator: parameters where the text leaves a choice.
 
-The text taken literally (`literal`) does not reproduce its own success rates; `calibrated` nearly does.
+The text taken literally (`literal`) does not reproduce its own success rates; `calibrated` nearly does. Both
+are without limits. `guarded` is for animals: the rules of SAFETY.md hold, and directional commands are
+counted per waypoint, as 4.1.4.3 and Table 4.2 say.
 """
 
 from __future__ import annotations
 
 from models.kit.units import DEG
 
+READING = "calibrated"  # by default
+ON_BOARD = "guarded"  # by default where the firmware leads
+PUBLISHED = ("calibrated", "literal")  # those of the dissertation
 READINGS: dict[str, dict[str, float]] = {
     "calibrated": {
         "cmec.turn_end_deviation": 5 * DEG,
@@ -21,6 +26,25 @@ READINGS: dict[str, dict[str, float]] = {
         "cmec.reset_turns": True,
     },
 }
+READINGS[ON_BOARD] = {
+    **READINGS["calibrated"],
+    "cmec.reset_turns": True,
+    "cmec.guarded": True,
+    "cmec.rest_speed_sd": 1.0,  # m/s
+}
+for estimator in ("four_state", "six_state", "seven_state", "two_bias", "canine_tracker"):
+    READINGS[ON_BOARD] |= {
+        f"{estimator}.max_position_sd": 7.0,  # m: d'
+        f"{estimator}.max_speed_sd": 2.0,  # m/s: about the animal's, with which it would cross d' in 3 s
+        f"{estimator}.recovery_time": 3.0,  # s
+        f"{estimator}.recovery_speed": 15.0,  # m/s: faster than a dog runs with a vest
+    }
+for estimator in ("four_state", "two_bias"):  # so that what they state may be believed
+    READINGS[ON_BOARD] |= {
+        f"{estimator}.sigma_cap": 1.2,  # m/s2
+        f"{estimator}.position_sd_floor": 0.5,  # m
+        f"{estimator}.speed_sd_floor": 0.1,  # m/s
+    }
 
 
 def start_heading_deviation(reading: str, waypoints: int) -> float:

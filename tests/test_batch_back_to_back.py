@@ -21,8 +21,9 @@ from harness.trial.plan import Plan, plan
 from harness.trial.prepare import prepared
 from harness.trial.request import Request, build_missing
 from harness.trial.scenario import Scenario, Setting
-from models.cmec import Anomaly, Cmec, Mode
+from models.cmec import Cmec
 from models.commands import ENDS, Status
+from models.modes import Anomaly, Mode
 from models.readings import READINGS
 from models.system import SYSTEMS
 
@@ -87,6 +88,15 @@ SWITCHES = {
     "cts": ("cmec.limit_stop_deviation", "cmec.count_reissue", "cmec.reset_turns", "canine.shaking"),
     "full": ("canine.shaking", "sensors.noisy", "four_state.fuzzy", "four_state.use_pitch"),
 }
+LIMITS = {
+    "cmec.leg_vibration": (1, 10),
+    "cmec.window": (1, 20),
+    "cmec.progress_time": (0.1, 3),
+    "cmec.departing_distance": (0, 1),
+    "cmec.leg_time": (5, 60),
+    "cmec.fence_width": (2, 20),
+    "cmec.fence_radius": (20, 60),
+}
 FREE = {  # inputs that change in some trials, with what they start with and may become
     "cts": {"start": (1, (0, 1)), "override": (0, range(6)), "link_ok": (1, (0, 1)), "valid": (1, (0, 1))},
     "full": {"start": (1, (0, 1)), "override": (0, range(6)), "link_ok": (1, (0, 1))},
@@ -95,7 +105,7 @@ FREE = {  # inputs that change in some trials, with what they start with and may
 
 def draw_trial(system: str, reading: str, number: int) -> Scenario:
     """Any trial; two in five are short or have inputs that change."""
-    rng = np.random.default_rng([number, system == "full", reading == "literal"])
+    rng = np.random.default_rng([number, system == "full", list(READINGS).index(reading)])
     ranges = DOG | (WEARABLE if system == "full" else {})
     parameters: dict[str, Any] = {n: float(rng.uniform(*r)) for n, r in ranges.items() if rng.random() < 0.3}
     parameters |= {n: bool(rng.integers(2)) for n in SWITCHES[system] if rng.random() < 0.2}
@@ -105,6 +115,9 @@ def draw_trial(system: str, reading: str, number: int) -> Scenario:
         starts = np.sort(rng.uniform(0, 40, 2))
         parameters["sensors.outage_start"] = starts.tolist()
         parameters["sensors.outage_end"] = (starts + rng.uniform(0, 20, 2)).tolist()
+    if reading == "guarded" and rng.random() < 0.7:
+        name = str(rng.choice(list(LIMITS)))
+        parameters[name] = float(rng.uniform(*LIMITS[name]))
     changing = number % 5 == 0
     return Scenario(
         f"{system} {reading} {number}",

@@ -27,6 +27,7 @@ from models.errors import UsageError
 from models.kit.block import Block
 from models.kit.declaration import Type, Variable
 from models.kit.link import Values
+from models.readings import ON_BOARD, READINGS
 from models.system import ESTIMATORS
 
 SOURCES = Path(__file__).parent / "onboard"
@@ -47,6 +48,12 @@ BLOCKS = DEFAULT.blocks
 def settable(block: type[Block]) -> dict[str, Variable]:
     """A block's parameters that the firmware has: all but the mission, which comes by radio."""
     return {v.name: v for v in block.group("parameter") if not is_mission(v) and not v.size}
+
+
+def _guarded(block: type[Block]) -> dict[str, float]:
+    """A block's parameters in the reading ON_BOARD."""
+    owner = f"{block.title()}."
+    return {a.removeprefix(owner): v for a, v in READINGS[ON_BOARD].items() if a.startswith(owner)}
 
 
 def program(navigation: Navigation = DEFAULT) -> dict[str, str]:
@@ -96,7 +103,7 @@ def library(
     """The sources that are the same for every target, file name to text.
 
     Args:
-        values: of parameters (SI), over their start values.
+        values: of parameters (SI), over their start values; None for those of the reading ON_BOARD.
         navigation: the program's estimator, and what comes before it.
         constants: parameters are macros of the blocks' headers instead of fields.
         addressed: the blocks' functions know where their block lies (see `Target`).
@@ -104,7 +111,8 @@ def library(
     files: dict[str, str] = {}
     blocks = navigation.blocks
     chosen = {
-        member: {n: (values or {}).get(member, {}).get(n, v.start[0]) for n, v in settable(block).items()}
+        member: {n: v.start[0] for n, v in settable(block).items()}
+        | (_guarded(block) if values is None else dict(values.get(member, {})))
         for member, block in blocks.items()
     }
     for member, block in blocks.items():
@@ -196,10 +204,14 @@ def write(
         UsageError: the processor has no room for the program; the folder cannot be written, holds another
             target's bundle, or has such a file by a name of the bundle's. Then nothing is written.
     """
-    if size := TOO_LARGE.get((target.name, navigation.name)):
+    size = TOO_LARGE.get((target.name, navigation.name), (0, 0))
+    if size[constants] > target.code:
+        fits = (
+            f" With --constants it needs {size[True]:,} bytes and fits." if size[True] <= target.code else ""
+        )
         raise UsageError(
             f"--target {target.name}: {navigation.name} needs {size[constants]:,} bytes for code and "
-            f"constants, and there is room for {target.code:,}; nothing is written. "
+            f"constants, and there is room for {target.code:,}; nothing is written.{fits} "
             "Leave out --ahrs, or choose another estimator or target"
         )
     files = bundle(target, values, navigation, constants=constants)

@@ -44,8 +44,8 @@ from harness.log.container import Container
 from harness.log.geodesy import TangentPlane
 from harness.log.log import named
 from harness.log.route import Route
-from models.cmec import Anomaly
 from models.commands import Command, Status
+from models.modes import Anomaly
 
 PERIOD = SECOND // 5  # ns: a dog moves two metres in it at most
 CIRCLE_POINTS = 48

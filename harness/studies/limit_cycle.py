@@ -31,10 +31,11 @@ from harness.drawing import BELOW, ESTIMATES, GRID, TRUTH, Style, house_style, n
 from harness.studies.study import Options, Progress, Result
 from harness.terminal import new_table, print_table
 from models.canine import Canine
-from models.cmec import Cmec, Mode
+from models.cmec import Cmec
 from models.kit.geometry import LONGEST
 from models.kit.timing import TICK
 from models.kit.units import DEG
+from models.modes import Mode
 from models.system import trial_simulator
 
 Array = npt.NDArray[np.float64]

@@ -27,9 +27,9 @@ import numpy.typing as npt
 
 from codegen.batch.batch import Batch, Change
 from codegen.cache import TRACED, sources
-from models.cmec import Anomaly
 from models.commands import ENDS, Status
 from models.errors import CanineError, UsageError
+from models.modes import Anomaly
 from models.system import ESTIMATOR, find_system
 
 ANOMALIES = tuple(a.name.lower() for a in Anomaly if a is not Anomaly.NONE)

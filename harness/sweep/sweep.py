@@ -34,6 +34,7 @@ from harness.trial.scenario import Scenario, ScenarioError, checked, load, with_
 from models.errors import UsageError, nearest
 from models.kit.declaration import Type, Variable
 from models.kit.random import MAX_SEED
+from models.readings import READING
 from models.system import ESTIMATOR, SYSTEMS, find_estimator, find_system
 
 TRIAL_TYPES = {"two": ("two_waypoint",), "three": ("right_90", "left_90", "right_45", "left_45")}
@@ -217,15 +218,16 @@ def plan_sweep(
     _check_size(job)
     own = targets[0] if isinstance(targets[0], Scenario) else load(targets[0])
     columns = tuple(axis.column for axis in axes)
+    chosen = first.reading or READING
     special = (
-        *([first.reading] if first.reading != own.reading else []),
+        *([chosen] if chosen != (own.reading or READING) else []),
         *([system] if system != "cts" else []),
         *([first.estimator] if first.estimator != ESTIMATOR else []),
         *([f"seed{first.seed}"] if first.seed != own.seed else []),
         *(columns if columns != (THRESHOLD_COLUMN,) else ()),
     )
     name = target if isinstance(target, str) and target in TRIAL_TYPES else first.name
-    return Sweep(name, axes, job, tuple(scenarios), first.reading, special)
+    return Sweep(name, axes, job, tuple(scenarios), chosen, special)
 
 
 def _told_by_scenario(scenario: Scenario) -> dict[str, Any]:
@@ -274,8 +276,7 @@ def _adapted(
         estimator = ESTIMATOR
     scenario = replace(scenario, system=system, estimator=estimator or scenario.estimator)
     scenario = scenario.override(settings, seed)
-    if reading is not None:
-        scenario = replace(scenario, reading=reading)
+    scenario = replace(scenario, reading=reading or scenario.reading or READING)
     owners = _owners(interfaces_of_system(find_system(system, scenario.estimator)))
     for address in [*scenario.parameters, *(s.variable for s in scenario.sets)]:
         owner = address.partition(".")[0]

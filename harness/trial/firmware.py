@@ -14,6 +14,7 @@ from harness.trial.scenario import Scenario, load
 from models.errors import UsageError
 from models.kit.declaration import flatten
 from models.kit.link import Values
+from models.readings import ON_BOARD
 from models.system import System, find_system
 
 
@@ -49,7 +50,7 @@ def firmware_of(
         UsageError: there is no such estimator, the firmware lacks the parameter of a setting, or two commands
             sound alike.
     """
-    written = load(scenario, mission=False) if scenario else Scenario("--set")
+    written = load(scenario, mission=False) if scenario else Scenario("--set", reading=ON_BOARD)
     name = "full_ahrs" if ahrs or written.system == "full_ahrs" else "full"
     system = find_system(name, estimator or written.estimator)
     written = replace(written, system=name, estimator=estimator or written.estimator).override(settings)

@@ -20,7 +20,7 @@ from harness.trial.scenario import Scenario, ScenarioError, Written, toml_of
 from models.errors import nearest
 from models.kit.declaration import Type, Variable, flatten
 from models.kit.units import UNITS
-from models.readings import READINGS, start_heading_deviation
+from models.readings import READING, READINGS, start_heading_deviation
 from models.system import BLOCKS, ESTIMATORS, SYSTEMS, System
 
 if TYPE_CHECKING:  # fmpy: sweeps do without
@@ -163,7 +163,7 @@ class _Planner:
         self.kept: dict[str, list[str]] = {}  # by component, what the package binds to another value
 
     def plan(self, varied: Collection[str]) -> Plan:
-        for address, value in READINGS[self.scenario.reading].items():
+        for address, value in READINGS[self.reading].items():
             block, _, name = address.partition(".")
             for component, interface in self.interfaces.items():
                 if interface.block == block and name in interface.parameters:
@@ -191,6 +191,11 @@ class _Planner:
         return Plan(self.values, events, tuple(self.notes))
 
     @property
+    def reading(self) -> str:
+        """The reading of the scenario."""
+        return self.scenario.reading or READING
+
+    @property
     def all_values(self) -> dict[str, dict[str, float]]:
         """The values of the plan over those of the package, by component."""
         return {name: {**self.bound.get(name, {}), **values} for name, values in self.values.items()}
@@ -209,8 +214,7 @@ class _Planner:
         own = _start(interface.parameters[name], name)
         if block is not None and own not in (value, dict(flatten(block.group("parameter")))[name].start[0]):
             self.notes.append(
-                f'{interface.label}: {name} is {own:.6g}; the reading "{self.scenario.reading}" '
-                f"sets it to {value:.6g}"
+                f'{interface.label}: {name} is {own:.6g}; the reading "{self.reading}" sets it to {value:.6g}'
             )
 
     @cached_property
@@ -218,7 +222,7 @@ class _Planner:
         """The parameters (SI) that the scenario's own keys state: seed, start, waypoints; by role."""
         scenario = self.scenario
         north, east, heading = scenario.start
-        spread = start_heading_deviation(scenario.reading, len(scenario.waypoints))
+        spread = start_heading_deviation(self.reading, len(scenario.waypoints))
         controller: dict[str, float] = {"home_north": north, "home_east": east}
         if scenario.waypoints:
             controller["waypoint_count"] = len(scenario.waypoints)

@@ -53,9 +53,9 @@ from harness.trial import disturbances as kinds
 from harness.trial.disturbances import Span, disturbances
 from harness.trial.labels import place_labels
 from harness.trial.summary import position_error, summarize
-from models.cmec import Anomaly
 from models.commands import Command
 from models.kit.timing import TICK
+from models.modes import Anomaly
 from models.system import ESTIMATOR
 
 COLOURS = {

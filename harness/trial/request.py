@@ -20,6 +20,7 @@ from harness.trial import DEFAULT
 from harness.trial.scenario import Scenario, ScenarioError, checked, load, parse, with_estimator
 from models.canine_ahrs import CanineAhrs
 from models.errors import UsageError, nearest, printable
+from models.readings import ON_BOARD, READING
 from models.system import ESTIMATOR, ESTIMATORS, SYSTEMS, find_estimator, find_system
 
 PACKAGE = "system.ssp"  # a log's attachment
@@ -113,13 +114,16 @@ def requested(target: str | Scenario, changes: Changes) -> Iterator[Request]:
             request = replace(request, fmi=int(changes.fmi), package=None)
         request = _with_ahrs(_with_estimator(request, changes.estimator), changes.ahrs)
         swaps = {role: path for role, path in changes.swaps.items() if path is not None}
+        onboard = request.onboard if changes.onboard is None else _processor(changes.onboard)
+        scenario = request.scenario.override(changes.settings, changes.seed)
+        reading = scenario.reading or (ON_BOARD if onboard else READING)
         yield _checked(
             replace(
                 request,
-                scenario=request.scenario.override(changes.settings, changes.seed),
+                scenario=replace(scenario, reading=reading),
                 order=changes.order or request.order,
                 swaps={**request.swaps, **swaps},
-                onboard=request.onboard if changes.onboard is None else _processor(changes.onboard),
+                onboard=onboard,
             )
         )
 

@@ -2,7 +2,7 @@
 
     system = "full"                          # or "full_ahrs", "cts", or the path of an .ssp
     estimator = "four_state"                 # or another of ours
-    reading = "calibrated"                   # or "literal"
+    reading = "calibrated"                   # or "literal", "guarded"
     seed = 1
     duration = 300.0                         # s
     waypoints = [[35.73, 0.0], [35.73, 35.73]]   # north, east in m
@@ -73,7 +73,7 @@ class Scenario:
     Attributes:
         name: of the folder of the results.
         system: one of ours, or the path of an .ssp.
-        reading: of the dissertation, `calibrated` or `literal`.
+        reading: one of READINGS; None for READING, or ON_BOARD where the firmware leads.
         duration: s, at which a trial times out.
         waypoints: north and east, m.
         origin: latitude and longitude of north = east = 0, deg.
@@ -86,7 +86,7 @@ class Scenario:
 
     name: str = "scenario"
     system: str = "full"
-    reading: str = "calibrated"
+    reading: str | None = None
     seed: int = 1
     duration: float = DURATION
     waypoints: Sequence[tuple[float, float]] = ()
@@ -125,7 +125,7 @@ class Scenario:
             f"name = {toml_of(self.name)}",
             f"system = {toml_of(self.system)}",
             *([f"estimator = {toml_of(self.estimator)}"] if self.estimator != ESTIMATOR else []),
-            f"reading = {toml_of(self.reading)}",
+            *([f"reading = {toml_of(self.reading)}"] if self.reading else []),
             f"seed = {toml_of(self.seed)}",
             f"duration = {toml_of(self.duration)}",
             f"waypoints = {toml_of(self.waypoints)}",
@@ -314,7 +314,7 @@ def parse(text: str, where: str, default_name: str = "scenario", folder: Path = 
     scenario = Scenario(
         name=table.plain("name", default_name),
         system=table.word("system", "full"),
-        reading=table.word("reading", "calibrated", READINGS),
+        reading=table.optional("reading", READINGS),
         seed=int(table.number("seed", 1, 0, MAX_SEED, whole=True)),
         duration=table.number("duration", DURATION, 0, MAX_DURATION, unit="s"),
         waypoints=table.points("waypoints"),
@@ -369,6 +369,10 @@ class _TomlTable:
         if known and value not in known:
             raise self.fail(key, value, f"one of {', '.join(sorted(known))}{nearest(value, known)}")
         return value
+
+    def optional(self, key: str, known: Collection[str]) -> str | None:
+        """One of these words; None if the key is absent."""
+        return self.word(key, "", known) if key in self.left else self.take(key, None)
 
     def plain(self, key: str, default: str) -> str:
         """A name without separators: the results go into a folder of that name."""

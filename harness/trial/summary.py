@@ -19,8 +19,8 @@ from harness.log.channel import Array
 from harness.log.log import Log, named
 from harness.terminal import console_of, new_table, print_table
 from harness.trial.disturbances import disturbances
-from models.cmec import Anomaly
 from models.commands import Status
+from models.modes import Anomaly
 from models.system import ESTIMATOR
 
 TEMPLATES = environment(Path(__file__).parent / "templates")

@@ -22,6 +22,7 @@ from harness.verification.tables import (
     distance_table,
     dog_table,
     field_table,
+    guarded_table,
     late_table,
     recommendation_table,
     route_table,
@@ -29,7 +30,7 @@ from harness.verification.tables import (
     statements,
     time_table,
 )
-from models.readings import READINGS
+from models.readings import PUBLISHED
 
 RESULTS = Path(__file__).parents[1] / "results"
 PAGE = "verification.md"
@@ -75,11 +76,12 @@ def page(size: Size, example: Example) -> str:
         times=time_table(size),
         causes=cause_table(size),
         late=late_table(size),
-        dogs={reading: dog_table(size, reading) for reading in READINGS},
+        dogs={reading: dog_table(size, reading) for reading in PUBLISHED},
         distances=distance_table(size),
         routes=route_table(size),
+        guarded=guarded_table(size),
         recommendations=recommendation_table(size),
-        three_times=[seconds(simulate("three", "37:49:12", size.rate, r).at(49)) for r in READINGS],
+        three_times=[seconds(simulate("three", "37:49:12", size.rate, r).at(49)) for r in PUBLISHED],
         gain=100 * (high.success_rate - low.success_rate),
         cost=(high.mean_time or 0.0) - (low.mean_time or 0.0),
         wilson=100 * wilson(FIELD[0].successes, FIELD[0].trials)[1],

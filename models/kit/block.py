@@ -112,12 +112,14 @@ class Block:
         sample_time: seconds between ticks.
         source: where the equations come from.
         moore: the outputs depend on the states alone (a plant), so that a loop through it closes.
+        behind: what this class declares and does comes behind what the classes that derive from it do.
         precisions: what C may be generated in; the double one is the reference.
     """
 
     sample_time: ClassVar[float] = TICK
     source: ClassVar[str] = ""
     moore: ClassVar[bool] = False
+    behind: ClassVar[bool] = False
     precisions: ClassVar[tuple[Precision, ...]] = ("double",)
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
@@ -185,11 +187,17 @@ class Block:
         return first_line(cls)
 
     @classmethod
+    def _bases(cls) -> list[type]:
+        """The classes that this one is made of: bases first, but those `behind` last."""
+        bases = list(reversed(cls.__mro__))
+        return sorted(bases, key=lambda base: bool(vars(base).get("behind")))
+
+    @classmethod
     def variables(cls, *kinds: type[Variable]) -> dict[str, Variable]:
-        """The declared variables (of some kinds) in the order of their declaration, bases first."""
+        """The declared variables (of some kinds) in the order of their declaration, by `_bases`."""
         if (cls, kinds) not in _VARIABLES:  # a command asks hundreds of times before it begins
             declared: dict[str, Variable] = {}
-            for base in reversed(cls.__mro__):
+            for base in cls._bases():
                 declared.update({n: v for n, v in vars(base).items() if isinstance(v, Variable)})
             _VARIABLES[cls, kinds] = {n: v for n, v in declared.items() if not kinds or isinstance(v, kinds)}
         return dict(_VARIABLES[cls, kinds])
@@ -211,14 +219,14 @@ class Block:
 
     @classmethod
     def updates(cls) -> dict[str, Method]:
-        """The updates in the order of their definition, bases first; a redefined one keeps its place.
+        """The updates in the order of their definition, by `_bases`; a redefined one keeps its place.
 
         Raises:
             DeclarationError: one stands before an update that there is not.
         """
         own = set(dir(Block))
         names: list[str] = []
-        for base in reversed(cls.__mro__):
+        for base in cls._bases():
             if issubclass(base, Block) and base is not Block:
                 for n, member in vars(base).items():
                     if not callable(member) or n.startswith("_") or n in own or n in names:

@@ -16,8 +16,9 @@ import numpy.typing as npt
 
 from codegen.toolchains.compiler import FLAGS, build_library
 from models.canine import Canine
-from models.cmec import Anomaly, Cmec
+from models.cmec import Cmec
 from models.commands import Status
+from models.modes import Anomaly
 
 TICK = Cmec.sample_time  # s
 LAST_TICK = 7500  # 300 s

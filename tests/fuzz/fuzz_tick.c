@@ -31,6 +31,10 @@ void check_declared(const onboard *m);
 #define OLDEST_FIX 375U          /* ticks: 15 s */
 #define LONGEST_OVERRIDE 25U     /* ticks: 1 s */
 #define CAPTURE_RADIUS 7.0       /* m */
+#define LONGEST_VIBRATION 125U   /* ticks: 5 s */
+#define MOST_VIBRATION 4500U     /* ticks: 180 s in a mission */
+#define MOST_ISSUES 60U
+#define HELD_STOP 38U            /* ticks: 1.5 s */
 #define STEP_PER_M 90.0          /* 1e-7 deg in a metre */
 #define RADIANS 0.017453292519943295
 #define TWO_PI 6.283185307179586
@@ -74,6 +78,11 @@ static struct {
     uint32_t override_age; /* ticks without an override */
     uint32_t reports;     /* frames sent in this tick */
     bool due;             /* telemetry is due */
+    int32_t last_mode;
+    int32_t last_command;
+    uint32_t sounded;  /* ticks of this command */
+    uint32_t vibrated; /* ticks, and issues, since the trial began */
+    uint32_t issues;
     uint32_t late;        /* ticks for which it has waited */
     uint8_t telemetry[LINK_TELEMETRY_SIZE];
 } world;
@@ -432,7 +441,9 @@ static void check_estimate(void)
     assert((vest.estimator.out.speed_sd >= 0.0F) && (vest.estimator.out.accel_bias_sd >= 0.0F));
     assert(fabsf(vest.estimator.out.heading) <= 3.1415930F); /* pi and one rounding of 2 pi */
     assert(vest.estimator.out.valid ==
-           (vest.estimator.state.started && (vest.estimator.state.age <= (int32_t)OLDEST_FIX)));
+           (vest.estimator.state.started && (vest.estimator.state.age <= (int32_t)OLDEST_FIX) &&
+            (vest.estimator.out.north_sd <= 7.0F) && (vest.estimator.out.east_sd <= 7.0F) &&
+            (vest.estimator.out.speed_sd <= 2.0F))); /* rule 5 */
 }
 
 static bool within(float value, float limit)
@@ -467,6 +478,31 @@ static bool overridden(void)
     return (vest.radio.override != 0U) && (world.override_age <= LONGEST_OVERRIDE);
 }
 
+/* Rules 3 and 12, from the commands alone: nothing but the expected command, STOP, or silence; and no more of
+ * it than a leg, a mission and a window allow. */
+static void check_limits(int32_t expected, int32_t command)
+{
+    const bool directional = (command == CMEC_COMMAND_LEFT) || (command == CMEC_COMMAND_RIGHT);
+
+    assert((command == expected) || (command == CMEC_COMMAND_STOP) || (command == CMEC_COMMAND_NONE));
+    if ((world.last_mode == CMEC_MODE_IDLE) && (vest.controller.out.mode != CMEC_MODE_IDLE)) {
+        world.vibrated = 0U;
+        world.issues = 0U;
+    }
+    world.last_mode = vest.controller.out.mode;
+    world.sounded = (command == world.last_command) ? (world.sounded + 1U) : 1U;
+    if (directional) {
+        world.vibrated++;
+        world.issues += (command != world.last_command) ? 1U : 0U;
+        assert(world.sounded <= LONGEST_VIBRATION);
+    }
+    world.last_command = command;
+    assert((world.vibrated <= MOST_VIBRATION) && (world.issues <= MOST_ISSUES));
+    if (vest.controller.out.mode == CMEC_MODE_IDLE) {
+        assert((command != CMEC_COMMAND_STOP) || (world.sounded <= HELD_STOP));
+    }
+}
+
 /* The order of precedence, from what the program was given: a lost link, the operator's override, bad input,
  * an invalid estimate, the table. */
 static void check_command(void)
@@ -487,7 +523,7 @@ static void check_command(void)
         expected = commanded(mode);
         assert(vest.controller.in.start || (mode == CMEC_MODE_IDLE) || (mode == CMEC_MODE_STOPPED));
     }
-    assert(vest.controller.out.command == expected);
+    check_limits(expected, vest.controller.out.command);
     assert(!vest.controller.in.start || vest.local_plane.state.settled);
     assert(!vest.asked && !(vest.controller.in.start && (mode == CMEC_MODE_IDLE))); /* nothing is remembered */
     assert(vest.controller.out.waypoint <= vest.controller.state.count);

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -24,15 +23,15 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from models.cmec import MAX_WAYPOINTS, Anomaly, Cmec, Mode
+from models.cmec import MAX_WAYPOINTS, Cmec
 from models.commands import Command, Status
 from models.kit.declaration import Type
 from models.kit.model import Model
 from models.kit.tracing import GROUPS, Update
+from models.modes import Anomaly, Mode
 from models.readings import READINGS
+from tests.models.leading import DEG, Trial
 
-DEG = math.pi / 180
-FAR = {"waypoint_north[1]": 1000.0}
 ROUTE = {
     "waypoint_count": 2,
     "waypoint_north[1]": 100.0,
@@ -41,50 +40,6 @@ ROUTE = {
 }
 LITERAL = {name.partition(".")[2]: value for name, value in READINGS["literal"].items()}
 CALIBRATED = {name.partition(".")[2]: value for name, value in READINGS["calibrated"].items()}
-
-
-class Trial:
-    """A controller whose inputs are set by hand; the first waypoint lies far north by default."""
-
-    def __init__(self, **parameters: Any) -> None:
-        self.model = Model(Cmec, FAR | parameters.pop("route", {}) | parameters)
-        self.model.initialize()
-        self.model["start"] = 1
-        self.model["speed"] = 5
-        self.commands: list[Command] = []
-        self.anomalies: list[tuple[int, Anomaly]] = []
-
-    def tick(self, ticks: int = 1, /, **inputs: float) -> Command:
-        """So many ticks with inputs that stay; `h` [deg] sets the heading for a waypoint due north."""
-        if "h" in inputs:
-            inputs["heading"] = -inputs.pop("h") * DEG
-        for name, value in inputs.items():
-            self.model[name] = value
-        for _ in range(ticks):
-            self.model.step()
-            if anomaly := Anomaly(int(self.model["anomaly"])):
-                self.anomalies.append((len(self.commands), anomaly))
-            self.commands.append(Command(int(self.model["command"])))
-        return self.commands[-1]
-
-    def until(self, command: Command, limit: int = 400, /, **inputs: float) -> int:
-        """The number of ticks until a command is on."""
-        for k in range(1, limit + 1):
-            if self.tick(**(inputs if k == 1 else {})) == command:
-                return k
-        raise AssertionError(f"no {command.name} within {limit} ticks, but {self.phases()}")
-
-    def phases(self) -> list[tuple[str, int]]:
-        """Commands given so far: name and ticks of each."""
-        return [(c.name, len(list(group))) for c, group in groupby(self.commands)]
-
-    @property
-    def mode(self) -> Mode:
-        return Mode(int(self.model["mode"]))
-
-    @property
-    def status(self) -> Status:
-        return Status(int(self.model["status"]))
 
 
 def turning(h: float, **parameters: Any) -> Trial:
@@ -680,11 +635,11 @@ def random_columns(kind: str, count: int, generator: np.random.Generator) -> np.
     ids=lambda update: update.name,
 )
 def test_an_update_that_moves_the_mode_names_exactly_the_transitions_that_it_makes(update: Update) -> None:
-    # given 500 random states, inputs and parameters in each mode
+    # given 3,000 random states, inputs and parameters in each mode
     generator, now = np.random.default_rng(1), Cmec.flat_names("state").index("now")
     made = set()
     for mode in Mode:
-        arguments = [random_columns(kind, 500, generator) for kind in GROUPS]
+        arguments = [random_columns(kind, 3000, generator) for kind in GROUPS]
         arguments[0][now] = mode
         # when the update runs where its guard holds
         holds = np.array(update.guard(*arguments)).ravel().astype(bool)
@@ -694,9 +649,9 @@ def test_an_update_that_moves_the_mode_names_exactly_the_transitions_that_it_mak
     assert made == set(update.edges)
 
 
-def test_begin_end_and_interrupt_alone_move_the_mode_beside_the_table() -> None:
+def test_only_these_updates_move_the_mode_beside_the_table() -> None:
     movers = [phase.name for phase in Cmec.program().tick if isinstance(phase, Update) and phase.edges]
-    assert movers == ["begin", "end", "interrupt"]
+    assert movers == ["begin", "end", "interrupt", "halt", "recall"]
 
 
 def any_input() -> st.SearchStrategy[dict[str, float]]:

@@ -630,3 +630,57 @@ def test_a_switch_leaves_speed_position_and_their_covariance(native: Make) -> No
     assert [out[f"x[{i}]"][k] for i in (1, 3, 4)] == [same[f"x[{i}]"][k] for i in (1, 3, 4)]
     assert (out["other_bias"][k], out["x[2]"][k]) == (same["x[2]"][k], 0)
     assert out["other_bias_variance"][k] == pytest.approx(float(expected[1, 1]), rel=1e-12)
+
+
+# Rule 5 of SAFETY.md: good enough to lead by
+
+
+@EACH
+def test_rule_5_an_estimate_that_is_less_sure_than_the_limits_is_not_valid(native: Make, name: str) -> None:
+    # given a walk whose fixes end after 10 s
+    inputs = without_fixes(motion(np.full(1500, 1.0), np.zeros(1500)), 10, 60)
+    out = native(ESTIMATORS[name]).run(**inputs)
+    # when each deviation in turn is limited to what it comes to within the outage
+    for outputs, limit in ((("north_sd", "east_sd"), "max_position_sd"), (("speed_sd",), "max_speed_sd")):
+        largest = np.maximum.reduce([out[output] for output in outputs])
+        bound = float(np.median(largest[250:600]))
+        limited = native(ESTIMATORS[name], "double", {limit: bound}).run(**inputs)
+        # then it is valid where the deviation is within the limit, and nothing else changes
+        assert np.array_equal(limited["valid"], out["valid"] * (largest <= bound))
+        assert 0 < limited["valid"].sum() < out["valid"].sum()
+        assert np.array_equal(limited["speed"], out["speed"])
+
+
+def elsewhere(places: Array) -> Columns:
+    """A body that stands, whose fixes after 20 s are at these places north, in turn."""
+    inputs = motion(np.zeros(1500), np.zeros(1500))
+    away = np.flatnonzero(inputs["gps_fix"] & (np.arange(1500) * T >= 20))
+    inputs["gps_north"][away] = np.resize(places, len(away))
+    return inputs
+
+
+@EACH
+def test_rule_5_fixes_that_contradict_each_other_never_begin_the_filter_anew(native: Make, name: str) -> None:
+    # given fixes that are kilometres apart, none near the body
+    inputs = elsewhere(np.array([5e3, 9e3, -7e3, 6e3, -5e3]))
+    # when the body is one of at most 15 m/s, or any
+    slow, any_ = (
+        native(ESTIMATORS[name], "double", {"gate": 5, "recovery_speed": speed}).run(**inputs)
+        for speed in (15, 1e6)
+    )
+    # then
+    assert np.abs(slow["north"]).max() < 50
+    assert slow["rejected"].max() == 1
+    assert np.abs(any_["north"]).max() > 4e3
+
+
+@EACH
+@pytest.mark.parametrize("time", [0, 2.0, 5.0])
+def test_rule_5_fixes_that_agree_begin_it_anew_after_a_time(native: Make, name: str, time: float) -> None:
+    inputs = elsewhere(np.array([300.0, 301.0, 299.0]))
+    first, *_ = np.flatnonzero(inputs["gps_north"] > 200)
+    parameters = {"gate": 5, "recovery_speed": 15, "recovery_time": time}
+    out = native(ESTIMATORS[name], "double", parameters).run(**inputs)
+    (begun, *_) = np.flatnonzero(out["north"] > 200)
+    # four fixes at 4 Hz come in 0.75 s
+    assert max(time, 0.75) <= (begun - first) * T < max(time, 0.75) + 0.26

@@ -6,24 +6,43 @@ import math
 
 import pytest
 
-from models.canine import Canine
 from models.cmec import Cmec
-from models.readings import READINGS, start_heading_deviation
+from models.readings import ON_BOARD, PUBLISHED, READINGS, start_heading_deviation
+from models.system import BLOCKS, ESTIMATORS
 
-BLOCKS = {"cmec": Cmec, "canine": Canine}
+OWNERS = {block.title(): block for block in BLOCKS}
 
 
 @pytest.mark.parametrize("reading", READINGS)
 def test_every_parameter_exists_and_its_value_is_in_range(reading: str) -> None:
     for address, value in READINGS[reading].items():
         block, _, name = address.partition(".")
-        declared = {v.name: v for v in BLOCKS[block].group("parameter")}
+        declared = {v.name: v for v in OWNERS[block].group("parameter")}
         declared[name].check(float(value), address)
 
 
-def test_both_readings_set_the_same_parameters() -> None:
-    assert READINGS.keys() == {"calibrated", "literal"}
-    assert READINGS["calibrated"].keys() == READINGS["literal"].keys()
+def test_the_published_readings_set_the_same_parameters_and_the_guarded_one_sets_more() -> None:
+    assert READINGS.keys() == {*PUBLISHED, ON_BOARD} == {"calibrated", "literal", "guarded"}
+    assert READINGS["calibrated"].keys() == READINGS["literal"].keys() < READINGS["guarded"].keys()
+
+
+def test_the_guarded_reading_is_the_calibrated_one_with_the_limits_and_turns_by_waypoint() -> None:
+    differing = dict(READINGS["guarded"].items() - READINGS["calibrated"].items())
+    own = {name: value for name, value in differing.items() if name.startswith("cmec.")}
+    assert own == {"cmec.reset_turns": True, "cmec.guarded": True, "cmec.rest_speed_sd": 1.0}
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_the_guarded_reading_limits_what_every_estimator_calls_valid(estimator: str) -> None:
+    limits = {name.partition(".")[2] for name in READINGS["guarded"] if name.startswith(f"{estimator}.")}
+    assert limits >= {"max_position_sd", "max_speed_sd", "recovery_time", "recovery_speed"}
+    assert READINGS["guarded"][f"{estimator}.max_position_sd"] == Cmec.variables()["capture_radius"].start[0]
+
+
+def test_the_published_readings_have_no_limits() -> None:
+    parameters = Cmec.variables()
+    assert parameters["guarded"].start == (0,)
+    assert parameters["rest_speed_sd"].start[0] > 1e5  # m/s
 
 
 def test_values_are_those_of_the_page_of_choices() -> None:
@@ -32,6 +51,7 @@ def test_values_are_those_of_the_page_of_choices() -> None:
             n.partition(".")[2]: round(math.degrees(v), 9) if "end" in n else v for n, v in values.items()
         }
         for reading, values in READINGS.items()
+        if reading in PUBLISHED
     }
     assert in_degrees == {
         "calibrated": {

@@ -185,7 +185,7 @@ def test_links_of_the_shipped_systems_are_those_of_the_roles() -> None:
             "accel_x", "pitch_meas", "heading_meas", "gps_fix", "gps_north", "gps_east", "gps_speed",
             "gps_h_acc", "gps_s_acc",
         },
-        ("estimator", "controller"): {"north", "east", "speed", "heading", "valid"},
+        ("estimator", "controller"): {"north", "east", "speed", "heading", "speed_sd", "valid"},
         ("controller", "command_module"): {"command"},
         ("controller", "plant"): {"command"},
     }  # fmt: skip
@@ -257,5 +257,6 @@ def test_the_control_system_names_its_free_inputs_with_their_start_values() -> N
         "controller_start": 0,
         "controller_override": 0,
         "controller_link_ok": 1,
+        "controller_speed_sd": 0,
     }
     assert whole.dt == TICK

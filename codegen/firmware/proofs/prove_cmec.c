@@ -45,9 +45,25 @@ static cmec any_cmec(void)
         m.mission.waypoint_north[i] = float_in(-1.0e5F, 1.0e5F);
         m.mission.waypoint_east[i] = float_in(-1.0e5F, 1.0e5F);
     }
-    for (int i = 0; i < 8; i++) {
+    for (int i = 0; i < 13; i++) {
         m.state.anomalies[i] = int_in(0, 2000000000);
     }
+    for (int i = 0; i < 3; i++) {
+        m.state.spent[i] = int_in(0, 2000000000);
+        m.state.leg_spent[i] = int_in(0, 2000000000);
+        m.state.mission_spent[i] = int_in(0, 2000000000);
+        m.state.block_spent[i] = int_in(0, 2000000000);
+        m.state.earlier_spent[i] = int_in(0, 2000000000);
+    }
+    m.par.leg_issues = short_in(0, 30000);
+    m.par.mission_issues = short_in(0, 30000);
+    m.par.window_issues = short_in(0, 30000);
+    m.state.survey_ticks = short_in(0, 4);
+    m.state.leg_ticks = short_in(0, 30000);
+    m.state.surveys = short_in(0, 30000);
+    m.state.still_ticks = short_in(0, 30000);
+    m.state.cue_ticks = short_in(0, 30000);
+    m.state.window_ticks = short_in(0, 30000);
     m.in.valid = nondet_bool();
     m.in.start = nondet_bool();
     m.in.link_ok = nondet_bool();
@@ -101,11 +117,25 @@ void prove_precedence(void)
     }
 }
 
+/* Is it the command, or what the limits make of it: STOP, or silence? */
+static bool gives(const cmec *m, int16_t command)
+{
+    const int16_t given = m->out.command;
+
+    return (given == command) ||
+           (m->par.guarded && ((given == CMEC_COMMAND_STOP) || (given == CMEC_COMMAND_NONE)));
+}
+
 /* The whole tick: modes, counts within their declared ranges, memory; the order of precedence again. */
 void prove_step(void)
 {
     cmec m = any_cmec();
 
+    m.par.guarded = nondet_bool();
+    if (!m.par.guarded) { /* then nothing ever sets them */
+        m.state.due = m.state.fresh = m.state.turned = m.state.over = m.state.surveyed = m.state.recalling = false;
+        m.state.breach = CMEC_ANOMALY_NONE;
+    }
     cmec_step(&m);
     assert((m.state.ticks >= 0) && (m.state.ticks <= 30000));
     assert((m.state.turns >= 0) && (m.state.turns <= 1000));
@@ -115,10 +145,10 @@ void prove_step(void)
     assert((m.state.now >= CMEC_MODE_IDLE) && (m.state.now <= CMEC_MODE_STOPPED));
     assert((m.out.command >= CMEC_COMMAND_NONE) && (m.out.command <= CMEC_COMMAND_RIGHT));
     if (!m.in.link_ok) {
-        assert(m.out.command == CMEC_COMMAND_STOP);
+        assert(gives(&m, CMEC_COMMAND_STOP));
     } else if ((m.in.override > 0) && (m.in.override <= 5)) {
-        assert(m.out.command == m.in.override);
+        assert(gives(&m, m.in.override));
     } else if (bad(&m) || !m.in.valid) {
-        assert(m.out.command == CMEC_COMMAND_STOP);
+        assert(gives(&m, CMEC_COMMAND_STOP));
     }
 }

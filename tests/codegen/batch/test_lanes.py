@@ -14,8 +14,8 @@ from codegen.batch.batch import Batch
 from codegen.batch.graph import Graph
 from codegen.batch.lanes import BatchSystem, Tick, field_name, ordinary_tick
 from codegen.blocks.nodes import SELECT, Node, read
-from models.cmec import COMMANDS, Anomaly, Mode
 from models.commands import Command
+from models.modes import COMMANDS, Anomaly, Mode
 from models.system import SYSTEMS
 
 STOP = ("controller.status", (2, 3, 4))

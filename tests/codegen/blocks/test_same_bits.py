@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 from models.canine import Canine
-from models.cmec import Cmec, Mode
+from models.cmec import Cmec
 from models.command_module import CommandModule
 from models.four_state import FourState
 from models.kit.block import Block
@@ -29,6 +29,7 @@ from models.kit.declaration import SUBSTREAMS, Type, flatten
 from models.kit.model import Model
 from models.kit.random import start_state
 from models.local_plane import LocalPlane
+from models.modes import Mode
 from models.pedestrian import Pedestrian
 from models.sensors import Sensors
 from models.system import BLOCKS, System, full_system, trial_simulator
@@ -123,6 +124,13 @@ TRIALS: dict[str, tuple[System, dict[str, dict[str, float]]]] = {
             "sensors": {"multipath_rate": 0.1, "attitude_lean": 0.3},
         },
     ),
+    **{  # the limits of leading, one that is met in each
+        f"guarded-{limit}": (
+            trial_simulator(),
+            {"controller": LEFT | {"guarded": 1, limit: value, "fence_recall": 1}, "plant": {"seed": 6}},
+        )
+        for limit, value in (("window", 4), ("leg_vibration", 5), ("fence_radius", 45), ("leg_time", 30))
+    },
     "pedestrian": (trial_simulator(Pedestrian), {"controller": LEFT}),
 }
 
@@ -215,10 +223,10 @@ def test_the_compared_trials_run_every_triggered_update(reference: Reference) ->
     # given the trials above, when their triggers are recorded
     for name in TRIALS:
         reference(name)
-    # then each has fired (else they show nothing), but for two that no plain trial needs
+    # then each has fired (else they show nothing), but for three that no plain trial needs
     blocks = {block for system, _ in TRIALS.values() for block in system.components.values()}
     triggers = {f"{b.title()}.{p.name}" for b in blocks for p in b.program().tick if p.guard is not None}
-    assert triggers - reference.fired == {"cmec.end", "cmec.interrupt"}
+    assert triggers - reference.fired == {"cmec.end", "cmec.interrupt", "cmec.recall"}
 
 
 @pytest.fixture(scope="session")

@@ -43,6 +43,15 @@ def test_a_literal_behind_a_read_is_stale_unless_it_is_loaded_anew(then: str, st
     assert stale_literals(READ + then + "\n") == stale
 
 
+@pytest.mark.parametrize(("other", "stale"), [("place.c", False), ("5", True), ("-1", True)])
+def test_a_comparison_of_variables_takes_what_was_read(other: str, stale: bool) -> None:
+    line = f"stale.c:9: t3 = place.x != {other};"
+    text = READ.replace("stale.c:9: place.b = 0;", line).replace(
+        ";\tgenPointerSet\n;fetchPairLong", ";\tgenCmpEq\n;fetchPairLong"
+    )
+    assert stale_literals(text + "\tex\tde, hl\n") == ([line] if stale else [])
+
+
 def test_behind_a_label_no_literal_is_stale() -> None:
     text = READ.replace(";stale.c:9", "00101$:\n;stale.c:9")
     assert stale_literals(text + "\tld\t(_place + 12), hl\n") == []

@@ -319,24 +319,24 @@ def by_function(processor: CortexM4F, received: Received) -> Counter[str]:
     return counts
 
 
-def test_blocks_take_at_most_3000_instructions_with_a_fix(cortex: CortexM4F) -> None:
+def test_blocks_take_at_most_3200_instructions_with_a_fix(cortex: CortexM4F) -> None:
     # given ticks without damage, every sixth with a fix
     for received in clean(72):
         counts = by_function(cortex, received)
-        # when it runs, then estimator, watchdog, controller, command module and plane keep within 3000
+        # when it runs, then estimator, watchdog, controller, command module and plane keep within 3200
         blocks = {n: c for n, c in counts.items() if n.startswith(tuple(BLOCKS_IN_C))}
         assert {"four_state_step", "cmec_step", "watchdog_step", "command_module_step"} <= set(blocks)
         assert ("local_plane_step" in blocks) == bool(received.gps)
-        assert sum(blocks.values()) <= 3_000
+        assert sum(blocks.values()) <= 3_200
 
 
-def test_tick_takes_at_most_3000_instructions_with_a_fix(cortex: CortexM4F) -> None:
+def test_tick_takes_at_most_3200_instructions_with_a_fix(cortex: CortexM4F) -> None:
     # given a sample in every tick, in every sixth an epoch of three messages, when they have run
     received = clean(240)
     costs = instructions(cortex, received)
-    # then drivers and blocks together keep within 3000, telemetry in other ticks as well
+    # then drivers and blocks together keep within 3200, telemetry in other ticks as well
     assert sum(bool(r.gps) for r in received) == 40
-    assert max(costs) <= 3_000
+    assert max(costs) <= 3_200
 
 
 def test_footprint_leaves_out_mailbox_and_record() -> None:

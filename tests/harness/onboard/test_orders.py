@@ -16,8 +16,8 @@ from harness.onboard.instruments import InertialUnit, Receiver
 from harness.onboard.memory import Memory
 from harness.onboard.processors import Received, open_processor
 from harness.onboard.radio import Abort, Decoder, Heartbeat, Mission, Override, Position, Start, encode
-from models.cmec import Mode
 from models.commands import Command, Status
+from models.modes import Mode
 
 PLANE = TangentPlane(math.radians(32.6), math.radians(-85.49))
 RUNNING = {Mode.FORWARD, Mode.STOP_TO_TURN, Mode.LEFT, Mode.RIGHT, Mode.DEAD}

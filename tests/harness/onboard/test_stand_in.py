@@ -32,12 +32,13 @@ from harness.trial.prepare import Prepared, prepared
 from harness.trial.request import Changes, Request, build_missing, requested
 from harness.trial.scenario import Scenario, load
 from harness.trial.summary import position_error, summarize
-from models.cmec import Anomaly, Cmec, Mode
+from models.cmec import Cmec
 from models.command_module import CommandModule
 from models.commands import ENDS, Command, Status
 from models.errors import UsageError
 from models.four_state import FourState
 from models.kit.timing import TICK
+from models.modes import Anomaly, Mode
 from tests.harness.cosim.tiny_fmu import V, tiny_fmu
 
 ORIGIN = (32.6, -85.49)  # deg

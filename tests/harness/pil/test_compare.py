@@ -23,7 +23,7 @@ from harness.onboard.processors import Cost, Processor, Received, Reply, open_pr
 from harness.pil import compare
 from harness.pil.compare import Compared, DifferenceError, report, show
 from harness.trial.firmware import firmware_of
-from models.cmec import Anomaly
+from models.modes import Anomaly
 from tests.harness.command import canine
 from tests.harness.onboard.traffic import traffic
 

@@ -29,7 +29,7 @@ from tests.harness.sweep.runner import Runner, Trial, dog, install
 HEADER = (
     "trials,successes,success_rate,ci_low,ci_high,mean_time_s,sd_time_s,mean_commands,timeouts,"
     "forward_failure,turn_failure,direction_switch,no_command,trial_failure,lost_link,invalid_estimate,"
-    "bad_input"
+    "bad_input,budget_spent,no_progress,departing,time_out,outside_fence"
 )
 
 
@@ -221,8 +221,10 @@ def test_the_table_has_the_numbers_found_by_hand(
     assert status == 0
     lines = (tmp_path / "sweep.csv").read_text().splitlines()
     assert lines[0] == "threshold_deg," + HEADER
-    assert lines[1] == "20,4,2,0.500000,0.150039,0.849961,6.000000,2.828427,1.500000,1,3,0,0,1,1,0,0,3"
-    assert lines[2] == "21,4,0,0.000000,0.000000,0.489891,,,,1,0,0,0,0,2,1,0,0"
+    assert lines[1] == (
+        "20,4,2,0.500000,0.150039,0.849961,6.000000,2.828427,1.500000,1,3,0,0,1,1,0,0,3,0,0,0,0,0"
+    )
+    assert lines[2] == "21,4,0,0.000000,0.000000,0.489891,,,,1,0,0,0,0,2,1,0,0,0,0,0,0,0"
     assert len(lines) == 3
     assert "20   50.0 %" in text
     assert "too few successes" in text

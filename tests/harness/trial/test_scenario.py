@@ -59,7 +59,8 @@ def test_settings_of_the_command_line_win_over_those_of_the_file() -> None:
         ('system = "ful"', 'my.toml: system is "ful"; expected the path of an .ssp, or did you mean "full"?'),
         (
             'reading = "litteral"',
-            'my.toml: reading is "litteral"; expected one of calibrated, literal; did you mean "literal"?',
+            'my.toml: reading is "litteral"; expected one of calibrated, guarded, literal; '
+            'did you mean "literal"?',
         ),
         (
             "waypoints = [[1, 2], [1, 2, 3]]",

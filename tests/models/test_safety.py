@@ -1,0 +1,436 @@
+"""The limits of leading, rule by rule of SAFETY.md; stimuli are counted from the commands alone."""
+
+from __future__ import annotations
+
+import math
+from itertools import groupby, pairwise
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from models.cmec import Cmec
+from models.commands import Command, Status
+from models.modes import Anomaly, Mode
+from tests.models.leading import Trial
+
+SECOND = 25  # ticks
+DIRECTIONS = (Command.LEFT, Command.RIGHT)
+TONES = (Command.FORWARD, Command.STOP, Command.RECALL)
+LIMITS = {"guarded": 1, "reset_turns": 1}
+FREE = dict.fromkeys(
+    (f"{span}_{what}" for span in ("leg", "mission", "window") for what in ("issues", "vibration", "tone")),
+    3e4,
+)  # s, issues: so much that nothing is spent
+
+
+def guarded(**parameters: Any) -> Trial:
+    """A trial with the limits on, all of them wide but those that are set."""
+    return Trial(**(LIMITS | FREE | parameters))
+
+
+def vibrating(commands: list[Command]) -> int:
+    """Ticks of vibration."""
+    return sum(command in DIRECTIONS for command in commands)
+
+
+def sounding(commands: list[Command]) -> int:
+    """Ticks of tone."""
+    return sum(command in TONES for command in commands)
+
+
+def issues(commands: list[Command]) -> int:
+    """How often LEFT or RIGHT begins."""
+    return sum(b in DIRECTIONS and b != a for a, b in pairwise([Command.NONE, *commands]))
+
+
+def reported(trial: Trial, anomaly: Anomaly) -> list[int]:
+    """The ticks on which an anomaly was reported."""
+    return [tick for tick, other in trial.anomalies if other == anomaly]
+
+
+def walk(trial: Trial, north: float, to: float, speed: float = 1.0) -> None:
+    """Move from a place on the meridian to another, tick by tick, until the command is no longer FORWARD."""
+    way = 0.0
+    while way < abs(to - north) and trial.commands[-1:] in ([], [Command.FORWARD]):
+        trial.tick(north=north + math.copysign(way, to - north), speed=speed)
+        way += speed / SECOND
+
+
+# Rule 2: a cue of direction to an animal at rest alone
+
+
+@pytest.mark.parametrize("speed", [0.31, -0.31, -1.5])
+def test_rule_2_an_animal_that_moves_either_way_gets_no_direction(speed: float) -> None:
+    trial = Trial()
+    trial.tick(h=60, speed=speed)
+    assert trial.tick(10 * SECOND) == Command.STOP
+    assert vibrating(trial.commands) == 0
+
+
+def test_rule_2_an_animal_whose_speed_is_not_sure_gets_no_direction() -> None:
+    trial = Trial(rest_speed_sd=1.0)
+    trial.tick(h=60, speed=0, speed_sd=1.01)
+    assert trial.tick(10 * SECOND) == Command.STOP
+    assert trial.tick(speed_sd=1.0) == Command.RIGHT
+
+
+# Rule 3: the budget
+
+
+def test_rule_3_an_animal_that_ignores_its_turn_is_vibrated_for_no_longer_than_a_leg_allows() -> None:
+    # given an animal that stands at 60 deg and never turns
+    trial = Trial(**LIMITS)
+    trial.tick(h=60, speed=0)
+    # when ten minutes pass
+    trial.tick(100 * SECOND)
+    # then: 8 issues of 3 s, which end in a stop that is held for 1.5 s, and in silence
+    assert vibrating(trial.commands) == 24 * SECOND
+    assert issues(trial.commands) == 8
+    (end,) = reported(trial, Anomaly.BUDGET_SPENT)
+    assert trial.commands[end : end + 38] == [Command.STOP] * 38
+    assert set(trial.commands[end + 38 :]) == {Command.NONE}
+    assert (trial.mode, trial.status) == (Mode.STOPPED, Status.STOPPED)
+
+
+@pytest.mark.parametrize("span", ["leg", "mission", "window"])
+@pytest.mark.parametrize(("what", "limit"), [("issues", 3), ("vibration", 7.0), ("tone", 11.0)])
+def test_rule_3_each_span_limits_each_stimulus_to_the_tick(span: str, what: str, limit: float) -> None:
+    # given one limit in force
+    trial = guarded(**{f"{span}_{what}": limit}, forward_timeout=1e3, progress_time=1e3)
+    # when the animal stands still, under FORWARD or before a turn
+    if what == "tone":
+        trial.tick(40 * SECOND, speed=0)
+    else:
+        trial.tick(h=60, speed=0)
+        trial.tick(40 * SECOND)
+    # then
+    spent = {"issues": issues, "vibration": vibrating, "tone": sounding}[what](trial.commands)
+    held = 38 if what == "tone" else 0  # the stop at the end is a tone, too
+    assert spent == limit * (1 if what == "issues" else SECOND) + held
+    assert len(reported(trial, Anomaly.BUDGET_SPENT)) == 1
+    assert trial.commands[-1] == Command.NONE
+
+
+def test_rule_3_a_new_leg_has_a_budget_of_its_own_and_the_mission_has_one() -> None:
+    # given two legs of 5 s of vibration, of which the mission allows 8 s
+    trial = guarded(
+        leg_vibration=5.0,
+        mission_vibration=8.0,
+        max_turns=100,
+        route={"waypoint_count": 2, "waypoint_north[1]": 0.0, "waypoint_north[2]": 1000.0},
+    )
+    trial.tick(h=0, north=-20.0, speed=0)
+    trial.tick(h=60)
+    trial.tick(7 * SECOND)
+    first = vibrating(trial.commands)
+    assert 3 * SECOND <= first < 5 * SECOND
+    # when the first waypoint is won and the second leg begins
+    trial.tick(3 * SECOND, north=0.0)
+    assert trial.model["waypoint"] == 1
+    trial.tick(40 * SECOND)
+    # then
+    assert vibrating(trial.commands) == 8 * SECOND
+
+
+def test_rule_3_the_window_forgets() -> None:
+    # given 4 s of vibration in any 10 s, and an operator who holds LEFT for 3 s in every 20
+    trial = guarded(window=10.0, window_vibration=4.0)
+    for _ in range(4):
+        trial.tick(3 * SECOND, override=Command.LEFT)
+        trial.tick(17 * SECOND, override=Command.NONE, north=trial.model["north"] + 2)
+    # then
+    assert reported(trial, Anomaly.BUDGET_SPENT) == []
+    assert vibrating(trial.commands) >= 12 * SECOND
+
+
+def test_rule_3_a_trial_that_begins_with_a_turn_has_its_budget_too() -> None:
+    # given a spent budget, and an animal that looks aside when it is begun anew: FORWARD is never told
+    trial = Trial(**LIMITS)
+    trial.tick(h=60, speed=0)
+    trial.tick(45 * SECOND)
+    assert trial.status == Status.STOPPED
+    trial.tick(2 * SECOND, start=0)
+    before = vibrating(trial.commands)
+    trial.tick(120 * SECOND, start=1)  # when the window has forgotten some
+    # then
+    assert vibrating(trial.commands) == before + 24 * SECOND
+
+
+def test_rule_3_a_new_start_does_not_empty_the_window() -> None:
+    # given a window that is spent
+    trial = guarded(window=40.0, window_vibration=4.0)
+    trial.tick(4 * SECOND, override=Command.LEFT)
+    # when the trial is begun anew within it, and the animal looks aside
+    trial.tick(2 * SECOND, override=Command.NONE, start=0)
+    trial.tick(start=1, h=60, speed=0)
+    trial.tick(5 * SECOND)
+    # then
+    assert vibrating(trial.commands) == 4 * SECOND
+    assert len(reported(trial, Anomaly.BUDGET_SPENT)) == 1
+
+
+def test_rule_3_a_direction_that_the_operator_holds_falls_silent() -> None:
+    trial = Trial(**LIMITS)
+    trial.tick(60 * SECOND, override=Command.LEFT)
+    assert vibrating(trial.commands) == 5 * SECOND
+    assert set(trial.commands[5 * SECOND :]) == {Command.NONE}
+
+
+@pytest.mark.parametrize("start", [0, 1])
+def test_rule_3_an_operator_who_repeats_a_direction_spends_the_budget_too(start: int) -> None:
+    # given a vest with a trial under way, or switched on alone
+    trial = Trial(**LIMITS)
+    trial.tick(start=start)
+    # when LEFT and RIGHT are sent in turn, a second each
+    for _ in range(60):
+        trial.tick(SECOND, override=Command.LEFT)
+        trial.tick(SECOND, override=Command.RIGHT)
+    # then eight are issued, then STOP, which the operator cannot beat
+    assert issues(trial.commands) == 8
+    assert set(trial.commands[8 * SECOND + 1 + 38 :]) == {Command.NONE}
+    assert len(reported(trial, Anomaly.BUDGET_SPENT)) == 1
+    # and STOP is always obeyed, for as long as it is held
+    trial.tick(2, override=Command.NONE)
+    trial.tick(10 * SECOND, override=Command.STOP)
+    assert trial.phases()[-2:] == [("STOP", 38), ("NONE", 10 * SECOND - 38)]
+
+
+@pytest.mark.parametrize("command", [Command.FORWARD, Command.RECALL, Command.LEFT, Command.RIGHT])
+def test_rule_3_only_a_new_start_fills_the_budget(command: Command) -> None:
+    # given a spent budget
+    trial = Trial(**LIMITS, longest_tone=1e3, leg_tone=5.0)
+    for _ in range(20):
+        trial.tick(SECOND, override=Command.LEFT)
+        trial.tick(override=Command.NONE)
+    assert trial.model["mode"] == Mode.STOPPED
+    # when the operator lets go, and commands again
+    trial.tick(10 * SECOND, override=Command.NONE)
+    trial.tick(SECOND, override=command)
+    assert command not in trial.commands[-SECOND:]
+    # when the start signal is withdrawn and given anew
+    trial.tick(3 * SECOND, override=Command.NONE, start=0)
+    assert trial.mode == Mode.IDLE
+    assert trial.tick(start=1) == Command.FORWARD
+    assert trial.tick(override=command) == command
+
+
+def test_rule_3_a_stop_that_is_ignored_falls_silent() -> None:
+    trial = Trial(**LIMITS)
+    trial.tick(h=60, speed=2)
+    trial.tick(60 * SECOND)
+    assert trial.phases()[0] == ("STOP", 10 * SECOND)
+    assert set(trial.commands[10 * SECOND :]) == {Command.NONE}
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(1, 3 * SECOND),
+            st.sampled_from([Command.NONE, Command.LEFT, Command.RIGHT, Command.FORWARD, Command.RECALL]),
+            st.sampled_from([-170.0, -60.0, 0.0, 60.0]),
+            st.sampled_from([0.0, 0.2, 2.0]),
+        ),
+        min_size=5,
+        max_size=25,
+    )
+)
+def test_rule_3_holds_whatever_operator_and_animal_do(acts: list[tuple[int, Command, float, float]]) -> None:
+    # given
+    trial = guarded(
+        leg_issues=5, mission_vibration=6.0, window=4.0, window_vibration=3.0, longest_vibration=2.0,
+        window_issues=4, max_turns=100,
+    )  # fmt: skip
+    trial.tick()
+    # when
+    for ticks, override, h, speed in acts:
+        trial.tick(ticks, override=override, h=h, speed=speed)
+    # then
+    vibration = [command in DIRECTIONS for command in trial.commands]
+    assert sum(vibration) <= 6 * SECOND
+    windows = [sum(vibration[i : i + 4 * SECOND]) for i in range(len(vibration))]
+    assert max(windows) <= 3 * SECOND
+    assert issues(trial.commands) <= 5
+    longest = max((len(list(g)) for c, g in groupby(trial.commands) if c in DIRECTIONS), default=0)
+    assert longest <= 2 * SECOND
+
+
+# Rule 4: standing still, going away, taking too long
+
+
+def test_rule_4_an_animal_that_never_goes_is_left_alone() -> None:
+    trial = Trial(**LIMITS)
+    trial.tick(60 * SECOND, speed=0)
+    (end,) = reported(trial, Anomaly.NO_PROGRESS)
+    assert end <= 27 * SECOND  # 20 s of FORWARD, in pieces of 3 s with a second between
+    assert set(trial.commands[end + 38 :]) == {Command.NONE}
+    assert len(reported(trial, Anomaly.FORWARD_FAILURE)) >= 5
+
+
+def test_rule_4_an_animal_that_sits_down_on_its_way_is_noticed() -> None:
+    # given one that walks for 30 s
+    trial = Trial(**LIMITS)
+    walk(trial, 0, 30)
+    assert trial.commands[-1] == Command.FORWARD
+    # when it sits down
+    trial.tick(20 * SECOND + 5, speed=0)
+    # then: 20 s later
+    assert len(reported(trial, Anomaly.NO_PROGRESS)) == 1
+    assert trial.status == Status.STOPPED
+
+
+@pytest.mark.parametrize("mode", [Mode.RECALL, Mode.FAILURE_RECALL])
+def test_rule_4_a_recall_that_is_ignored_ends(mode: Mode) -> None:
+    trial = Trial(**LIMITS, max_turns=0, route={"waypoint_north[1]": 60.0 if mode is Mode.RECALL else 1000.0})
+    trial.tick(north=60.0, h=0, speed=0)
+    trial.tick(2 * SECOND, **({} if mode is Mode.RECALL else {"h": 60}))
+    trial.tick(2 * SECOND)
+    assert trial.mode == mode
+    trial.tick(60 * SECOND)
+    assert len(reported(trial, Anomaly.NO_PROGRESS)) == 1
+    assert trial.commands[-1] == Command.NONE
+
+
+def test_rule_4_an_animal_that_goes_away_from_its_target_is_stopped() -> None:
+    # given an animal whose heading reads as if it looked at the target, and that walks the other way
+    trial = Trial(**LIMITS)
+    walk(trial, 100, -200, speed=5)
+    # then: 30 m later
+    (end,) = reported(trial, Anomaly.DEPARTING)
+    assert 30 / 5 * SECOND <= end <= 30 / 5 * SECOND + 10  # two surveys
+
+
+@pytest.mark.parametrize(
+    ("limit", "at"), [({"leg_time": 12.0}, 12), ({"mission_time": 14.0}, 14), ({"leg_time": 1e3}, None)]
+)
+def test_rule_4_a_leg_and_a_mission_end_in_time(limit: dict[str, float], at: float | None) -> None:
+    trial = guarded(**limit)
+    walk(trial, 0, 40)
+    assert [(end + 5) // SECOND for end in reported(trial, Anomaly.TIME_OUT)] == ([at] if at else [])
+
+
+def test_rule_4_a_recall_ends_in_time() -> None:
+    # given a recall of at most 6 s, whose animal walks home
+    trial = guarded(recall_time=6.0, route={"waypoint_north[1]": 60.0})
+    trial.tick(north=60.0, speed=0)
+    trial.until(Command.RECALL)
+    began = len(trial.commands)
+    for k in range(8 * SECOND):
+        trial.tick(north=60.0 - k / SECOND, speed=1, heading=math.pi)
+    (end,) = reported(trial, Anomaly.TIME_OUT)
+    assert 6 * SECOND <= end - began + 5 <= 6 * SECOND + 10
+
+
+def test_rule_4_a_bad_estimate_is_neither_progress_nor_departure() -> None:
+    # given: an operator's FORWARD masks that the estimate is no number
+    trial = Trial(**LIMITS, longest_tone=1e3)
+    trial.tick(5 * SECOND, override=Command.FORWARD, north=math.nan)
+    # when it comes back
+    trial.tick(5 * SECOND, override=Command.NONE, north=0.0)
+    walk(trial, 0, 20)
+    # then
+    assert not {Anomaly.DEPARTING, Anomaly.NO_PROGRESS, Anomaly.OUTSIDE_FENCE} & {
+        a for _, a in trial.anomalies
+    }
+
+
+# Rule 7: the fence
+
+
+@pytest.mark.parametrize(
+    ("place", "outside"),
+    [
+        ({"east": 49.9}, False),
+        ({"east": 50.1}, True),
+        ({"east": -50.1}, True),
+        ({"north": 999.0}, False),
+        ({"north": -49.0}, False),
+        ({"north": -51.0}, True),  # behind the start
+    ],
+)
+def test_rule_7_the_animal_stays_near_the_line_of_its_leg(place: dict[str, float], outside: bool) -> None:
+    trial = guarded(departing_distance=1e5, moving_deviation=4.0, stop_deviation=4.0)
+    trial.tick(5)
+    trial.tick(10, **place)
+    assert bool(reported(trial, Anomaly.OUTSIDE_FENCE)) is outside
+    assert (trial.status == Status.STOPPED) is outside
+
+
+def test_rule_7_the_animal_stays_near_home() -> None:
+    trial = guarded(fence_radius=25.0)
+    walk(trial, 0, 40)
+    (end,) = reported(trial, Anomaly.OUTSIDE_FENCE)
+    assert 25 * SECOND < end <= 25 * SECOND + 6
+
+
+def test_rule_7_it_can_be_recalled_from_outside() -> None:
+    # given
+    trial = guarded(fence_radius=25.0, fence_recall=1)
+    walk(trial, 0, 40)
+    assert trial.model["mode"] == Mode.STOPPED
+    # when the stop was held
+    trial.tick(37)
+    assert trial.commands[-38:] == [Command.STOP] * 38
+    # then
+    assert trial.tick(2) == Command.RECALL
+    assert trial.model["mode"] == Mode.FAILURE_RECALL
+    assert trial.status == Status.FAILED
+    trial.tick(SECOND, north=6.0)
+    assert trial.mode == Mode.FAILED
+    assert len(reported(trial, Anomaly.OUTSIDE_FENCE)) == 1
+
+
+# Rule 9: nothing resumes
+
+
+@pytest.mark.parametrize("resume", [0, 1])
+def test_rule_9_a_trial_ends_with_its_link_unless_it_may_resume(resume: int) -> None:
+    trial = Trial(**LIMITS, resume=resume)
+    walk(trial, 0, 2)
+    trial.tick(link_ok=0)
+    assert trial.tick(2 * SECOND) == (Command.STOP if resume else Command.NONE)
+    trial.tick(3 * SECOND, link_ok=1, speed=0)
+    assert (trial.commands[-1] == Command.FORWARD) is bool(resume)
+    assert len(reported(trial, Anomaly.LOST_LINK)) == 1
+    assert trial.model["anomalies[6]"] == 1
+
+
+# Rule 12: what the vest plays when nobody leads
+
+
+def test_rule_12_a_stop_when_switched_on_then_silence() -> None:
+    trial = Trial(**LIMITS)
+    trial.tick(10 * SECOND, start=0)
+    assert trial.phases() == [("STOP", 38), ("NONE", 10 * SECOND - 38)]
+
+
+@pytest.mark.parametrize("cause", [{"link_ok": 0}, {"valid": 0}, {"north": math.nan}])
+def test_rule_12_trouble_before_a_trial_does_not_lengthen_the_stop(cause: dict[str, float]) -> None:
+    trial = Trial(**LIMITS)
+    trial.tick(10 * SECOND, start=0, **cause)
+    assert trial.phases() == [("STOP", 38), ("NONE", 10 * SECOND - 38)]
+
+
+def test_rule_12_a_stop_of_the_operator_sounds_though_nobody_leads() -> None:
+    trial = Trial(**LIMITS)
+    trial.tick(10 * SECOND, start=0)
+    assert trial.tick(10 * SECOND, override=Command.STOP) == Command.NONE
+    assert trial.phases()[2:] == [("STOP", 38), ("NONE", 10 * SECOND - 38)]
+
+
+def test_rule_12_after_success_a_stop_then_silence() -> None:
+    trial = Trial(**LIMITS, route={"waypoint_north[1]": 5.0})
+    trial.tick(5 * SECOND, speed=0)
+    assert trial.status == Status.SUCCESS
+    assert trial.phases()[-1][0] == "NONE"
+    assert [name for name, _ in trial.phases()][-3:] == ["RECALL", "STOP", "NONE"]
+
+
+def test_without_the_limits_none_of_these_is_reported() -> None:
+    trial = Trial(leg_issues=0, leg_vibration=0, progress_time=0.04, fence_width=0, mission_time=0.04)
+    trial.tick(h=60, speed=0)
+    trial.tick(60 * SECOND, east=70.0)
+    assert {a for _, a in trial.anomalies} <= {Anomaly(i) for i in range(1, 9)}
+    assert next(v for v in Cmec.group("parameter") if v.name == "guarded").start == (0,)
