@@ -26,8 +26,13 @@ BOTH = (*MEMORY, *NUMBERS)
 SHORT_INT = ("-Iint16", "--16")  # the int of C has 16 bits, as on the Rabbit 4000
 TIMEOUT = 300.0  # s, at most, for one
 
+RULE = ("--no-standard-checks",)  # controller.tick and cmec.step have them
 # what proofs take for granted
 SHIPPED = "parameters as the firmware ships"
+AIMED = "distance is within [0, 1e6] m, deviation within [-3.2, 3.2] rad, as cmec.aim shows"
+STATE = "a state as controller.start and controller.tick show it"
+EXACT = "tones and vibration of less than seven days since power-up"
+NO_RECALL = "`fence_recall` is off, as shipped"
 YOUNG = "no counter has reached 2e9: two and a half years of ticks"
 MISSION = "home and waypoints lie within 100 km of the origin"
 SCANNER = "the scanner gives frames of the protocol's length, as scanner.search shows"
@@ -96,9 +101,17 @@ class Verdict:
         return "\n".join([*lines, *(f"{'':9}fails: {failed}" for failed in self.failed)])
 
 
-STATE = ("bounds of the estimator's state that are far wider than in trials", SHIPPED, ROOT)
+BOUNDED = ("bounds of the estimator's state that are far wider than in trials", SHIPPED, ROOT)
 AIM = (*MEMORY, "--nan-check", "--float-overflow-check", "--float-div-by-zero-check")
 LISTEN = (*MEMORY, "--conversion-check")
+
+
+def _rule(rule: int, name: str, claim: str, *assumes: str) -> Proof:
+    """A proof by induction of a rule, on the whole tick of the controller."""
+    common = (SHIPPED, STATE, AIMED, YOUNG, MISSION)
+    return Proof(f"rule_{rule}.{name}", claim, rule, loops=17, checks=RULE, assumes=(*common, *assumes))
+
+
 PROOFS = (
     # the parsers
     Proof("scanner.count", "counters stop at their greatest value"),
@@ -161,20 +174,25 @@ PROOFS = (
         loops=11,
         checks=BOTH,
         short=True,
-        assumes=STATE,
+        assumes=BOUNDED,
     ),
     Proof(
         "four_state.output",
         "outputs are finite, the heading within half a turn",
         loops=11,
         checks=BOTH,
-        assumes=STATE,
+        assumes=BOUNDED,
     ),
     Proof(
-        "four_state.tune", "sigma is within [0.01, 200] m/s2", loops=11, checks=BOTH, long=True, assumes=STATE
+        "four_state.tune",
+        "sigma is within [0.01, 200] m/s2",
+        loops=11,
+        checks=BOTH,
+        long=True,
+        assumes=BOUNDED,
     ),
     Proof(
-        "four_state.listen", "a bad sample is not taken", loops=11, checks=LISTEN, long=True, assumes=STATE
+        "four_state.listen", "a bad sample is not taken", loops=11, checks=LISTEN, long=True, assumes=BOUNDED
     ),
     # the controller
     Proof(
@@ -187,7 +205,7 @@ PROOFS = (
     ),
     Proof(
         "cmec.step",
-        "a tick leaves no memory and keeps its order of precedence",
+        "no access outside memory in a tick; counts stay in range; the order of precedence",
         loops=17,
         short=True,
         assumes=(YOUNG, MISSION, ROOT),
@@ -200,6 +218,60 @@ PROOFS = (
         long=True,
         assumes=(MISSION, ROOT),
     ),
+    # the safety rules
+    Proof(
+        "controller.start",
+        "the program starts in a state that the rules' proofs assume",
+        loops=17,
+        checks=RULE,
+    ),
+    Proof(
+        "controller.tick",
+        "a tick leaves such a state, with the limits and without them",
+        loops=17,
+        checks=RULE,
+        assumes=(SHIPPED, AIMED, YOUNG, MISSION),
+    ),
+    _rule(
+        1,
+        "precedence",
+        "a lost link, the operator, bad input, an invalid estimate: in this order, for STOP or silence",
+    ),
+    _rule(1, "mode", "else the mode's command is told, or the silence or STOP that the limits make of it"),
+    _rule(2, "start", "the inductions of rule 2 begin where the program does"),
+    _rule(2, "switch", "LEFT and RIGHT never follow each other directly, unless the operator commands it"),
+    _rule(
+        2,
+        "rest",
+        "they begin at rest behind a STOP of `stop_hold`, or behind `dead_time`; they last `turn_timeout`",
+    ),
+    _rule(2, "turns", "no more turns than MAXTURN, for any MAXTURN, with the limits and without them"),
+    _rule(2, "failed", "after a failure the controller tells RECALL, STOP or nothing until a new trial"),
+    _rule(2, "end", "a start that is withdrawn ends in IDLE or STOPPED"),
+    _rule(3, "start", "the inductions of rule 3 begin where the program does"),
+    _rule(
+        3,
+        "budget",
+        "issues, vibration, FORWARD and RECALL stay within those of leg and mission, to the tick",
+        EXACT,
+    ),
+    _rule(3, "window", "and within those of any interval of the window's length, to the tick", EXACT),
+    _rule(3, "refused", "a refused cue gives STOP; then there is STOP or silence until a new trial"),
+    _rule(3, "longest", "no command sounds longer than `longest_*`"),
+    _rule(4, "start", "the inductions of rule 4 begin where the program does"),
+    _rule(4, "breach", "a broken limit ends in STOPPED with STOP; only a start, or the recall, leads again"),
+    _rule(4, "times", "mission, leg and recall last no longer than they may, by less than 0.2 s", NO_RECALL),
+    _rule(4, "still", "an animal that stays where it is is not led on beyond `progress_time`", NO_RECALL),
+    _rule(4, "departing", "an animal that comes too far from its target is stopped at the survey"),
+    _rule(4, "survey", "a trial is surveyed every 0.2 s"),
+    _rule(
+        7, "radius", "an animal beyond `fence_radius` by 1 m, along north or east, is stopped within 0.2 s"
+    ),
+    _rule(9, "start", "the program starts with nobody led"),
+    _rule(9, "link", "a lost link ends a trial in STOPPED with STOP", "`resume` is off, as shipped"),
+    _rule(9, "begin", "only a start in IDLE begins a trial, with the limits and without them; or the recall"),
+    _rule(12, "start", "the program starts with nobody led"),
+    _rule(12, "silence", "nobody leads: in each mode STOP for `stop_hold`, then silence"),
 )
 NAMED = {proof.name: proof for proof in PROOFS}
 

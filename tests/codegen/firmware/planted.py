@@ -10,7 +10,7 @@ from models.errors import CanineError
 
 @dataclass(frozen=True)
 class Fault:
-    """A text of a file, what takes its place, and the proof that must fail."""
+    """A text of a file, what takes its place wherever it stands, and the proof that must fail."""
 
     file: str
     old: str
@@ -23,7 +23,7 @@ class Fault:
 
 
 class FaultError(CanineError):
-    """The C does not have the text that a fault replaces, or has it more than once."""
+    """The C does not have the text that a fault replaces."""
 
 
 def plant(fault: Fault, folder: Path) -> str:
@@ -34,10 +34,8 @@ def plant(fault: Fault, folder: Path) -> str:
     """
     path = folder / fault.file
     text = path.read_text()
-    if (count := text.count(fault.old)) != 1:
-        raise FaultError(
-            f"{fault.file} has {fault.old!r} {count} times, expected once: mend the fault of {fault.proof}"
-        )
+    if fault.old not in text:
+        raise FaultError(f"{fault.file} has no {fault.old!r}: mend the fault planted for {fault.proof}")
     path.write_text(text.replace(fault.old, fault.new))
     return text
 
@@ -98,6 +96,122 @@ FAULTS = (
     ),
     # precedence
     Fault("cmec.c", "m->in.link_ok ? t2 : CMEC_ANOMALY_LOST_LINK", "t2", "cmec.precedence"),
+    # the safety rules
+    Fault(
+        "cmec.c",
+        " && (m->state.overruled == CMEC_ANOMALY_NONE)) ? m->in.override",
+        ") ? m->in.override",
+        "rule_1.precedence",
+    ),
+    Fault(
+        "cmec.c",
+        "(m->state.now == CMEC_MODE_RECALL) ? CMEC_COMMAND_RECALL",
+        "(m->state.now == CMEC_MODE_RECALL) ? CMEC_COMMAND_FORWARD",
+        "rule_1.mode",
+    ),
+    Fault("cmec.c", "m->state.reached = next_reached;", "m->state.reached = 17;", "controller.tick"),
+    Fault("cmec.c", "(fabsf(m->in.speed) < m->par.stopped_speed) && ", "", "rule_2.rest"),
+    Fault("cmec.c", "(fabsf(m->in.speed) < m->par", "(m->in.speed < m->par", "rule_2.rest"),
+    Fault("cmec.c", "(m->in.speed_sd <= m->par.rest_speed_sd)", "true", "rule_2.rest"),
+    Fault(
+        "cmec.c",
+        "(0.04f * (float)m->state.ticks) > (m->par.turn_timeout - 0.004f)",
+        "m->state.ticks > 76",
+        "rule_2.rest",
+    ),
+    Fault(
+        "cmec.c",
+        "m->state.now = CMEC_MODE_DEAD;\n            m->state.ticks = 0;\n"
+        "            m->state.planned = CMEC_COMMAND_LEFT;\n            m->state.uncounted = false;",
+        "m->state.now = CMEC_MODE_LEFT;",
+        "rule_2.switch",
+    ),
+    Fault(
+        "cmec.c", "m->state.turns >= m->par.max_turns", "m->state.turns > m->par.max_turns", "rule_2.turns"
+    ),
+    Fault(
+        "cmec.c",
+        "m->state.now = CMEC_MODE_FAILED;",
+        "m->state.now = CMEC_MODE_STOP_TO_TURN;",
+        "rule_2.failed",
+    ),
+    Fault(
+        "cmec.c",
+        "? CMEC_MODE_STOPPED : CMEC_MODE_IDLE;",
+        "? CMEC_MODE_FORWARD : CMEC_MODE_IDLE;",
+        "rule_2.end",
+    ),
+    Fault(
+        "cmec.c",
+        "(t2 && (m->state.allowance[1] <= m->state.spent[1]))",
+        "(t2 && (m->state.allowance[1] < m->state.spent[1]))",
+        "rule_3.budget",
+    ),
+    Fault(
+        "cmec.c",
+        "(t3 && (m->state.allowance[0] <= m->state.spent[0]))",
+        "(t3 && (m->state.allowance[0] < m->state.spent[0]))",
+        "rule_3.budget",
+    ),
+    Fault(
+        "cmec.c",
+        "(m->state.allowance[2] <= m->state.spent[2])",
+        "(m->state.allowance[2] < m->state.spent[2])",
+        "rule_3.budget",
+    ),
+    Fault("cmec.c", "const float t6 = (t4 < t5) ? t4 : t5;", "const float t6 = t5;", "rule_3.budget"),
+    Fault(
+        "cmec.c",
+        "next_led && (m->state.now <= CMEC_MODE_STOP_AT_WAYPOINT) && !m->state.led",
+        "(m->state.now == CMEC_MODE_FORWARD) && !m->state.led",
+        "rule_3.budget",
+    ),
+    Fault(
+        "cmec.c",
+        "m->state.earlier_spent[1] = m->state.block_spent[1];",
+        "m->state.earlier_spent[1] = m->state.spent[1];",
+        "rule_3.window",
+    ),
+    Fault(
+        "cmec.c",
+        "(next_exhausted && t5) ? CMEC_COMMAND_STOP",
+        "(t6 && t5) ? CMEC_COMMAND_STOP",
+        "rule_3.refused",
+    ),
+    Fault("cmec.c", "m->state.cue_ticks = next_cue_ticks;", "m->state.cue_ticks = 0;", "rule_3.longest"),
+    Fault("cmec.c", "m->out.command = CMEC_COMMAND_STOP;", "", "rule_4.breach"),
+    Fault("cmec.c", "= t0 ? CMEC_MODE_STOPPED : m->state.now;", "= m->state.now;", "rule_4.breach"),
+    Fault(
+        "cmec.c", "((0.2f * (float)next_surveys) > (m->par.mission_time - 0.02f))", "false", "rule_4.times"
+    ),
+    Fault("cmec.c", "(0.04f * (float)next_leg_ticks)", "(0.02f * (float)next_leg_ticks)", "rule_4.times"),
+    Fault("cmec.c", "(t7 ? 0.0f : (0.04f * (float)t2))", "(t7 ? 0.0f : (0.02f * (float)t2))", "rule_4.still"),
+    Fault(
+        "cmec.c",
+        "((next_closest + m->par.departing_distance) < m->out.distance)",
+        "(m->par.departing_distance > 1e9f)",
+        "rule_4.departing",
+    ),
+    Fault("cmec.c", "(m->state.survey_ticks < 4)", "(m->state.survey_ticks < 9)", "rule_4.survey"),
+    Fault("cmec.c", "> (m->par.fence_radius * m->par.fence_radius)", "> 2e6f", "rule_7.radius"),
+    Fault("cmec.c", "(m->state.overruled == CMEC_ANOMALY_LOST_LINK) && t0", "false", "rule_9.link"),
+    Fault(
+        "cmec.c",
+        "m->in.start && (m->state.now == CMEC_MODE_IDLE)",
+        "(m->state.now == CMEC_MODE_IDLE)",
+        "rule_9.begin",
+    ),
+    Fault(
+        "cmec.c", "(t0 ? m->par.longest_stop : m->par.stop_hold)", "m->par.longest_stop", "rule_12.silence"
+    ),
 )
 # by default: one of each kind
-FEW = ("watchdog.step", "link.message", "mt.sample", "ubx.good", "command_module.step")
+FEW = (
+    "watchdog.step",
+    "link.message",
+    "mt.sample",
+    "ubx.good",
+    "command_module.step",
+    "rule_3.refused",
+    "rule_9.link",
+)
