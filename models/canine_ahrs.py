@@ -62,6 +62,7 @@ class CanineAhrs(Block):
     roll_meas = Output("rad", "roll, right side down positive")
     pitch_meas = Output("rad", "pitch, nose up positive")
     heading_meas = Output("rad", "heading, clockwise from true north; from an arbitrary zero until aligned")
+    heading_meas_sd = Output("rad", "standard deviation of the heading, 500 rad until it is aligned")
     gyro_bias_x = Output("rad/s", "gyro bias, forward")
     gyro_bias_y = Output("rad/s", "gyro bias, right")
     gyro_bias_z = Output("rad/s", "gyro bias, down")
@@ -75,6 +76,7 @@ class CanineAhrs(Block):
         "1", "of the bias by these corrections before the first rest, in 1/s", start=0.01, min=0, max=1
     )
     use_magnetometer = Parameter(Boolean, "align the heading by the magnetometer, not by courses", start=0)
+    start_by_magnetometer = Parameter(Boolean, "it shows the heading as long as no course has", start=1)
     declination = Parameter("rad", "of the magnetic field, east positive", start=0, min=-4, max=4)
     moving_speed = Parameter(
         "m/s",
@@ -194,7 +196,12 @@ class CanineAhrs(Block):
         noise = 1 + (m.gps_s_acc * (1 / SLIP) / m.speed) ** 2  # of a course, to that by slip
         m._correct_heading(wrap(m.gps_course - m.yaw), m.gap, noise)
 
-    @triggered(lambda m: all_of(m.good, m.use_magnetometer), "a good sample, with `use_magnetometer`")
+    @triggered(
+        lambda m: all_of(
+            m.good, any_of(m.use_magnetometer, all_of(m.start_by_magnetometer, m.heading_variance >= UNKNOWN))
+        ),
+        "a good sample, with `use_magnetometer`, or with `start_by_magnetometer` before the first course",
+    )
     def point(m) -> None:
         """Turn the heading towards that of the levelled magnetic field (eq. C.3, CHOICES.md 11)."""
         field = ca.vertcat(m.mag_x, m.mag_y, m.mag_z)
@@ -258,6 +265,7 @@ class CanineAhrs(Block):
         m.pitch_meas = ca.atan2(-x, ca.sqrt(y**2 + z**2))
         m.yaw = wrap(m.yaw)
         m.heading_meas = m.yaw
+        m.heading_meas_sd = SLIP * ca.sqrt(m.heading_variance)
         m.gyro_bias_x, m.gyro_bias_y, m.gyro_bias_z = (m.bias[i] for i in range(3))
 
     def _correct_heading(m, error: SX, ticks: SX, noise: SX | float) -> None:

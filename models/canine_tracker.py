@@ -9,7 +9,8 @@ an acceleration is to be believed, and how fast a speed without fixes becomes un
 
 from __future__ import annotations
 
-from models.estimator import BIAS, SPEED, Estimator
+from models.estimator import BIAS, SPEED
+from models.given_heading import ANY, GivenHeading
 from models.kit import casadi as ca
 from models.kit.block import before, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Parameter, State
@@ -37,13 +38,18 @@ LEARNED = 0.3  # part of an apparent bias that a rehearsal takes over
 SHORT_NOISE = 4.0  # variance that the process noise brings in, by that which rehearsals show
 MEAN_SHARE = 1 / 16  # of the process noise of the speed: that of its mean
 LATE = 1.0  # s: an end that comes later, after an outage, does not count
-FORGET_QUIET = 1.002  # a moving fix: the least motion seen may double in 90 s of moving
+FORGET_QUIET = 1.002  # a slowly moving fix: the least motion seen may double in 90 s of moving so
+ASTRAY = 8  # courses in a row, 2 s: a turn does not last so long
+SLOW = 2.0  # m/s: a faster fix does not tell how little the slow gaits move
 UNMOVED = 1e6  # no motion is seen yet: more than any
 SETTLED = 40  # moving fixes after which the least motion is known
 FRESH = 0.6  # s, age of a fix that still tells whether the body moves
+SPEEDS = 4  # fixes over which the speed is averaged that tells of motion
+SURE = 2.0  # deviations of a fix's speed, as stated: a body at rest shows a speed below them
+LEAST_ERROR = 2.0  # of a rehearsal, in deviations of a fix's speed: running steadily does not tell of a stop
 
 
-class CanineTracker(Estimator):
+class CanineTracker(GivenHeading):
     """EKF with slip, a speed that reverts to its mean, and zero-velocity updates."""
 
     source = "Miller 2010, eq. 3.1-3.9, 6.2, B.4; equations of ours"
@@ -51,7 +57,7 @@ class CanineTracker(Estimator):
     order = (NORTH, EAST, SPEED, BIAS)
     samples = (
         *(f"{sensor}_{axis}" for sensor in ("accel", "gyro") for axis in "xyz"),
-        "roll_meas", "pitch_meas", "heading_meas",
+        "roll_meas", "pitch_meas", "heading_meas", "heading_meas_sd",
     )  # fmt: skip
 
     accel_y = Input("m/s2", "specific force to the right", min=-200, max=200)
@@ -61,7 +67,6 @@ class CanineTracker(Estimator):
     gyro_z = Input("rad/s", "turn rate about down", min=-100, max=100)
     roll_meas = Input("rad", "roll from the AHRS, right side down positive", min=-7, max=7)
     pitch_meas = Input("rad", "pitch from the AHRS, nose up positive", min=-4, max=4)
-    heading_meas = Input("rad", "heading from the AHRS, clockwise from true north", min=-7, max=7)
     gps_course = Input("rad", "course over ground of the fix", start=0, min=-7, max=7)
 
     sigma_constant = Parameter(
@@ -70,7 +75,7 @@ class CanineTracker(Estimator):
     position_sd_floor = Parameter("m", "a fix's position is believed no better than this", start=0.25, min=0)
     speed_sd_floor = Parameter("m/s", "a fix's speed is believed no better than this", start=0.1, min=0)
     heading_accuracy = Parameter(
-        "rad", "standard deviation of the course that is moved along", start=0.1, min=0
+        "rad", "standard deviation of the course that is moved along, at least", start=0.1, min=0
     )
     # slip
     use_slip = Parameter(Boolean, "the course leads the heading; off: it is the heading", start=1)
@@ -111,11 +116,13 @@ class CanineTracker(Estimator):
     covariance = State("1", "UD factors of P for north, east, speed, bias: D, then U by rows", size=10)
     innovation = State("1", "of the last accepted fix: speed, north, east (eq. 3.14)", size=3)
     innovation_variance = State("1", "what the filter expects of each, its variance", start=1, size=3)
-    held_heading = State("rad", "last good heading")
     yaw_rate = State("rad/s", "last good turn rate about the vertical")
     beta = State("rad", "course less heading, of the last good sample")
     slip = State("1", "offset in rad and lead in s: course less heading is offset + lead * yaw rate", size=2)
     slip_covariance = State("1", "its UD factors: D, then U", size=3)
+    astray = State(
+        Integer, "courses in a row that neither heading nor slip explains", min=0, max=SHORT_COUNT_MAX
+    )
     heard = State(Boolean, "this tick's sample is good")
     reversion = State("1", "by which the speed reverts to its mean, in 1/s")
     learned_reversion = State("1", "likewise, as the last rehearsal says")
@@ -136,6 +143,10 @@ class CanineTracker(Estimator):
     least_force_motion = State("1", "least seen while moving", start=UNMOVED)
     least_rate_motion = State("1", "least seen while moving", start=UNMOVED)
     fix_variance = State("1", "of the last fix's position, as believed, in m2")
+    sure_speed = State("m/s", "of the last fixes, less two of its deviations")
+    seen_moving = State(Boolean, "they tell of motion")
+    last_force = State("m/s2", "forward, of the last sample")
+    last_rate = State("rad/s", "about down, of the last sample")
     moving_fixes = State(Integer, "of a moving body so far", min=0, max=SHORT_COUNT_MAX)
     still = State(Boolean, "the body rests")
 
@@ -161,7 +172,7 @@ class CanineTracker(Estimator):
         upright = where(cosine_pitch > 0.1, cosine_pitch, 0.1)
         m.yaw_rate = where(good, (sine_roll * m.gyro_y + cosine_roll * m.gyro_z) / upright, m.yaw_rate)
         slip = where(m.use_slip, m.slip[OFFSET] + m.slip[LEAD] * m.yaw_rate, 0)
-        m.beta = where(good, clip(slip, -m.largest_slip, m.largest_slip), m.beta)
+        m.beta = where(good, m._as_slip(slip), m.beta)
         # along the course; of at most 1 rad, the series err by 0.01
         square = m.beta**2
         along = forward * (1 - square * (1 / 2 - square / 24)) + right * m.beta * (1 - square / 6)
@@ -169,7 +180,7 @@ class CanineTracker(Estimator):
         m.pull = where(good, m.reversion, 0)
         m.heard = good
         m.still = 0  # `feel` says so anew on every good sample
-        m.held_heading = where(good, m.heading_meas, m.held_heading)
+        m._hold_heading(good)
 
     @before("predict")
     @triggered("heard")
@@ -183,7 +194,10 @@ class CanineTracker(Estimator):
     @before("predict")
     @triggered("heard")
     def feel(m) -> None:
-        """Does the body rest? Then it moves less than it ever did while fixes told of motion."""
+        """Does the body rest? Then it moves less than it ever did while fixes told of motion.
+
+        A sensor that repeats its sample exactly is stuck: its quiet tells of no rest.
+        """
         part = m.sample_time / at_least(m.still_time, m.sample_time)
         force = ca.vertcat(m.accel_x, m.accel_y, m.accel_z) - m.force_mean
         rate = ca.vertcat(m.gyro_x, m.gyro_y, m.gyro_z) - m.rate_mean
@@ -191,10 +205,12 @@ class CanineTracker(Estimator):
         m.force_motion = m.force_motion + part * (ca.sumsqr(force) - m.force_motion)
         m.rate_motion = m.rate_motion + part * (ca.sumsqr(rate) - m.rate_motion)
         known = all_of(m.use_stillness, m.moving_fixes >= SETTLED)
-        seen_moving = all_of(m.age * m.sample_time < FRESH, m.gps_speed > m.moving_speed)
+        seen_moving = all_of(m.age * m.sample_time < FRESH, m.seen_moving)
         m.still = all_of(
             known,
             ca.logic_not(seen_moving),
+            m.accel_x != m.last_force,
+            m.gyro_z != m.last_rate,
             any_of(
                 m.force_motion < m.still_share * m.least_force_motion,
                 m.rate_motion < m.still_share * m.least_rate_motion,
@@ -202,6 +218,7 @@ class CanineTracker(Estimator):
             m.force_motion < 2 * m.least_force_motion,
             m.rate_motion < 2 * m.least_rate_motion,
         )
+        m.last_force, m.last_rate = m.accel_x, m.gyro_z
         m.pull = where(m.still, 0, m.pull)
 
     def _propagate(m) -> tuple[SX, SX]:
@@ -228,7 +245,7 @@ class CanineTracker(Estimator):
     def _process_noise(m) -> list[SX]:
         """That of a constant error of the course makes the variance grow with the square of the way."""
         time = m.sample_time
-        aside = (m.heading_accuracy * m.x[SPEED] * time) ** 2 * (2 * m.age)
+        aside = (m.held_heading_sd * m.x[SPEED] * time) ** 2 * (2 * m.age)
         position = m.sigma_position**2 + aside
         mean = MEAN_SHARE * (m.sigma * m.reversion) ** 2 * time
         return [m.sigma**2 * time, m.sigma_bias**2 + mean, position, position]
@@ -241,32 +258,35 @@ class CanineTracker(Estimator):
 
     @before("correct")
     @triggered(
-        lambda m: all_of(m.accepted, m.within("gps_course"), m.gps_speed > m.moving_speed),
-        "an accepted fix tells the course of a moving body",
+        lambda m: all_of(m.accepted, m.heard, m.within("gps_course"), m.gps_speed > m.moving_speed),
+        "an accepted fix tells the course of a moving body, whose sample is good",
     )
     def slide(m) -> None:
         """Slip: course = heading + offset + lead * yaw rate, of a unit ahead of the turning axis (B.4)."""
         elapsed = m.age * m.sample_time
         walk = [m.slip_offset_walk**2 * elapsed, m.slip_lead_walk**2 * elapsed]
-        expected = m.held_heading + m.slip[OFFSET] + m.slip[LEAD] * m.yaw_rate
+        off = wrap(m.gps_course - m.held_heading - m.beta)
         step = (
             Factors.unpack(m.slip_covariance, 2)
             .predict(ca.SX.eye(2), walk)
             .correct(
                 {OFFSET: 1.0, LEAD: m.yaw_rate},
                 m.slip_noise**2 + m._speed_variance() / m.gps_speed**2,
-                clip(wrap(m.gps_course - expected), -m.largest_slip, m.largest_slip),
+                m._as_slip(off),
             )
         )
-        m.slip, m.slip_covariance = m.slip + ca.vertcat(*step.increments), step.factors.pack()
+        offset, lead = (m.slip[i] + step.increments[i] for i in (OFFSET, LEAD))
+        m.astray = where(ca.fabs(off) > m.max_heading_sd, counted(m.astray, most=SHORT_COUNT_MAX), 0)
+        m.slip, m.slip_covariance = ca.vertcat(m._as_slip(offset), lead), step.factors.pack()
 
     @before("correct")
     @triggered(lambda m: all_of(m.accepted, m.gps_speed > m.moving_speed), "an accepted fix of a moving body")
     def move(m) -> None:
         """Remember the least motion that the inertial sensors feel of a moving body."""
         m.moving_fixes = counted(m.moving_fixes, most=SHORT_COUNT_MAX)
-        m.least_force_motion = at_most(m.force_motion, FORGET_QUIET * m.least_force_motion)
-        m.least_rate_motion = at_most(m.rate_motion, FORGET_QUIET * m.least_rate_motion)
+        rise = where(m.gps_speed < SLOW, FORGET_QUIET, 1)
+        m.least_force_motion = at_most(m.force_motion, rise * m.least_force_motion)
+        m.least_rate_motion = at_most(m.rate_motion, rise * m.least_rate_motion)
 
     @before("correct")
     @triggered(
@@ -291,7 +311,7 @@ class CanineTracker(Estimator):
         trusted = all_of(m.rehearse, long * m.rehearsal_margin < brisk)
         m.learned_reversion = 1 / where(trusted, m.long_reversion_time, m.reversion_time)
         m.long_bias_sd = ca.sqrt(long) / m.rehearsal_time
-        seen = at_least(where(trusted, long, brisk), m.speed_sd_floor**2)
+        seen = at_least(where(trusted, long, brisk), (LEAST_ERROR * m.speed_sd_floor) ** 2)
         m.sigma = where(m.rehearse, ca.sqrt(SHORT_NOISE * seen / m.rehearsal_time), m.sigma_constant)
         m.rehearsing = 0
 
@@ -308,8 +328,11 @@ class CanineTracker(Estimator):
     @before("output")
     @triggered(lambda m: all_of(m.started, m.age < 1), "a fix that was accepted or begun at")
     def mark(m) -> None:
-        """Remember how well the receiver knows the place."""
+        """Remember how well the receiver knows the place, and whether it tells of motion."""
         m.fix_variance = m._position_variance()
+        sure = m.gps_speed - SURE * m.gps_s_acc
+        m.sure_speed = m.sure_speed + (sure - m.sure_speed) * (1 / SPEEDS)
+        m.seen_moving = any_of(m.sure_speed > 0, m.gps_speed > m.moving_speed)
 
     @before("output")
     @triggered(
@@ -327,6 +350,11 @@ class CanineTracker(Estimator):
         """The estimate for this tick; the bias is that of the rehearsals, in which the mean has no part."""
         super().output()
         m.accel_bias, m.accel_bias_sd = m.long_bias, m.long_bias_sd
+
+    def _heading(m) -> tuple[SX, SX]:
+        """The heading is unknown, too, where the courses contradict it."""
+        heading, deviation = super()._heading()
+        return heading, where(m.astray >= ASTRAY, ANY, deviation)
 
     def _stated_variances(m) -> tuple[SX, SX, SX, SX]:
         """What is common to all fixes, no filter finds: at most the variance of one, beside that of P."""
@@ -348,6 +376,9 @@ class CanineTracker(Estimator):
         bias = m.long_bias - m.reversion * m.gps_speed
         return {**super()._begin(), BIAS: (bias, m.initial_bias_variance)}
 
+    def _as_slip(m, angle: SX) -> SX:
+        return clip(angle, -m.largest_slip, m.largest_slip)
+
     def _initial_slip_covariance(m) -> SX:
         return Factors.diagonal([m.initial_slip_offset**2, m.initial_slip_lead**2]).pack()
 
@@ -357,6 +388,3 @@ class CanineTracker(Estimator):
         m.long_bias_sd = ca.sqrt(m.initial_bias_variance)
         m.sigma = m.sigma_constant
         m.rehearsal_errors = ca.vertcat(1, 1) * (m.sigma**2 / SHORT_NOISE * m.rehearsal_time)
-
-    def _heading(m) -> tuple[SX, SX]:
-        return wrap(m.held_heading), m.heading_accuracy

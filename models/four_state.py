@@ -3,28 +3,27 @@
 from __future__ import annotations
 
 from models.earth import GRAVITY
-from models.estimator import BIAS, SPEED, Estimator
+from models.estimator import BIAS, SPEED
 from models.fuzzy import RUNS_FROM, noise_running, noise_walking
+from models.given_heading import GivenHeading
 from models.kit import casadi as ca
 from models.kit.block import before, triggered
 from models.kit.declaration import SX, Boolean, Input, Parameter, State
 from models.kit.ekf import propagate
-from models.kit.geometry import all_of, clip, where, wrap
-from models.kit.units import DEG
+from models.kit.geometry import all_of, clip, where
 
 NORTH, EAST = 2, 3  # behind speed and bias in the state, eq. 3.9
 
 
-class FourState(Estimator):
+class FourState(GivenHeading):
     """Loosely coupled four-state EKF: speed, accelerometer bias, north, east from GPS, IMU and AHRS."""
 
     source = "Miller 2010, eq. 3.1-3.21"
     north_state, east_state = NORTH, EAST
     order = (NORTH, EAST, SPEED, BIAS)
-    samples = ("accel_x", "pitch_meas", "heading_meas")
+    samples = ("accel_x", "pitch_meas", "heading_meas", "heading_meas_sd")
 
     pitch_meas = Input("rad", "pitch from the AHRS, nose up positive", min=-4, max=4)
-    heading_meas = Input("rad", "heading from the AHRS, clockwise from true north", min=-7, max=7)
 
     use_pitch = Parameter(Boolean, "take gravity out of the specific force by pitch (eq. 3.10)", start=1)
     fuzzy = Parameter(Boolean, "tune the process noise by speed (3.3); off: sigma_constant", start=1)
@@ -32,20 +31,16 @@ class FourState(Estimator):
     sigma_cap = Parameter(
         "m/s2", "largest process noise when tuned (ours; eq. 3.21 gives 152 at most)", start=1e3, min=0
     )
-    heading_accuracy = Parameter(
-        "rad", "standard deviation of the heading, as the AHRS is trusted", start=3 * DEG, min=0
-    )
 
     x = State("1", "speed, bias, north, east (eq. 3.9)", size=4)
     covariance = State("1", "UD factors of P for north, east, speed, bias: D, then U by rows", size=10)
     innovation = State("1", "of the last accepted fix: speed, north, east (eq. 3.14)", size=3)
     innovation_variance = State("1", "what the filter expects of each, its variance", start=1, size=3)
-    held_heading = State("rad", "last good heading")
 
     def _listen(m, good: SX) -> None:
         gravity = where(m.use_pitch, GRAVITY * ca.sin(m.pitch_meas), 0)
         m.acceleration = where(good, m.accel_x - gravity, m.x[BIAS])  # eq. 3.10
-        m.held_heading = where(good, m.heading_meas, m.held_heading)
+        m._hold_heading(good)
 
     @before("predict")
     @triggered(
@@ -75,6 +70,3 @@ class FourState(Estimator):
     def _process_noise(m) -> list[SX]:
         position_noise = m.sigma_position**2
         return [m.sigma**2 * m.sample_time, m.sigma_bias**2, position_noise, position_noise]  # eq. 3.16
-
-    def _heading(m) -> tuple[SX, SX]:
-        return wrap(m.held_heading), m.heading_accuracy

@@ -74,7 +74,7 @@ TERMS: dict[str, tuple[Term, ...]] = {
         Term(
             "heading",
             "where the body looks; clockwise from north, as all directions",
-            (("body_heading", "models/plant.py"), ("held_heading", "models/four_state.py")),
+            (("body_heading", "models/plant.py"), ("held_heading", "models/given_heading.py")),
         ),
         Term(
             "course", "where it moves", (("gps_course", "models/sensors.py"), ("course", "models/plant.py"))

@@ -13,6 +13,7 @@ from models.command_module import CommandModule
 from models.errors import DeclarationError
 from models.four_state import FourState
 from models.kit.block import Block
+from models.kit.declaration import flatten
 from models.local_plane import LocalPlane
 from models.watchdog import Watchdog
 
@@ -123,8 +124,8 @@ class Navigation:
     def __post_init__(self) -> None:
         for member, block in self.chain.items():
             known = {*SAMPLE, *FIX, FIXED, *self.of_ahrs(member)}
-            for name in self._inputs(member):
-                if name not in known:
+            for name, variable in flatten(block.group("input")):
+                if name not in known and not variable.has_start:
                     raise DeclarationError(
                         f'{block.title()}: no instrument on board gives its input "{name}"; '
                         f"expected one of {', '.join(sorted(known))}"

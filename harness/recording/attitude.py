@@ -22,7 +22,7 @@ OVERSAMPLING = 40  # the filter runs at 1 kHz, the resolution of the sample time
 CUTOFF_HZ = 8.0  # -3 dB; the ticks' Nyquist frequency is 12.5 Hz, and 25 Hz (-40 dB) aliases to 0
 SAMPLES = [f"{sensor}_{axis}" for sensor in ("accel", "gyro") for axis in "xyz"]
 AHRS = CanineAhrs.title()
-ANGLES = [f"{AHRS}.{name}_meas" for name in ("roll", "pitch", "heading")]
+ANGLES = ("roll_meas", "pitch_meas", "heading_meas", "heading_meas_sd")
 FILTER_ORDER = 4  # below 2 Hz its group delay is 2.613 / (2 pi CUTOFF_HZ) = 52 ms
 
 
@@ -46,7 +46,7 @@ def anti_alias(t: Array, samples: Array, ticks: int, *, mean: bool = False) -> A
 
 
 def own_attitude(samples: Array, fix: Array, speed: Array, course: Array, s_acc: Array) -> Array:
-    """Roll, pitch and heading [rad] by the block `canine_ahrs`, (ticks, 3).
+    """Roll, pitch, heading and its standard deviation [rad] by the block `canine_ahrs`, (ticks, 4).
 
     The heading counts from an arbitrary zero until the first moving fix.
 
@@ -59,12 +59,12 @@ def own_attitude(samples: Array, fix: Array, speed: Array, course: Array, s_acc:
     inputs = dict(zip(SAMPLES, samples.T, strict=True))
     inputs |= {"gps_fix": fix, "gps_speed": speed, "gps_course": course, "gps_s_acc": s_acc}
     rows = _ahrs().run({f"{AHRS}.{name}": row for name, row in inputs.items()})
-    return np.column_stack([rows[name] for name in ANGLES])
+    return np.column_stack([rows[f"{AHRS}.{name}"] for name in ANGLES])
 
 
 @cache
 def _ahrs() -> Series:
-    return Series(CanineAhrs, ANGLES)
+    return Series(CanineAhrs, [f"{AHRS}.{name}" for name in ANGLES])
 
 
 def align_heading(

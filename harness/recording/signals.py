@@ -41,6 +41,7 @@ class SensorSignals:
     roll_meas: Array
     pitch_meas: Array  # nose up positive
     heading_meas: Array  # clockwise from north, but from an arbitrary zero until the first moving fix
+    heading_meas_sd: Array  # its standard deviation; 0 where none is stated
     gps_fix: Mask  # a new fix at this tick
     gps_north: Array  # from the origin, the position of the fix at t = 0
     gps_east: Array
@@ -96,7 +97,7 @@ def sensor_signals(
         OWN: lambda: _own(recording, fix, fix_speed, fix_course, fix_s_acc),
         RECORDED: lambda: _recorded(recording, fix & (fix_speed > MOVING_M_S), fix_course),
     }
-    roll, pitch, heading = angles[recording_attitude(recording, attitude)]().T
+    roll, pitch, heading, heading_sd = angles[recording_attitude(recording, attitude)]().T
     accel_x, accel_y, accel_z, gyro_x, gyro_y, gyro_z = recording.on_ticks[recording.ticks_before :].T
     zeros = np.zeros(recording.ticks)
     return SensorSignals(
@@ -113,6 +114,7 @@ def sensor_signals(
         roll_meas=roll,
         pitch_meas=pitch,
         heading_meas=heading,
+        heading_meas_sd=heading_sd,
         gps_fix=fix,
         gps_north=held(used, north),
         gps_east=held(used, east),
@@ -157,7 +159,9 @@ def recording_attitude(recording: Recording, asked: str = "") -> str:
 
 
 def _own(recording: Recording, fix: Mask, *of_fix: Array) -> Array:
-    """Roll, pitch and heading by the Canine AHRS, from the samples before the origin on: (ticks, 3).
+    """Roll, pitch, heading and its deviation by the Canine AHRS, from the samples before the origin on.
+
+    Returns (ticks, 4).
 
     Args:
         of_fix: speed, course and speed accuracy of the fixes (ticks,).
@@ -172,9 +176,13 @@ def _own(recording: Recording, fix: Mask, *of_fix: Array) -> Array:
 
 
 def _recorded(recording: Recording, aligning: Mask, course: Array) -> Array:
-    """The recorded roll and pitch, and heading, whose zero may be any: courses align it. (ticks, 3)."""
+    """The recorded roll and pitch, and heading, whose zero may be any: courses align it.
+
+    Its deviation is not stated, 0. Returns (ticks, 4).
+    """
     assert recording.attitude_on_ticks is not None
     roll, pitch, heading = recording.attitude_on_ticks[recording.ticks_before :].T
     ticks = np.flatnonzero(aligning)
     lost = [int(np.ceil(end / TICK_S)) for _, end in holes_of_imu(recording.imu_t)]
-    return np.column_stack([roll, pitch, align_heading(heading, ticks, course[ticks], ALIGNING_S, lost)])
+    aligned = align_heading(heading, ticks, course[ticks], ALIGNING_S, lost)
+    return np.column_stack([roll, pitch, aligned, np.zeros(recording.ticks)])

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from harness.log.log import Log, read_log
-from harness.recording.attitude import SAMPLES, TICK_S, own_attitude
+from harness.recording.attitude import ANGLES, SAMPLES, TICK_S, own_attitude
 from harness.recording.holes import HOLE_OF_IMU_S, Hole, holes, holes_of_imu
 from harness.recording.read import read_recording
 from harness.recording.recording import RecordingError
@@ -89,7 +89,8 @@ def _of_recording(folder: Path, attitude: str) -> ReplaySource:
 
 def _of_log(path: Path, attitude: str) -> ReplaySource:
     log = read_log(path)
-    needed = {*ESTIMATORS[ESTIMATOR].flat_names("input"), "gps_course"}
+    inputs = ESTIMATORS[ESTIMATOR].group("input")
+    needed = {*(input.name for input in inputs if not input.has_start), "gps_course"}
     needed |= set(SAMPLES) if attitude == OWN else set()
     missing = [s for s in (f"sensors.{name}" for name in sorted(needed)) if s not in log]
     if missing:
@@ -100,8 +101,8 @@ def _of_log(path: Path, attitude: str) -> ReplaySource:
     _require_ticks(path, log)
     gps = [f"sensors.{f.name}" for f in fields(SensorSignals) if f.name.startswith("gps_")]
     finite_fix = np.all([np.isfinite(log[name]) for name in gps if name in log], axis=0)
-    inputs = {name for block in ESTIMATORS.values() for name in block.flat_names("input")}
-    imu = [f"sensors.{n}" for n in inputs if not n.startswith("gps_") and f"sensors.{n}" in log]
+    names = {name for block in ESTIMATORS.values() for name in block.flat_names("input")}
+    imu = [f"sensors.{n}" for n in names if not n.startswith("gps_") and f"sensors.{n}" in log]
     finite_sample = np.all([np.isfinite(log[name]) for name in imu], axis=0)
     arrived = log["sensors.gps_fix"] > 0
     received = arrived & finite_fix
@@ -122,7 +123,7 @@ def _of_log(path: Path, attitude: str) -> ReplaySource:
             samples = np.column_stack([columns[name] for name in SAMPLES])
             of_fix = (columns[f"gps_{name}"] for name in ("speed", "course", "s_acc"))
             angles = own_attitude(samples, used.astype(np.float64), *of_fix)
-            columns |= dict(zip(("roll_meas", "pitch_meas", "heading_meas"), angles.T, strict=True))
+            columns |= dict(zip(ANGLES, angles.T, strict=True))
         columns |= {"origin_latitude": log.origin[0], "origin_longitude": log.origin[1]}
         return SensorSignals(**columns)
 

@@ -49,6 +49,7 @@ def motion(speed: Array, heading: Array, pitch: Any = 0.0) -> Columns:
         "roll_meas": np.zeros(speed.shape),
         "pitch_meas": np.broadcast_to(pitch, speed.shape),
         "heading_meas": heading,
+        "heading_meas_sd": np.zeros(speed.shape),
         "gps_course": heading,
         "gps_fix": fix_ticks(len(speed)),
         "gps_north": np.cumsum(way * np.cos(heading)),

@@ -273,6 +273,130 @@ def test_after_samples_were_missing_the_attitude_is_kept_and_the_heading_found_a
     assert rms(error(outputs, signals, "pitch", 33)) < 3
 
 
+def fix(ahrs: Model, speed: float, course: float = 0.0, accuracy: float = 0.1) -> None:
+    """A tick with a fix."""
+    ahrs["gps_fix"], ahrs["gps_speed"], ahrs["gps_course"], ahrs["gps_s_acc"] = 1, speed, course, accuracy
+    ahrs.step()
+    ahrs["gps_fix"] = 0
+
+
+def steps(ahrs: Model, ticks: int) -> None:
+    for _ in range(ticks):
+        ahrs.step()
+
+
+def test_the_heading_is_as_uncertain_as_the_courses_that_showed_it() -> None:
+    ahrs = at_rest()
+    ahrs.step()
+    assert ahrs["heading_meas_sd"] == 500
+    # when two courses come, each off by a slip of 0.5 rad and 0.1 of 2 m/s
+    for courses in (1, 2):
+        fix(ahrs, 2.0, course=1.0)
+        expected = math.sqrt((0.5**2 + 0.05**2) / courses)
+        assert ahrs["heading_meas_sd"] == pytest.approx(expected, rel=0.01)
+        assert ahrs["heading_meas"] == pytest.approx(1.0, abs=1e-3)
+    # then a gap in which it may turn
+    ahrs["gyro_x"] = math.nan
+    steps(ahrs, 6)
+    assert ahrs["heading_meas_sd"] < 1
+    ahrs.step()
+    assert ahrs["heading_meas_sd"] == 500
+
+
+def test_until_a_course_shows_the_heading_the_magnetometer_does_as_well_as_one() -> None:
+    ahrs, off = at_rest({"declination": 0.1}), at_rest({"start_by_magnetometer": 0})
+    for model in (ahrs, off):
+        model["mag_x"], model["mag_y"] = 2e-5 * math.cos(0.9), -2e-5 * math.sin(0.9)
+        steps(model, 2)
+    assert ahrs["heading_meas"] == pytest.approx(1.0)
+    assert ahrs["heading_meas_sd"] == pytest.approx(0.5, rel=1e-3)
+    assert (off["heading_meas"], off["heading_meas_sd"]) == (0, 500)
+    # then the first course counts, and no field does
+    ahrs["mag_x"] = -2e-5
+    steps(ahrs, 10)
+    assert ahrs["heading_meas"] == pytest.approx(1.0)
+    fix(ahrs, 5.0, course=1.4)
+    assert ahrs["heading_meas"] == pytest.approx(1.4, abs=1e-3)
+
+
+def test_a_speed_from_before_a_gap_is_not_used() -> None:
+    ahrs = at_rest()
+    ahrs.step()
+    fix(ahrs, 3.0)
+    ahrs["gyro_x"] = math.nan
+    steps(ahrs, 6)
+    assert (ahrs["speed"], ahrs["moving"]) == (3, 1)
+    ahrs.step()
+    assert (ahrs["speed"], ahrs["moving"]) == (0, 0)
+
+
+def test_an_old_fix_tells_of_no_motion() -> None:
+    ahrs = at_rest({"hold_time": 1})
+    ahrs.step()
+    fix(ahrs, 3.0)
+    steps(ahrs, 25)
+    assert ahrs["moving"]
+    ahrs.step()
+    assert not ahrs["moving"]
+
+
+def test_a_bad_fix_tells_no_course() -> None:
+    ahrs = at_rest()
+    ahrs.step()
+    fix(ahrs, 3.0, course=1.0)
+    fix(ahrs, 3.0, course=2.0, accuracy=math.nan)
+    assert ahrs["heading_meas"] == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_change_of_speed_counts_among_the_forces_of_the_window() -> None:
+    """1 m/s in a tick, in g."""
+    ahrs = at_rest()
+    ahrs.step()
+    fix(ahrs, 2.0)
+    before = ahrs["force_sum[1]"]
+    fix(ahrs, 3.0)
+    assert ahrs["force_sum[1]"] - before == pytest.approx(1 / (G * T))
+
+
+def test_windows_fill_where_every_tick_has_a_fix() -> None:
+    ahrs = at_rest()
+    for _ in range(28):
+        fix(ahrs, 0.0)
+    assert ahrs["rested"] == 1
+
+
+def test_the_quietest_noise_may_rise_by_a_hundredth_in_a_window() -> None:
+    ahrs = at_rest()
+    steps(ahrs, 25)
+    assert ahrs["quiet_rate"] == 1e-6
+    for k in range(25):
+        ahrs["gyro_z"] = 0.01 * (-1) ** k
+        ahrs.step()
+    assert ahrs["quiet_rate"] == pytest.approx(1.01e-6)
+
+
+def test_a_body_that_is_shaken_does_not_rest() -> None:
+    ahrs = at_rest()
+    steps(ahrs, 50)
+    assert ahrs["resting"]
+    for k in range(25):
+        ahrs["accel_x"] = 0.5 * (-1) ** k
+        ahrs.step()
+    assert not ahrs["resting"]
+
+
+def test_gravity_teaches_a_bias_after_the_start_time_and_a_bounded_one() -> None:
+    ahrs = at_rest({"bias_gain": 1, "largest_bias": 1e-3})
+    ahrs["gyro_x"] = 0.5
+    steps(ahrs, 49)
+    assert [ahrs[f"bias[{i}]"] for i in (1, 2, 3)] == [0, 0, 0]
+    largest = 0.0
+    for _ in range(200):
+        ahrs.step()
+        largest = max(largest, *(abs(ahrs[f"bias[{i}]"]) for i in (1, 2, 3)))
+    assert largest == pytest.approx(1e-3)
+
+
 def test_a_fix_out_of_range_is_counted_and_turns_nothing() -> None:
     ahrs = at_rest()
     ahrs.step()

@@ -105,7 +105,8 @@ class Reference:
         self.rehearsal: dict[str, Any] = {}
         self.long_bias, self.long_bias_sd = 0.0, 1.0
         self.started = self.still = False
-        self.fix_sd = 0.0
+        self.fix_sd = self.sure = 0.0
+        self.fixes_move = False
 
     def step(self, u: dict[str, float]) -> None:
         roll, pitch, heading = u["roll_meas"], u["pitch_meas"], u["heading_meas"]
@@ -127,7 +128,7 @@ class Reference:
             self.means[i] += T / 0.3 * off
             self.motion[i] += T / 0.3 * (off @ off - self.motion[i])
         quiet = (self.motion < self.least / 4).any() and (self.motion < 2 * self.least).all()
-        told = self.age * T < 0.6 and u["gps_speed"] > 0.5
+        told = self.age * T < 0.6 and self.fixes_move
         self.still = bool(self.moving >= 40 and quiet and not told)
         for one in self.rehearsal.get("speeds", []):
             one["v"] += T * (a - one["bias"] - (one["v"] - one["mean"]) / one["T"])
@@ -181,7 +182,7 @@ class Reference:
                 self.slip = self.slip + gain * off
                 self.S = self.S - np.outer(gain, h @ self.S)
                 self.moving += 1
-                self.least = np.minimum(self.motion, 1.002 * self.least)
+                self.least = np.minimum(self.motion, (1.002 if z < 2 else 1) * self.least)
             if self.rehearsal and self.rehearsal["age"] * T > 4.99:
                 self.compare(z)
             if self.learned_T != self.T:
@@ -192,6 +193,8 @@ class Reference:
             for i, name in ((0, "gps_speed"), (2, "gps_north"), (3, "gps_east")):
                 self.correct(i, u[name], r if i == 0 else r_position)
         self.age, self.fix_sd = 0, math.sqrt(r_position)
+        self.sure += (z - 2 * u["gps_s_acc"] - self.sure) / 4
+        self.fixes_move = z > 0.5 or self.sure > 0
         if not self.rehearsal:
             v = self.x[0]
             brisk = {"v": v, "T": 0.7, "bias": self.x[1] + v / self.T - v / 0.7, "mean": 0.0}
@@ -208,7 +211,7 @@ class Reference:
         good = self.errors[1] * 4 < self.errors[0]
         self.learned_T = 60.0 if good else 0.7
         self.long_bias_sd = math.sqrt(self.errors[1]) / 5
-        self.sigma = math.sqrt(4 * max(self.errors[int(good)], 0.1**2) / 5)
+        self.sigma = math.sqrt(4 * max(self.errors[int(good)], (2 * 0.1) ** 2) / 5)
         self.rehearsal = {}
 
 
@@ -309,6 +312,38 @@ def test_the_slip_has_a_limit(native: Make) -> None:
     assert (beta.min(), beta.max()) == (-0.2, 0.2)
 
 
+def test_the_slip_across_south_is_learned(native: Make) -> None:
+    """Heading and course lie on both sides of +-180 deg."""
+    signals = carried(np.full(1500, 1.3), np.full(1500, math.pi - 0.1), seed=21, offset=0.2)
+    out = run(native, signals)
+    assert out["slip[1]"][-1] == pytest.approx(0.2, abs=0.05)
+    assert out["valid"][250:].all()
+
+
+@pytest.mark.parametrize(("step", "valid"), [(40, True), (120, False), (-170, False)])
+def test_a_heading_that_the_courses_contradict_is_unknown(native: Make, step: float, valid: bool) -> None:
+    """The reference turns by `step` [deg]: as much as slip can be is learned, and no more."""
+    signals = carried(np.full(3000, 1.3), turns(3000), seed=22)
+    turned = signals["heading_meas"] + math.radians(step) * (np.arange(3000) * T > 60)
+    signals["heading_meas"] = (turned + math.pi) % (2 * math.pi) - math.pi
+    out = run(native, signals)
+    assert out["valid"][250:1500].all()
+    assert np.abs(out["slip[1]"]).max() <= 1
+    late = slice(round(80 / T), None)
+    assert (out["valid"][late] == valid).all()
+    assert out["heading_sd"][late] == pytest.approx(0.1 if valid else math.pi / math.sqrt(3))
+    if valid:
+        assert out["slip[1]"][-1] == pytest.approx(-math.radians(step), abs=0.1)
+
+
+def test_a_body_on_end_has_a_finite_yaw_rate(native: Make) -> None:
+    """Of Euler's angles, where the cosine of pitch is 0; it is taken for 0.1 at least."""
+    signals = carried(np.full(500, 1.3), np.zeros(500), seed=23)
+    signals["pitch_meas"] = np.full(500, math.pi / 2)
+    signals["gyro_z"] = np.full(500, 0.3)
+    assert run(native, signals)["yaw_rate"][-1] == pytest.approx(3)
+
+
 # The speed about its mean
 
 
@@ -357,15 +392,15 @@ def test_the_stated_deviation_at_the_end_of_an_outage_is_that_of_the_errors(
 
 
 def test_a_speed_foretold_exactly_is_uncertain_by_the_receivers_noise(native: Make) -> None:
-    """Mean square errors of 0 count as 0.1^2 in 5 s: sigma^2 is 4 times their growth."""
+    """Mean square errors of 0 count as (2 * 0.1)^2 in 5 s: sigma^2 is 4 times their growth."""
     signals = carried(np.full(3000, 1.3), np.zeros(3000), seed=16, swing=0, noise=0)
-    assert run(native, signals)["sigma"][-1] == pytest.approx(math.sqrt(4 * 0.1**2 / 5))
+    assert run(native, signals)["sigma"][-1] == pytest.approx(math.sqrt(4 * 0.2**2 / 5))
 
 
 def test_bad_samples_leave_a_rehearsal_as_it_is(native: Make) -> None:
     signals = carried(np.full(3000, 1.3), np.zeros(3000), seed=17, swing=0, noise=0)
     signals["accel_x"] = np.where(np.arange(3000) % 3 > 0, math.nan, signals["accel_x"])
-    assert run(native, signals)["sigma"][-1] == pytest.approx(math.sqrt(4 * 0.1**2 / 5))
+    assert run(native, signals)["sigma"][-1] == pytest.approx(math.sqrt(4 * 0.2**2 / 5))
 
 
 # The stated position
@@ -437,8 +472,62 @@ def test_a_body_that_one_of_the_sensors_feels_move_does_not_rest(native: Make, s
         column = signals[f"{sensor}_{axis}"]
         signals[f"{sensor}_{axis}"] = np.where(moving, column, column.mean() + 3 * (column - column.mean()))
         other = signals[other_name := f"{'gyro' if sensor == 'accel' else 'accel'}_{axis}"]
-        signals[other_name] = np.where(moving, other, other.mean())
+        quiet = other.mean() + 1e-3 * np.random.default_rng(19).normal(size=1500)
+        signals[other_name] = np.where(moving, other, quiet)
     assert not run(native, without_fixes(signals, 40, 60))["still"].any()
+
+
+@pytest.mark.parametrize("stuck", [("accel",), ("gyro",), ("accel", "gyro")])
+def test_a_sensor_that_repeats_its_sample_tells_of_no_rest(native: Make, stuck: tuple[str, ...]) -> None:
+    signals = carried(np.full(1500, 1.3), np.zeros(1500), seed=24)
+    failed = round(45 / T)
+    for name in (f"{sensor}_{axis}" for sensor in stuck for axis in "xyz"):
+        signals[name][failed:] = signals[name][failed]
+    out = run(native, without_fixes(signals, 44, 60))
+    assert out["rate_motion" if "gyro" in stuck else "force_motion"][-1] < 1e-6
+    assert not out["still"].any()
+
+
+@pytest.mark.parametrize("pace", [0.25, 0.35])
+def test_fixes_of_a_creeping_body_tell_of_its_motion(native: Make, pace: float) -> None:
+    """Slower than `moving_speed`, and as quiet as at rest; the receiver's 0.1 m/s tells it from rest."""
+    speed = ramps(160, (2, 0), (3, 1.3), (40, 1.3), (41, 0), (60, 0), (61, pace), (160, pace))
+    signals = carried(speed, np.zeros(len(speed)), seed=25, swing=0, shake=0, noise=0.03)
+    strides = carried(speed, np.zeros(len(speed)), seed=25)
+    walks = np.arange(len(speed)) * T < 41
+    for name in (f"{sensor}_{axis}" for sensor in ("accel", "gyro") for axis in "xyz"):
+        signals[name] = np.where(walks, strides[name], signals[name])
+    out = run(native, signals)
+    assert out["still"][round(45 / T) : round(60 / T)].mean() > 0.9
+    assert out["still"][round(65 / T) :].mean() < 0.01
+    assert error(out, signals) < 0.6
+    # without fixes there is nothing that tells it from rest
+    assert run(native, without_fixes(signals, 100, 160))["still"][round(101 / T) :].mean() > 0.9
+
+
+def test_a_fix_tells_of_motion_until_it_is_as_old_as_two_and_more(native: Make) -> None:
+    """0.6 s: of 4 Hz, one may be missing. Whatever it feels afterwards is less than it ever felt."""
+    n = 1000
+    signals = carried(np.full(n, 1.3), np.zeros(n), seed=26)
+    inputs = {name: v for name, v in as_received(signals).items() if not name.startswith("true_")}
+    end = int(np.flatnonzero(inputs["gps_fix"])[-2]) + 1
+    tracker = native(CanineTracker, "double", {})
+    tracker.run(**{name: v[:end] for name, v in inputs.items()})
+    tracker["least_force_motion"] = tracker["least_rate_motion"] = 1e6
+    later = {name: np.repeat(v[end - 1 : end], 20) for name, v in inputs.items()}
+    moving = {name: inputs[name][end - 20 : end] for name in inputs if name.startswith(("accel", "gyro"))}
+    still = tracker.run(**later | moving | {"gps_fix": np.zeros(20)})["still"]
+    assert still.tolist() == [0] * 14 + [1] * 6
+
+
+def test_after_a_long_run_a_walk_is_no_rest(native: Make) -> None:
+    """Running shakes three times as much. Four minutes of it do not make the motion of the walk forgotten."""
+    speed = ramps(330, (2, 0), (3, 1), (20, 1), (22, 5), (262, 5), (265, 1), (330, 1))
+    heading = np.zeros(len(speed))
+    signals, running = (carried(speed, heading, seed=27, swing=s, shake=0.1 * s) for s in (1.0, 3.0))
+    for name in (f"{sensor}_{axis}" for sensor in ("accel", "gyro") for axis in "xyz"):
+        signals[name] = np.where(speed > 2, running[name], signals[name])
+    assert not run(native, without_fixes(signals, 270, 330))["still"].any()
 
 
 def test_before_motion_is_known_nothing_counts_as_rest(native: Make) -> None:
@@ -539,6 +628,7 @@ def test_after_a_beginning_in_vain_nothing_of_the_earlier_life_is_left(native: M
     fresh = native(CanineTracker, "double", {}).run(**{name: v[begins:] for name, v in inputs.items()})
     of_the_samples = {f"{m}[{i}]" for m in ("force_mean", "rate_mean") for i in (1, 2, 3)}
     of_the_samples |= {"force_motion", "rate_motion", "least_force_motion", "least_rate_motion", "still"}
+    of_the_samples |= {"sure_speed"}  # a mean that forgets
     for name in set(fresh) - of_the_samples - {"renewed"}:
         assert old[name][begins + 10 :] == pytest.approx(fresh[name][10:], rel=1e-9, abs=1e-9), name
     for name in ("least_force_motion", "least_rate_motion"):

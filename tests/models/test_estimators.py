@@ -684,3 +684,19 @@ def test_rule_5_fixes_that_agree_begin_it_anew_after_a_time(native: Make, name: 
     (begun, *_) = np.flatnonzero(out["north"] > 200)
     # four fixes at 4 Hz come in 0.75 s
     assert max(time, 0.75) <= (begun - first) * T < max(time, 0.75) + 0.26
+
+
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_the_heading_of_a_first_fix_is_wrapped(native: Make, precision: str) -> None:
+    """A receiver may count its course from 0 to 360 deg."""
+    inputs = {name: values[:1] for name, values in walk(2).items()}
+    inputs |= {"gps_course": np.array([4.0]), "gps_speed": np.array([2.0])}
+    out = native(SixState, precision).run(**inputs)
+    assert out["started"][0]
+    assert out["heading"][0] == pytest.approx(4 - 2 * math.pi, abs=1e-6)
+
+
+def test_the_bias_of_running_is_as_unknown_at_first_as_the_parameter_says(native: Make) -> None:
+    out = native(TwoBias, "double", {"initial_bias_variance": 0.04}).run(**walk(200, top=6.0))
+    switched = int(np.flatnonzero(out["running"])[0])
+    assert out["accel_bias_sd"][switched] == pytest.approx(0.2)

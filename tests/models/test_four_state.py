@@ -23,7 +23,7 @@ Make = Callable[..., Any]
 
 T = FourState.sample_time
 G = 9.81
-INPUTS = FourState.flat_names("input")
+INPUTS = [variable.name for variable in FourState.group("input") if not variable.has_start]
 OUTPUTS = FourState.flat_names("output")
 BOTH = pytest.mark.parametrize("precision", ["double", "float"])
 

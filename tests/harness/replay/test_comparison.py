@@ -34,7 +34,7 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> ReplaySource:
     for axis in "xyz":
         signals[f"gyro_{axis}"] = rng.normal(0, 0.1, ticks)
         signals[f"mag_{axis}"] = rng.normal(2e-5, 1e-6, ticks)
-    signals["gps_course"] = rng.uniform(-3, 3, ticks)
+    signals["gps_course"] = signals["heading_meas"] + rng.uniform(-0.4, 0.4, ticks)
     return open_source(write(tmp_path_factory.mktemp("walk") / "trial.mcap", signals))
 
 
