@@ -178,7 +178,8 @@ PROOFS = (
     ),
     Proof(
         "four_state.output",
-        "outputs are finite, the heading within half a turn",
+        "valid only with a recent fix and stated deviations within their limits; outputs are finite",
+        rule=5,
         loops=11,
         checks=BOTH,
         assumes=BOUNDED,

@@ -93,6 +93,12 @@ void prove_output(void)
     four_state m = any_state();
 
     any_covariance(&m);
+    m.state.started = nondet_bool();
     four_state_output(&m);
+    if (m.out.valid) { /* rule 5 */
+        assert(m.state.started && (m.state.age <= (int32_t)((25.0 * (double)m.par.max_age) + 0.1)));
+        assert((m.out.north_sd <= m.par.max_position_sd) && (m.out.east_sd <= m.par.max_position_sd));
+        assert(m.out.speed_sd <= m.par.max_speed_sd);
+    }
     assert((m.out.heading >= -3.1415930F) && (m.out.heading <= 3.1415930F));
 }

@@ -73,6 +73,9 @@ FAULTS = (
     Fault("four_state.c", "(m->in.gps_s_acc <= 100.0f)", "(m->in.gps_s_acc <= 1e9f)", "four_state.judge"),
     Fault("four_state.c", "(m->in.gps_h_acc <= 1000.0f)", "true", "four_state.judge"),
     Fault("four_state.c", "t13 && m->state.started", "m->state.started", "four_state.judge"),
+    Fault("four_state.c", "(next_east_sd <= m->par.max_position_sd)", "true", "four_state.output"),
+    Fault("four_state.c", "(next_speed_sd <= m->par.max_speed_sd)", "true", "four_state.output"),
+    Fault("four_state.c", "((0.04f * (float)m->state.age) <= m->par.max_age)", "true", "four_state.output"),
     # a counter that is stuck, a flag that is not looked at
     Fault("mt.c", "m->counter = counter;", "", "mt.sample"),
     Fault("mt.c", "(counter != m->counter)", "true", "mt.sample"),
@@ -195,12 +198,8 @@ FAULTS = (
     Fault("cmec.c", "(m->state.survey_ticks < 4)", "(m->state.survey_ticks < 9)", "rule_4.survey"),
     Fault("cmec.c", "> (m->par.fence_radius * m->par.fence_radius)", "> 2e6f", "rule_7.radius"),
     Fault("cmec.c", "(m->state.overruled == CMEC_ANOMALY_LOST_LINK) && t0", "false", "rule_9.link"),
-    Fault(
-        "cmec.c",
-        "m->in.start && (m->state.now == CMEC_MODE_IDLE)",
-        "(m->state.now == CMEC_MODE_IDLE)",
-        "rule_9.begin",
-    ),
+    Fault("cmec.c", "m->in.start && (m->state.now == CMEC_MODE_IDLE)", "m->in.start", "rule_9.begin"),
+    Fault("cmec.c", "if (m->state.recalling && (m->state.now", "if ((m->state.now", "rule_9.begin"),
     Fault(
         "cmec.c", "(t0 ? m->par.longest_stop : m->par.stop_hold)", "m->par.longest_stop", "rule_12.silence"
     ),
