@@ -83,6 +83,7 @@ class CanineAhrs(Block):
         "faster than this and the stated accuracy, it is not at rest; its course is used",
         start=0.5,
         min=0,
+        max=50,
     )
     hold_time = Parameter("s", "the speed of an older fix is not used", start=15, min=0, max=1e6)
     lost_time = Parameter(
@@ -91,9 +92,11 @@ class CanineAhrs(Block):
     start_time = Parameter(
         "s", "over which the first force is averaged, moving or not", start=2, min=0, max=LONGEST
     )
-    rest_rate = Parameter("rad/s", "largest deviation of the turn rate at rest", start=0.05, min=0)
-    rest_noise = Parameter("1", "largest deviations at rest, by those when it was quietest", start=2, min=1)
-    largest_bias = Parameter("rad/s", "of a gyro on an axis", start=3 * DEG, min=0)
+    rest_rate = Parameter("rad/s", "largest deviation of the turn rate at rest", start=0.05, min=0, max=1e2)
+    rest_noise = Parameter(
+        "1", "largest deviations at rest, by those when it was quietest", start=2, min=1, max=1e3
+    )
+    largest_bias = Parameter("rad/s", "of a gyro on an axis", start=3 * DEG, min=0, max=1e2)
 
     down = State("1", "gravity's direction: the mean specific force, reversed, in g", size=3)
     yaw = State("rad", "heading of the body")

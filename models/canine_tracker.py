@@ -70,46 +70,54 @@ class CanineTracker(GivenHeading):
     gps_course = Input("rad", "course over ground of the fix", start=0, min=-7, max=7)
 
     sigma_constant = Parameter(
-        "m/s2", "process noise of the acceleration until it is learned", start=0.4, min=0
+        "m/s2", "process noise of the acceleration until it is learned", start=0.4, min=1e-3, max=1e4
     )
-    position_sd_floor = Parameter("m", "a fix's position is believed no better than this", start=0.25, min=0)
-    speed_sd_floor = Parameter("m/s", "a fix's speed is believed no better than this", start=0.1, min=0)
+    position_sd_floor = Parameter(
+        "m", "a fix's position is believed no better than this", start=0.25, min=0, max=1e3
+    )
+    speed_sd_floor = Parameter(
+        "m/s", "a fix's speed is believed no better than this", start=0.1, min=0, max=1e2
+    )
     heading_accuracy = Parameter(
-        "rad", "standard deviation of the course that is moved along, at least", start=0.1, min=0
+        "rad", "standard deviation of the course that is moved along, at least", start=0.1, min=0, max=4
     )
     # slip
     use_slip = Parameter(Boolean, "the course leads the heading; off: it is the heading", start=1)
-    slip_noise = Parameter("rad", "of course less heading, beside the fix's own noise", start=0.2, min=1e-3)
-    slip_offset_walk = Parameter("rad", "random walk of the offset in a second", start=0.02, min=0)
-    slip_lead_walk = Parameter("s", "random walk of the lead in a second", start=0.005, min=0)
-    initial_slip_offset = Parameter(
-        "rad", "standard deviation of the offset at the start", start=0.3, min=1e-3
+    slip_noise = Parameter(
+        "rad", "of course less heading, beside the fix's own noise", start=0.2, min=1e-3, max=4
     )
-    initial_slip_lead = Parameter("s", "standard deviation of the lead at the start", start=0.5, min=1e-3)
+    slip_offset_walk = Parameter("rad", "random walk of the offset in a second", start=0.02, min=0, max=4)
+    slip_lead_walk = Parameter("s", "random walk of the lead in a second", start=0.005, min=0, max=1e2)
+    initial_slip_offset = Parameter(
+        "rad", "standard deviation of the offset at the start", start=0.3, min=1e-3, max=4
+    )
+    initial_slip_lead = Parameter(
+        "s", "standard deviation of the lead at the start", start=0.5, min=1e-3, max=1e2
+    )
     largest_slip = Parameter("rad", "the course differs from the heading by no more", start=1, min=0, max=1)
-    moving_speed = Parameter("m/s", "a fix slower than this shows no course", start=0.5, min=0.01)
+    moving_speed = Parameter("m/s", "a fix slower than this shows no course", start=0.5, min=0.01, max=50)
     # the speed about its mean
     reversion_time = Parameter(
-        "s", "in which the speed reverts to its mean: 0.7 for strides", start=0.7, min=0.1
+        "s", "in which the speed reverts to its mean: 0.7 for strides", start=0.7, min=0.1, max=1e6
     )
     long_reversion_time = Parameter(
-        "s", "likewise for a carrier whose acceleration is good", start=60, min=0.1
+        "s", "likewise for a carrier whose acceleration is good", start=60, min=0.1, max=1e6
     )
     rehearse = Parameter(Boolean, "learn sigma and which time is right; off: reversion_time", start=1)
     rehearsal_time = Parameter(
         "s", "length of a rehearsed outage of the speed", start=5, min=0.1, max=LONGEST
     )
     rehearsal_margin = Parameter(
-        "1", "how often smaller the long one's mean square has to be", start=4, min=0
+        "1", "how often smaller the long one's mean square has to be", start=4, min=0, max=1e6
     )
     # standing still
     use_stillness = Parameter(Boolean, "a body at rest is held in its place", start=1)
-    still_time = Parameter("s", "over which motion is measured", start=0.3, min=TICK)
+    still_time = Parameter("s", "over which motion is measured", start=0.3, min=TICK, max=1e3)
     still_share = Parameter(
-        "1", "of the least motion seen while moving: below it the body rests", start=0.25, min=0
+        "1", "of the least motion seen while moving: below it the body rests", start=0.25, min=0, max=1e3
     )
     still_accuracy = Parameter(
-        "m/s", "standard deviation of the speed of a body at rest", start=0.05, min=1e-3
+        "m/s", "standard deviation of the speed of a body at rest", start=0.05, min=1e-3, max=1e2
     )
 
     x = State("1", "speed, bias less mean speed times reversion, north, east", size=4)

@@ -63,28 +63,40 @@ class Estimator(Block):
     sigma_accel = Output("m/s2", "process noise of the acceleration in force")
     valid = Output(Boolean, "the last accepted fix is no older than max_age, the deviations are in bounds")
 
-    sigma_constant = Parameter("m/s2", "process noise of the acceleration, not tuned (D.7)", start=0.1, min=0)
-    sigma_bias = Parameter("m/s2", "random walk of the bias per tick (eq. 3.16)", start=1e-3, min=0)
-    sigma_position = Parameter("m", "random walk of north and east per tick (eq. 3.16)", start=1e-6, min=1e-9)
-    initial_speed_variance = Parameter("1", "of P0, in (m/s)^2 (eq. 3.17)", start=0.1, min=1e-9)
-    initial_bias_variance = Parameter("1", "of P0, in (m/s2)^2 (eq. 3.17)", start=1, min=1e-9)
-    initial_position_variance = Parameter("1", "of P0, in m^2 (eq. 3.17)", start=0.01, min=1e-9)
+    sigma_constant = Parameter(
+        "m/s2", "process noise of the acceleration, not tuned (D.7)", start=0.1, min=0, max=1e4
+    )
+    sigma_bias = Parameter("m/s2", "random walk of the bias per tick (eq. 3.16)", start=1e-3, min=0, max=1e3)
+    sigma_position = Parameter(
+        "m", "random walk of north and east per tick (eq. 3.16)", start=1e-6, min=1e-9, max=1e3
+    )
+    initial_speed_variance = Parameter("1", "of P0, in (m/s)^2 (eq. 3.17)", start=0.1, min=1e-9, max=1e6)
+    initial_bias_variance = Parameter("1", "of P0, in (m/s2)^2 (eq. 3.17)", start=1, min=1e-9, max=1e6)
+    initial_position_variance = Parameter("1", "of P0, in m^2 (eq. 3.17)", start=0.01, min=1e-9, max=1e6)
     position_sd_scale = Parameter(
-        "1", "standard deviation of a fix's position per stated accuracy (eq. 3.15)", start=0.5, min=1e-6
+        "1",
+        "standard deviation of a fix's position per stated accuracy (eq. 3.15)",
+        start=0.5,
+        min=1e-6,
+        max=1e3,
     )
     speed_sd_scale = Parameter(
-        "1", "standard deviation of a fix's speed per stated accuracy (eq. 3.15)", start=1, min=1e-6
+        "1", "standard deviation of a fix's speed per stated accuracy (eq. 3.15)", start=1, min=1e-6, max=1e3
     )
     # the floors, the gate and the recovery are ours: the text believes and accepts every fix
     position_sd_floor = Parameter(
-        "m", "a fix's position is believed no better than this standard deviation", start=0, min=0
+        "m", "a fix's position is believed no better than this standard deviation", start=0, min=0, max=1e3
     )
     speed_sd_floor = Parameter(
-        "m/s", "a fix's speed is believed no better than this standard deviation", start=0, min=0
+        "m/s", "a fix's speed is believed no better than this standard deviation", start=0, min=0, max=1e2
     )
-    gate = Parameter("1", "a fix farther off than this many nominal deviations is rejected", start=5, min=0)
-    gate_speed_growth = Parameter("m/s2", "nominal growth of the speed's deviation", start=4, min=0)
-    gate_position_growth = Parameter("m/s", "nominal growth of the position's deviation", start=1.5, min=0)
+    gate = Parameter(
+        "1", "a fix farther off than this many nominal deviations is rejected", start=5, min=0, max=1e6
+    )
+    gate_speed_growth = Parameter("m/s2", "nominal growth of the speed's deviation", start=4, min=0, max=1e3)
+    gate_position_growth = Parameter(
+        "m/s", "nominal growth of the position's deviation", start=1.5, min=0, max=1e3
+    )
     recovery_fixes = Parameter(
         Integer,
         "fixes rejected in a row after which the filter begins anew",

@@ -27,9 +27,13 @@ class FourState(GivenHeading):
 
     use_pitch = Parameter(Boolean, "take gravity out of the specific force by pitch (eq. 3.10)", start=1)
     fuzzy = Parameter(Boolean, "tune the process noise by speed (3.3); off: sigma_constant", start=1)
-    sigma_floor = Parameter("m/s2", "least process noise when tuned", start=0.01, min=0)
+    sigma_floor = Parameter("m/s2", "least process noise when tuned", start=0.01, min=0, max=1e4)
     sigma_cap = Parameter(
-        "m/s2", "largest process noise when tuned (ours; eq. 3.21 gives 152 at most)", start=1e3, min=0
+        "m/s2",
+        "largest process noise when tuned (ours; eq. 3.21 gives 152 at most)",
+        start=1e3,
+        min=0,
+        max=1e4,
     )
 
     x = State("1", "speed, bias, north, east (eq. 3.9)", size=4)

@@ -47,29 +47,33 @@ class SevenState(SixState):
     declination = Parameter(
         "rad", "declination, east positive (CHOICES.md 11)", start=-3.5 * DEG, min=-4, max=4
     )
-    sigma_constant = Parameter("m/s2", "process noise of the speed, each tick (Table C.1)", start=550, min=0)
-    sigma_bias = Parameter("m/s2", "random walk of the bias per tick (Table C.1)", start=8, min=0)
+    sigma_constant = Parameter(
+        "m/s2", "process noise of the speed, each tick (Table C.1)", start=550, min=0, max=1e4
+    )
+    sigma_bias = Parameter("m/s2", "random walk of the bias per tick (Table C.1)", start=8, min=0, max=1e3)
     sigma_heading = Parameter(
-        "rad/s", "process noise of the heading, each tick (eq. C.10)", start=0.08, min=0
+        "rad/s", "process noise of the heading, each tick (eq. C.10)", start=0.08, min=0, max=1e2
     )
     sigma_gyro_bias = Parameter(
-        "rad/s", "random walk of the gyro's bias per tick (eq. C.10)", start=1e-6, min=0
+        "rad/s", "random walk of the gyro's bias per tick (eq. C.10)", start=1e-6, min=0, max=1e2
     )
     sigma_mag_bias = Parameter(
-        "rad", "random walk of the magnetometer's bias per tick (Table C.1)", start=0.1, min=1e-9
+        "rad", "random walk of the magnetometer's bias per tick (Table C.1)", start=0.1, min=1e-9, max=1e2
     )
     mag_heading_noise = Parameter(
-        "rad", "deviation of the magnetometer's heading (eq. C.9)", start=10, min=1e-3
+        "rad", "deviation of the magnetometer's heading (eq. C.9)", start=10, min=1e-3, max=1e2
     )
     course_noise = Parameter(
-        "1", "deviation of the course [rad] times speed [m/s] (eq. C.9)", start=0.1, min=1e-3
+        "1", "deviation of the course [rad] times speed [m/s] (eq. C.9)", start=0.1, min=1e-3, max=1e3
     )
-    initial_bias_variance = Parameter("1", "of P0, in (m/s2)^2 (eq. C.11)", start=10, min=1e-9)
-    initial_heading_variance = Parameter("1", "of P0, in rad^2 (eq. C.11)", start=1e4, min=1e-9)
-    initial_gyro_bias_variance = Parameter("1", "of P0, in (rad/s)^2 (eq. C.11)", start=10, min=1e-9)
+    initial_bias_variance = Parameter("1", "of P0, in (m/s2)^2 (eq. C.11)", start=10, min=1e-9, max=1e6)
+    initial_heading_variance = Parameter("1", "of P0, in rad^2 (eq. C.11)", start=1e4, min=1e-9, max=1e6)
+    initial_gyro_bias_variance = Parameter("1", "of P0, in (rad/s)^2 (eq. C.11)", start=10, min=1e-9, max=1e6)
 
     # ours: with Table C.1 the bias follows each fix, and the speed strays by metres a second until the next
-    gate = Parameter("1", "a fix farther off than this many nominal deviations is rejected", start=100, min=0)
+    gate = Parameter(
+        "1", "a fix farther off than this many nominal deviations is rejected", start=100, min=0, max=1e6
+    )
 
     x = State("1", "speed, bias, heading, gyro bias, north, east, magnetometer bias (eq. C.5)", size=7)
     covariance = State(

@@ -28,26 +28,32 @@ class SixState(Estimator):
 
     # sigma_A is per tick (eq. B.10); that of eq. 3.16 is per square root of a second. B.12 gives ranges
     sigma_constant = Parameter(
-        "m/s2", "process noise of the speed, each tick (B.12: 0.01-0.3)", start=0.3, min=0
+        "m/s2", "process noise of the speed, each tick (B.12: 0.01-0.3)", start=0.3, min=0, max=1e4
     )
-    sigma_bias = Parameter("m/s2", "random walk of the bias per tick (eq. B.12)", start=1e-10, min=0)
+    sigma_bias = Parameter("m/s2", "random walk of the bias per tick (eq. B.12)", start=1e-10, min=0, max=1e3)
     sigma_heading = Parameter(
-        "rad/s", "process noise of the heading, each tick (B.12: 0.009-0.02)", start=0.02, min=0
+        "rad/s", "process noise of the heading, each tick (B.12: 0.009-0.02)", start=0.02, min=0, max=1e2
     )
     sigma_gyro_bias = Parameter(
-        "rad/s", "random walk of the gyro's bias per tick (eq. B.12)", start=1e-10, min=0
+        "rad/s", "random walk of the gyro's bias per tick (eq. B.12)", start=1e-10, min=0, max=1e2
     )
-    sigma_position = Parameter("m", "random walk of north and east per tick (eq. B.12)", start=1e-5, min=1e-9)
+    sigma_position = Parameter(
+        "m", "random walk of north and east per tick (eq. B.12)", start=1e-5, min=1e-9, max=1e3
+    )
     course_noise = Parameter(
-        "1", "deviation of the course [rad] times speed [m/s] (eq. B.11)", start=0.5, min=1e-3
+        "1", "deviation of the course [rad] times speed [m/s] (eq. B.11)", start=0.5, min=1e-3, max=1e3
     )
     # ours: the text's deviation of the course is infinite at rest (CHOICES.md 10)
-    course_from = Parameter("m/s", "a slower fix's course is not used", start=0.5, min=0.01)
+    course_from = Parameter("m/s", "a slower fix's course is not used", start=0.5, min=0.01, max=50)
     # eq. B.13 has the variance of the fix alone for speed and position
-    initial_speed_variance = Parameter("1", "of P0 beside the fix's, in (m/s)^2", start=1e-9, min=1e-9)
-    initial_position_variance = Parameter("1", "of P0 beside the fix's, in m^2", start=1e-9, min=1e-9)
-    initial_heading_variance = Parameter("1", "of P0, in rad^2 (eq. B.13)", start=1e6, min=1e-9)
-    initial_gyro_bias_variance = Parameter("1", "of P0, in (rad/s)^2 (eq. B.13)", start=2, min=1e-9)
+    initial_speed_variance = Parameter(
+        "1", "of P0 beside the fix's, in (m/s)^2", start=1e-9, min=1e-9, max=1e6
+    )
+    initial_position_variance = Parameter(
+        "1", "of P0 beside the fix's, in m^2", start=1e-9, min=1e-9, max=1e6
+    )
+    initial_heading_variance = Parameter("1", "of P0, in rad^2 (eq. B.13)", start=1e6, min=1e-9, max=1e6)
+    initial_gyro_bias_variance = Parameter("1", "of P0, in (rad/s)^2 (eq. B.13)", start=2, min=1e-9, max=1e6)
 
     x = State("1", "speed, bias, heading, gyro bias, north, east (eq. B.1)", size=6)
     covariance = State(

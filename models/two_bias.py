@@ -16,8 +16,8 @@ class TwoBias(FourState):
     source = "Miller 2010, eq. 3.1-3.21, 6.2"
 
     # ours: the text names no speeds; at 3.5 m/s walking and running fire alike (eq. 3.19)
-    running_from = Parameter("m/s", "a fix faster than this begins running", start=3.5, min=0)
-    detection_below = Parameter("m/s", "a fix slower than this ends it", start=3.0, min=0)
+    running_from = Parameter("m/s", "a fix faster than this begins running", start=3.5, min=0, max=50)
+    detection_below = Parameter("m/s", "a fix slower than this ends it", start=3.0, min=0, max=50)
 
     running = State(Boolean, "the bias in x is that of running")
     other_bias = State("m/s2", "the bias that is not in x, as it was when last used")

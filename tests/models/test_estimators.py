@@ -13,6 +13,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from models.canine_ahrs import CanineAhrs
+from models.kit.block import Block
 from models.kit.elementary import lower
 from models.seven_state import TUNINGS, SevenState
 from models.six_state import SixState
@@ -457,6 +459,35 @@ def test_the_estimate_is_finite_and_its_covariance_positive_for_any_input(
     out = native(block, precision, {"gate": float(rng.choice([0, 5, 1e6]))}).run(**inputs)
     assert all(np.isfinite(out[output]).all() for output in block.flat_names("output"))
     assert (vectors(out, "covariance")[out["started"] == 1][:, : len(block.order)] > 0).all()
+
+
+@pytest.mark.parametrize("block", [*ESTIMATORS.values(), CanineAhrs])
+def test_every_parameter_has_a_least_and_a_largest_value(block: type[Block]) -> None:
+    assert [v.name for v in block.group("parameter") if v.min is None or v.max is None] == []
+
+
+@pytest.mark.parametrize(
+    ("block", "precision"),
+    [(b, p) for b in (*ESTIMATORS.values(), CanineAhrs) for p in b.precisions],
+)
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_the_outputs_are_finite_for_any_parameters_in_their_ranges(
+    native: Make, block: type[Block], precision: str, seed: int
+) -> None:
+    # given parameters of which some are the least, some the largest declared, and a walk with an outage
+    rng = np.random.default_rng(seed)
+    parameters: dict[str, float] = {}
+    for v in block.group("parameter"):
+        assert v.min is not None
+        assert v.max is not None
+        for i, name in enumerate(v.flat_names):
+            parameters[name] = float(rng.choice([v.min, v.max, v.start[i]], p=[0.25, 0.25, 0.5]))
+    inputs = without_fixes(measured(walk(1500), seed=seed), 20, 40)
+    out = native(block, precision, parameters).run(**inputs)
+    # then every output is a number
+    wrong = [name for name in block.flat_names("output") if not np.isfinite(out[name]).all()]
+    assert wrong == []
 
 
 # The recovery
