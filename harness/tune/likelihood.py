@@ -60,7 +60,9 @@ class Tuned:
     def __init__(self, block: type[Estimator], signals: SensorSignals, held: Sequence[str] = ()) -> None:
         self.block = block
         self.declared = {v.name: float(v.start[0]) for v in block.group("parameter")}
-        self._least = {v.name: v.min or 0.0 for v in block.group("parameter")}
+        self._range = {
+            v.name: (v.min or 0.0, np.inf if v.max is None else v.max) for v in block.group("parameter")
+        }
         self._stated: dict[str, float] = {}
         self.noises = [
             Noise(name, variable.unit, max(self.declared[name], 1e-4), self.declared[name])
@@ -115,7 +117,7 @@ class Tuned:
                 result |= {f"{kind}_sd_floor": value, f"{kind}_sd_scale": scale}
             else:
                 result[noise.name] = value
-        return {name: max(value, self._least[name]) for name, value in result.items()}
+        return {name: float(np.clip(value, *self._range[name])) for name, value in result.items()}
 
 
 class Filter:

@@ -461,14 +461,17 @@ def test_the_estimate_is_finite_and_its_covariance_positive_for_any_input(
     assert (vectors(out, "covariance")[out["started"] == 1][:, : len(block.order)] > 0).all()
 
 
-@pytest.mark.parametrize("block", [*ESTIMATORS.values(), CanineAhrs])
+BLOCKS: tuple[type[Block], ...] = (*ESTIMATORS.values(), CanineAhrs)
+
+
+@pytest.mark.parametrize("block", BLOCKS)
 def test_every_parameter_has_a_least_and_a_largest_value(block: type[Block]) -> None:
     assert [v.name for v in block.group("parameter") if v.min is None or v.max is None] == []
 
 
 @pytest.mark.parametrize(
     ("block", "precision"),
-    [(b, p) for b in (*ESTIMATORS.values(), CanineAhrs) for p in b.precisions],
+    [(b, p) for b in BLOCKS for p in b.precisions],
 )
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))

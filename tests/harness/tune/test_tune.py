@@ -196,6 +196,14 @@ def test_a_recording_that_is_too_short_is_refused() -> None:
     )
 
 
+def test_a_search_stays_in_the_declared_ranges() -> None:
+    declared = {v.name: v for v in FourState.group("parameter")}
+    tuned = Tuned(FourState, signals(20.0))
+    for value in (1e-30, 1e30):
+        for name, of in tuned.parameters([value] * len(tuned.noises)).items():
+            declared[name].check(of, name)
+
+
 def test_a_recording_whose_fixes_the_estimator_refuses_is_refused() -> None:
     # given accuracies in millimetres that are declared in metres
     whole = source(70.0)
