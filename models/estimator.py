@@ -106,15 +106,19 @@ class Estimator(Block):
     )
     recovery_time = Parameter("s", "and the time for which they must have come", start=0, min=0, max=1e4)
     recovery_speed = Parameter(
-        "m/s", "rejected fixes farther apart than a body of this speed moves count anew", start=1e6, min=0
+        "m/s",
+        "rejected fixes farther apart than a body of this speed moves count anew",
+        start=1e6,
+        min=0,
+        max=1e6,
     )
     max_age = Parameter("s", "a fix older than this makes the estimate invalid", start=15, min=0, max=1e6)
     # rule 5 of SAFETY.md: good enough to lead by
     max_position_sd = Parameter(
-        "m", "a standard deviation of north or east above this makes it invalid", start=1e9, min=0
+        "m", "a standard deviation of north or east above this makes it invalid", start=1e9, min=0, max=1e9
     )
     max_speed_sd = Parameter(
-        "m/s", "a standard deviation of the speed above this makes it invalid", start=1e9, min=0
+        "m/s", "a standard deviation of the speed above this makes it invalid", start=1e9, min=0, max=1e9
     )
 
     started = State(Boolean, "a first fix has set the state")
