@@ -22,10 +22,10 @@ class GivenHeading(Estimator):
     )
 
     heading_accuracy = Parameter(
-        "rad", "standard deviation of the heading, as the AHRS is trusted", start=3 * DEG, min=0
+        "rad", "standard deviation of the heading, as the AHRS is trusted", start=3 * DEG, min=0, max=4
     )
     max_heading_sd = Parameter(
-        "rad", "a heading less certain than this makes the estimate invalid", start=30 * DEG, min=0
+        "rad", "a heading less certain than this makes the estimate invalid", start=30 * DEG, min=0, max=4
     )
 
     held_heading = State("rad", "last good heading")
