@@ -9,7 +9,7 @@ from models.kit.block import Block, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State
 from models.kit.ekf import Correction, Factors, Measurement, correct
 from models.kit.geometry import COUNT_MAX, all_of, any_of, at_least, counted, where, wrap
-from models.kit.timing import lasted
+from models.kit.timing import TOLERANCE
 
 SPEED, BIAS = 0, 1  # every state begins with them
 MOST_REJECTED = 1000  # fixes, before the filter begins anew
@@ -271,7 +271,7 @@ class Estimator(Block):
 
     def _count_rejected(m, position_variance: SX) -> None:
         """Fixes that are rejected in a row count together if the body can have moved from one to the next."""
-        reach = m.recovery_speed * (m.age - m.rejected_age) * m.sample_time
+        reach = m.recovery_speed * (m.age * m.sample_time - m.rejected_age * m.sample_time)
         step = (m.gps_north - m.rejected_north) ** 2 + (m.gps_east - m.rejected_east) ** 2
         agrees = all_of(m.rejected > 0, step <= reach**2 + m.gate**2 * position_variance)
         rejected = all_of(m.good, ca.logic_not(m.accepted))
@@ -284,8 +284,8 @@ class Estimator(Block):
 
     def _is_elsewhere(m) -> SX:
         """Have fixes that agree been rejected often and long enough?"""
-        since = lasted(m.age - m.rejected_since, m.recovery_time, m.sample_time)
-        return all_of(m.rejected >= m.recovery_fixes, since)
+        since = m.age * m.sample_time - m.rejected_since * m.sample_time
+        return all_of(m.rejected >= m.recovery_fixes, since > m.recovery_time - TOLERANCE * m.sample_time)
 
     def _position_variance(m) -> SX:
         return at_least(m.position_sd_scale * m.gps_h_acc, m.position_sd_floor) ** 2  # eq. 3.15

@@ -71,18 +71,15 @@ def test_whole_trial_has_the_same_bits_and_the_stated_cost(
     update = request.config.getoption("--update")
     if (target, name) not in ALWAYS and not update and os.environ.get("CANINE_PROVE") != "all":
         pytest.skip("only with --update, or where CANINE_PROVE=all")
-    room = TARGETS[target].code
-    sizes = TOO_LARGE.get((target, name), (0, 0))
-    for constants, size in enumerate(sizes):
-        if size > room:
+    if (target, name) in TOO_LARGE:  # with the record of the tick; as constants ours has room on a board
+        for constants, size in enumerate(TOO_LARGE[target, name]):
             with pytest.raises(CompileError) as refused:
                 measured(target, name, tmp_path, constants=bool(constants))
             (end,) = re.findall(r"code and constants end at (\w+), expected \w+ at most", str(refused.value))
             assert int(end, 16) == pytest.approx(size + MAILBOX, abs=200)
-    if min(sizes) > room:
         return
     # when a trial of more than 60 s is run in the closed loop
-    cost = measured(target, name, tmp_path, constants=sizes[0] > room)
+    cost = measured(target, name, tmp_path)
     assert cost["identical"]
     if (target, name) in ALWAYS:  # seven states lose the way in the outage, and the trial ends early
         assert cost["ticks"] * compare.TICK_MS > 60_000
@@ -104,11 +101,15 @@ def test_stated_cost_is_within_the_processors_memory_and_time(target: str) -> No
 
 
 def test_our_estimator_with_the_ahrs_keeps_within_its_share_of_a_tick() -> None:
-    cortex, rabbit = (json.loads(COSTS.read_text())[target][OURS] for target in ("cortex-m4f", "rabbit4000"))
+    costs = json.loads(COSTS.read_text())
     for ticks in ("with_fix", "without_fix"):
         # given 6,000 instructions on the Cortex-M4F, and 12 ms on the Rabbit without wait states
-        assert cortex[ticks]["instructions"]["worst"] <= 6000
-        assert rabbit[ticks]["worst_ms_by_wait_states"][0] <= 12
+        assert costs["cortex-m4f"][OURS][ticks]["instructions"]["worst"] <= 6000
+        for name in (
+            "canine_tracker",
+            "four_state+ahrs",
+        ):  # both have no room there with the record of the tick
+            assert costs["rabbit4000"][name][ticks]["worst_ms_by_wait_states"][0] <= 12
 
 
 def test_default_program_leaves_most_of_a_tick_free() -> None:
@@ -117,4 +118,4 @@ def test_default_program_leaves_most_of_a_tick_free() -> None:
     # then of the 40 ms of a tick it takes a fifth, without wait states
     assert rabbit["with_fix"]["worst_ms_by_wait_states"][0] <= 8
     assert rabbit["without_fix"]["worst_ms_by_wait_states"][0] <= 8
-    assert cortex["with_fix"]["instructions"]["worst"] <= 3000
+    assert cortex["with_fix"]["instructions"]["worst"] <= 3600

@@ -159,7 +159,7 @@ def test_onboard_fmu_takes_the_firmware_of_a_log_out_again(tmp_path: Path) -> No
 def test_the_firmware_takes_the_place_of_the_estimator_too(tmp_path: Path) -> None:
     changes = Changes(onboard="pil:host", swaps={"estimator": tmp_path / "ekf.fmu"})
     with (
-        pytest.raises(UsageError, match="takes the place of the estimator; leave --estimator out"),
+        pytest.raises(UsageError, match="firmware is made of our own estimators; expected one of four_state"),
         requested("two_waypoint", changes),
     ):
         pass
