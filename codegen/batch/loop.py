@@ -8,6 +8,7 @@ from pathlib import Path
 from codegen.blocks.block_c import VERSION, generate
 from codegen.blocks.expressions import c_name, member_of
 from codegen.blocks.layout import fit
+from codegen.blocks.nodes import ctype_of
 from codegen.templating import environment
 from models.kit.block import Block
 from models.kit.declaration import flatten
@@ -45,7 +46,7 @@ def loop_files(
         "blocks": [block.title() for block in blocks],
         "streams": "mrg32k3a.c" in files,
         "components": [(component, block.title()) for component, block in components.items()],
-        "fields": list(_fields(components)),
+        "fields": list(_fields(components, precision)),
         "answers": [
             line
             for component in order
@@ -58,12 +59,14 @@ def loop_files(
     return files
 
 
-def _fields(components: Mapping[str, type[Block]]) -> Iterator[tuple[str, str]]:
+def _fields(components: Mapping[str, type[Block]], precision: Precision) -> Iterator[tuple[str, str]]:
     """Every variable's place and type."""
     for component, block in components.items():
         for kind in GROUPS:
             for name, variable in flatten(block.group(kind)):
-                yield f"{component}.{member_of(variable)}.{c_name(name)}", variable.type.name
+                short = ctype_of(variable, precision) == "short"
+                place = f"{component}.{member_of(variable)}.{c_name(name)}"
+                yield place, "SHORT" if short else variable.type.name
 
 
 def _copies(links: Sequence[Link], targets: Collection[str]) -> Iterator[str]:

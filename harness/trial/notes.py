@@ -8,7 +8,6 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from codegen.firmware.telemetry import Refusal
-from harness.log.log import Log
 from harness.trial.pairs import windows
 from harness.trial.scenario import Scenario
 from models.canine import Canine
@@ -19,6 +18,7 @@ from models.kit.timing import TICK
 from models.system import ESTIMATORS, SYSTEMS
 
 if TYPE_CHECKING:
+    from harness.log.log import Log  # mcap: sweeps do without
     from harness.trial.plan import Interface
 
 CONTROLLER = {name for name, _ in flatten(Cmec.group("parameter"))}

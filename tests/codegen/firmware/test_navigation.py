@@ -61,14 +61,21 @@ def test_each_estimator_gets_each_of_its_inputs_on_board_with_the_ahrs_before_it
 
     # then the estimator has what the instruments measured, in SI
     own = set(ESTIMATORS[name].flat_names("input"))
-    for signal in own - {"roll_meas", "pitch_meas", "heading_meas", "gps_north", "gps_east"}:
+    for signal in own - {
+        "roll_meas",
+        "pitch_meas",
+        "heading_meas",
+        "heading_meas_sd",
+        "gps_north",
+        "gps_east",
+    }:
         # the receiver sends mm, mm/s and 1e-5 deg, and the inertial unit float32
         expected = SIGNALS[signal] if signal != "gps_course" else 5.25
         assert memory[f"estimator.input.{signal}"] == pytest.approx(expected, rel=1e-6, abs=1e-6)
         if signal in CanineAhrs.flat_names("input"):
             assert memory[f"ahrs.input.{signal}"] == memory[f"estimator.input.{signal}"]
     # and the attitude of the AHRS, not of the unit: by gravity alone 0.05 rad of roll, -0.026 of pitch
-    for angle in ("roll_meas", "pitch_meas", "heading_meas"):
+    for angle in ("roll_meas", "pitch_meas", "heading_meas", "heading_meas_sd"):
         if angle in own:
             assert memory[f"estimator.input.{angle}"] == memory[f"ahrs.output.{angle}"]
     assert memory["ahrs.output.roll_meas"] == pytest.approx(math.atan2(0.5, 9.75), abs=2e-3)
