@@ -444,7 +444,7 @@ static void check_estimate(void)
            (vest.estimator.state.started && (vest.estimator.state.age <= (int32_t)OLDEST_FIX) &&
             (vest.estimator.out.north_sd <= 7.0F) && (vest.estimator.out.east_sd <= 7.0F) &&
             (vest.estimator.out.speed_sd <= 2.0F) &&
-            (vest.estimator.out.heading_sd <= vest.estimator.par.max_heading_sd))); /* rule 5 */
+            (vest.estimator.out.heading_sd <= 0.523598776F))); /* rule 5 */
 }
 
 static bool within(float value, float limit)

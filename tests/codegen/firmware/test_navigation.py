@@ -75,7 +75,7 @@ def test_each_estimator_gets_each_of_its_inputs_on_board_with_the_ahrs_before_it
         if signal in CanineAhrs.flat_names("input"):
             assert memory[f"ahrs.input.{signal}"] == memory[f"estimator.input.{signal}"]
     # and the attitude of the AHRS, not of the unit: by gravity alone 0.05 rad of roll, -0.026 of pitch
-    for angle in ("roll_meas", "pitch_meas", "heading_meas", "heading_meas_sd"):
+    for angle in angles:
         if angle in own:
             assert memory[f"estimator.input.{angle}"] == memory[f"ahrs.output.{angle}"]
     assert memory["ahrs.output.roll_meas"] == pytest.approx(math.atan2(0.5, 9.75), abs=2e-3)
