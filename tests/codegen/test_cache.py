@@ -188,6 +188,7 @@ path = cache.kept("room/a.txt", "asked", lambda path: path.write_text(str(cmec.M
 print(path.read_text(), cache.cache_folder() in path.parents)
 """
     environment = os.environ | {"PYTHONPATH": str(floors), "ZIG_GLOBAL_CACHE_DIR": str(folder)}
+    time.sleep(2 * cache.GRAIN)  # a file as new as that counts as edited
     done = subprocess.run(
         [sys.executable, "-P", "-c", script],
         cwd=folder,
