@@ -7,7 +7,9 @@ counted per waypoint, as 4.1.4.3 and Table 4.2 say.
 
 from __future__ import annotations
 
+from models.four_state import FourState
 from models.kit.units import DEG
+from models.system import ESTIMATORS
 
 READING = "calibrated"  # by default
 ON_BOARD = "guarded"  # by default where the firmware leads
@@ -32,19 +34,19 @@ READINGS[ON_BOARD] = {
     "cmec.guarded": True,
     "cmec.rest_speed_sd": 1.0,  # m/s
 }
-for estimator in ("four_state", "six_state", "seven_state", "two_bias", "canine_tracker"):
+for estimator, block in ESTIMATORS.items():
     READINGS[ON_BOARD] |= {
         f"{estimator}.max_position_sd": 7.0,  # m: d'
         f"{estimator}.max_speed_sd": 2.0,  # m/s: about the animal's, with which it would cross d' in 3 s
         f"{estimator}.recovery_time": 3.0,  # s
         f"{estimator}.recovery_speed": 15.0,  # m/s: faster than a dog runs with a vest
     }
-for estimator in ("four_state", "two_bias"):  # so that what they state may be believed
-    READINGS[ON_BOARD] |= {
-        f"{estimator}.sigma_cap": 1.2,  # m/s2
-        f"{estimator}.position_sd_floor": 0.5,  # m
-        f"{estimator}.speed_sd_floor": 0.1,  # m/s
-    }
+    if issubclass(block, FourState):  # so that what it states may be believed
+        READINGS[ON_BOARD] |= {
+            f"{estimator}.sigma_cap": 1.2,  # m/s2
+            f"{estimator}.position_sd_floor": 0.5,  # m
+            f"{estimator}.speed_sd_floor": 0.1,  # m/s
+        }
 
 
 def start_heading_deviation(reading: str, waypoints: int) -> float:

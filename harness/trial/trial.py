@@ -83,8 +83,8 @@ def replaced(request: Request, ready: Prepared, out: Path) -> str:
 
 def _identity(records: Mapping[str, Mapping[str, str]]) -> dict[str, Any]:
     """What tells a trial from others, of its log's metadata."""
-    told = {key: value for key, value in records.items() if key in ("roles", "run", "swaps")}
-    return parse_toml(records["scenario"]["toml"]) | told
+    stated = {key: value for key, value in records.items() if key in ("roles", "run", "swaps")}
+    return parse_toml(records["scenario"]["toml"]) | stated
 
 
 def has_begun(out: Path) -> bool:

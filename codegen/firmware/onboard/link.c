@@ -103,15 +103,15 @@ static bool link_aborts(const uint8_t *frame)
 static bool take_abort(scanner *s)
 {
     const uint8_t *const held = &s->bytes[s->start];
-    bool found = false;
+    bool aborted = false;
 
-    for (uint8_t i = 0U; !found && ((i + ABORT_SIZE) <= s->count); i++) {
-        found = link_aborts(&held[i]);
-        if (found) {
+    for (uint8_t i = 0U; !aborted && ((i + ABORT_SIZE) <= s->count); i++) {
+        aborted = link_aborts(&held[i]);
+        if (aborted) {
             scanner_take(s, i, (uint8_t)ABORT_SIZE);
         }
     }
-    return found;
+    return aborted;
 }
 
 static link_position get_position(const uint8_t *bytes)
