@@ -332,7 +332,7 @@ def processor_in_the_loop(
 
 @app.command("prove")
 def prove_rules(
-    wanted: Annotated[list[str] | None, typer.Argument(metavar="[RULE|PROOF]...")] = None,
+    chosen: Annotated[list[str] | None, typer.Argument(metavar="[RULE|PROOF]...")] = None,
     *,
     as_json: Annotated[bool, typer.Option("--json", help="print the verdicts as JSON")] = False,
 ) -> None:
@@ -349,7 +349,7 @@ def prove_rules(
 
     from codegen.firmware import proving
 
-    proofs = proving.find(wanted or [])
+    proofs = proving.find(chosen or [])
     verdicts = []
     with TemporaryDirectory() as folder:
         proving.write_sources(Path(folder))

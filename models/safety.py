@@ -117,11 +117,10 @@ class Supervised(Block):
         max=MOST,
     )
     exhausted = State(Boolean, "a budget is spent, until the next trial begins")
-    led = State(Boolean, "a trial was under way on the last tick")
+    led = State(Boolean, "a trial is under way")
     fresh = State(Boolean, "a trial begins on this tick")
     turned = State(Boolean, "a leg begins on this tick")
     over = State(Boolean, "a block of the window is over")
-    due = State(Boolean, "the allowance is to be stated anew")
     surveyed = State(Boolean, "a survey is due on this tick")
     survey_ticks = State(Integer, "ticks since the last survey", min=0, max=SURVEY)
     breach = State(Anomaly, "the limit that is broken on this tick")
@@ -141,13 +140,12 @@ class Supervised(Block):
     def attend(m) -> None:
         """Notice that a trial or a leg begins, or that a block of the window is over."""
         led = m.led
-        m.led = m._leading()
+        m.led = all_of(m.now > Mode.IDLE, m.now < Mode.SUCCESS)
         m.fresh = all_of(m.led, one_of(m.now, BEFORE_RECALL), ca.logic_not(led))
         turned = any_of(m.target_north != m.towards_north, m.target_east != m.towards_east)
         m.turned = any_of(m.fresh, turned)
         m.window_ticks = _counted(m.window_ticks)
         m.over = lasted(m.window_ticks, m.window, m.sample_time)
-        m.due = any_of(m.turned, m.over)
         m.survey_ticks = where(m.survey_ticks < SURVEY - 1, m.survey_ticks + 1, 0)
         m.surveyed = all_of(m.led, m.survey_ticks == 0)
 
@@ -173,7 +171,7 @@ class Supervised(Block):
         m.earlier_spent, m.block_spent = m.block_spent, m.spent
         m.window_ticks = 0
 
-    @triggered("due", seldom=True)
+    @triggered(lambda m: any_of(m.turned, m.over), "`turned` or `over`", seldom=True)
     def allow(m) -> None:
         """What may have been spent at most: the least that leg, mission and window allow (rule 3)."""
         leg, mission, window = (
@@ -189,10 +187,9 @@ class Supervised(Block):
     @triggered("guarded", seldom=True)
     def meter(m) -> None:
         """Refuse what the budget does not cover, silence what lasts too long, count the rest (3, 12)."""
-        leading = m._leading()
         commanded = all_of(m.override > Command.NONE, m.overruled == Anomaly.NONE)
-        over = lasted(m.ticks - 1, m.stop_hold, m.sample_time)
-        command = where(any_of(leading, commanded), m.command, where(over, Command.NONE, Command.STOP))
+        held = lasted(m.ticks - 1, m.stop_hold, m.sample_time)
+        command = where(any_of(m.led, commanded), m.command, where(held, Command.NONE, Command.STOP))
         directional = command >= Command.LEFT
         tone = all_of(command > Command.NONE, ca.logic_not(directional))
         issued = all_of(directional, command != m.cue)
@@ -205,12 +202,12 @@ class Supervised(Block):
             ),
         )
         m.exhausted = any_of(m.exhausted, spent)
-        lost = all_of(m.overruled == Anomaly.LOST_LINK, leading, ca.logic_not(m.resume))
+        lost = all_of(m.overruled == Anomaly.LOST_LINK, m.led, ca.logic_not(m.resume))
         m.breach = where(spent, Anomaly.BUDGET_SPENT, where(lost, Anomaly.LOST_LINK, Anomaly.NONE))
         command = where(all_of(m.exhausted, command > Command.NONE), Command.STOP, command)
         m.cue_ticks = where(command != m.cue, 0, _counted(m.cue_ticks))
         m.cue = command
-        stop = where(leading, m.longest_stop, m.stop_hold)
+        stop = where(m.led, m.longest_stop, m.stop_hold)
         longest = where(directional, m.longest_vibration, m.longest_tone)
         longest = where(command == Command.STOP, stop, longest)
         sounds = ca.logic_not(lasted(m.cue_ticks, longest, m.sample_time))
@@ -255,8 +252,8 @@ class Supervised(Block):
     def halt(m) -> None:
         """A limit is broken: the trial ends in a stop that is held, and the animal is left alone."""
         fenced = all_of(m.breach == Anomaly.OUTSIDE_FENCE, m.fence_recall)
-        m.recalling = all_of(m._leading(), fenced)
-        m.now = where(m._leading(), Mode.STOPPED, m.now)
+        m.recalling = all_of(m.led, fenced)
+        m.now = where(m.led, Mode.STOPPED, m.now)
         m.ticks = m.cue_ticks = 0
         m.command = m.cue = ca.SX(Command.STOP)
         m.mode, m.led = m.now, 0
@@ -280,10 +277,6 @@ class Supervised(Block):
         """From outside the fence the animal is called home, if it is to be (rule 7)."""
         m.now, m.ticks, m.recalling = Mode.FAILURE_RECALL, 0, 0
         m.target_north, m.target_east = m.base_north, m.base_east
-
-    def _leading(m) -> SX:
-        """Is a trial under way?"""
-        return all_of(m.now > Mode.IDLE, m.now < Mode.SUCCESS)
 
     def _placed(m) -> SX:
         """Does the estimate tell where the animal is?"""

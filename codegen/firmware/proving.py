@@ -277,20 +277,20 @@ PROOFS = (
 NAMED = {proof.name: proof for proof in PROOFS}
 
 
-def find(wanted: Sequence[str] = ()) -> list[Proof]:
-    """The proofs of rules, by number, and those by name or unit; all if none is wanted.
+def find(chosen: Sequence[str] = ()) -> list[Proof]:
+    """The proofs of rules, by number, and those by name or unit; all if none is chosen.
 
     Raises:
         UsageError: there is no such rule or name.
     """
     proofs: list[Proof] = []
-    for word in wanted:
-        found = [p for p in PROOFS if word in (p.name, p.name.split(".")[0], str(p.rule))]
-        if not found:
+    for word in chosen:
+        matching = [p for p in PROOFS if word in (p.name, p.name.split(".")[0], str(p.rule))]
+        if not matching:
             rules = ", ".join(sorted({str(p.rule) for p in PROOFS if p.rule is not None}, key=int))
             units = ", ".join(dict.fromkeys(p.name.split(".")[0] for p in PROOFS))
             raise UsageError(f"{word}: no such proof; rules that are proved: {rules}; units: {units}")
-        proofs += [p for p in found if p not in proofs]
+        proofs += [p for p in matching if p not in proofs]
     return proofs or list(PROOFS)
 
 

@@ -144,7 +144,7 @@ static bool possible(const cmec *m)
     holds = holds && within(m->state.breach, CMEC_ANOMALY_NONE, CMEC_ANOMALY_OUTSIDE_FENCE);
     if (!m->par.guarded) { /* then nothing sets them */
         holds = holds && (m->state.breach == CMEC_ANOMALY_NONE) && !m->state.fresh && !m->state.turned &&
-                !m->state.over && !m->state.due && !m->state.surveyed && !m->state.recalling;
+                !m->state.over && !m->state.surveyed && !m->state.recalling;
     }
     return holds;
 }
@@ -181,7 +181,6 @@ static cmec any_controller(bool guarded)
     m.state.fresh = nondet_bool();
     m.state.turned = nondet_bool();
     m.state.over = nondet_bool();
-    m.state.due = nondet_bool();
     m.state.surveyed = nondet_bool();
     m.state.recalling = nondet_bool();
     m.in.valid = nondet_bool();

@@ -133,7 +133,7 @@ void prove_step(void)
 
     m.par.guarded = nondet_bool();
     if (!m.par.guarded) { /* then nothing ever sets them */
-        m.state.due = m.state.fresh = m.state.turned = m.state.over = m.state.surveyed = m.state.recalling = false;
+        m.state.fresh = m.state.turned = m.state.over = m.state.surveyed = m.state.recalling = false;
         m.state.breach = CMEC_ANOMALY_NONE;
     }
     cmec_step(&m);

@@ -146,14 +146,14 @@ FAULTS = (
     ),
     Fault(
         "cmec.c",
-        "(t2 && (m->state.allowance[1] <= m->state.spent[1]))",
-        "(t2 && (m->state.allowance[1] < m->state.spent[1]))",
+        "(t1 && (m->state.allowance[1] <= m->state.spent[1]))",
+        "(t1 && (m->state.allowance[1] < m->state.spent[1]))",
         "rule_3.budget",
     ),
     Fault(
         "cmec.c",
-        "(t3 && (m->state.allowance[0] <= m->state.spent[0]))",
-        "(t3 && (m->state.allowance[0] < m->state.spent[0]))",
+        "(t2 && (m->state.allowance[0] <= m->state.spent[0]))",
+        "(t2 && (m->state.allowance[0] < m->state.spent[0]))",
         "rule_3.budget",
     ),
     Fault(
@@ -177,13 +177,13 @@ FAULTS = (
     ),
     Fault(
         "cmec.c",
-        "(next_exhausted && t5) ? CMEC_COMMAND_STOP",
-        "(t6 && t5) ? CMEC_COMMAND_STOP",
+        "(next_exhausted && t4) ? CMEC_COMMAND_STOP",
+        "(t5 && t4) ? CMEC_COMMAND_STOP",
         "rule_3.refused",
     ),
     Fault("cmec.c", "m->state.cue_ticks = next_cue_ticks;", "m->state.cue_ticks = 0;", "rule_3.longest"),
     Fault("cmec.c", "m->out.command = CMEC_COMMAND_STOP;", "", "rule_4.breach"),
-    Fault("cmec.c", "= t0 ? CMEC_MODE_STOPPED : m->state.now;", "= m->state.now;", "rule_4.breach"),
+    Fault("cmec.c", "= m->state.led ? CMEC_MODE_STOPPED : m->state.now;", "= m->state.now;", "rule_4.breach"),
     Fault(
         "cmec.c", "((0.2f * (float)next_surveys) > (m->par.mission_time - 0.02f))", "false", "rule_4.times"
     ),
@@ -197,11 +197,14 @@ FAULTS = (
     ),
     Fault("cmec.c", "(m->state.survey_ticks < 4)", "(m->state.survey_ticks < 9)", "rule_4.survey"),
     Fault("cmec.c", "> (m->par.fence_radius * m->par.fence_radius)", "> 2e6f", "rule_7.radius"),
-    Fault("cmec.c", "(m->state.overruled == CMEC_ANOMALY_LOST_LINK) && t0", "false", "rule_9.link"),
+    Fault("cmec.c", "(m->state.overruled == CMEC_ANOMALY_LOST_LINK) && m->state.led", "false", "rule_9.link"),
     Fault("cmec.c", "m->in.start && (m->state.now == CMEC_MODE_IDLE)", "m->in.start", "rule_9.begin"),
     Fault("cmec.c", "if (m->state.recalling && (m->state.now", "if ((m->state.now", "rule_9.begin"),
     Fault(
-        "cmec.c", "(t0 ? m->par.longest_stop : m->par.stop_hold)", "m->par.longest_stop", "rule_12.silence"
+        "cmec.c",
+        "(m->state.led ? m->par.longest_stop : m->par.stop_hold)",
+        "m->par.longest_stop",
+        "rule_12.silence",
     ),
 )
 # by default: one of each kind

@@ -299,8 +299,8 @@ def test_a_binary_that_this_machine_does_not_run_is_named_by_what_it_is(
     other = repacked(path, {f"binaries/{folder_here(version)}/tiny.so": content}, tmp_path / "other.fmu")
     here = Path.cwd()
     # when, then
-    said = f"plant other.fmu: cannot be instantiated: tiny.so is {kind}, this machine is "
-    assert refusal(other).startswith(said)
+    start = f"plant other.fmu: cannot be instantiated: tiny.so is {kind}, this machine is "
+    assert refusal(other).startswith(start)
     assert Path.cwd() == here
 
 

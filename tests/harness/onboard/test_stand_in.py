@@ -621,8 +621,8 @@ def test_rule_8_a_trial_that_the_vest_refuses_says_why(
     with prepared(request) as ready:
         # when it has run, then a note tells
         notes = trial.run(request, ready, tmp_path)["notes"]
-    told = [note for note in notes if "refused" in note]
-    assert told == ([f"the vest refused the last START: {refusal.words}"] if refusal else [])
+    refusals = [note for note in notes if "refused" in note]
+    assert refusals == ([f"the vest refused the last START: {refusal.words}"] if refusal else [])
 
 
 def test_outage_sends_no_fixes_and_the_estimate_ages(tmp_path: Path) -> None:

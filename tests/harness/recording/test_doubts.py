@@ -131,9 +131,9 @@ def test_a_gyroscope_with_the_wrong_sign_is_told_by_the_turns() -> None:
     ids=["forward", "right", "exchanged", "yaw 90", "yaw -90", "yaw 180", "yaw 30"],
 )
 def test_axes_that_the_motion_contradicts_are_told(turn: Array, words: str) -> None:
-    told = doubts(imu(walk(), turn))
-    assert len(told) == bool(words)
-    assert all(doubt.startswith(words) for doubt in told)
+    lines = doubts(imu(walk(), turn))
+    assert len(lines) == bool(words)
+    assert all(doubt.startswith(words) for doubt in lines)
 
 
 @pytest.mark.parametrize(
@@ -151,16 +151,16 @@ def test_courses_and_speeds_that_the_positions_contradict_are_told(wrong: Callab
     sound = walk()
     velocity = wrong(sound.fixes.velocity_north + 1j * sound.fixes.velocity_east)
     fixes = replace(sound.fixes, velocity_north=velocity.real, velocity_east=velocity.imag)
-    told = doubts(replace(sound, fixes=fixes))
-    assert told[0].startswith("along the courses of the fixes the positions move ")
+    lines = doubts(replace(sound, fixes=fixes))
+    assert lines[0].startswith("along the courses of the fixes the positions move ")
 
 
 def test_a_wrong_clock_is_told_before_axes_that_it_makes_look_wrong() -> None:
     # given an IMU whose time is 1 s late and whose forward axis is reversed
     sound = imu(walk(noisy=0.1), np.diag([-1.0, 1, 1]))
-    told = doubts(replace(sound, imu_t=sound.imu_t + 1.0))
-    assert [doubt for doubt in told if "clock" in doubt]
-    assert not [doubt for doubt in told if "mirror" in doubt]
+    lines = doubts(replace(sound, imu_t=sound.imu_t + 1.0))
+    assert [doubt for doubt in lines if "clock" in doubt]
+    assert not [doubt for doubt in lines if "mirror" in doubt]
 
 
 def test_doubts_are_warnings_of_a_check_and_notes_of_a_replay(
