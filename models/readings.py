@@ -11,6 +11,10 @@ from models.four_state import FourState
 from models.kit.units import DEG
 from models.system import ESTIMATORS
 
+# ours: what a receiver with carrier phase states in centimetres is not so good on an animal (slip, pack), and
+# a running dog's sigma is cut where the speed's own noise would step it up
+FLOORS = {"position_sd_floor": 0.5, "speed_sd_floor": 0.1}  # m, m/s
+CAP = {"sigma_cap": 1.2}  # m/s2
 READING = "calibrated"  # by default
 ON_BOARD = "guarded"  # by default where the firmware leads
 PUBLISHED = ("calibrated", "literal")  # those of the dissertation
@@ -42,11 +46,7 @@ for estimator, block in ESTIMATORS.items():
         f"{estimator}.recovery_speed": 15.0,  # m/s: faster than a dog runs with a vest
     }
     if issubclass(block, FourState):  # so that what it states may be believed
-        READINGS[ON_BOARD] |= {
-            f"{estimator}.sigma_cap": 1.2,  # m/s2
-            f"{estimator}.position_sd_floor": 0.5,  # m
-            f"{estimator}.speed_sd_floor": 0.1,  # m/s
-        }
+        READINGS[ON_BOARD] |= {f"{estimator}.{name}": v for name, v in (CAP | FLOORS).items()}
 
 
 def start_heading_deviation(reading: str, waypoints: int) -> float:

@@ -21,16 +21,13 @@ from harness.trial.scenario import Scenario, ScenarioError, load
 from models.errors import CanineError, UsageError, nearest
 from models.kit.block import Block
 from models.kit.declaration import Input, Variable, flatten
+from models.readings import CAP, FLOORS
 from models.seven_state import TUNINGS
 from models.system import ESTIMATORS, find_estimator
 
 HELD, MEAN = "speed held", "mean speed"
 MEAN_S = 3.0  # s of GPS speed before an outage, of which `mean speed` takes the mean
 ALL = "all"
-# ours: what a receiver with carrier phase states in centimetres is not so good on an animal (slip, pack), and
-# a running dog's sigma is cut where the speed's own noise would step it up
-FLOORS = {"position_sd_floor": 0.5, "speed_sd_floor": 0.1}  # m, m/s
-CAP = {"sigma_cap": 1.2}  # m/s2
 CONFIGURATIONS: dict[str, dict[str, dict[str, float]]] = {
     "four_state": {
         "no pitch": {"use_pitch": 0, "fuzzy": 0},

@@ -23,7 +23,6 @@ from scipy import stats
 
 from codegen.batch.series import Series
 from harness.drawing import BELOW, ESTIMATES, GRID, TRUTH, house_style, new_figure, set_title
-from harness.replay.comparison import CAP, FLOORS
 from harness.studies.innovations import (
     Innovations,
     autocorrelation,
@@ -45,6 +44,7 @@ from models.errors import UsageError, nearest
 from models.estimator import BIAS, SPEED, Estimator
 from models.four_state import FourState
 from models.kit.timing import TICK
+from models.readings import CAP, FLOORS
 from models.recorded import Recorded
 from models.sensors import Sensors
 from models.sets import SETS

@@ -14,7 +14,7 @@ from rich.console import Console
 from harness.drawing import house_style
 from harness.recording.positions import read_positions, stretches
 from harness.recording.recording import RecordingError
-from harness.replay.comparison import CAP, FLOORS, HELD, MEAN_S
+from harness.replay.comparison import HELD, MEAN_S
 from harness.studies import published
 from harness.studies.outage_pictures import DETECTION, figure_of_means, figure_of_trial
 from harness.studies.paths import GAITS, Path, walk
@@ -26,6 +26,7 @@ from harness.terminal import new_table, print_table
 from models.canine_tracker import CanineTracker
 from models.errors import UsageError, nearest
 from models.four_state import FourState
+from models.readings import CAP, FLOORS
 from models.recorded import Recorded
 from models.sets import SETS
 from models.system import ESTIMATORS

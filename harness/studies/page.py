@@ -12,13 +12,14 @@ from rich.console import Console
 from codegen.templating import environment
 from harness.drawing import png_of
 from harness.files import write_whole
-from harness.replay.comparison import CAP, FLOORS, HELD
+from harness.replay.comparison import HELD
 from harness.studies.consistency import OWN
 from harness.studies.motion import DOG
 from harness.studies.outage import OURS
 from harness.studies.outage_pictures import DETECTION
 from harness.studies.published import FUZZY, INERTIAL, NO_PITCH, OUTAGE, PITCH
 from harness.studies.study import Options, find_study, run_study
+from models.readings import CAP, FLOORS
 
 RESULTS = Path(__file__).parents[1] / "results"
 PAGE = "tracking.md"
