@@ -28,7 +28,7 @@ from models.commands import Command, Status
 from models.kit.declaration import Type
 from models.kit.model import Model
 from models.kit.tracing import GROUPS, Update
-from models.modes import Anomaly, Mode
+from models.modes import LEADING, Anomaly, Mode
 from models.readings import READINGS
 from tests.models.leading import DEG, Trial
 
@@ -636,11 +636,13 @@ def random_columns(kind: str, count: int, generator: np.random.Generator) -> np.
 )
 def test_an_update_that_moves_the_mode_names_exactly_the_transitions_that_it_makes(update: Update) -> None:
     # given 3,000 random states, inputs and parameters in each mode
-    generator, now = np.random.default_rng(1), Cmec.flat_names("state").index("now")
+    generator = np.random.default_rng(1)
+    now, led = (Cmec.flat_names("state").index(name) for name in ("now", "led"))
     made = set()
     for mode in Mode:
         arguments = [random_columns(kind, 3000, generator) for kind in GROUPS]
         arguments[0][now] = mode
+        arguments[0][led] = mode in LEADING  # as `attend` leaves it
         # when the update runs where its guard holds
         holds = np.array(update.guard(*arguments)).ravel().astype(bool)
         results = np.array(update.function(*arguments))[update.writes.index("now"), holds]

@@ -38,6 +38,7 @@ from models.commands import Command
 
 TARGET = find_target("cortex-m4f")
 TICKS = 240
+BUDGET = 4_000  # instructions of a tick; costs.json has what they take, to the digit
 BLOCKS_IN_C = [f"{block.title()}_" for block in BLOCKS.values()]
 HOME = (326_000_000, -854_900_000)  # 1e-7 deg
 SPECIAL = (math.nan, math.inf, -math.inf, -0.0, 1e-41, 3.4e38, 1e9)
@@ -319,24 +320,24 @@ def by_function(processor: CortexM4F, received: Received) -> Counter[str]:
     return counts
 
 
-def test_blocks_take_at_most_3200_instructions_with_a_fix(cortex: CortexM4F) -> None:
+def test_blocks_keep_within_their_budget_with_a_fix(cortex: CortexM4F) -> None:
     # given ticks without damage, every sixth with a fix
     for received in clean(72):
         counts = by_function(cortex, received)
-        # when it runs, then estimator, watchdog, controller, command module and plane keep within 3200
+        # when it runs, then estimator, watchdog, controller, command module and plane keep within the budget
         blocks = {n: c for n, c in counts.items() if n.startswith(tuple(BLOCKS_IN_C))}
         assert {"four_state_step", "cmec_step", "watchdog_step", "command_module_step"} <= set(blocks)
         assert ("local_plane_step" in blocks) == bool(received.gps)
-        assert sum(blocks.values()) <= 3_200
+        assert sum(blocks.values()) <= BUDGET
 
 
-def test_tick_takes_at_most_3200_instructions_with_a_fix(cortex: CortexM4F) -> None:
+def test_tick_keeps_within_its_budget_with_a_fix(cortex: CortexM4F) -> None:
     # given a sample in every tick, in every sixth an epoch of three messages, when they have run
     received = clean(240)
     costs = instructions(cortex, received)
-    # then drivers and blocks together keep within 3200, telemetry in other ticks as well
+    # then drivers and blocks together keep within the budget, telemetry in other ticks as well
     assert sum(bool(r.gps) for r in received) == 40
-    assert max(costs) <= 3_200
+    assert max(costs) <= BUDGET
 
 
 def test_footprint_leaves_out_mailbox_and_record() -> None:
