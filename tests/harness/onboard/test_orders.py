@@ -5,74 +5,20 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Iterator
-from itertools import count
 from typing import Any
 
 import pytest
 
-from codegen.firmware.telemetry import FIELDS, Flag, Ready, Refusal, Telemetry
-from harness.log.geodesy import TangentPlane
-from harness.onboard.instruments import InertialUnit, Receiver
+from codegen.firmware.telemetry import Flag, Ready, Refusal
 from harness.onboard.memory import Memory
-from harness.onboard.processors import Received, open_processor
-from harness.onboard.radio import Abort, Decoder, Heartbeat, Mission, Override, Position, Start, encode
+from harness.onboard.radio import Abort, Heartbeat, Mission, Override, Start
 from models.commands import Command, Status
 from models.modes import Mode
+from tests.harness.onboard.vest import Vest, place
 
-PLANE = TangentPlane(math.radians(32.6), math.radians(-85.49))
 RUNNING = {Mode.FORWARD, Mode.STOP_TO_TURN, Mode.LEFT, Mode.RIGHT, Mode.DEAD}
-
-
-def place(north: float, east: float) -> Position:
-    latitude, longitude = PLANE.from_plane(north, east)
-    return Position(math.degrees(latitude), math.degrees(longitude))
-
-
 HOME = place(0, 0)
 A, B = Mission(HOME, (place(50, 0),)), Mission(HOME, (place(0, 50),))
-
-
-NO_TELEMETRY = Telemetry(*[0] * len(FIELDS))
-
-
-class Vest:
-    """The program on this machine, at rest at home: ticks with or without a fix, and the memory after it."""
-
-    def __init__(self) -> None:
-        self.processor, self.numbers, self.decoder = open_processor("host"), count(1), Decoder()
-        self.k = 0
-        self.telemetry = NO_TELEMETRY
-
-    def tick(self, *messages: Any, fix: bool | None = None, **sensed: float) -> Memory:
-        """One tick: messages (or bytes) in one piece; a fix on each sixth tick unless `fix` says so."""
-        signals = {f"{n}_{a}": 0.0 for n in ("accel", "gyro", "mag") for a in "xyz"}
-        signals |= {
-            "roll_meas": 0.0,
-            "pitch_meas": 0.0,
-            "heading_meas": 0.0,
-            "gps_fix": 1.0,
-            "gps_north": 0.0,
-        }
-        signals |= {"gps_east": 0.0, "gps_speed": 0.0, "gps_course": 0.0, "gps_h_acc": 3.5, "gps_s_acc": 0.1}
-        signals |= sensed
-        due = self.k % 6 == 5 if fix is None else fix
-        reply = self.processor.tick(
-            Received(
-                Receiver(PLANE).fix(0.04 * self.k, signals) if due else b"",
-                InertialUnit().sample(self.k, signals),
-                b"".join(m if isinstance(m, bytes) else encode(m, next(self.numbers)) for m in messages),
-            )
-        )
-        self.k += 1
-        for telemetry in self.decoder.receive(reply.sent):
-            self.telemetry = telemetry
-        return Memory(reply.record)
-
-    def ticks(self, number: int, *messages: Any, **sensed: float) -> Memory:
-        """So many ticks, with heartbeats (or these messages) on every fifth."""
-        for i in range(number):
-            memory = self.tick(*(messages or (Heartbeat(),)) if i % 5 == 0 else (), fix=None, **sensed)
-        return memory
 
 
 @pytest.fixture

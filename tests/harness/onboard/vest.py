@@ -1,0 +1,72 @@
+"""The program on this machine, with its instruments and its operator, tick by tick."""
+
+from __future__ import annotations
+
+import math
+from itertools import count
+from typing import Any
+
+from codegen.firmware.telemetry import FIELDS, Telemetry
+from harness.log.geodesy import TangentPlane
+from harness.onboard.instruments import InertialUnit, Receiver
+from harness.onboard.memory import Memory
+from harness.onboard.processors import Received, open_processor
+from harness.onboard.radio import Decoder, Heartbeat, Position, encode
+from harness.onboard.tones import commands
+from models.commands import Command
+
+PLANE = TangentPlane(math.radians(32.6), math.radians(-85.49))
+COMMANDS = commands({})  # by tone and vibrators
+NO_TELEMETRY = Telemetry(*[0] * len(FIELDS))
+
+
+def place(north: float, east: float) -> Position:
+    latitude, longitude = PLANE.from_plane(north, east)
+    return Position(math.degrees(latitude), math.degrees(longitude))
+
+
+class Vest:
+    """The program on this machine, at rest at home: ticks with or without a fix, and the memory after it.
+
+    Attributes:
+        telemetry: the last.
+        played: the commands, as the tones and vibrators of each tick tell them.
+    """
+
+    def __init__(self) -> None:
+        self.processor, self.numbers, self.decoder = open_processor("host"), count(1), Decoder()
+        self.k = 0
+        self.telemetry = NO_TELEMETRY
+        self.played: list[Command] = []
+
+    def tick(self, *messages: Any, fix: bool | None = None, **sensed: float) -> Memory:
+        """One tick: messages (or bytes) in one piece; a fix on each sixth tick unless `fix` says so."""
+        signals = {f"{n}_{a}": 0.0 for n in ("accel", "gyro", "mag") for a in "xyz"}
+        signals |= {
+            "roll_meas": 0.0,
+            "pitch_meas": 0.0,
+            "heading_meas": 0.0,
+            "gps_fix": 1.0,
+            "gps_north": 0.0,
+        }
+        signals |= {"gps_east": 0.0, "gps_speed": 0.0, "gps_course": 0.0, "gps_h_acc": 3.5, "gps_s_acc": 0.1}
+        signals |= sensed
+        due = self.k % 6 == 5 if fix is None else fix
+        reply = self.processor.tick(
+            Received(
+                Receiver(PLANE).fix(0.04 * self.k, signals) if due else b"",
+                InertialUnit().sample(self.k, signals),
+                b"".join(m if isinstance(m, bytes) else encode(m, next(self.numbers)) for m in messages),
+            )
+        )
+        self.k += 1
+        self.played.append(COMMANDS[reply.tone_hz, reply.vibrate_left, reply.vibrate_right])
+        for telemetry in self.decoder.receive(reply.sent):
+            self.telemetry = telemetry
+        return Memory(reply.record)
+
+    def ticks(self, number: int, *messages: Any, **sensed: float) -> Memory:
+        """So many ticks, with heartbeats (or these messages) on every fifth."""
+        for i in range(number):
+            memory = self.tick(*(messages or (Heartbeat(),)) if i % 5 == 0 else (), fix=None, **sensed)
+        return memory
