@@ -187,7 +187,8 @@ class Supervised(Block):
     @triggered("guarded", seldom=True)
     def meter(m) -> None:
         """Refuse what the budget does not cover, silence what lasts too long, count the rest (3, 12)."""
-        commanded = all_of(m.override > Command.NONE, m.overruled == Anomaly.NONE)
+        obeyed = any_of(m.override == Command.STOP, ca.logic_not(m.exhausted))
+        commanded = all_of(m.override > Command.NONE, m.overruled == Anomaly.NONE, obeyed)
         held = lasted(m.ticks - 1, m.stop_hold, m.sample_time)
         command = where(any_of(m.led, commanded), m.command, where(held, Command.NONE, Command.STOP))
         directional = command >= Command.LEFT

@@ -257,7 +257,7 @@ PROOFS = (
         EXACT,
     ),
     _rule(3, "window", "and within those of any interval of the window's length, to the tick", EXACT),
-    _rule(3, "refused", "a refused cue gives STOP; then there is STOP or silence until a new trial"),
+    _rule(3, "refused", "a refused cue gives STOP, then silence until a new trial, or an operator's STOP"),
     _rule(3, "longest", "no command sounds longer than `longest_*`"),
     _rule(4, "start", "the inductions of rule 4 begin where the program does"),
     _rule(4, "breach", "a broken limit ends in STOPPED with STOP; only a start, or the recall, leads again"),

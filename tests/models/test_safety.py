@@ -197,6 +197,21 @@ def test_rule_3_an_operator_who_repeats_a_direction_spends_the_budget_too(start:
     assert trial.phases()[-2:] == [("STOP", 38), ("NONE", 10 * SECOND - 38)]
 
 
+@pytest.mark.parametrize("start", [0, 1])
+def test_rule_3_a_refused_command_is_answered_by_one_stop_however_often_it_is_sent(start: int) -> None:
+    # given an operator who sends LEFT for a second in every two
+    trial = Trial(**LIMITS)
+    trial.tick(start=start)
+    for _ in range(60):
+        trial.tick(SECOND, override=Command.LEFT)
+        trial.tick(SECOND, override=Command.NONE)
+    # then: the ninth is refused on its first tick, and the stop that ends all is held
+    (end,) = reported(trial, Anomaly.BUDGET_SPENT)
+    assert end == 8 * 2 * SECOND + 1
+    assert trial.commands[end : end + 38] == [Command.STOP] * 38
+    assert set(trial.commands[end + 38 :]) == {Command.NONE}
+
+
 @pytest.mark.parametrize("command", [Command.FORWARD, Command.RECALL, Command.LEFT, Command.RIGHT])
 def test_rule_3_only_a_new_start_fills_the_budget(command: Command) -> None:
     # given a spent budget

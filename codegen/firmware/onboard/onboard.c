@@ -300,6 +300,7 @@ static void decide(onboard *m)
     m->controller.in.north = m->estimator.out.north;
     m->controller.in.east = m->estimator.out.east;
     m->controller.in.speed = m->estimator.out.speed;
+    m->controller.in.speed_sd = m->estimator.out.speed_sd;
     m->controller.in.heading = m->estimator.out.heading;
     m->controller.in.valid = m->watchdog.out.estimate_ok;
     m->controller.in.override = (int16_t)override_of(m);

@@ -144,19 +144,22 @@ void prove_window(void)
     assert(covered(&since, &limit, before.out.command, m.out.command));
 }
 
-/* A refused cue gives STOP; then there is nothing but STOP and silence until a new trial begins. */
+/* A refused cue gives STOP. Until a new trial begins it sounds for `stop_hold` in a mode, and when the operator sends
+ * it; whatever else is sent, there is silence. */
 void prove_refused(void)
 {
     cmec m = any_controller(true);
     const cmec before = m;
     bool closed = nondet_bool();
 
-    __CPROVER_assume(!closed || m.state.exhausted);
+    __CPROVER_assume(!closed || (m.state.exhausted && !leads(m.state.now) && !m.state.recalling));
     cmec_step(&m);
     closed = (closed && !begins(&before)) || (m.out.anomaly == CMEC_ANOMALY_BUDGET_SPENT);
     assert((m.out.anomaly != CMEC_ANOMALY_BUDGET_SPENT) || (m.out.command == CMEC_COMMAND_STOP));
-    assert(!closed || m.state.exhausted);
-    assert(!closed || (m.out.command == CMEC_COMMAND_STOP) || (m.out.command == CMEC_COMMAND_NONE));
+    assert(!closed || (m.state.exhausted && !leads(m.state.now) && !m.state.recalling));
+    assert(!closed || (m.out.command == CMEC_COMMAND_NONE) ||
+           ((m.out.command == CMEC_COMMAND_STOP) &&
+            ((m.in.override == CMEC_COMMAND_STOP) || (m.state.ticks <= ticks_over(m.par.stop_hold)))));
 }
 
 /* Ticks for which a command sounds, at most. */

@@ -146,14 +146,14 @@ FAULTS = (
     ),
     Fault(
         "cmec.c",
-        "(t1 && (m->state.allowance[1] <= m->state.spent[1]))",
-        "(t1 && (m->state.allowance[1] < m->state.spent[1]))",
+        "(t3 && (m->state.allowance[1] <= m->state.spent[1]))",
+        "(t3 && (m->state.allowance[1] < m->state.spent[1]))",
         "rule_3.budget",
     ),
     Fault(
         "cmec.c",
-        "(t2 && (m->state.allowance[0] <= m->state.spent[0]))",
-        "(t2 && (m->state.allowance[0] < m->state.spent[0]))",
+        "(t4 && (m->state.allowance[0] <= m->state.spent[0]))",
+        "(t4 && (m->state.allowance[0] < m->state.spent[0]))",
         "rule_3.budget",
     ),
     Fault(
@@ -177,9 +177,15 @@ FAULTS = (
     ),
     Fault(
         "cmec.c",
-        "(next_exhausted && t4) ? CMEC_COMMAND_STOP",
-        "(t5 && t4) ? CMEC_COMMAND_STOP",
+        "((m->in.override == CMEC_COMMAND_STOP) || t0)",
+        "true",
         "rule_3.refused",
+    ),
+    Fault(
+        "cmec.c",
+        "(next_exhausted && t6) ? CMEC_COMMAND_STOP",
+        "(t7 && t6) ? CMEC_COMMAND_STOP",
+        "rule_3.budget",
     ),
     Fault("cmec.c", "m->state.cue_ticks = next_cue_ticks;", "m->state.cue_ticks = 0;", "rule_3.longest"),
     Fault("cmec.c", "m->out.command = CMEC_COMMAND_STOP;", "", "rule_4.breach"),
