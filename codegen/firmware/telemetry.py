@@ -106,6 +106,7 @@ class Ready(Bits):
     FIRST_LEG = 0x100, "the first waypoint is farther from the animal than the capture radius"
     RELEASED = 0x200, "no override is in force"
     IDLE = 0x400, "the controller is idle"
+    PLANNED = 0x800, "all places of the mission are projected; until then REACH and LEGS may go off"
 
     @property
     def missing(self) -> tuple[Ready, ...]:
@@ -139,6 +140,7 @@ class Refusal(IntEnum):
     SHORT_FIRST_LEG = 10, "the animal is closer to the first waypoint than the capture radius"
     OVERRIDDEN = 11, "an override is in force"
     NOT_IDLE = 12, "a trial is under way, or has ended without an ABORT, or its stop is still held"
+    NOT_PLANNED = 13, "the vest has not yet projected all places of the mission, one on a tick"
 
 
 NOT_READY = 2  # number of the refusal for the lowest bit of `Ready`
@@ -171,7 +173,7 @@ class Telemetry:
     waypoint: Annotated[int, Wire("uint8_t", "", "number of waypoints reached")]
     anomaly: Annotated[int, Wire("uint8_t", "", "what keeps the controller from deciding")]
     flags: Annotated[int, Wire("uint8_t", "", f"conditions on board, the lowest bit first: {Flag.listed()}")]
-    ready: Annotated[int, Wire("uint16_t", "", f"what a START needs, the lowest bit first: {Ready.listed()}")]
+    ready: Annotated[int, Wire("uint32_t", "", f"what a START needs, the lowest bit first: {Ready.listed()}")]
     refusal: Annotated[int, Wire("uint8_t", "", "why the last START was refused, 0 once one was accepted")]
     mission_id: Annotated[int, Wire("uint16_t", "", "of the mission held; while one is under way that is it")]
     received: Annotated[int, Wire("uint8_t", "", "sequence number of the last message heard")]

@@ -556,6 +556,18 @@ static void check_leg(float north, float east, float to_north, float to_east)
     assert(hypot((double)to_north - (double)north, (double)to_east - (double)east) > (0.99999 * CAPTURE_RADIUS));
 }
 
+/* A coordinate latched by the controller is that of a place of the mission held, on the plane. */
+static void check_place(const link_position *place, float north, float east)
+{
+    const local_plane *const plane = &vest.local_plane;
+    const double to_north = (double)place->latitude - (double)plane->state.origin_latitude;
+    const double to_east = (double)place->longitude - (double)plane->state.origin_longitude;
+    const double turn = 3.6e9 * floor((to_east + 1.8e9) / 3.6e9); /* the short way round */
+
+    assert(fabs((to_north * (double)plane->state.north_scale) - (double)north) < 0.05);
+    assert(fabs(((to_east - turn) * (double)plane->state.east_scale) - (double)east) < 0.05);
+}
+
 /* A trial has begun on this tick: all that a START needs was there (rule 8). */
 static void check_begun(int32_t mode_before)
 {
@@ -564,6 +576,11 @@ static void check_begun(int32_t mode_before)
     assert(vest.estimator.out.valid && !overridden());
     assert((double)vest.gps.fix.h_acc <= (1000.001 * CAPTURE_RADIUS));
     assert((vest.radio.mission.count > 0U) && (vest.radio.mission.count == (uint32_t)vest.controller.state.count));
+    check_place(&vest.radio.mission.home, vest.controller.state.base_north, vest.controller.state.base_east);
+    for (int32_t i = 0; i < vest.controller.state.count; i++) {
+        check_place(&vest.radio.mission.waypoints[i], vest.controller.state.route_north[i],
+                    vest.controller.state.route_east[i]);
+    }
     check_leg(vest.estimator.out.north, vest.estimator.out.east, vest.controller.state.route_north[0],
               vest.controller.state.route_east[0]);
     for (int32_t i = 1; i < vest.controller.state.count; i++) {
@@ -605,20 +622,22 @@ static void check_telemetry(void)
     if (world.reports == 1U) {
         world.due = false;
         world.late = 0U;
-        assert((t[0] == 0xA5U) && (t[1] == 0x5AU) && (t[2] == 16U) && (t[4] == 48U));
-        assert(crc_ccitt(&t[2], 51U) == (uint16_t)(((unsigned)t[53] << 8) | t[54]));
+        assert((t[0] == 0xA5U) && (t[1] == 0x5AU) && (t[2] == 16U) && (t[4] == TELEMETRY_SIZE));
+        assert(crc_ccitt(&t[2], TELEMETRY_SIZE + 3U) ==
+               (uint16_t)(((unsigned)t[TELEMETRY_SIZE + 5U] << 8) | t[TELEMETRY_SIZE + 6U]));
         check_sent(&t[21], 100.0 * fmax((double)vest.estimator.out.north_sd, (double)vest.estimator.out.east_sd));
         check_sent(&t[23], 100.0 * (double)vest.estimator.out.speed_sd);
         check_sent(&t[25], 10.0 * (double)vest.controller.out.distance);
         assert(t[31] == (uint8_t)vest.controller.out.command);
         assert(((t[36] & 1U) != 0U) == vest.estimator.out.valid);
         assert(((t[36] & 4U) != 0U) == (world.silence <= LONGEST_SILENCE));
-        assert(((t[38] & 1U) != 0U) == (world.silence <= LONGEST_SILENCE));
-        assert(((t[38] & 2U) != 0U) == (world.imu_silence <= LONGEST_IMU_SILENCE));
-        assert(((t[38] & 0x20U) != 0U) == (vest.radio.mission.count > 0U));
-        assert(((t[37] & 2U) != 0U) == !overridden());
-        assert(((t[37] & 4U) != 0U) == (vest.controller.out.mode == CMEC_MODE_IDLE));
-        assert((t[37] & 0xF8U) == 0U);
+        assert(((t[40] & 1U) != 0U) == (world.silence <= LONGEST_SILENCE));
+        assert(((t[40] & 2U) != 0U) == (world.imu_silence <= LONGEST_IMU_SILENCE));
+        assert(((t[40] & 0x20U) != 0U) == (vest.radio.mission.count > 0U));
+        assert(((t[39] & 8U) != 0U) == (vest.place > vest.radio.mission.count));
+        assert(((t[39] & 2U) != 0U) == !overridden());
+        assert(((t[39] & 4U) != 0U) == (vest.controller.out.mode == CMEC_MODE_IDLE));
+        assert((t[37] == 0U) && (t[38] == 0U) && ((t[39] & 0xF0U) == 0U));
     }
 }
 

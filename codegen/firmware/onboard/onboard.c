@@ -36,11 +36,12 @@ static bool next_bytes(port_source source, scanner_input *input, uint8_t *blocks
     return input->count > 0U;
 }
 
-/* A new mission, or a new plane: the mission held must be projected. */
+/* A new mission, or a new plane: the mission held must be projected. Nothing tells against it so far. */
 static void replan(onboard *m)
 {
     m->planned = false;
-    m->route = 0U;
+    m->place = 0U;
+    m->route = READY_REACH | READY_LEGS;
 }
 
 /* Let a message act. MISSION and ABORT undo a START before them, ABORT an override too (rule 9). */
@@ -187,35 +188,32 @@ static bool is_apart(const onboard *m, uint8_t waypoint, float north, float east
     return ((to_north * to_north) + (to_east * to_east)) > (radius * radius);
 }
 
-/* Project the mission onto the plane. */
+/* Project the next place of the mission held onto the plane: one on a tick, home first. */
 static void plan(onboard *m)
 {
-    bool near;
-    bool apart = true;
+    const link_mission *const held = &m->radio.mission;
 
-    project(m, m->radio.mission.home.latitude, m->radio.mission.home.longitude, false);
-    m->controller.mission.home_north = m->local_plane.out.north;
-    m->controller.mission.home_east = m->local_plane.out.east;
-    near = on_plane(m);
-    m->controller.mission.waypoint_count = (int16_t)m->radio.mission.count;
-    for (uint8_t i = 0U; i < m->radio.mission.count; i++) {
-        const float north = m->local_plane.out.north; /* of the place before */
-        const float east = m->local_plane.out.east;
+    if (m->place == 0U) {
+        project(m, held->home.latitude, held->home.longitude, false);
+        m->controller.mission.home_north = m->local_plane.out.north;
+        m->controller.mission.home_east = m->local_plane.out.east;
+        m->controller.mission.waypoint_count = (int16_t)held->count;
+    } else {
+        const uint8_t i = (uint8_t)(m->place - 1U);
 
-        project(m, m->radio.mission.waypoints[i].latitude, m->radio.mission.waypoints[i].longitude, false);
+        project(m, held->waypoints[i].latitude, held->waypoints[i].longitude, false);
         m->controller.mission.waypoint_north[i] = m->local_plane.out.north;
         m->controller.mission.waypoint_east[i] = m->local_plane.out.east;
-        near = near && on_plane(m);
-        apart = apart && ((i == 0U) || is_apart(m, i, north, east));
+        if ((i > 0U) && !is_apart(m, i, m->controller.mission.waypoint_north[i - 1U],
+                                  m->controller.mission.waypoint_east[i - 1U])) {
+            m->route &= ~READY_LEGS;
+        }
     }
-    if (near) {
-        m->route |= READY_REACH;
+    if (!on_plane(m)) {
+        m->route &= ~READY_REACH;
     }
-    if (apart) {
-        m->route |= READY_LEGS;
-    }
-    m->planned = true;
-    m->laden = true;
+    m->planned = m->place == held->count;
+    m->place = (uint8_t)(m->place + 1U);
 }
 
 /* The operator's command that is in force, 0 for none. */
@@ -225,9 +223,9 @@ static uint8_t override_of(const onboard *m)
 }
 
 /* What a START needs (rule 8): the bits of `ready` of the telemetry. */
-static uint16_t readiness(const onboard *m)
+static uint32_t readiness(const onboard *m)
 {
-    uint16_t ready = m->route;
+    uint32_t ready = m->route;
 
     if (m->watchdog.out.link_ok) {
         ready |= READY_LINK;
@@ -246,9 +244,9 @@ static uint16_t readiness(const onboard *m)
     }
     if (m->radio.mission.count > 0U) {
         ready |= READY_MISSION;
-    }
-    if (m->planned && is_apart(m, 0U, m->estimator.out.north, m->estimator.out.east)) {
-        ready |= READY_FIRST_LEG;
+        if (!m->planned || is_apart(m, 0U, m->estimator.out.north, m->estimator.out.east)) {
+            ready |= READY_FIRST_LEG;
+        }
     }
     if (override_of(m) == 0U) {
         ready |= READY_RELEASED;
@@ -256,13 +254,16 @@ static uint16_t readiness(const onboard *m)
     if (m->controller.out.mode == (int16_t)CMEC_MODE_IDLE) {
         ready |= READY_IDLE;
     }
+    if (m->planned) {
+        ready |= READY_PLANNED;
+    }
     return ready;
 }
 
 /* The reason for which a START is refused: the first bit that is missing; 0 if none is. */
-static uint8_t refusal_of(uint16_t ready)
+static uint8_t refusal_of(uint32_t ready)
 {
-    uint16_t missing = READY_ALL ^ ready;
+    uint32_t missing = READY_ALL ^ ready;
     uint8_t refusal = 0U;
 
     if (missing != 0U) {
@@ -279,7 +280,7 @@ static uint8_t refusal_of(uint16_t ready)
  * repeats the START of the mission under way changes nothing. */
 static void begin(onboard *m)
 {
-    if (!m->planned && m->local_plane.state.settled && (m->radio.mission.count > 0U) && !m->busy) {
+    if (!m->planned && m->local_plane.state.settled && (m->radio.mission.count > 0U) && !m->busy && !m->laden) {
         plan(m);
     }
     if (m->asked) {

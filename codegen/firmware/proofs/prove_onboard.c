@@ -69,6 +69,7 @@ void prove_begin(void)
     m.asked = nondet_bool();
     m.planned = nondet_bool();
     m.busy = nondet_bool();
+    m.laden = nondet_bool();
     m.controller.in.start = nondet_bool();
     m.watchdog.out.link_ok = nondet_bool();
     m.watchdog.out.imu_ok = nondet_bool();
@@ -78,10 +79,12 @@ void prove_begin(void)
     m.controller.par.capture_radius = 7.0F;
     __CPROVER_assume(m.radio.mission.count <= LINK_MAX_WAYPOINTS);
     __CPROVER_assume((m.route & ~(READY_REACH | READY_LEGS)) == 0);
+    __CPROVER_assume(m.planned == (m.place > m.radio.mission.count)); /* one place after another, home first */
     const bool before = m.controller.in.start;
     const bool asked = m.asked;
     begin(&m);
     assert(!m.asked && (!before || m.controller.in.start));
+    assert(m.planned == (m.place > m.radio.mission.count));
     if (m.controller.in.start && !before) {
         assert((m.route & (READY_REACH | READY_LEGS)) == (READY_REACH | READY_LEGS));
         assert(asked && (m.radio.mission.count > 0U) && (m.radio.asked == m.radio.mission.id));

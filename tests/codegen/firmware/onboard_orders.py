@@ -106,7 +106,7 @@ def ticks(n: int) -> bytes:
 
 
 START_IT, ABORT, HEARTBEAT = bytes([START]), message(4), message(5)
-BEGUN = background(ALL) + ticks(10) + mission((0, 0), (2000, 0), (2000, 2000)) + START_IT
+BEGUN = background(ALL) + ticks(10) + mission((0, 0), (2000, 0), (2000, 2000)) + ticks(5) + START_IT
 
 
 def override(command: int) -> bytes:
@@ -204,7 +204,7 @@ EXTREMES: Mapping[str, bytes] = {
     **{
         f"fixes at {name}": background(SAMPLES | HEARTBEATS) + b"".join(
             fix(latitude, longitude, pvt=k % 2 == 0) + ticks(6) for k in range(4)
-        ) + mission((0, 0), (-2000 if latitude > 0 else 2000, 0), (0, 4000)) + START_IT
+        ) + mission((0, 0), (-2000 if latitude > 0 else 2000, 0), (0, 4000)) + ticks(5) + START_IT
         + background(ALL, 90) + ticks(600)
         for name, latitude, longitude in (
             ("the north pole", 900_000_000, 0), ("the south pole", -900_000_000, 1_800_000_000),
@@ -230,7 +230,8 @@ EXTREMES: Mapping[str, bytes] = {
         for _ in range(2)
     ),
     "far missions": background(ALL) + ticks(20) + b"".join(
-        message(1, struct.pack(">H4i", 7, *home, *waypoint)) + START_IT + ticks(30) + ABORT + ticks(50)
+        message(1, struct.pack(">H4i", 7, *home, *waypoint)) + ticks(3) + START_IT + ticks(30) + ABORT
+        + ticks(50)
         for home in (HOME, (900_000_000, 1_800_000_000), (-900_000_000, -1_800_000_000))
         for waypoint in ((900_000_000, -1_800_000_000), (HOME[0], 945_100_000), (HOME[0], 945_099_999),
                          (HOME[0] + 8_990_000, HOME[1]), (-900_000_000, 0), (2**31 - 1, 0), (-(2**31), 0))
@@ -239,6 +240,7 @@ EXTREMES: Mapping[str, bytes] = {
     + ticks(20)
     + b"".join(
         mission((0, 0), *((2000, 2000 * (i % 2)) for i in range(n)))
+        + ticks(n % 3 * 10)
         + START_IT
         + ticks(30)
         + ABORT
@@ -246,7 +248,7 @@ EXTREMES: Mapping[str, bytes] = {
         for n in range(18)
     ),
     "missions with a leg that is too short": background(ALL) + ticks(20) + b"".join(
-        mission(*places) + START_IT + ticks(30)
+        mission(*places) + ticks(5) + START_IT + ticks(30)
         for places in (((0, 0), (0, 0)), ((0, 0), (2000, 0), (2000, 0)), ((0, 0), (2000, 0), (2000, 700)))
     ),
     "missions, starts and aborts while one is under way": BEGUN + ticks(50) + b"".join(

@@ -67,6 +67,8 @@ FAULTS = (
     # a START of another mission, or of one that is not ready
     Fault("onboard.c", "(m->radio.asked != m->radio.mission.id)", "false", "onboard.begin"),
     Fault("onboard.c", "if (m->watchdog.out.estimate_ok) {", "{", "onboard.begin"),
+    Fault("onboard.c", "m->planned = m->place == held->count;", "m->planned = true;", "onboard.begin"),
+    Fault("onboard.c", "if (m->planned) {", "{", "onboard.begin"),
     # fixes out of range
     Fault("four_state.c", "(m->in.gps_speed <= 50.0f)", "(m->in.gps_speed <= 5000.0f)", "four_state.judge"),
     Fault("four_state.c", "(fabsf(m->in.gps_east) <= 100000.0f)", "true", "four_state.judge"),

@@ -39,10 +39,10 @@ def test_the_program_sets_every_member_of_the_telemetry_that_it_sends() -> None:
     assert set(re.findall(r"\bt\.(\w+) = ", program()["onboard.c"])) == members
 
 
-def test_payload_is_48_bytes_as_the_header_states() -> None:
-    # 4 + 4 + 4, seven of 2, six of 1, 2, 1, 2, 1, five of 2
-    assert PAYLOAD.size == 12 + 14 + 6 + 2 + 1 + 2 + 1 + 10
-    assert "#define TELEMETRY_SIZE 48U" in program()["telemetry.h"]
+def test_payload_is_50_bytes_as_the_header_states() -> None:
+    # 4 + 4 + 4, seven of 2, six of 1, 4, 1, 2, 1, five of 2
+    assert PAYLOAD.size == 12 + 14 + 6 + 4 + 1 + 2 + 1 + 10
+    assert "#define TELEMETRY_SIZE 50U" in program()["telemetry.h"]
 
 
 def test_payload_of_telemetry_is_read_back() -> None:
@@ -58,7 +58,7 @@ def test_flags_are_the_bits_of_one_byte_each_once() -> None:
 
 def test_rule_8_each_bit_of_ready_has_a_macro_a_meaning_and_a_refusal_with_its_words() -> None:
     # given the bits, the lowest first
-    assert [bit.value for bit in Ready] == [1 << k for k in range(11)]
+    assert [bit.value for bit in Ready] == [1 << k for k in range(len(Ready))]
     # then the refusals count them
     assert [refusal.value for refusal in Refusal] == list(range(NOT_READY + len(Ready)))
     assert dict(zip(Ready, list(Refusal)[NOT_READY:], strict=True)) == {
@@ -66,23 +66,23 @@ def test_rule_8_each_bit_of_ready_has_a_macro_a_meaning_and_a_refusal_with_its_w
         Ready.ACCURACY: Refusal.NOT_ACCURATE, Ready.ESTIMATE: Refusal.NO_ESTIMATE,
         Ready.MISSION: Refusal.NO_MISSION, Ready.REACH: Refusal.OUT_OF_REACH, Ready.LEGS: Refusal.SHORT_LEG,
         Ready.FIRST_LEG: Refusal.SHORT_FIRST_LEG, Ready.RELEASED: Refusal.OVERRIDDEN,
-        Ready.IDLE: Refusal.NOT_IDLE,
+        Ready.IDLE: Refusal.NOT_IDLE, Ready.PLANNED: Refusal.NOT_PLANNED,
     }  # fmt: skip
     # and header and log name them in words
     header = program()["telemetry.h"]
     for bit in Ready:
-        assert f"#define READY_{bit.name} 0x{bit.value:03X}U /* {bit.meaning} */" in header
+        assert f"#define READY_{bit.name} ((uint32_t)0x{bit.value:05X}U) /* {bit.meaning} */" in header
         assert str(bit.name).lower() in FIELDS["ready"].meaning
-    assert "#define READY_ALL 0x7FFU" in header
+    assert f"#define READY_ALL ((uint32_t)0x{sum(Ready):05X}U)" in header
     assert "#define REFUSAL_NOT_READY 2U" in header
     assert Refusal.NO_FIX.words == "there has been no fix"
     assert len({refusal.words for refusal in Refusal}) == len(Refusal)
 
 
 def test_bits_that_are_off_are_listed_the_lowest_first() -> None:
-    ready = Ready(0x7FF) & ~Ready.FIX & ~Ready.IDLE
+    ready = Ready(sum(Ready)) & ~Ready.FIX & ~Ready.IDLE
     assert ready.missing == (Ready.FIX, Ready.IDLE)
-    assert Ready(0x7FF).missing == ()
+    assert Ready(sum(Ready)).missing == ()
 
 
 @pytest.mark.parametrize(

@@ -35,7 +35,7 @@ def target(memory: Memory) -> tuple[float, float]:
 def test_rule_9_a_start_right_behind_an_abort_is_refused_and_not_remembered(vest: Vest) -> None:
     # given a trial under way
     vest.ticks(10)
-    vest.tick(A, Start(A.id))
+    vest.begin(A)
     memory = vest.ticks(10)
     assert memory["controller.output.mode"] in RUNNING
     assert target(memory) == (50, 0)
@@ -78,7 +78,7 @@ def test_rule_10_an_abort_stops_within_a_fifth_of_a_second_whatever_bytes_came_b
 
 def test_rule_9_a_mission_is_refused_until_the_one_under_way_is_aborted(vest: Vest) -> None:
     vest.ticks(10)
-    vest.tick(A, Start(A.id))
+    vest.begin(A)
     # when another comes with its start
     memory = vest.ticks(20, B, Start(B.id))
     # then trial, mission and telemetry stay with the first
@@ -95,11 +95,13 @@ def test_rule_9_a_mission_is_refused_until_the_one_under_way_is_aborted(vest: Ve
 
 def test_rule_9_a_mission_behind_its_start_undoes_it(vest: Vest) -> None:
     vest.ticks(10)
-    memory = vest.tick(A, Start(A.id), B, fix=False)
+    vest.load(A)
+    memory = vest.tick(Start(A.id), B, fix=False)
     assert memory["controller.output.mode"] == Mode.IDLE
     assert vest.ticks(20)["controller.output.mode"] == Mode.IDLE
     # the same one again as well, and an abort
     for behind in (B, Abort()):
+        vest.load(B)
         assert vest.tick(Start(B.id), behind, fix=False)["controller.output.mode"] == Mode.IDLE
         assert vest.ticks(20)["controller.output.mode"] == Mode.IDLE
 
@@ -107,6 +109,7 @@ def test_rule_9_a_mission_behind_its_start_undoes_it(vest: Vest) -> None:
 def test_a_start_that_is_repeated_changes_nothing(vest: Vest) -> None:
     # given a laptop that repeats mission and start until the telemetry shows them
     vest.ticks(10)
+    vest.begin(A)
     memory = vest.ticks(30, A, Start(A.id))
     assert memory["controller.output.mode"] in RUNNING
     assert vest.telemetry.refusal == Refusal.NONE
@@ -115,7 +118,7 @@ def test_a_start_that_is_repeated_changes_nothing(vest: Vest) -> None:
 def test_rule_9_a_trial_that_has_ended_is_not_begun_again_before_an_abort(vest: Vest) -> None:
     # given an animal that has been at the waypoint and is home again
     vest.ticks(10)
-    vest.tick(A, Start(A.id))
+    vest.begin(A)
     vest.ticks(300, gps_north=50.0)
     vest.ticks(300)
     assert vest.telemetry.status == Status.SUCCESS
@@ -143,13 +146,13 @@ def test_telemetry_that_is_due_as_a_mission_comes_is_a_tick_later(vest: Vest) ->
     while not answers(vest):
         pass
     assert [answers(vest) for _ in range(9)] == [k == 4 for k in range(9)]
-    # when a mission comes and begins on the fifth
-    memory = vest.tick(A, Start(A.id), fix=False)
+    # when a mission comes on the fifth
+    memory = vest.tick(A, fix=False)
     # then the telemetry of that tick comes on the next, and the one after it is on time
-    assert target(memory) == (50, 0)
+    assert memory["radio.mission.id"] == A.id
     assert vest.telemetry.received == 2  # the heartbeats
     assert [answers(vest) for _ in range(5)] == [True, False, False, False, True]
-    assert Flag.STARTED in Flag(vest.telemetry.flags)
+    assert vest.telemetry.mission_id == A.id
 
 
 def test_telemetry_that_is_due_as_a_mission_comes_before_any_fix_is_a_tick_later(vest: Vest) -> None:
@@ -159,21 +162,61 @@ def test_telemetry_that_is_due_as_a_mission_comes_before_any_fix_is_a_tick_later
     assert [answers(vest, A), answers(vest)] == [False, True]
 
 
-def test_a_mission_is_projected_on_the_tick_behind_the_first_fix_and_telemetry_waits_for_it(
-    vest: Vest,
+FULL = Mission(HOME, tuple(place(50, 20 * i) for i in range(16)))
+
+
+def test_rule_8_one_place_of_a_mission_is_projected_on_a_tick_unless_it_is_that_of_a_fix(vest: Vest) -> None:
+    vest.ticks(10)
+    # when a mission of 17 places comes, and a fix on the fourth tick behind it
+    assert vest.tick(FULL, fix=False)["place"] == 0
+    places = [vest.tick(fix=k == 3)["place"] for k in range(18)]
+    # then
+    assert places == [1, 2, 3, 3, *range(4, 18)]
+    assert vest.tick(fix=False)["place"] == 17
+
+
+@pytest.mark.parametrize("ticks", [0, 15, 16])
+def test_rule_9_a_start_before_all_places_are_projected_is_refused_as_such_and_not_remembered(
+    vest: Vest, ticks: int
 ) -> None:
+    # given a mission of 17 places, the last of which is projected on the 17th tick behind it
+    vest.ticks(30)
+    vest.tick(FULL, *[Start(FULL.id)] * (ticks == 0), fix=False)
+    # when START comes with it, or up to a tick before that
+    for k in range(1, 17):
+        vest.tick(*[Start(FULL.id)] * (k == ticks), fix=False)
+    # then nothing begins, and the reason is told
+    memory = vest.ticks(30)
+    assert memory["controller.output.mode"] == Mode.IDLE
+    assert vest.telemetry.refusal == Refusal.NOT_PLANNED
+    assert Ready(vest.telemetry.ready).missing == ()
+
+
+def test_rule_9_a_start_on_the_tick_of_the_last_place_begins_with_it(vest: Vest) -> None:
+    vest.ticks(30)
+    vest.tick(FULL, fix=False)
+    for _ in range(16):
+        assert vest.tick(fix=False)["planned"] == 0
+    memory = vest.tick(Start(FULL.id), fix=False)
+    assert memory["controller.output.mode"] == Mode.FORWARD
+    for axis, last in (("north", 50), ("east", 300)):
+        assert memory[f"controller.state.route_{axis}[16]"] == pytest.approx(last, abs=0.1)
+
+
+def test_a_mission_held_is_projected_behind_the_first_fix(vest: Vest) -> None:
     # given a mission held, and telemetry that is due on the second tick from here
     vest.tick(A, fix=False)
     while not answers(vest):
         pass
     assert [answers(vest) for _ in range(3)] == [False] * 3
     # when the first fix comes on the next, which takes long by itself
-    assert vest.tick(fix=True)["planned"] == 0
-    # then
+    assert vest.tick(fix=True)["place"] == 0
+    # then the places follow, and the telemetry does not wait for them
     before = vest.telemetry
+    assert vest.tick(fix=False)["planned"] == 0
+    assert vest.telemetry != before
+    assert Ready(vest.telemetry.ready).missing == (Ready.PLANNED,)
     assert vest.tick(fix=False)["planned"] == 1
-    assert vest.telemetry == before
-    assert answers(vest)
 
 
 def test_missions_on_every_tick_do_not_silence_the_telemetry(vest: Vest) -> None:
@@ -246,7 +289,7 @@ def test_rule_8_a_start_without_a_mission_or_of_another_is_refused(vest: Vest) -
     # and no bit of a mission's is on, wherever the animal is
     vest.ticks(60, gps_north=20.0)
     assert Ready(vest.telemetry.ready).missing == (
-        Ready.MISSION, Ready.REACH, Ready.LEGS, Ready.FIRST_LEG,
+        Ready.MISSION, Ready.REACH, Ready.LEGS, Ready.FIRST_LEG, Ready.PLANNED,
     )  # fmt: skip
     vest.tick(B)
     vest.ticks(12, Start(A.id))
@@ -272,7 +315,7 @@ def test_rule_8_a_mission_that_comes_before_the_first_fix_is_ready_with_it(vest:
     for _ in range(12):
         vest.tick(A, fix=False)
     assert Ready(vest.telemetry.ready).missing == (
-        Ready.FIX, Ready.ACCURACY, Ready.ESTIMATE, Ready.REACH, Ready.LEGS, Ready.FIRST_LEG,
+        Ready.FIX, Ready.ACCURACY, Ready.ESTIMATE, Ready.PLANNED,
     )  # fmt: skip
     vest.ticks(20)
     assert Ready(vest.telemetry.ready).missing == ()
@@ -289,7 +332,7 @@ def test_rule_8_the_readiness_without_a_link_is_told_as_such(vest: Vest) -> None
 def test_rule_9_bad_input_that_keeps_a_trial_from_beginning_withdraws_its_start(vest: Vest) -> None:
     # given a fix, and an inertial unit that drives the speed beyond the controller's range
     vest.ticks(12)
-    vest.tick(A, fix=False)
+    vest.load(A)
     for _ in range(20):
         memory = vest.tick(fix=False, accel_x=199.0)
     assert memory["estimator.output.speed"] > 50
@@ -327,7 +370,7 @@ def test_rule_9_an_override_ends_a_second_after_it_was_last_sent(vest: Vest) -> 
 def test_rule_9_an_abort_ends_an_override(vest: Vest) -> None:
     # given a trial in which the operator leads
     vest.ticks(10)
-    vest.tick(A, Start(A.id), fix=False)
+    vest.begin(A)
     memory = vest.tick(Override(Command.LEFT), fix=False)
     assert memory["controller.output.command"] == Command.LEFT
     # when
@@ -340,7 +383,8 @@ def test_rule_9_an_abort_ends_an_override(vest: Vest) -> None:
 
 def test_rule_8_no_trial_begins_under_an_override(vest: Vest) -> None:
     vest.ticks(10)
-    vest.tick(A, Override(Command.STOP), fix=False)
+    vest.load(A)
+    vest.tick(Override(Command.STOP), fix=False)
     memory = vest.tick(Start(A.id), fix=False)
     assert memory["controller.input.start"] == 0
     vest.ticks(6)
@@ -356,7 +400,7 @@ def test_an_inertial_unit_whose_samples_are_out_of_range_counts_as_silent(
     vest: Vest, sensed: dict[str, float]
 ) -> None:
     vest.ticks(10)
-    vest.tick(A, Start(A.id))
+    vest.begin(A)
     assert vest.ticks(10)["watchdog.output.imu_ok"] == 1
     # when the unit sends on, but nothing that the estimator takes, then 5 ticks are borne
     assert vest.ticks(5, **sensed)["watchdog.output.imu_ok"] == 1
@@ -402,9 +446,7 @@ def test_a_vest_carried_far_away_settles_the_plane_again_before_a_trial(vest: Ve
     assert far["estimator.output.valid"] == 1
     assert abs(far["estimator.output.north"]) < 1
     # but not in one: there it is a fix that cannot be
-    vest.tick(Mission(place(150_000, 0), (place(150_050, 0),)), fix=False)
-    vest.tick(Start(Mission(place(150_000, 0), (place(150_050, 0),)).id), fix=False, gps_north=150_000.0)
-    assert vest.ticks(2, gps_north=150_000.0)["controller.output.mode"] in RUNNING
+    assert vest.begin(Mission(place(150_000, 0), (place(150_050, 0),)))["controller.output.mode"] in RUNNING
     origin = far["local_plane.state.origin_latitude"]
     memory = vest.ticks(30, gps_north=0.0)
     assert memory["local_plane.state.origin_latitude"] == origin

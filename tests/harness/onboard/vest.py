@@ -11,7 +11,7 @@ from harness.log.geodesy import TangentPlane
 from harness.onboard.instruments import InertialUnit, Receiver
 from harness.onboard.memory import Memory
 from harness.onboard.processors import Received, open_processor
-from harness.onboard.radio import Decoder, Heartbeat, Position, encode
+from harness.onboard.radio import Decoder, Heartbeat, Mission, Position, Start, encode
 from harness.onboard.tones import commands
 from models.commands import Command
 
@@ -70,3 +70,15 @@ class Vest:
         for i in range(number):
             memory = self.tick(*(messages or (Heartbeat(),)) if i % 5 == 0 else (), fix=None, **sensed)
         return memory
+
+    def load(self, mission: Mission) -> Memory:
+        """Give a mission, and wait until all of its places are projected."""
+        memory = self.tick(mission, fix=False)
+        while not memory["planned"]:
+            memory = self.tick(fix=False)
+        return memory
+
+    def begin(self, mission: Mission) -> Memory:
+        """Give a mission, and start it once it is projected."""
+        self.load(mission)
+        return self.tick(Start(mission.id), fix=False)
