@@ -35,17 +35,13 @@ TEMPLATES = environment(Path(__file__).parent / "templates")
 SUMS = "SHA256SUMS"  # of a bundle's files, as `sha256sum -c` reads it
 PORT = "port.c"  # each target's own, by the same name
 COSTS = SOURCES / "costs.json"  # by target and estimator, measured by the processor in the loop
-# bytes of code and constants of programs that a processor has no room for: with parameters, as constants
-TOO_LARGE = {
-    ("rabbit4000", "canine_tracker+ahrs"): (58_740, 56_110),
-    ("rabbit4000", "seven_state+ahrs"): (67_020, 65_200),
-}
 DRIVERS = ("link.h", "mt.h", "ubx.h")  # headers of the members of `onboard` that are no blocks
 GENERATED = ("models.h", "fixes.h", "telemetry.h", "telemetry.c", "onboard.h", "navigation.h")
 # numbers that the program shares with the models
 SHARED: dict[str, Any] = {"tick_ms": round(1000 * Block.sample_time), "max_waypoints": MAX_WAYPOINTS}
 READINESS: dict[str, Any] = {"ready": list(Ready), "refusals": list(Refusal), "not_ready": NOT_READY}
 BLOCKS = DEFAULT.blocks
+ENTRIES = ("defaults", "initialize", "step")  # a block's functions
 
 
 def settable(block: type[Block]) -> dict[str, Variable]:
@@ -102,6 +98,7 @@ def library(
     *,
     constants: bool = False,
     addressed: bool = False,
+    banked: bool = False,
 ) -> dict[str, str]:
     """The sources that are the same for every target, file name to text.
 
@@ -110,6 +107,7 @@ def library(
         navigation: the program's estimator, and what comes before it.
         constants: parameters are macros of the blocks' headers instead of fields.
         addressed: the blocks' functions know where their block lies (see `Target`).
+        banked: the estimator's are called by way of banks.s (see `Target`).
     """
     files: dict[str, str] = {}
     blocks = navigation.blocks
@@ -127,6 +125,13 @@ def library(
             preset=True,
         )
     files |= program(navigation)
+    if banked:
+        estimator = navigation.estimator.title()
+        functions = [f"{estimator}_{name}" for name in ENTRIES]
+        files["banks.s"] = TEMPLATES.get_template("banks.s.jinja").render(functions=functions)
+        files[f"{estimator}.c"] = (
+            TEMPLATES.get_template("banked.c.jinja").render(functions=functions) + files[f"{estimator}.c"]
+        )
     context = {"tables": [] if constants else list(_tables(blocks, chosen))}
     files["parameters.c"] = TEMPLATES.get_template("parameters.c.jinja").render(context)
     return files
@@ -166,7 +171,7 @@ def bundle(
     constants: bool = False,
 ) -> dict[str, str]:
     """A processor's project except its board, file name to text (see `library`)."""
-    files = library(values, navigation, constants=constants, addressed=target.addressed)
+    files = library(values, navigation, constants=constants, addressed=target.addressed, banked=target.banked)
     for source in sorted((SOURCES / target.folder).iterdir()):
         if not source.name.startswith("pil"):
             files[source.name] = source.read_text()
@@ -204,19 +209,9 @@ def write(
     neither overwritten nor removed.
 
     Raises:
-        UsageError: the processor has no room for the program; the folder cannot be written, holds another
-            target's bundle, or has such a file by a name of the bundle's. Then nothing is written.
+        UsageError: the folder cannot be written, holds another target's bundle, or has such a file by a name
+            of the bundle's. Then nothing is written.
     """
-    size = TOO_LARGE.get((target.name, navigation.name), (0, 0))
-    if size[constants] > target.code:
-        fits = (
-            f" With --constants it needs {size[True]:,} bytes and fits." if size[True] <= target.code else ""
-        )
-        raise UsageError(
-            f"--target {target.name}: {navigation.name} needs {size[constants]:,} bytes for code and "
-            f"constants, and there is room for {target.code:,}; nothing is written.{fits} "
-            "Leave out --ahrs, or choose another estimator or target"
-        )
     files = bundle(target, values, navigation, constants=constants)
     files[SUMS] = "".join(f"{_digest(text.encode())}  {name}\n" for name, text in sorted(files.items()))
     try:

@@ -19,20 +19,29 @@ from codegen.toolchains.compiler import CompileError
 from codegen.toolchains.sdcc import LANGUAGE, VERSION, assemble, home, sdcc
 
 # by measurement: speed instead of size gives 0.1 % more clocks and 0.6 % more code; 3000 takes twice as long
-FLAGS = ("--opt-code-size", "--max-allocs-per-node", "1000", "--constseg", "CONST", "--fverbose-asm")
+FLAGS = (
+    *("--opt-code-size", "--max-allocs-per-node", "1000"),
+    *("--codeseg", "BANK0", "--constseg", "CONST", "--fverbose-asm"),
+)
 # a condition that a parameter's constant decides: "conditional flow changed by optimizer", "unreachable code"
 DECIDED = ("--disable-warning", "110", "--disable-warning", "126")
 ASSEMBLER = "-plosgff"
 LENGTHENED = ("\tjr\t", "\tjp\t")
 # an object depends on these and its sources
 TOOLS = (VERSION, ASSEMBLER, *LANGUAGE, *FLAGS, *DECIDED, *LENGTHENED)
+# logical addresses, as crt0.s has them
 CODE_AT = 0x0080  # behind crt0, which begins at 0
+BANKS_AT = 0x6000  # below it, what is never switched out
 DATA_AT = 0xE000  # 8 kB with the stack; a board's interrupt vectors come first
-LINKING = ("--no-std-crt0", "--code-loc", hex(CODE_AT), "--data-loc", hex(DATA_AT))
+BANK1_AT = 0x10000 + BANKS_AT  # physical
+LINKING = (
+    *("--no-std-crt0", "--code-loc", hex(CODE_AT), "--data-loc", hex(DATA_AT)),
+    f"-Wl-b_BANK1={BANK1_AT:#x}",
+)
 AT_ONCE = 2  # SDCC processes
 MAIN = "main.c"  # of a board; the processor in the loop has its own
 CODE, CONSTANTS, RAM = (
-    ("_CODE", "_HOME", "_GSINIT", "_GSFINAL"),
+    ("_CODE", "_HOME", "_BANK0", "_GSINIT", "_GSFINAL", "_BANK1"),
     ("_CONST",),
     ("_DATA", "_INITIALIZED", "_BSS"),
 )
@@ -171,14 +180,27 @@ def link(objects: Sequence[Path], output: Path) -> Path:
         if messages:
             raise CompileError(f"{path.stem}: SDCC {VERSION} does not link it:\n{messages}")
         areas, _ = read_map(folder / f"{path.stem}.map")
-        end = CODE_AT + sum(areas.get(area, 0) for area in (*CODE, *CONSTANTS, "_INITIALIZER"))
-        if end > DATA_AT:
-            raise CompileError(
-                f"{path.stem}: code and constants end at {end:#06x}, "
-                f"expected {DATA_AT:#06x} at most, where the data begin"
-            )
+        _check_room(path.stem, areas)
         (folder / f"{path.stem}.map").replace(path.with_suffix(".map"))
         return (folder / path.name).replace(path)
+
+
+def _check_room(what: str, areas: Sizes) -> None:
+    """Each part of the image ends where the next begins.
+
+    Raises:
+        CompileError: one does not.
+    """
+    resident = areas.get("_CODE", 0) + areas.get("_HOME", 0)
+    bank = areas.get("_BANK1", 0)
+    rest = sum(areas.get(area, 0) for area in (*CODE, *CONSTANTS, "_INITIALIZER")) - bank
+    for part, size, room in (
+        ("interrupt handlers and arithmetic", resident, BANKS_AT - CODE_AT),
+        ("code and constants beside the estimator", rest, DATA_AT - CODE_AT),
+        ("the estimator", bank, DATA_AT - BANKS_AT),
+    ):
+        if size > room:
+            raise CompileError(f"{what}: {part}: {size:,} bytes, expected {room:,} at most")
 
 
 def read_map(path: Path) -> tuple[Sizes, dict[str, int]]:

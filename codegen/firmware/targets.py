@@ -16,6 +16,7 @@ class Target:
         code, ram: bytes that the onboard program may take.
         addressed: the functions of the blocks know where their block lies, in `vest`, and use no pointer: a
             processor without indexed loads needs less code so.
+        banked: its address space has no room for the whole program: the estimator lies in a bank of its own.
         pvt: the receiver beside it is of today, which tells a fix in one message instead of three.
     """
 
@@ -26,6 +27,7 @@ class Target:
     ram: int
     pvt: bool = False
     addressed: bool = False
+    banked: bool = False
 
 
 TARGETS: dict[str, Target] = {
@@ -33,7 +35,11 @@ TARGETS: dict[str, Target] = {
     for t in (
         Target("host", "host", "any 32- or 64-bit processor with a POSIX system", 48_000, 4_000),
         Target("cortex-m4f", "cortex_m4f", "ARM Cortex-M4F", 48_000, 4_000, pvt=True),
-        Target("rabbit4000", "rabbit4000", "Rabbit 4000 (RCM4100), 58.98 MHz", 57_000, 4_000, addressed=True),
+        Target(
+            *("rabbit4000", "rabbit4000", "Rabbit 4000 (RCM4100), 58.98 MHz", 90_000, 4_000),
+            addressed=True,
+            banked=True,
+        ),
     )
 }
 

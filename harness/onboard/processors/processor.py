@@ -109,7 +109,9 @@ def open_processor(
         ProcessorError: the simulator cannot be started.
     """
     chosen = find_target(target)
-    files = bundle.library(values, navigation, constants=constants, addressed=chosen.addressed)
+    files = bundle.library(
+        values, navigation, constants=constants, addressed=chosen.addressed, banked=chosen.banked
+    )
     files |= bundle.processor_in_the_loop(navigation)
     # imported here: only users of a simulator need it
     module = import_module(f"harness.onboard.processors.{chosen.folder}")

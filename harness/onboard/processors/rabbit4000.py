@@ -8,7 +8,7 @@ import select
 import subprocess
 import time
 import weakref
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +41,22 @@ STATE = re.compile(
 )
 BREAKPOINT = re.compile(rb"Breakpoint \d+ at .*\n.*\n")
 NOTHING = re.compile(b"")
+DATA, EXTENDED = 0, 4  # kinds of records in an Intel hex file
 POINTER = re.compile(rb"^SP= 0x([0-9a-f]{4})", re.M)
+
+
+def left_out(path: Path) -> Iterator[tuple[int, bytes]]:
+    """The parts of an Intel hex file, with their addresses, that the simulator leaves out when it loads it.
+
+    It reads as far as the first address beyond 64 kB.
+    """
+    base = None
+    for line in path.read_text().split():
+        count, high, low, kind, *data = bytes.fromhex(line.removeprefix(":"))
+        if kind == EXTENDED:
+            base = int.from_bytes(data[:count]) << 16
+        elif kind == DATA and base is not None:
+            yield base + (high << 8 | low), bytes(data[:count])
 
 
 class Console:
@@ -62,6 +77,8 @@ class Console:
             raise ProcessorError(f"rabbit4000: the simulator cannot be started: {reason}") from None
         self.close = weakref.finalize(self, _end, self._process)  # at exit, too
         self._held = b""
+        for address, data in left_out(image.path):
+            self.write(address, data, "rom_chip")
 
     def ask(self, line: str, answer: re.Pattern[bytes]) -> re.Match[bytes]:
         """Send a command and wait for the answer. The console loses lines that come too early."""
@@ -80,6 +97,14 @@ class Console:
             self._read(end, pattern.pattern.decode())
         self._held = self._held[match.end() :]
         return match
+
+    def write(self, address: int, data: bytes, memory: str = "rom") -> None:
+        """Set bytes from an address on: a logical one, or of another of the simulator's memories."""
+        for i in range(0, len(data), LINE):
+            part = data[i : i + LINE]
+            last = address + i + (len(part) - 1) // 8 * 8  # it repeats the bytes, 8 on a line
+            line = f"set memory {memory} {address + i:#06x} {' '.join(str(b) for b in part)}"
+            self.ask(line, re.compile(rb"0x0*%x .*\n" % last))
 
     def memory(self, address: int, size: int) -> bytes:
         """Bytes from a logical address on."""
@@ -178,11 +203,7 @@ class Machine:
 
     def write(self, address: int, data: bytes) -> None:
         """Set bytes from a logical address on."""
-        for i in range(0, len(data), LINE):
-            part = data[i : i + LINE]
-            last = address + i + (len(part) - 1) // 8 * 8  # it repeats the bytes, 8 on a line
-            line = f"set memory rom {address + i:#06x} {' '.join(str(b) for b in part)}"
-            self._console.ask(line, re.compile(rb"%#06x .*\n" % last))
+        self._console.write(address, data)
 
     def memory(self, address: int, size: int) -> bytes:
         """Bytes from a logical address on."""

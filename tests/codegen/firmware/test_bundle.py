@@ -31,8 +31,10 @@ from elftools.elf.elffile import ELFFile
 import codegen
 from codegen.blocks.block_c import comment
 from codegen.firmware import bundle
-from codegen.firmware.bundle import BLOCKS, COSTS, SOURCES
+from codegen.firmware.bundle import BLOCKS, SOURCES
+from codegen.firmware.image import Image
 from codegen.firmware.navigation import DEFAULT, Navigation
+from codegen.firmware.rabbit4000 import read_map
 from codegen.firmware.record import is_mission
 from codegen.firmware.targets import TARGETS
 from codegen.firmware.telemetry import Flag, Refusal, Telemetry
@@ -42,12 +44,12 @@ from harness import main
 from harness.log.geodesy import TangentPlane
 from harness.onboard.instruments import InertialUnit, Receiver
 from harness.onboard.processors import Received, open_processor
+from harness.onboard.processors.rabbit4000 import BREAKPOINT, NOTHING, STOPPED, Console
 from harness.onboard.radio import Decoder, Mission, Position, Start, encode
 from models.canine_ahrs import CanineAhrs
 from models.canine_tracker import CanineTracker
 from models.errors import UsageError
 from models.four_state import FourState
-from models.seven_state import SevenState
 from tests.codegen.compiled import struct_members
 from tests.codegen.firmware.vest import LATITUDE, LONGITUDE, Send, lead, still
 
@@ -145,7 +147,8 @@ def test_a_bundle_builds_with_its_own_makefile_and_is_small_enough(
         assert bss <= TARGETS[target].ram
     if target == "rabbit4000":
         areas = map_areas(folder)
-        assert 0x80 + areas["_CODE"] + areas["_CONST"] <= TARGETS[target].code
+        flash = ("_CODE", "_HOME", "_BANK0", "_BANK1", "_CONST")
+        assert 0x80 + sum(areas.get(area, 0) for area in flash) <= TARGETS[target].code
         assert areas["_DATA"] <= TARGETS[target].ram
 
 
@@ -180,45 +183,29 @@ def test_what_a_constant_decides_builds_for_the_rabbit(tmp_path: Path) -> None:
     assert (tmp_path / "canine_ahrs.rel").stat().st_size > 0
 
 
-@pytest.mark.parametrize(("constants", "size"), [(False, "67,020"), (True, "65,200")])
-def test_a_program_that_the_processor_has_no_room_for_is_refused(
-    constants: bool, size: str, tmp_path: Path
-) -> None:
-    # given seven states and the AHRS, when firmware for the Rabbit is asked for
-    large = Navigation(SevenState, CanineAhrs)
-    with pytest.raises(UsageError) as refused:
-        bundle.write(TARGETS["rabbit4000"], tmp_path, {}, large, constants=constants)
-
-    # then it says why and what to do, and writes nothing; another processor has room
-    assert str(refused.value) == (
-        f"--target rabbit4000: seven_state+ahrs needs {size} bytes for code and constants, "
-        "and there is room for 57,000; nothing is written. "
-        "Leave out --ahrs, or choose another estimator or target"
-    )
-    assert list(tmp_path.iterdir()) == []
-    assert bundle.write(TARGETS["cortex-m4f"], tmp_path, {}, large, constants=constants)
+def _space(count: int) -> str:
+    """C that takes some bytes of code."""
+    return f"\nvoid filler(void) __naked {{ __asm .ds {count} __endasm; }}\n"
 
 
-def test_a_program_that_fits_with_constants_alone_says_so(tmp_path: Path) -> None:
-    ours = Navigation(CanineTracker, CanineAhrs)
-    with pytest.raises(
-        UsageError, match=r"58,740 bytes .* With --constants it needs 56,110 bytes and fits\."
-    ):
-        bundle.write(TARGETS["rabbit4000"], tmp_path, {}, ours)
-    assert list(tmp_path.iterdir()) == []
-    assert bundle.write(TARGETS["rabbit4000"], tmp_path, {}, ours, constants=True)
+PARTS = {  # of the Rabbit's memory: a file that adds to it, its areas, where it ends, and what is said beyond
+    "rest": ("parameters", ("_BANK0", "_CODE", "_HOME", "_CONST"), 0xE000, "code and constants reach into"),
+    "resident": ("port", ("_CODE", "_HOME"), 0x6000, "CODE reaches into the banks"),
+    "bank": (DEFAULT.name, ("_BANK1",), 0x8000, "the estimator is too large for its bank"),
+}
 
 
-def test_an_image_for_the_rabbit_that_reaches_into_the_ram_is_refused(tmp_path: Path, made: Make) -> None:
-    # given the bundle's objects, and constants that fill all below the RAM, so that start-up finds no room
+@pytest.mark.parametrize("part", PARTS)
+def test_an_image_for_the_rabbit_that_has_no_room_is_refused(part: str, tmp_path: Path, made: Make) -> None:
+    # given the bundle's objects, and a file that fills what is left of its part of the memory
+    file, areas, room, message = PARTS[part]
     settings = rabbit_tools()
-    cost = json.loads(COSTS.read_text())["rabbit4000"][DEFAULT.name]
-    filler = 0xE000 - cost["code_bytes"] - cost["constants_bytes"]
     for path in made("rabbit4000").iterdir():
         shutil.copy2(path, tmp_path)
-    (tmp_path / "parameters.c").write_text(
-        (tmp_path / "parameters.c").read_text() + f"const char filler[{filler}] = {{1}};\n"
-    )
+    sizes = map_areas(tmp_path)
+    left = room - sum(sizes.get(area, 0) for area in areas)
+    source = tmp_path / f"{file}.c"
+    source.write_text(source.read_text() + _space(left + 1))
 
     # when it is made
     done = subprocess.run(
@@ -227,8 +214,25 @@ def test_an_image_for_the_rabbit_that_reaches_into_the_ram_is_refused(tmp_path: 
 
     # then it says so, and leaves none
     assert done.returncode != 0
-    assert "code and constants reach into the RAM" in done.stdout
+    assert message in done.stdout
     assert not (tmp_path / "onboard.ihx").exists()
+
+
+def test_what_the_rabbits_estimator_calls_is_never_switched_out(made: Make) -> None:
+    # given the symbols that its object needs, and where the linker laid them
+    folder = made("rabbit4000")
+    needed = set(re.findall(r"^S (\w+) Ref", (folder / f"{DEFAULT.name}.rel").read_text(), re.M))
+    symbols = re.findall(r"^ +([0-9A-F]{8}) +(_\w+)", (folder / "onboard.map").read_text(), re.M)
+    places = {name: int(at, 16) for at, name in symbols}
+
+    # then they lie below the banks, or in the RAM; so do the handlers of interrupts
+    assert {"_vest", "___fsmul"} <= needed
+    handlers = {name for name in places if name.endswith("_interrupt")}
+    assert len(handlers) == 3
+    between = {n for n in needed | handlers if n in places and 0x6000 <= places[n] < 0xE000}
+    assert between == set()
+    # and the estimator itself lies in its bank
+    assert places[f"_banked_{DEFAULT.name}_step"] >= 0x16000
 
 
 # --- calls ---
@@ -736,40 +740,17 @@ class SimulatedRabbit:
     """
 
     def __init__(self, folder: Path) -> None:
-        text = (folder / "onboard.map").read_text()
-        self.at = {n: int(a, 16) for a, n in re.findall(r"^ +([0-9A-F]{8}) +_(\w+)", text, re.M)}
-        command: list[str | Path] = [
-            sdcc.home() / "bin" / "ucsim_rxk",
-            "-q",
-            "-P",
-            "-b",
-            "-t",
-            "R4K",
-            folder / "onboard.ihx",
-        ]
-        self.simulator = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, bufsize=0
-        )
-        self.output = b""
+        image = Image(folder / "onboard.ihx", read_map(folder / "onboard.map")[1])
+        self.at, self.console = image.symbols, Console(image)
         for name in ("port_clock_ms", "onboard_tick"):
-            self.ask(f"break {self.at[name]:#06x}", rb"Breakpoint \d+ at .*\n")
-
-    def ask(self, command: str, answer: bytes) -> re.Match[bytes]:
-        """What it prints to a command that matches."""
-        assert self.simulator.stdin
-        assert self.simulator.stdout
-        self.simulator.stdin.write(f"{command}\n".encode())
-        while not (match := re.search(answer, self.output, re.DOTALL)):
-            part = os.read(self.simulator.stdout.fileno(), 65536)
-            assert part, f"{command}: the simulator has ended"
-            self.output += part
-        self.output = self.output[match.end() :]
-        return match
+            self.console.ask(f"break {self.at[name]:#06x}", BREAKPOINT)
 
     def run(self) -> int:
         """Until the next stop; where that is."""
-        stop = self.ask("step 3000000 vclk", rb"Stop at 0x(\w+):.*?\nSP= 0x\w{4} (\w\w) (\w\w).*?\nF 0x\w+\n")
-        self.caller = int(stop[3] + stop[2], 16)  # the return address, if it is at the begin of a function
+        stop = self.console.ask("step 3000000 vclk", STOPPED)
+        stack = re.search(rb"\nSP= 0x\w{4} (\w\w) (\w\w)", stop[0])
+        assert stack
+        self.caller = int(stack[2] + stack[1], 16)  # the return address, if it is at the begin of a function
         return int(stop[1], 16)
 
     def run_to(self, name: str) -> None:
@@ -777,24 +758,23 @@ class SimulatedRabbit:
         assert self.run() == self.at[name], name
 
     def write(self, register: int, value: int) -> None:
-        self.ask(f"set memory rom {register:#06x} {value}", rb"\n0x%04x +%02x " % (register, value))
+        self.console.ask(f"set memory rom {register:#06x} {value}", re.compile(rb"0x\w+ .*\n"))
 
     def read(self, register: int) -> int:
-        command = f"dump /b ioi {register:#06x} {register:#06x}"
-        return self.ask(command, command.encode() + rb"\n(.)")[1][0]
+        dump = self.console.ask(
+            f"dump ioi {register:#06x} {register:#06x}", re.compile(rb"0x\w+ +(\w\w) .*\n")
+        )
+        return int(dump[1], 16)
 
     def interrupt(self, vector: int) -> None:
         """A handler in the place of a call of port_clock_ms, then that call again."""
-        back = self.caller
-        self.ask(f"break {back:#06x}", rb"Breakpoint \d+ at .*?\n")
-        self.ask(f"pc {vector:#06x}", rb"\n0x%04x .*?\n" % vector)
+        back, moved = self.caller, re.compile(rb"0x\w+ .*\n")
+        self.console.ask(f"break {back:#06x}", BREAKPOINT)
+        self.console.ask(f"pc {vector:#06x}", moved)
         assert self.run() == back
-        self.ask(f"clear {back:#06x}\npc {back - 3:#06x}", rb"\n0x%04x .*?\n" % (back - 3))
+        self.console.ask(f"clear {back:#06x}", NOTHING)
+        self.console.ask(f"pc {back - 3:#06x}", moved)
         self.run_to("port_clock_ms")
-
-    def close(self) -> None:
-        self.simulator.kill()
-        self.simulator.communicate()
 
 
 def test_the_rabbits_port_moves_bytes_both_ways_with_its_registers_as_memory(
@@ -858,7 +838,7 @@ def test_the_rabbits_port_moves_bytes_both_ways_with_its_registers_as_memory(
     rabbit.run_to("port_clock_ms")
     rabbit.write(rtc1r, 16)
     rabbit.run_to("onboard_tick")
-    rabbit.close()
+    rabbit.console.close()
 
 
 # --- rings ---

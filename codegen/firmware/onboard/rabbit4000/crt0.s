@@ -1,10 +1,11 @@
 ; crt0: from reset to main on the Rabbit 4000
 ;
-; Logical memory, by the linker's options:
-;   0x0000          this start-up, code and constants: flash at /CS0, there from reset on
-;   s__DATA         static data, from a boundary of 4 kB on: RAM at /CS1, physical = logical + 0x80000
-;   0xffff          the stack, downwards from here: the same RAM
-; The last 8 kB are the window of XPC, which is set once and left: no code is banked. Data may begin there.
+; Logical memory:
+;   0x0000 - 0x5fff  this start-up, interrupt handlers, arithmetic, what fits: flash at /CS0, there from reset on
+;   0x6000 - 0xdfff  one of two banks of flash, the data segment: the rest of the program, or the estimator,
+;                    which banks.s switches in (physical = logical + 0x10000)
+;   0xe000 - 0xffff  static data, and from the end downwards the stack: RAM at /CS1, by the window of XPC
+;                    (physical = logical + 0x80000)
 ;
 ; Interrupts stay off, as reset left them (priority 3), until port_init has set the table of vectors and lowers the
 ; priority. The watchdog, 2 s after reset, is reset by the port as well.
@@ -14,18 +15,22 @@
 	.globl	s__DATA, l__DATA, s__INITIALIZER, s__INITIALIZED, l__INITIALIZER
 
 DATASEG	.equ	0x12		; data segment: physical = logical + 0x1000 * this
+DATASEGH .equ	0x1f		; bits 11 to 8 of that
 SEGSIZE	.equ	0x13		; first 4 kB of the stack segment (bits 7 to 4) and of the data segment (3 to 0)
 MB2CR	.equ	0x16		; what answers from physical 0x80000 to 0xbffff
 RAM	.equ	0x05		; /CS1, /OE1, /WE1, 4 wait states: the slowest
 AT_RAM	.equ	0x80
+BANKS	.equ	0xe6		; from 0x6000 to 0xdfff; no stack segment
 
 	; ---------------- in the order of memory
 	.area	_CODE
 	.area	_HOME
+	.area	_BANK0
 	.area	_CONST
 	.area	_INITIALIZER
 	.area	_GSINIT
 	.area	_GSFINAL
+	.area	_BANK1
 	.area	_DATA
 	.area	_INITIALIZED
 	.area	_BSEG
@@ -38,17 +43,13 @@ AT_RAM	.equ	0x80
 	ioi
 	ld	(MB2CR), a
 	ld	a, #AT_RAM
+	ld	xpc, a
+	xor	a, a
+	ioi
+	ld	(DATASEGH), a		; the simulator begins with 1 here
 	ioi
 	ld	(DATASEG), a
-	ld	xpc, a
-	ld	hl, #s__DATA		; its upper four bits: where the data segment begins
-	ld	a, h
-	rrca
-	rrca
-	rrca
-	rrca
-	and	a, #0x0f
-	or	a, #0xe0		; it ends where the window begins: the stack segment is empty
+	ld	a, #BANKS
 	ioi
 	ld	(SEGSIZE), a
 	ld	sp, #0			; the first push goes to 0xfffe

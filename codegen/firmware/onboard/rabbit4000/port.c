@@ -20,6 +20,8 @@
 
 #include <rab/r3ka.h>
 
+#pragma codeseg CODE /* never switched out: an interrupt may come while the other bank is in */
+
 /* Of the peripherals: twice the crystal's 29.4912 MHz, so board_start must switch the doubler on. */
 #ifndef BOARD_CLOCK_HZ
 #define BOARD_CLOCK_HZ 58982400UL
