@@ -343,7 +343,8 @@ def prove_rules(
     canine prove watchdog cmec.aim                a unit of the C, or one proof
     canine prove                                  all of them: minutes
 
-    The model checker CBMC does it; where it is missing it is fetched from Debian (30 MB).
+    The model checker CBMC does it; where it is missing it is fetched from Debian (30 MB). For any parameters,
+    and for what can be reached, the solver z3 does it on the controller's model: guided-canine[z3] has it.
     """
     from tempfile import TemporaryDirectory
 

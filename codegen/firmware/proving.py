@@ -1,7 +1,8 @@
 """Proofs of the C that ships, by the model checker CBMC: what each shows, and what it takes for granted.
 
 Their sources are in `proofs/`: `unit.name` is the function `prove_name` of `prove_unit.c`. CBMC follows every
-path for every value that a proof leaves open.
+path for every value that a proof leaves open. Those of the unit `graph` are about the controller's model, by
+the solver z3 (graph.py).
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from codegen.blocks.block_c import write_files
+from codegen.firmware import graph
 from codegen.firmware.bundle import library
 from codegen.toolchains import cbmc
 from models.errors import UsageError
@@ -63,10 +65,15 @@ class Proof:
     long: bool = False
     short: bool = False
 
+    @property
+    def tool(self) -> str:
+        """What proves it."""
+        return "z3" if self.name.startswith("graph.") else "CBMC"
+
 
 @dataclass(frozen=True)
 class Verdict:
-    """What CBMC says of a proof.
+    """What CBMC or z3 says of a proof.
 
     Attributes:
         failed: properties that do not hold: line and property.
@@ -83,6 +90,7 @@ class Verdict:
         return {
             "rule": proof.rule,
             "proof": proof.name,
+            "tool": proof.tool,
             "claim": proof.claim,
             "holds": not self.failed,
             "seconds": round(self.seconds, 1),
@@ -91,11 +99,11 @@ class Verdict:
         }
 
     def text(self) -> str:
-        """The verdict in lines: rule, proof, verdict, seconds; claim, assumptions, and what fails."""
+        """The verdict in lines: rule, proof, tool, verdict, seconds; claim, assumptions, and what fails."""
         proof = self.proof
         rule = "" if proof.rule is None else f"rule {proof.rule}"
         verdict = "FAILS" if self.failed else "holds"
-        lines = [f"{rule:9}{proof.name:24}{verdict}  {self.seconds:6.1f} s  {proof.claim}"]
+        lines = [f"{rule:9}{proof.name:24}{proof.tool:5}{verdict}  {self.seconds:6.1f} s  {proof.claim}"]
         if proof.assumes:
             lines.append(f"{'':9}assumes: {'; '.join(proof.assumes)}")
         return "\n".join([*lines, *(f"{'':9}fails: {failed}" for failed in self.failed)])
@@ -274,7 +282,40 @@ PROOFS = (
     _rule(12, "start", "the program starts with nobody led"),
     _rule(12, "silence", "nobody leads: in each mode STOP for `stop_hold`, then silence"),
 )
-NAMED = {proof.name: proof for proof in PROOFS}
+REAL = "real numbers in place of floats; inputs are numbers"
+TIMES = f"any parameters; {', '.join(graph.TIMES)} of two ticks at least"
+STRAIGHT = "times, counts and angles are free; the animal is south of its target"
+
+
+def _graph(rule: int | None, name: str, claim: str, *assumes: str) -> Proof:
+    """A proof on the controller's graph."""
+    return Proof(f"graph.{name}", claim, rule, assumes=(REAL, *assumes))
+
+
+GRAPH = (
+    _graph(None, "state", "a tick leaves a state that the proofs on the graph assume", TIMES, MISSION),
+    _graph(2, "switch", "LEFT and RIGHT never follow each other directly, for any times", TIMES, MISSION),
+    _graph(
+        2,
+        "rest",
+        "they begin at rest behind a held STOP, or behind `dead_time`; they last `turn_timeout`: any times",
+        TIMES,
+        MISSION,
+    ),
+    _graph(4, "ends", "a trial ends within `mission_time`, for any times", TIMES, MISSION, NO_RECALL),
+    _graph(
+        None,
+        "livelock",
+        "FORWARD behind a stop is not stopped on the next tick, unless the animal turned or moved",
+        TIMES,
+        MISSION,
+        "`limit_stop_deviation` is on, as shipped",
+    ),
+    _graph(None, "modes", "each mode is reached from the start; the model repeats the runs", STRAIGHT),
+    _graph(None, "rows", "no row of the table is shadowed by those before it; the model takes each", TIMES),
+)
+ALL = (*PROOFS, *GRAPH)
+NAMED = {proof.name: proof for proof in ALL}
 
 
 def find(chosen: Sequence[str] = ()) -> list[Proof]:
@@ -285,13 +326,13 @@ def find(chosen: Sequence[str] = ()) -> list[Proof]:
     """
     proofs: list[Proof] = []
     for word in chosen:
-        matching = [p for p in PROOFS if word in (p.name, p.name.split(".")[0], str(p.rule))]
+        matching = [p for p in ALL if word in (p.name, p.name.split(".")[0], str(p.rule))]
         if not matching:
-            rules = ", ".join(sorted({str(p.rule) for p in PROOFS if p.rule is not None}, key=int))
-            units = ", ".join(dict.fromkeys(p.name.split(".")[0] for p in PROOFS))
+            rules = ", ".join(sorted({str(p.rule) for p in ALL if p.rule is not None}, key=int))
+            units = ", ".join(dict.fromkeys(p.name.split(".")[0] for p in ALL))
             raise UsageError(f"{word}: no such proof; rules that are proved: {rules}; units: {units}")
         proofs += [p for p in matching if p not in proofs]
-    return proofs or list(PROOFS)
+    return proofs or list(ALL)
 
 
 def write_sources(folder: Path) -> None:
@@ -301,7 +342,7 @@ def write_sources(folder: Path) -> None:
 
 
 def prove(proof: Proof, folder: Path, more: Sequence[str] = (), timeout: float = TIMEOUT) -> Verdict:
-    """Ask CBMC for a proof, in a folder with the sources.
+    """Ask CBMC for a proof, in a folder with the sources; z3 for one on the graph.
 
     Args:
         more: further options of CBMC.
@@ -309,9 +350,13 @@ def prove(proof: Proof, folder: Path, more: Sequence[str] = (), timeout: float =
     Raises:
         CbmcError: no answer in time (s), or CBMC refuses the C.
         ToolchainError: there is no CBMC.
+        GraphError: z3 has no answer.
+        SolverError: there is no z3.
     """
     unit, function = proof.name.split(".")
     begun = time.monotonic()
+    if unit == "graph":
+        return Verdict(proof, graph.prove(function), time.monotonic() - begun)
     answer = cbmc.check(
         [f"prove_{unit}.c"],
         f"prove_{function}",

@@ -32,8 +32,8 @@ def test_proofs_that_hold_are_printed_with_rule_seconds_and_assumptions(
     status, output, _ = canine(capsys, "prove", "8", "watchdog")
     assert status == 0
     begin, step, assumptions = output.splitlines()
-    assert begin.split()[:6] == ["rule", "8", "onboard.begin", "holds", "0.5", "s"]
-    assert step.split()[:4] == ["watchdog.step", "holds", "0.5", "s"]
+    assert begin.split()[:7] == ["rule", "8", "onboard.begin", "CBMC", "holds", "0.5", "s"]
+    assert step.split()[:5] == ["watchdog.step", "CBMC", "holds", "0.5", "s"]
     assert assumptions.strip() == "assumes: parameters as the firmware ships"
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from codegen.firmware import proving
-from codegen.firmware.proving import NAMED, PROOFS, SHORT_INT, SOURCES, Proof
+from codegen.firmware.proving import GRAPH, NAMED, PROOFS, SHORT_INT, SOURCES, Proof
 from codegen.toolchains import cbmc
 from codegen.toolchains.debian import ToolchainError
 from models.errors import UsageError
@@ -85,7 +85,8 @@ def test_every_function_of_the_proofs_is_listed() -> None:
 def test_proofs_are_found_by_rule_unit_and_name() -> None:
     assert [p.name for p in proving.find(["8", "onboard.begin", "mt.value"])] == ["onboard.begin", "mt.value"]
     assert {p.name for p in proving.find(["ubx"])} == {p.name for p in PROOFS if p.name.startswith("ubx.")}
-    assert proving.find() == list(PROOFS)
+    assert [p.name for p in proving.find(["graph"])] == [p.name for p in GRAPH]
+    assert proving.find() == [*PROOFS, *GRAPH]
 
 
 def test_unknown_rule_is_refused_with_those_that_there_are() -> None:
