@@ -36,7 +36,7 @@ READINGS[ON_BOARD] = {
     **READINGS["calibrated"],
     "cmec.reset_turns": True,
     "cmec.guarded": True,
-    "cmec.rest_speed_sd": 1.0,  # m/s
+    "cmec.rest_speed_sd": 0.3,  # m/s: V'; a dog that walks at 1.5 m/s is then five deviations from rest
 }
 for estimator, block in ESTIMATORS.items():
     READINGS[ON_BOARD] |= {

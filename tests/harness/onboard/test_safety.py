@@ -75,6 +75,7 @@ def begun(mission: Mission = NORTH, heading: float = 0.0) -> Iterator[Animal]:
         animal = Animal(vest, heading)
         animal.ticks(2.0, still, Heartbeat())
         animal.tick(still, mission, fix=False)
+        animal.ticks(1.0, still, Heartbeat())  # the mission is projected place by place
         animal.tick(still, Start(mission.id), fix=False)
         vest.played.clear()
         yield animal
