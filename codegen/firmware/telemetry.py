@@ -18,6 +18,7 @@ POSITION_UNIT = math.radians(1e-7)  # rad: latitudes and longitudes on board and
 UNITS: dict[str, tuple[str, float]] = {  # by radio: SI, factor to it
     "": ("", 1),
     "ms": ("s", 1e-3),
+    "ds": ("s", 1e-1),
     "1e-7 deg": ("rad", POSITION_UNIT),
     "1e-4 rad": ("rad", 1e-4),
     "cm/s": ("m/s", 1e-2),
@@ -172,6 +173,14 @@ class Telemetry:
     status: Annotated[int, Wire("uint8_t", "", "how the trial stands")]
     waypoint: Annotated[int, Wire("uint8_t", "", "number of waypoints reached")]
     anomaly: Annotated[int, Wire("uint8_t", "", "what keeps the controller from deciding")]
+    last_anomaly: Annotated[
+        int, Wire("uint8_t", "", "the controller's last one since START, such as a limit broken")
+    ]
+    issues_left: Annotated[
+        int, Wire("uint16_t", "", "LEFT and RIGHT that may be issued, 65535 without limits")
+    ]
+    vibration_left: Annotated[int, Wire("uint16_t", "ds", "that the budget leaves, 6553.5 s without limits")]
+    tone_left: Annotated[int, Wire("uint16_t", "ds", "that the budget leaves, 6553.5 s without limits")]
     flags: Annotated[int, Wire("uint8_t", "", f"conditions on board, the lowest bit first: {Flag.listed()}")]
     ready: Annotated[int, Wire("uint32_t", "", f"what a START needs, the lowest bit first: {Ready.listed()}")]
     refusal: Annotated[int, Wire("uint8_t", "", "why the last START was refused, 0 once one was accepted")]

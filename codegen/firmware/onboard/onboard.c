@@ -19,9 +19,13 @@
 #define MAX_SHIFT 100000000  /* 1e-7 deg: limit of an estimate's distance from the origin in telemetry */
 #define ORIGIN_H_ACC 100000U /* mm, mm/s: accuracy that a fix needs to settle the plane */
 #define ORIGIN_S_ACC 10000U
+#define ISSUES 0U /* places in the controller's budget */
+#define VIBRATION 1U
+#define TONE 2U
 
-#ifndef CMEC_CAPTURE_RADIUS /* a bundle with constants has it */
+#ifndef CMEC_CAPTURE_RADIUS /* a bundle with constants has them */
 #define CMEC_CAPTURE_RADIUS (m->controller.par.capture_radius)
+#define CMEC_GUARDED (m->controller.par.guarded)
 #endif
 
 /* Get the next bytes of a source; `blocks` counts those that may still be read in this tick. Returns false if
@@ -289,7 +293,10 @@ static void begin(onboard *m)
             m->refusal = REFUSAL_OTHER_MISSION;
         } else if (!m->controller.in.start || (m->controller.out.status != (int16_t)CMEC_STATUS_RUNNING)) {
             m->refusal = refusal_of(readiness(m));
-            m->controller.in.start = m->controller.in.start || (m->refusal == 0U);
+            if (m->refusal == 0U) {
+                m->controller.in.start = true;
+                m->last_anomaly = 0U;
+            }
         } else {
             /* it is under way */
         }
@@ -307,6 +314,9 @@ static void decide(onboard *m)
     m->controller.in.override = (int16_t)override_of(m);
     m->controller.in.link_ok = m->watchdog.out.link_ok;
     cmec_step(&m->controller);
+    if (m->controller.out.anomaly != (int16_t)CMEC_ANOMALY_NONE) {
+        m->last_anomaly = (uint8_t)m->controller.out.anomaly;
+    }
     if (m->controller.in.start && (m->controller.out.mode == (int16_t)CMEC_MODE_IDLE)) {
         m->controller.in.start = false; /* bad input kept it from beginning */
         m->refusal = REFUSAL_NO_ESTIMATE;
@@ -374,6 +384,19 @@ static void keep_on_earth(int32_t *latitude, int32_t *longitude)
     }
 }
 
+/* What the budget leaves of issues, vibration or tones: issues, or ticks (rule 3). Without limits it is endless. */
+static uint32_t left_of(const onboard *m, uint8_t kind)
+{
+    const int32_t left = m->controller.state.allowance[kind] - m->controller.state.spent[kind];
+
+    return CMEC_GUARDED ? ((left > 0) ? (uint32_t)left : 0U) : UINT32_MAX / ONBOARD_TICK_MS;
+}
+
+static uint16_t time_left(const onboard *m, uint8_t kind)
+{
+    return at_most_u16((left_of(m, kind) * ONBOARD_TICK_MS) / 100U);
+}
+
 static void report(onboard *m)
 {
     uint8_t frame[LINK_TELEMETRY_SIZE];
@@ -403,6 +426,10 @@ static void report(onboard *m)
     t.status = to_u8(m->controller.out.status);
     t.waypoint = to_u8(m->controller.out.waypoint);
     t.anomaly = to_u8(m->controller.state.overruled);
+    t.last_anomaly = m->last_anomaly;
+    t.issues_left = at_most_u16(left_of(m, ISSUES));
+    t.vibration_left = time_left(m, VIBRATION);
+    t.tone_left = time_left(m, TONE);
     t.valid = m->estimator.out.valid;
     t.imu_ok = m->watchdog.out.imu_ok;
     t.link_ok = m->watchdog.out.link_ok;

@@ -31,7 +31,8 @@ HOME = Position(32.6, -85.49)
 TOLD = Telemetry(
     time_ms=61_200, latitude=326_000_000, longitude=-854_900_000, speed=-35, heading=-31_415, position_sd=210,
     speed_sd=40, distance=253, deviation=1571, directional_commands=7, command=4, mode=3, status=1,
-    waypoint=2, anomaly=0, flags=Flag.VALID | Flag.STARTED,
+    waypoint=2, anomaly=0, last_anomaly=9, issues_left=65_535, vibration_left=240, tone_left=0,
+    flags=Flag.VALID | Flag.STARTED,
     ready=Ready.LINK | Ready.FIRST_LEG, refusal=Refusal.OUT_OF_REACH, mission_id=0xBEEF, received=9,
     gps_frames=700, gps_errors=1, imu_frames=1530, imu_errors=0, link_errors=65_535,
 )  # fmt: skip
@@ -70,11 +71,11 @@ def test_a_message_becomes_the_frame_of_the_layout(message: Heartbeat, body: str
 
 def test_telemetry_frame_is_that_of_the_layout() -> None:
     frame = encode(TOLD, 300)  # number 44 modulo 256
-    assert len(frame) == 55
-    assert frame[:5] == bytes.fromhex("a55a 10 2c 30")
+    assert len(frame) == 64
+    assert frame[:5] == bytes.fromhex("a55a 10 2c 39")
     assert frame[5:-2] == bytes.fromhex(
-        "0000ef10 136e5d80 cd0b42e0 ffdd 8549 00d2 0028 00fd 0623 0007 04 03 01 02 00 21 0101 08 beef 09"
-        "02bc 0001 05fa 0000 ffff"
+        "0000ef10 136e5d80 cd0b42e0 ffdd 8549 00d2 0028 00fd 0623 0007 04 03 01 02 00 09 ffff 00f0 0000 21"
+        "00000101 08 beef 09 02bc 0001 05fa 0000 ffff"
     )
 
 

@@ -19,7 +19,7 @@ from codegen.firmware.telemetry import Flag
 from harness.onboard.radio import Abort, Heartbeat, Mission, Override, Start
 from models.commands import Command, Status
 from models.kit.timing import TICK
-from models.modes import Mode
+from models.modes import Anomaly, Mode
 from models.system import SYSTEMS
 from tests.harness.onboard.animal import Animal, Behaviour, Motion, obedient
 from tests.harness.onboard.vest import PLANE, Vest, place
@@ -38,7 +38,7 @@ TEN_MINUTES = 600.0  # s
 # the limits that ship (SAFETY.md, rules 3, 4 and 12)
 LEG_ISSUES, LEG_VIBRATION, LEG_TONE = 8, 24.0, 300.0  # , s, s
 LONGEST_VIBRATION, LONGEST_TONE, LONGEST_STOP = 5.0, 300.0, 10.0  # s
-WINDOW, WINDOW_VIBRATION = 120.0, 80.0  # s
+WINDOW, WINDOW_VIBRATION, WINDOW_TONE = 120.0, 80.0, 240.0  # s
 TURN = 3.0  # s: DELTHRESH2
 HELD = 1.52  # s: a stop lasts 1.5 s, which are 38 ticks
 PROGRESS, DEPARTING, FENCE = 20.0, 30.0, 50.0  # s, m, m
@@ -189,6 +189,35 @@ def test_rule_3_what_the_operator_holds_or_repeats_ends_within_the_budget(
     if command in DIRECTIONS:
         assert issues(played) == LEG_ISSUES
         assert silent_from(played) <= 2.0 * LEG_ISSUES + HELD + 2 * TICK
+
+
+def test_rule_3_telemetry_tells_what_is_left_of_the_budget_and_what_broke_it() -> None:
+    # given an animal that ignores its turn, when it has been turned for a while
+    with begun(heading=math.pi / 3) as animal:
+        played = animal.ticks(10.0, still, Heartbeat())
+        told = animal.vest.telemetry
+        # then what is left and what was played make the budget; telemetry comes once a second
+        assert 1 <= issues(played) < LEG_ISSUES
+        assert told.issues_left == LEG_ISSUES - issues(played)
+        assert told.vibration_left / 10 == pytest.approx(
+            LEG_VIBRATION - seconds(played, *DIRECTIONS), abs=1.1
+        )
+        # and the window began with the stop of the power-up
+        assert told.tone_left / 10 == pytest.approx(WINDOW_TONE - HELD - seconds(played, *TONES), abs=0.2)
+        assert told.last_anomaly == Anomaly.TURN_FAILURE
+        # when it is spent, then nothing is left, and that has ended the trial
+        animal.ticks(40.0, still, Heartbeat())
+        told = animal.vest.telemetry
+        assert (told.issues_left, told.vibration_left) == (0, 0)
+        assert told.last_anomaly == Anomaly.BUDGET_SPENT
+        # when the mission begins anew, then all of it is there again
+        animal.tick(still, Abort(), fix=False)
+        animal.ticks(2.0, still, Heartbeat())
+        animal.tick(still, Start(NORTH.id), fix=False)
+        animal.ticks(1.2, still, Heartbeat())
+        told = animal.vest.telemetry
+        assert (told.issues_left, told.vibration_left) == (LEG_ISSUES, 10 * LEG_VIBRATION)
+        assert told.last_anomaly == Anomaly.NONE
 
 
 @pytest.mark.parametrize("under_way", [True, False])
