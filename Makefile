@@ -4,7 +4,7 @@ PYTHON ?= python3
 UV := uv==0.13.9
 BIN := .venv/bin
 
-.PHONY: demo test pil lint bench clean
+.PHONY: demo test pil lint bench mutants clean
 
 demo: .venv/ready
 	$(BIN)/canine run three_waypoint --seed 1 --out out/demo
@@ -36,6 +36,10 @@ lint: .venv/ready
 
 bench: .venv/ready
 	$(BIN)/python -m tests.bench
+
+# Small faults in the safety code that no test notices; ONLY=link.c, ONLY=cmec.py:120 or ONLY="part of a line".
+mutants: .venv/ready
+	@$(BIN)/python -m tests.mutants $(if $(ONLY),"$(ONLY)") $(if $(JOBS),--jobs $(JOBS))
 
 clean:
 	rm -rf .venv out fmus/build .coverage

@@ -1,0 +1,1 @@
+"""Mutation testing: small faults, each of which a test must notice."""
