@@ -109,7 +109,8 @@ def canine(
     canine tune ../walk                           an estimator's noise, from a recording's innovations
     canine study outage                           estimators through outages, beside the text's numbers
     canine sweep two                              many trials at each value of a parameter
-    canine firmware --target cortex-m4f --out fw  the onboard program's sources
+    canine keygen --out vest.key                  a vest's radio key
+    canine firmware --target cortex-m4f --key vest.key --out fw     the onboard program's sources
     canine pil --target cortex-m4f                runs them on the simulated processor, bit by bit
     canine export out/demo/trial.mcap --to csv    a log as files that other tools read
     canine scenarios                              the trials that come with the project
@@ -258,6 +259,12 @@ def firmware(
     target: Annotated[str, typer.Option(help=f"one of {', '.join(TARGETS)}")],
     folder: Annotated[Path, typer.Option("--out", file_okay=False, metavar="DIR", help="where it is put")],
     *,
+    key: Annotated[
+        Path | None, typer.Option("--key", metavar="FILE", help="the vest's radio key, by `canine keygen`")
+    ] = None,
+    insecure: Annotated[
+        bool, typer.Option("--insecure", help="without a key: whoever has such a radio can command the vest")
+    ] = False,
     parameters: Annotated[
         str, typer.Option(metavar="SCENARIO.toml", help="whose parameters it gets; start values by default")
     ] = "",
@@ -269,20 +276,52 @@ def firmware(
     """Write the sources of the onboard program for a processor: estimator, controller, drivers, main loop.
 
     \b
-    canine firmware --target cortex-m4f --out firmware
-    canine firmware --target rabbit4000 --parameters my.toml --constants --out firmware
-    canine firmware --target host --set cmec.moving_deviation=37 --out firmware
-    canine firmware --target cortex-m4f --estimator canine_tracker --ahrs --out firmware
+    canine firmware --target cortex-m4f --key vest.key --out firmware
+    canine firmware --target rabbit4000 --key vest.key --parameters my.toml --constants --out firmware
+    canine firmware --target host --insecure --set cmec.moving_deviation=37 --out firmware
+    canine firmware --target cortex-m4f --key vest.key --estimator canine_tracker --ahrs --out firmware
 
-    Waypoints come by radio, not with the parameters.
+    Waypoints come by radio, not with the parameters. The key is written into key.c, which only its owner may
+    read.
     """
     from codegen.firmware import bundle
+    from codegen.firmware.key import read
     from harness.trial.firmware import firmware_of
 
+    if (key is None) != insecure:
+        raise UsageError(
+            f"{'both --key and' if insecure else 'neither --key nor'} --insecure given, expected one: "
+            "--key FILE with the vest's radio key (`canine keygen` makes one), or --insecure for a program "
+            "that obeys whoever has such a radio"
+        )
     processor = find_target(target)
+    secret = read(key) if key else None
     navigation, values = firmware_of(parameters, settings or [], estimator, ahrs=ahrs)
-    paths = bundle.write(processor, folder, values, navigation, constants=constants)
+    paths = bundle.write(processor, folder, values, navigation, constants=constants, key=secret)
     typer.echo(f"{len(paths)} files for {processor.processor} in {_short(folder)}: see README.md there")
+    if secret is None:
+        _note("INSECURE: whoever has such a radio can command this vest; its telemetry says so")
+
+
+@app.command()
+def keygen(
+    file: Annotated[Path, typer.Option("--out", dir_okay=False, metavar="FILE", help="a new file")] = Path(
+        "vest.key"
+    ),
+) -> None:
+    """Make a vest's radio key: 128 random bits, in a file that only its owner may read.
+
+    \b
+    canine keygen --out rex.key
+    canine firmware --target cortex-m4f --key rex.key --out firmware
+
+    Whoever has the file can command the vest: keep it off shared disks, out of repositories and mail. A vest
+    and its laptop have one key, another vest another. An existing file is not overwritten.
+    """
+    from codegen.firmware.key import write_new
+
+    write_new(file)
+    typer.echo(f"{_short(file)}: a new radio key. Whoever can read it can command the vest")
 
 
 @app.command("pil")

@@ -290,7 +290,11 @@ class _Generator:
         return writer.lines, operations
 
 
-def write_files(files: dict[str, str], folder: Path) -> list[Path]:
-    """Write generated files into a folder (made if need be), each whole or not at all."""
+def write_files(files: dict[str, str], folder: Path, mode: int | None = None) -> list[Path]:
+    """Write generated files into a folder (made if need be), each whole or not at all.
+
+    Args:
+        mode: of the files, as chmod takes it; None for the process's own.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    return [write_whole(folder / name, text.encode()) for name, text in files.items()]
+    return [write_whole(folder / name, text.encode(), mode) for name, text in files.items()]

@@ -16,6 +16,7 @@ from typing import Any
 
 from codegen.blocks.block_c import comment, generate, start_literal, write_files
 from codegen.firmware.fixes import MESSAGES, limits
+from codegen.firmware.key import PRIVATE, SIMULATION_KEY, Key
 from codegen.firmware.navigation import DEFAULT, Navigation
 from codegen.firmware.record import Entry, drivers, is_mission, of_block, words_of
 from codegen.firmware.structs import Headers, read_headers
@@ -32,6 +33,7 @@ from models.system import ESTIMATORS
 
 SOURCES = Path(__file__).parent / "onboard"
 TEMPLATES = environment(Path(__file__).parent / "templates")
+KEY_FILE = "key.c"
 SUMS = "SHA256SUMS"  # of a bundle's files, as `sha256sum -c` reads it
 PORT = "port.c"  # each target's own, by the same name
 COSTS = SOURCES / "costs.json"  # by target and estimator, measured by the processor in the loop
@@ -99,6 +101,7 @@ def library(
     constants: bool = False,
     addressed: bool = False,
     banked: bool = False,
+    key: Key | None = SIMULATION_KEY,
 ) -> dict[str, str]:
     """The sources that are the same for every target, file name to text.
 
@@ -108,6 +111,7 @@ def library(
         constants: parameters are macros of the blocks' headers instead of fields.
         addressed: the blocks' functions know where their block lies (see `Target`).
         banked: the estimator's are called by way of banks.s (see `Target`).
+        key: of the radio; None: frames are not verified.
     """
     files: dict[str, str] = {}
     blocks = navigation.blocks
@@ -124,7 +128,7 @@ def library(
             instance=f"vest.{member}" if addressed else "",
             preset=True,
         )
-    files |= program(navigation)
+    files |= program(navigation) | key_files(key)
     if banked:
         estimator = navigation.estimator.title()
         functions = [f"{estimator}_{name}" for name in ENTRIES]
@@ -135,6 +139,13 @@ def library(
     context = {"tables": [] if constants else list(_tables(blocks, chosen))}
     files["parameters.c"] = TEMPLATES.get_template("parameters.c.jinja").render(context)
     return files
+
+
+def key_files(key: Key | None) -> dict[str, str]:
+    """The radio's key as C, file name to text; KEY_FILE is secret."""
+    context = {"key": list(key.data) if key else [], "simulation": key == SIMULATION_KEY}
+    names = ("key.h", KEY_FILE) if key else ("key.h",)
+    return {name: TEMPLATES.get_template(f"{name}.jinja").render(context) for name in names}
 
 
 def _tables(blocks: Mapping[str, type[Block]], chosen: Values) -> Iterator[dict[str, Any]]:
@@ -169,9 +180,12 @@ def bundle(
     navigation: Navigation = DEFAULT,
     *,
     constants: bool = False,
+    key: Key | None = SIMULATION_KEY,
 ) -> dict[str, str]:
     """A processor's project except its board, file name to text (see `library`)."""
-    files = library(values, navigation, constants=constants, addressed=target.addressed, banked=target.banked)
+    files = library(
+        values, navigation, constants=constants, addressed=target.addressed, banked=target.banked, key=key
+    )
     for source in sorted((SOURCES / target.folder).iterdir()):
         if not source.name.startswith("pil"):
             files[source.name] = source.read_text()
@@ -181,6 +195,7 @@ def bundle(
         | {
             "target": target,
             "constants": constants,
+            "key": key,
             "sources": sorted(name for name in files if name.endswith(".c")),
             "assembly": sorted(name for name in files if name.endswith(".s")),
             "navigation": navigation,
@@ -200,6 +215,7 @@ def write(
     values: Values | None = None,
     navigation: Navigation = DEFAULT,
     *,
+    key: Key | None,
     constants: bool = False,
 ) -> list[Path]:
     """Write the bundle into a folder, which is made if need be; the files written, each whole or not at all.
@@ -212,7 +228,7 @@ def write(
         UsageError: the folder cannot be written, holds another target's bundle, or has such a file by a name
             of the bundle's. Then nothing is written.
     """
-    files = bundle(target, values, navigation, constants=constants)
+    files = bundle(target, values, navigation, constants=constants, key=key)
     files[SUMS] = "".join(f"{_digest(text.encode())}  {name}\n" for name, text in sorted(files.items()))
     try:
         made, there = _made_here(folder), _contents(folder)
@@ -231,7 +247,9 @@ def write(
                 f"--out {folder}: changed after being made, or not made here: {', '.join(foreign)}; "
                 "nothing is written. Move them away, or choose another folder"
             )
-        paths = write_files(files, folder)
+        secret = {name: text for name, text in files.items() if name == KEY_FILE}
+        paths = write_files({n: t for n, t in files.items() if n not in secret}, folder)
+        paths += write_files(secret, folder, PRIVATE)
         for name in unchanged - files.keys():
             (folder / name).unlink()
         return paths

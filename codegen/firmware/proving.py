@@ -37,6 +37,7 @@ EXACT = "tones and vibration of less than seven days since power-up"
 NO_RECALL = "`fence_recall` is off, as shipped"
 YOUNG = "no counter has reached 2e9: two and a half years of ticks"
 MISSION = "home and waypoints lie within 100 km of the origin"
+TAG = "the tag of a frame is any, but one: SipHash-2-4 itself is tested"
 SCANNER = "the scanner gives frames of the protocol's length, as scanner.search shows"
 ROOT = "sqrtf gives a value of 0 or more, up to a bound, for 0 or more"
 
@@ -137,10 +138,17 @@ PROOFS = (
     Proof("mt.receive", "no access beyond a frame", loops=4, assumes=(SCANNER, "two frames in an input")),
     Proof("mt.value", "values are finite"),
     Proof("link.length", "a frame is no longer than a mission's"),
-    Proof("link.intact", "no access beyond a frame", loops=145),
-    Proof("link.abort", "an ABORT that is found lies in the bytes held", loops=7),
+    Proof("link.intact", "no access beyond a frame", loops=155),
+    Proof("link.abort", "an ABORT that is found lies in the bytes held", loops=10, long=True),
     Proof("link.message", "a message changes what it is for and nothing else; an ABORT is taken", loops=19),
-    Proof("link.telemetry", "no access beyond a frame", loops=60),
+    Proof("link.telemetry", "no access beyond a frame; it is signed, and its counter grows", loops=80),
+    Proof(
+        "link.accept",
+        "a frame is accepted only if its tag is right, its counter grew, and it answers a recent telemetry",
+        rule=11,
+        loops=9,
+        assumes=(TAG,),
+    ),
     # the onboard program
     Proof(
         "onboard.conversions", "numbers of telemetry saturate", checks=BOTH, assumes=("the value is not NaN",)

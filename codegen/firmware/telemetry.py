@@ -91,6 +91,7 @@ class Flag(Bits):
     FIXED = 0x08, "there has been a fix"
     LOADED = 0x10, "a mission is held"
     STARTED = 0x20, "the mission is under way, or has ended"
+    INSECURE = 0x40, "the program was built without a key: frames are not verified"
 
 
 class Ready(Bits):
@@ -185,12 +186,16 @@ class Telemetry:
     ready: Annotated[int, Wire("uint32_t", "", f"what a START needs, the lowest bit first: {Ready.listed()}")]
     refusal: Annotated[int, Wire("uint8_t", "", "why the last START was refused, 0 once one was accepted")]
     mission_id: Annotated[int, Wire("uint16_t", "", "of the mission held; while one is under way that is it")]
-    received: Annotated[int, Wire("uint8_t", "", "sequence number of the last message heard")]
+    session: Annotated[int, Wire("uint32_t", "", "number of the vest's session, another after each reset")]
+    received: Annotated[int, Wire("uint32_t", "", "counter of the last frame accepted, 0 before the first")]
+    nonce: Annotated[int, Wire("uint32_t", "", "of the last HEARTBEAT, 0 before the first")]
     gps_frames: Annotated[int, Wire("uint16_t", "", "from the receiver, modulo 2^16")]
     gps_errors: Annotated[int, Wire("uint16_t", "", "wrong checksums")]
     imu_frames: Annotated[int, Wire("uint16_t", "", "from the inertial unit, modulo 2^16")]
     imu_errors: Annotated[int, Wire("uint16_t", "", "wrong checksums")]
     link_errors: Annotated[int, Wire("uint16_t", "", "wrong checksums")]
+    link_forged: Annotated[int, Wire("uint16_t", "", "frames with a wrong tag")]
+    link_replayed: Annotated[int, Wire("uint16_t", "", "frames that came before, or too late")]
 
     def payload(self) -> bytes:
         """The fields packed."""

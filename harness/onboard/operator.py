@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from codegen.firmware.telemetry import Flag, Telemetry
-from harness.onboard.radio import Abort, Decoder, Message, Mission, Override, Start, encode
+from harness.onboard.radio import Abort, Heartbeat, Link, Message, Mission, Override, Start
 from models.commands import Command
 
 RESEND = 0.4  # s between the operator's messages; two may get lost before an override or the link is over
@@ -17,18 +17,20 @@ class Operator:
     It stands for an operator who presses START until the trial begins, and no more afterwards: a trial that
     has ended, or a vest that was reset, needs a new wish. An override is renewed while it is wished.
 
+    Nothing is sent before the vest is heard, and only a heartbeat until it answers.
+
     Args:
         mission: home and waypoints.
+        link: to the vest.
     """
 
-    def __init__(self, mission: Mission) -> None:
-        self.mission = mission
-        self.decoder = Decoder()
-        self._telemetry: Telemetry | None = None
-        self._sequence = 0
+    def __init__(self, mission: Mission, link: Link) -> None:
+        self.mission, self.link = mission, link
+        self._telemetry: Telemetry | None = None  # of this session
+        self._sessions = 0
         self._silent_since = -math.inf
         self._wish: tuple[bool, Command] | None = None
-        self._asked: int | None = None  # number of the first START of this wish
+        self._asked: int | None = None  # counter of the first START of this wish
         self._begun = False  # the trial of this wish has begun
 
     def send(self, time: float, start: bool, override: Command, link_ok: bool) -> bytes:
@@ -40,18 +42,19 @@ class Operator:
             override: the operator's own command.
             link_ok: false while the radio is out of reach: then nothing passes either way.
         """
-        if not link_ok:
+        if not link_ok or not self.link.open:
             return b""
         wish = (start, override)
         if wish == self._wish and time < self._silent_since + RESEND - 1e-6:
             return b""
         messages: list[Message] = []
         flags = Flag(self._telemetry.flags) if self._telemetry else Flag(0)
-        if self._telemetry is None or self._telemetry.mission_id != self.mission.id:
-            messages.append(self.mission)
         started = Flag.STARTED in flags
-        if start and not self._has_begun(started):
-            self._asked = self._asked or self._sequence + len(messages) + 1
+        if self._telemetry is None:
+            messages.append(Heartbeat(self.link.nonce))
+        elif self._telemetry.mission_id != self.mission.id:
+            messages.append(self.mission)
+        if start and self._telemetry and not self._has_begun(started):
             messages.append(Start(self.mission.id))
         if not start:
             self._asked, self._begun = None, False
@@ -64,16 +67,24 @@ class Operator:
     def _has_begun(self, started: bool) -> bool:
         """Has the vest, having heard a START of this wish, begun? Telemetry from before it tells nothing."""
         if started and self._asked and self._telemetry:
-            self._begun = self._begun or (self._telemetry.received - self._asked) % 256 < 128
+            self._begun = self._begun or self._telemetry.received >= self._asked
         return self._begun
 
     def _frame(self, message: Message) -> bytes:
-        self._sequence += 1
-        return encode(message, self._sequence)
+        frame = self.link.encode(message)
+        if isinstance(message, Start):
+            self._asked = self._asked or self.link.counter
+        return frame
 
     def receive(self, data: bytes) -> Telemetry | None:
-        """The last telemetry in the bytes, if there is any."""
-        telemetry = self.decoder.receive(data)
-        if telemetry:
-            self._telemetry = telemetry[-1]
-        return self._telemetry if telemetry else None
+        """The last telemetry in the bytes that can be believed, if there is any."""
+        believed = self.link.receive(data)
+        if self.link.sessions != self._sessions:
+            self._sessions, self._telemetry, self._asked = self.link.sessions, None, None
+            self._silent_since = -math.inf  # it is greeted at once
+        if not believed:
+            return None
+        if self._telemetry is None:
+            self._silent_since = -math.inf
+        self._telemetry = believed[-1]
+        return self._telemetry

@@ -1,25 +1,37 @@
 """The laptop's side of the radio to the vest: the frames of codegen/firmware/onboard/link.h.
 
-A frame: A5 5A, type, sequence number, length of the payload, payload, CRC-16/CCITT-FALSE of type to payload.
-Big-endian. An XBee in transparent mode carries bytes without bounds, acknowledgement or checksum, hence the
-frame. A lost message is repeated until the telemetry shows that it arrived.
+A frame: A5 5A, type, length of the payload, counter u32, payload, tag of 8 bytes, CRC-16/CCITT-FALSE of type
+to tag. Big-endian. An XBee in transparent mode carries bytes without bounds, acknowledgement or checksum,
+hence the frame. A lost message is repeated until the telemetry shows that it arrived.
+
+The tag is SipHash-2-4 by the vest's key over the session and the frame from type to payload. Session and
+counter make a recorded frame worthless; a nonce, which the telemetry returns, makes recorded telemetry so.
 """
 
 from __future__ import annotations
 
+import hmac
+import secrets
 import struct
 from binascii import crc_hqx
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
+from siphashc import siphash
+
+from codegen.firmware.key import Key
 from codegen.firmware.telemetry import PAYLOAD, Telemetry
 from models.cmec import MAX_WAYPOINTS
 from models.commands import Command
 from models.errors import UsageError
 
 SYNC = b"\xa5\x5a"
-HEADER = struct.Struct(">2sBBB")  # sync, type, sequence number, length of the payload
+HEADER = struct.Struct(">2sBBI")  # sync, type, length of the payload, counter
+TAG = 8  # bytes
 CRC = struct.Struct(">H")
+ANSWERED = 8  # bits of a counter below the number of a telemetry
+LAST = 2**32 - 1  # counter
 MAX_LATITUDE, MAX_LONGITUDE = 90.0, 180.0  # deg
 
 
@@ -127,71 +139,176 @@ class Abort:
 
 @dataclass(frozen=True)
 class Heartbeat:
-    """The laptop is there. No payload."""
+    """The laptop is there. Payload: u32.
+
+    Attributes:
+        nonce: what the telemetry has to return; not 0.
+    """
 
     type: ClassVar[int] = 5
+    nonce: int
 
     def payload(self) -> bytes:
-        """Nothing."""
-        return b""
+        """The nonce."""
+        return struct.pack(">I", self.nonce)
 
 
 Message = Mission | Start | Override | Abort | Heartbeat
 
 
-def encode(message: Message | Telemetry, sequence: int) -> bytes:
-    """The message as a frame.
+@dataclass(frozen=True)
+class Seal:
+    """What signs the frames of a session.
 
-    Args:
-        sequence: number of the message, counted by its sender modulo 256; the laptop begins at 1, since
-            the telemetry says 0 until a message was taken.
+    Attributes:
+        key: None for a vest whose program was built without one.
+    """
+
+    key: Key | None
+    session: int
+
+    def tag(self, signed: bytes) -> bytes:
+        """The tag of a frame's bytes from type to payload."""
+        if self.key is None:
+            return bytes(TAG)
+        tag: int = siphash(self.key.data, struct.pack(">I", self.session) + signed)
+        return tag.to_bytes(TAG, "little")
+
+
+def encode(message: Message | Telemetry, counter: int, seal: Seal) -> bytes:
+    """The message as a frame.
 
     Raises:
         RadioError: the vest would refuse it.
     """
     payload = message.payload()
-    frame = HEADER.pack(SYNC, message.type, sequence % 256, len(payload)) + payload
-    return frame + CRC.pack(crc16(frame[len(SYNC) :]))
+    signed = HEADER.pack(SYNC, message.type, len(payload), counter)[len(SYNC) :] + payload
+    body = signed + seal.tag(signed)
+    return SYNC + body + CRC.pack(crc16(body))
 
 
 class Decoder:
-    """Finds the telemetry in the radio's bytes, which may be cut, damaged or mixed with others.
+    """Finds the telemetry in the radio's bytes, which may be cut, damaged, forged or mixed with others.
+
+    Args:
+        key: of the vest; None takes any telemetry.
 
     Attributes:
-        frames: valid ones.
-        errors: frames with a wrong CRC.
-        lost: telemetry that the sequence numbers skip (modulo 256).
+        frames: with a right CRC and a right tag.
+        errors: with a wrong CRC.
+        forged: with a right CRC and a wrong tag.
     """
 
-    SIZE = HEADER.size + PAYLOAD.size + CRC.size
+    SIZE = HEADER.size + PAYLOAD.size + TAG + CRC.size
 
-    def __init__(self) -> None:
-        self.frames = self.errors = self.lost = 0
+    def __init__(self, key: Key | None) -> None:
+        self.frames = self.errors = self.forged = 0
+        self._key = key
         self._held = b""
-        self._sequence: int | None = None
 
-    def receive(self, data: bytes) -> list[Telemetry]:
-        """The telemetry that these bytes complete, in order."""
+    def receive(self, data: bytes) -> list[tuple[int, Telemetry]]:
+        """The telemetry that these bytes complete, with its counters, in order."""
         begin = SYNC + bytes([Telemetry.type])
         self._held += data
         telemetry = []
         while (start := self._held.find(begin)) >= 0 and start + self.SIZE <= len(self._held):
             frame = self._held[start : start + self.SIZE]
-            _, _, sequence, length = HEADER.unpack_from(frame)
+            _, _, length, counter = HEADER.unpack_from(frame)
             taken = len(SYNC)  # a false frame is searched again behind its sync
             if length == PAYLOAD.size:
                 if crc16(frame[len(SYNC) :]) == 0:  # the remainder over a frame with its CRC
-                    telemetry.append(Telemetry.from_payload(frame[HEADER.size : -CRC.size]))
-                    self._count(sequence)
                     taken = self.SIZE
+                    telemetry += [(counter, told) for told in self._genuine(frame)]
                 else:
                     self.errors += 1
             self._held = self._held[start + taken :]
         self._held = self._held[start:] if start >= 0 else self._held[-len(begin) + 1 :]
         return telemetry
 
-    def _count(self, sequence: int) -> None:
-        if self._sequence is not None:
-            self.lost += (sequence - self._sequence - 1) % 256
-        self._sequence = sequence
+    def _genuine(self, frame: bytes) -> list[Telemetry]:
+        """The telemetry in a frame, if its tag is right."""
+        told = Telemetry.from_payload(frame[HEADER.size : HEADER.size + PAYLOAD.size])
+        tag = frame[HEADER.size + PAYLOAD.size : -CRC.size]
+        expected = Seal(self._key, told.session).tag(frame[len(SYNC) : -TAG - CRC.size])
+        if self._key is not None and not hmac.compare_digest(tag, expected):
+            self.forged += 1
+            return []
         self.frames += 1
+        return [told]
+
+
+def draw_nonce() -> int:
+    """A number that nobody foresees, 1 to 2^32 - 1."""
+    return 1 + secrets.randbelow(LAST)
+
+
+class Link:
+    """The laptop's end of the radio: it signs, counts, and believes only a vest that answers it.
+
+    Telemetry is believed once it returns the nonce that was drawn when its session was first heard: a
+    recording cannot. Whoever plays one drives the laptop into a wrong session, whose frames the vest does not
+    obey; that is counted in `sessions` and `unanswered`.
+
+    Args:
+        key: of the vest; None for a program that was built without one.
+        draw: gives a nonce, never twice the same.
+
+    Attributes:
+        decoder: with the counts of its frames.
+        replayed: telemetry whose counter did not grow.
+        lost: telemetry that the counters skip.
+        sessions: that were begun; a vest that is reset begins another.
+        unanswered: telemetry that did not return the nonce.
+        counter: of the last frame sent in this session.
+        nonce: of this session; 0 before telemetry was heard.
+    """
+
+    def __init__(self, key: Key | None, draw: Callable[[], int] = draw_nonce) -> None:
+        self.decoder, self.key, self._draw = Decoder(key), key, draw
+        self.replayed = self.lost = self.sessions = self.unanswered = 0
+        self.counter = self.nonce = 0
+        self._session: int | None = None
+        self._heard = 0  # counter of the last telemetry
+
+    @property
+    def open(self) -> bool:
+        """A session has been heard, so frames can be signed."""
+        return self._session is not None
+
+    def encode(self, message: Message) -> bytes:
+        """The message as this session's next frame.
+
+        Raises:
+            RadioError: no telemetry was heard yet, the vest would refuse the message, or the session has no
+                counter left.
+        """
+        if self._session is None:
+            raise RadioError(
+                "no telemetry was heard, so nothing can be signed; is the vest on, its key this one?"
+            )
+        counter = max(self.counter + 1, self._heard << ANSWERED)
+        if counter > LAST:
+            raise RadioError(
+                "the vest has been on for more than 38 days, and has no counter left: restart it"
+            )
+        frame = encode(message, counter, Seal(self.key, self._session))
+        self.counter = counter
+        return frame
+
+    def receive(self, data: bytes) -> list[Telemetry]:
+        """The telemetry in these bytes that is the vest's, new, and an answer."""
+        return [told for counter, told in self.decoder.receive(data) if self._believes(counter, told)]
+
+    def _believes(self, counter: int, told: Telemetry) -> bool:
+        if told.session != self._session:
+            self._session, self.counter, self.nonce = told.session, 0, self._draw()
+            self.sessions += 1
+        elif counter <= self._heard:
+            self.replayed += 1
+            return False
+        else:
+            self.lost += counter - self._heard - 1
+        self._heard = counter
+        answers = told.nonce == self.nonce
+        self.unanswered += not answers
+        return answers

@@ -11,11 +11,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import count
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from codegen.firmware.key import SIMULATION_KEY
 from codegen.firmware.navigation import DEFAULT, Navigation
 from codegen.firmware.telemetry import FIELDS, POSITION_UNIT, Telemetry
 from harness.cosim.fmu import Call, FmuDescription, Quantity
@@ -26,7 +28,7 @@ from harness.onboard.instruments import InertialUnit, Receiver
 from harness.onboard.memory import Memory
 from harness.onboard.operator import Operator
 from harness.onboard.processors import Processor, ProcessorError, Received, Reply
-from harness.onboard.radio import Mission, Position
+from harness.onboard.radio import Link, Mission, Position
 from harness.onboard.tones import commands
 from models.cmec import MAX_WAYPOINTS
 from models.commands import Command
@@ -62,7 +64,8 @@ class Onboard:
         self.processor, self.navigation = processor, navigation
         self.plane = TangentPlane(*(math.radians(x) for x in origin))
         self.receiver, self.unit = Receiver(self.plane, pvt), InertialUnit()
-        self.operator = Operator(self._mission(values.get("controller", {})))
+        link = Link(SIMULATION_KEY, count(1).__next__)  # each trial the same
+        self.operator = Operator(self._mission(values.get("controller", {})), link)
         self._commands = commands(values.get("command_module", {}))
         self._telemetry: Telemetry | None = None
         self._rows: dict[float, Telemetry | None] = {}  # the last telemetry by the time of each tick

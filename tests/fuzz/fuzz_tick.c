@@ -4,8 +4,10 @@
  * so that few bytes lead far into a mission. After every tick the results are checked against values
  * computed anew. */
 #include "fixes.h"
+#include "offsets.h"
 #include "onboard.h"
 #include "port.h"
+#include "signed.h"
 
 #include <assert.h>
 #include <math.h>
@@ -39,7 +41,7 @@ void check_declared(const onboard *m);
 #define RADIANS 0.017453292519943295
 #define TWO_PI 6.283185307179586
 
-enum { RAW, NAV, FIX, SAMPLE, MESSAGE, MISSION, START, DAMAGE, BACKGROUND, TICK, TICKS, MOST, ORDERS };
+enum { RAW, NAV, FIX, SAMPLE, MESSAGE, MISSION, START, DAMAGE, BACKGROUND, TICK, TICKS, MOST, FORGED, REPLAY, ORDERS };
 
 enum { GIVE_SAMPLES = 1, GIVE_FIXES = 2, GIVE_HEARTBEATS = 4, AS_PVT = 8, OBEY = 16 };
 
@@ -67,7 +69,12 @@ static struct {
     float speed;   /* m/s */
     uint32_t fix_time; /* ms */
     uint16_t counter;  /* of samples */
-    uint8_t sequence;
+    uint32_t number;    /* of the last message, its counter */
+    uint32_t told;      /* counter of the last telemetry */
+    uint32_t genuine;   /* frames with a right tag that the radio has brought */
+    uint8_t air[4U * QUEUE]; /* the radio's last bytes */
+    size_t aired;
+    uint8_t last[SIGNED_OVERHEAD + 255U]; /* the last frame sent */
     uint16_t mission_id;
     uint16_t tone;
     bool left;
@@ -91,6 +98,11 @@ onboard vest;
 static uint32_t modes;
 
 /* --- the board --- */
+
+uint32_t port_session(void)
+{
+    return SIGNED_SESSION;
+}
 
 /* A block of exactly its size, freed when its place is the board's again: reading beyond it or later is
  * found. */
@@ -128,6 +140,24 @@ void port_command_module(uint16_t tone_hz, bool vibrate_left, bool vibrate_right
     world.right = vibrate_right;
 }
 
+/* A byte on the air: does a genuine frame end with it? It may begin at any byte that looks so. */
+static void air(uint8_t byte)
+{
+    if (world.aired == sizeof(world.air)) {
+        world.aired = SIGNED_OVERHEAD + 255U;
+        memmove(world.air, &world.air[sizeof(world.air) - world.aired], world.aired);
+    }
+    world.air[world.aired] = byte;
+    world.aired++;
+    for (size_t n = 0U; (n <= 255U) && ((n + SIGNED_OVERHEAD) <= world.aired); n++) {
+        const uint8_t *const f = &world.air[world.aired - n - SIGNED_OVERHEAD];
+
+        if ((f[0] == 0xA5U) && (f[1] == 0x5AU) && (f[3] == n) && signed_intact(f) && signed_genuine(f)) {
+            world.genuine++;
+        }
+    }
+}
+
 static void put(port_source source, const uint8_t *bytes, size_t n)
 {
     queue *const q = &world.sources[source];
@@ -135,6 +165,11 @@ static void put(port_source source, const uint8_t *bytes, size_t n)
     if (n <= (QUEUE - q->end)) {
         memcpy(&q->bytes[q->end], bytes, n);
         q->end += n;
+        if (source == PORT_RADIO) {
+            for (size_t i = 0U; i < n; i++) {
+                air(bytes[i]);
+            }
+        }
     }
 }
 
@@ -190,19 +225,6 @@ static void big(uint8_t *bytes, uint32_t value)
     for (unsigned i = 0U; i < 4U; i++) {
         bytes[i] = (uint8_t)((value >> (24U - (8U * i))) & 0xFFU);
     }
-}
-
-static uint16_t crc_ccitt(const uint8_t *bytes, size_t n)
-{
-    unsigned crc = 0xFFFFU;
-
-    for (size_t i = 0U; i < n; i++) {
-        crc ^= (unsigned)bytes[i] << 8;
-        for (unsigned bit = 0U; bit < 8U; bit++) {
-            crc = (((crc & 0x8000U) != 0U) ? ((crc << 1) ^ 0x1021U) : (crc << 1)) & 0xFFFFU;
-        }
-    }
-    return (uint16_t)crc;
 }
 
 static void send_nav(uint8_t message, const uint8_t *payload, uint8_t n)
@@ -270,17 +292,27 @@ static void send_sample(uint32_t accel, uint32_t pitch, uint32_t yaw)
     put(PORT_IMU, frame, sizeof(frame));
 }
 
+/* A frame as the laptop makes it, or with a wrong tag. */
+static void send_signed(uint8_t type, const uint8_t *payload, uint8_t n, bool genuine)
+{
+    uint8_t *const frame = world.last;
+    const uint32_t least = world.told * 256U;
+
+    world.number = (least > world.number) ? least : (world.number + 1U);
+    memset(frame, 0, sizeof(world.last));
+    frame[0] = 0xA5U;
+    frame[1] = 0x5AU;
+    frame[2] = type;
+    frame[3] = n;
+    big(&frame[4], world.number);
+    memcpy(&frame[8], payload, n);
+    signed_finish(frame, genuine);
+    put(PORT_RADIO, frame, SIGNED_OVERHEAD + (size_t)n);
+}
+
 static void send_message(uint8_t type, const uint8_t *payload, uint8_t n)
 {
-    uint8_t frame[7 + 255] = {0xA5U, 0x5AU, type, world.sequence, n};
-    uint16_t crc;
-
-    world.sequence = (uint8_t)((world.sequence + 1U) & 0xFFU);
-    memcpy(&frame[5], payload, n);
-    crc = crc_ccitt(&frame[2], 3U + (size_t)n);
-    frame[5U + (size_t)n] = (uint8_t)(crc >> 8);
-    frame[6U + (size_t)n] = (uint8_t)(crc & 0xFFU);
-    put(PORT_RADIO, frame, 7U + (size_t)n);
+    send_signed(type, payload, n, true);
     if ((type == (uint8_t)LINK_MISSION) && (n >= 2U)) {
         world.mission_id = (uint16_t)(((unsigned)payload[0] << 8) | payload[1]);
     }
@@ -329,11 +361,27 @@ static void order_message(void)
     send_message(type, payload, n);
 }
 
+static void order_forged(void)
+{
+    const uint8_t type = next_u8();
+    const uint8_t n = next_u8();
+    uint8_t payload[255];
+
+    next_bytes(payload, n);
+    send_signed(type, payload, n, false);
+}
+
+/* The last frame again. */
+static void order_replay(void)
+{
+    put(PORT_RADIO, world.last, SIGNED_OVERHEAD + (size_t)world.last[3]);
+}
+
 /* A mission about the animal. */
 static void order_mission(void)
 {
     const size_t count = (size_t)next_u8() % 18U;
-    uint8_t payload[2 + (8 * 18)] = {0U, world.sequence};
+    uint8_t payload[2 + (8 * 18)] = {0U, (uint8_t)(world.number & 0xFFU)};
 
     for (size_t i = 0U; i <= count; i++) {
         const double latitude = fmax(-9.0e8, fmin(9.0e8, world.latitude + next_i16()));
@@ -426,7 +474,9 @@ static void give(void)
         send_fix(&fix, (world.background & (unsigned)AS_PVT) != 0U, 3U, 1U);
     }
     if (((world.background & (unsigned)GIVE_HEARTBEATS) != 0U) && ((world.ticks % HEARD_TICKS) == 0U)) {
-        send_message(LINK_HEARTBEAT, &world.sequence, 0U);
+        const uint8_t nonce[4] = {1U, 2U, 3U, 4U};
+
+        send_message(LINK_HEARTBEAT, nonce, 4U);
     }
 }
 
@@ -542,12 +592,23 @@ static void check_held(void)
 {
     const scanner *const s = &vest.radio.scanner;
 
-    for (unsigned i = 0U; (i + 7U) <= s->count; i++) {
-        const uint8_t *const f = &s->bytes[s->start + i];
-        const bool looks = (f[0] == 0xA5U) && (f[1] == 0x5AU) && (f[2] == 4U) && (f[4] == 0U);
-
-        assert(!looks || (crc_ccitt(&f[2], 3U) != (uint16_t)(((unsigned)f[5] << 8) | f[6])));
+    for (unsigned i = 0U; (i + SIGNED_OVERHEAD) <= s->count; i++) {
+        assert(!signed_abort(&s->bytes[s->start + i]));
     }
+}
+
+/* Frames that the vest has accepted. */
+static uint32_t accepted(void)
+{
+    return vest.radio.scanner.frames - vest.radio.forged - vest.radio.replayed;
+}
+
+/* Rule 11: no more frames are accepted than genuine ones were sent, and the counter grows with each. */
+static void check_accepted(uint32_t accepted_before, uint32_t received_before)
+{
+    assert(accepted() <= world.genuine);
+    assert((vest.radio.received > received_before) == (accepted() > accepted_before));
+    assert(vest.radio.received >= received_before);
 }
 
 /* From one place to another, by more than the controller's capture radius, as far as floats tell. */
@@ -622,33 +683,35 @@ static void check_telemetry(void)
     if (world.reports == 1U) {
         world.due = false;
         world.late = 0U;
-        assert((t[0] == 0xA5U) && (t[1] == 0x5AU) && (t[2] == 16U) && (t[4] == TELEMETRY_SIZE));
-        assert(crc_ccitt(&t[2], TELEMETRY_SIZE + 3U) ==
-               (uint16_t)(((unsigned)t[TELEMETRY_SIZE + 5U] << 8) | t[TELEMETRY_SIZE + 6U]));
-        check_sent(&t[21], 100.0 * fmax((double)vest.estimator.out.north_sd, (double)vest.estimator.out.east_sd));
-        check_sent(&t[23], 100.0 * (double)vest.estimator.out.speed_sd);
-        check_sent(&t[25], 10.0 * (double)vest.controller.out.distance);
-        assert(t[31] == (uint8_t)vest.controller.out.command);
-        assert(((t[36] & 1U) != 0U) == vest.estimator.out.valid);
-        assert(((t[36] & 4U) != 0U) == (world.silence <= LONGEST_SILENCE));
-        assert(((t[40] & 1U) != 0U) == (world.silence <= LONGEST_SILENCE));
-        assert(((t[40] & 2U) != 0U) == (world.imu_silence <= LONGEST_IMU_SILENCE));
-        assert(((t[40] & 0x20U) != 0U) == (vest.radio.mission.count > 0U));
-        assert(((t[39] & 8U) != 0U) == (vest.place > vest.radio.mission.count));
-        assert(((t[39] & 2U) != 0U) == !overridden());
-        assert(((t[39] & 4U) != 0U) == (vest.controller.out.mode == CMEC_MODE_IDLE));
-        assert((t[37] == 0U) && (t[38] == 0U) && ((t[39] & 0xF0U) == 0U));
+        assert((t[0] == 0xA5U) && (t[1] == 0x5AU) && (t[2] == 16U) && (t[3] == TELEMETRY_SIZE));
+        assert(signed_intact(t) && signed_genuine(t) && (signed_counter(t) == (world.told + 1U)));
+        world.told++;
+        check_sent(&t[AT_POSITION_SD], 100.0 * fmax((double)vest.estimator.out.north_sd, (double)vest.estimator.out.east_sd));
+        check_sent(&t[AT_SPEED_SD], 100.0 * (double)vest.estimator.out.speed_sd);
+        check_sent(&t[AT_DISTANCE], 10.0 * (double)vest.controller.out.distance);
+        assert(t[AT_COMMAND] == (uint8_t)vest.controller.out.command);
+        assert(((t[AT_FLAGS] & 1U) != 0U) == vest.estimator.out.valid);
+        assert(((t[AT_FLAGS] & 4U) != 0U) == (world.silence <= LONGEST_SILENCE));
+        assert(((t[AT_READY + 3U] & 1U) != 0U) == (world.silence <= LONGEST_SILENCE));
+        assert(((t[AT_READY + 3U] & 2U) != 0U) == (world.imu_silence <= LONGEST_IMU_SILENCE));
+        assert(((t[AT_READY + 3U] & 0x20U) != 0U) == (vest.radio.mission.count > 0U));
+        assert(((t[AT_READY + 2U] & 8U) != 0U) == (vest.place > vest.radio.mission.count));
+        assert(((t[AT_READY + 2U] & 2U) != 0U) == !overridden());
+        assert(((t[AT_READY + 2U] & 4U) != 0U) == (vest.controller.out.mode == CMEC_MODE_IDLE));
+        assert((t[AT_READY] == 0U) && (t[AT_READY + 1U] == 0U) && ((t[AT_READY + 2U] & 0xF0U) == 0U));
     }
 }
 
 static uint32_t messages(void)
 {
-    return vest.radio.scanner.frames - vest.radio.refused - vest.radio.unknown;
+    return accepted() - vest.radio.refused - vest.radio.unknown;
 }
 
 static void tick(void)
 {
     const uint32_t heard = messages();
+    const uint32_t accepted_before = accepted();
+    const uint32_t received = vest.radio.received;
     const bool waited = vest.busy;
     const int32_t bad_samples = vest.estimator.state.bad_samples;
     const uint32_t sampled = vest.imu.scanner.frames;
@@ -682,6 +745,7 @@ static void tick(void)
         assert(memcmp(&mission, &vest.radio.mission, sizeof(mission)) == 0);
     }
     check_held();
+    check_accepted(accepted_before, received);
     check_telemetry();
     assert(vest.busy == (vest.estimator.in.gps_fix && !waited)); /* radio and telemetry wait for one tick at most */
     world.ticks++;
@@ -724,6 +788,12 @@ static void obey_order(uint8_t order)
     case BACKGROUND:
         order_background();
         break;
+    case FORGED:
+        order_forged();
+        break;
+    case REPLAY:
+        order_replay();
+        break;
     case MOST:
         world.most = (uint16_t)(1U + (2U * next_u8()));
         break;
@@ -751,7 +821,6 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     memset(&world, 0, sizeof(world));
     world.latitude = 326.0e6;
     world.longitude = -854.9e6;
-    world.sequence = 1U;
     world.most = PORT_MOST;
     world.silence = LONGEST_SILENCE;
     world.imu_silence = LONGEST_IMU_SILENCE;

@@ -119,7 +119,7 @@ def test_a_command_line_without_a_command_shows_the_help(capsys: pytest.CaptureF
         "fit none",
         "export none.mcap --to csv",
         "export . --to csv",
-        "firmware --target host --out fw --parameters none.toml",
+        "firmware --insecure --target host --out fw --parameters none.toml",
         "pil none.toml --target cortex-m4f",
     ],
 )
@@ -144,7 +144,7 @@ def test_a_missing_input_is_wrong_usage_in_every_command(
         "sweep two --trials 1 --thresholds 40:41",
         "fit trial.mcap",
         "export trial.mcap --to csv",
-        "firmware --target host",
+        "firmware --insecure --target host",
         "c cmec",
         "pil two_waypoint --target cortex-m4f",
     ],

@@ -2,24 +2,29 @@
  * Source: Miller 2010, 1.3 and 2.4 (messages); the frame is described in link.h. */
 #include "link.h"
 
+#include "key.h"
+#include "siphash.h"
+
 #include <limits.h>
 #include <string.h>
 
 #define SYNC_1 0xA5U
 #define SYNC_2 0x5AU
 #define TYPE 2U /* places in a frame */
-#define SEQUENCE 3U
-#define LENGTH 4U
-#define HEADER 5U
+#define LENGTH 3U
+#define COUNTER 4U
+#define HEADER 8U
 #define CHECKSUM 2U
-#define ABORT_SIZE (HEADER + CHECKSUM)
+#define ABORT_SIZE (HEADER + SIPHASH_TAG + CHECKSUM)
 
 #define POSITION 8U /* bytes of a latitude and a longitude */
-#define ID 2U       /* and of a mission's id */
+#define ID 2U       /* of a mission's id */
+#define NONCE 4U    /* and of a HEARTBEAT's nonce */
 #define MAX_PAYLOAD (ID + (POSITION * (1U + LINK_MAX_WAYPOINTS)))
 #define TELEMETRY_END (HEADER + TELEMETRY_SIZE)
+#define ANSWERED 8U /* bits of a counter below the number of a telemetry */
 
-#if (HEADER + MAX_PAYLOAD + CHECKSUM) > SCANNER_SIZE
+#if (HEADER + MAX_PAYLOAD + SIPHASH_TAG + CHECKSUM) > SCANNER_SIZE
 #error "a mission is longer than the scanner's buffer"
 #endif
 
@@ -70,19 +75,61 @@ static uint16_t big_u16(const uint8_t *bytes)
     return (uint16_t)(((uint16_t)bytes[0] << 8) | bytes[1]);
 }
 
-static int32_t big_i32(const uint8_t *bytes)
+static uint32_t big_u32(const uint8_t *bytes)
 {
-    const uint32_t value =
-        ((uint32_t)bytes[0] << 24) | ((uint32_t)bytes[1] << 16) | ((uint32_t)bytes[2] << 8) | bytes[3];
+    return ((uint32_t)big_u16(bytes) << 16) | big_u16(&bytes[2]);
+}
 
-    return (int32_t)value;
+static void put_u32(uint8_t *bytes, uint32_t value)
+{
+    bytes[0] = (uint8_t)(value >> 24);
+    bytes[1] = (uint8_t)((value >> 16) & 0xFFU);
+    bytes[2] = (uint8_t)((value >> 8) & 0xFFU);
+    bytes[3] = (uint8_t)(value & 0xFFU);
+}
+
+/* The tag of a frame whose payload has so many bytes: over session, type to payload. */
+static void make_tag(uint32_t session, const uint8_t *frame, uint8_t length, uint8_t *tag)
+#if KEY_SIGNS
+{
+    siphash h;
+    uint8_t number[4];
+
+    put_u32(number, session);
+    siphash_begin(&h, vest_key);
+    siphash_take(&h, number, (uint8_t)sizeof(number));
+    siphash_take(&h, &frame[TYPE], (uint8_t)(HEADER - TYPE + length));
+    siphash_end(&h, tag);
+}
+#else
+{
+    (void)session;
+    (void)frame;
+    (void)length;
+    (void)memset(tag, 0, SIPHASH_TAG);
+}
+#endif
+
+/* Is a frame's tag right? The time that it takes does not tell how much of it is. */
+static bool link_genuine(uint32_t session, const uint8_t *frame)
+{
+    const uint8_t length = frame[LENGTH];
+    const uint8_t *const got = &frame[HEADER + length];
+    uint8_t expected[SIPHASH_TAG];
+    uint8_t different = 0U;
+
+    make_tag(session, frame, length, expected);
+    for (uint8_t i = 0U; i < SIPHASH_TAG; i++) {
+        different |= (uint8_t)(got[i] ^ expected[i]);
+    }
+    return !KEY_SIGNS || (different == 0U);
 }
 
 static uint8_t link_length(const uint8_t *header)
 {
     const bool possible = (header[1] == SYNC_2) && (header[LENGTH] <= MAX_PAYLOAD);
 
-    return possible ? (uint8_t)(HEADER + header[LENGTH] + CHECKSUM) : 0U;
+    return possible ? (uint8_t)(HEADER + header[LENGTH] + SIPHASH_TAG + CHECKSUM) : 0U;
 }
 
 static bool link_intact(const uint8_t *frame, uint8_t length)
@@ -118,8 +165,8 @@ static link_position get_position(const uint8_t *bytes)
 {
     link_position position;
 
-    position.latitude = big_i32(bytes);
-    position.longitude = big_i32(&bytes[4]);
+    position.latitude = (int32_t)big_u32(bytes);
+    position.longitude = (int32_t)big_u32(&bytes[4]);
     return position;
 }
 
@@ -162,15 +209,45 @@ static bool take_override(radio_link *m, const uint8_t *payload, uint8_t length)
     return valid;
 }
 
-/* Take the message that the scanner holds. Returns its type, or LINK_NOTHING if it is refused. */
-static link_message take_message(radio_link *m)
+static bool take_heartbeat(radio_link *m, const uint8_t *payload, uint8_t length)
 {
-    const uint8_t *const payload = &m->scanner.frame[HEADER];
-    const uint8_t length = m->scanner.frame[LENGTH];
+    const bool valid = length == NONCE;
+
+    if (valid) {
+        m->nonce = big_u32(payload);
+    }
+    return valid;
+}
+
+/* Does a frame come from the owner of the key, in this session, now, and for the first time (rule 11)? One
+ * that does is the last received. */
+static bool accept(radio_link *m, const uint8_t *frame)
+{
+    const uint32_t counter = big_u32(&frame[COUNTER]);
+    const uint32_t age = m->told - (counter >> ANSWERED); /* beyond `told` for a telemetry that is yet to come */
+    const uint32_t oldest = (frame[TYPE] == (uint8_t)LINK_ABORT) ? m->told : LINK_FRESH;
+    bool accepted = false;
+
+    if (!link_genuine(m->session, frame)) {
+        scanner_count(&m->forged, 1U);
+    } else if ((counter <= m->received) || (age > oldest)) {
+        scanner_count(&m->replayed, 1U);
+    } else {
+        m->received = counter;
+        accepted = true;
+    }
+    return accepted;
+}
+
+/* Take the message in an accepted frame. Returns its type, or LINK_NOTHING if it is refused. */
+static link_message take_message(radio_link *m, const uint8_t *frame)
+{
+    const uint8_t *const payload = &frame[HEADER];
+    const uint8_t length = frame[LENGTH];
     link_message message = LINK_NOTHING;
     bool known = true;
 
-    switch (m->scanner.frame[TYPE]) {
+    switch (frame[TYPE]) {
     case LINK_MISSION:
         message = take_mission(m, payload, length) ? LINK_MISSION : LINK_NOTHING;
         break;
@@ -187,33 +264,34 @@ static link_message take_message(radio_link *m)
         message = (length == 0U) ? LINK_ABORT : LINK_NOTHING;
         break;
     case LINK_HEARTBEAT:
-        message = (length == 0U) ? LINK_HEARTBEAT : LINK_NOTHING;
+        message = take_heartbeat(m, payload, length) ? LINK_HEARTBEAT : LINK_NOTHING;
         break;
     default:
         known = false;
         break;
     }
-    if (message != LINK_NOTHING) {
-        m->sequence = m->scanner.frame[SEQUENCE];
-    } else {
+    if (message == LINK_NOTHING) {
         scanner_count(known ? &m->refused : &m->unknown, 1U);
     }
     return message;
 }
 
-void link_init(radio_link *m)
+void link_init(radio_link *m, uint32_t session)
 {
     (void)memset(m, 0, sizeof(*m));
+    m->session = session;
 }
 
 link_message link_receive(radio_link *m, scanner_input *input)
 {
-    static const scanner_protocol protocol = {SYNC_1, HEADER, link_length, link_intact};
+    static const scanner_protocol protocol = {SYNC_1, COUNTER, link_length, link_intact};
     link_message message = LINK_NOTHING;
 
     while ((message == LINK_NOTHING) &&
            (scanner_next(&m->scanner, input, &protocol) || take_abort(&m->scanner))) {
-        message = take_message(m);
+        if (accept(m, m->scanner.frame)) {
+            message = take_message(m, m->scanner.frame);
+        }
     }
     return message;
 }
@@ -223,18 +301,20 @@ void link_idle(radio_link *m)
     scanner_abandon(&m->scanner);
 }
 
-uint8_t link_write_telemetry(uint8_t *frame, uint8_t sequence, const telemetry *t)
+uint8_t link_write_telemetry(radio_link *m, uint8_t *frame, const telemetry *t)
 {
     uint16_t checksum;
 
+    m->told++;
     frame[0] = SYNC_1;
     frame[1] = SYNC_2;
     frame[TYPE] = (uint8_t)LINK_TELEMETRY;
-    frame[SEQUENCE] = sequence;
     frame[LENGTH] = (uint8_t)TELEMETRY_SIZE;
+    put_u32(&frame[COUNTER], m->told);
     telemetry_write(&frame[HEADER], t);
-    checksum = crc16(&frame[TYPE], (uint8_t)(TELEMETRY_END - TYPE));
-    frame[TELEMETRY_END] = (uint8_t)(checksum >> 8);
-    frame[TELEMETRY_END + 1U] = (uint8_t)(checksum & 0xFFU);
+    make_tag(m->session, frame, (uint8_t)TELEMETRY_SIZE, &frame[TELEMETRY_END]);
+    checksum = crc16(&frame[TYPE], (uint8_t)(TELEMETRY_END + SIPHASH_TAG - TYPE));
+    frame[TELEMETRY_END + SIPHASH_TAG] = (uint8_t)(checksum >> 8);
+    frame[TELEMETRY_END + SIPHASH_TAG + 1U] = (uint8_t)(checksum & 0xFFU);
     return (uint8_t)LINK_TELEMETRY_SIZE;
 }

@@ -5,6 +5,7 @@
  * silent inertial unit or operator. The controller then stops the animal. */
 #include "onboard.h"
 
+#include "key.h"
 #include "navigation.h"
 #include "port.h"
 
@@ -436,17 +437,21 @@ static void report(onboard *m)
     t.fixed = m->local_plane.state.settled;
     t.loaded = m->radio.mission.count > 0U;
     t.started = m->controller.in.start;
+    t.insecure = !KEY_SIGNS;
     t.ready = readiness(m);
     t.refusal = m->refusal;
     t.mission_id = m->radio.mission.id;
-    t.received = m->radio.sequence;
+    t.received = m->radio.received;
+    t.session = m->radio.session;
+    t.nonce = m->radio.nonce;
     t.gps_frames = low_word(m->gps.scanner.frames);
     t.gps_errors = at_most_u16(m->gps.scanner.errors);
     t.imu_frames = low_word(m->imu.scanner.frames);
     t.imu_errors = at_most_u16(m->imu.scanner.errors);
     t.link_errors = at_most_u16(m->radio.scanner.errors);
-    port_send(frame, link_write_telemetry(frame, m->sequence, &t));
-    m->sequence = (uint8_t)(m->sequence + 1U);
+    t.link_forged = at_most_u16(m->radio.forged);
+    t.link_replayed = at_most_u16(m->radio.replayed);
+    port_send(frame, link_write_telemetry(&m->radio, frame, &t));
 }
 
 void onboard_init(onboard *m)
@@ -454,7 +459,7 @@ void onboard_init(onboard *m)
     (void)memset(m, 0, sizeof(*m));
     ubx_init(&m->gps);
     mt_init(&m->imu, ONBOARD_IMU_Z_UP);
-    link_init(&m->radio);
+    link_init(&m->radio, port_session());
     local_plane_defaults(&m->local_plane);
     navigation_defaults(m);
     watchdog_defaults(&m->watchdog);

@@ -15,11 +15,17 @@ uint16_t pil_tone_hz;
 uint8_t pil_vibrate_left;
 uint8_t pil_vibrate_right;
 uint32_t pil_recorded[PIL_WORDS];
+uint32_t pil_session = 1U;
 
 onboard vest;
 
 void port_init(void)
 {
+}
+
+uint32_t port_session(void)
+{
+    return pil_session;
 }
 
 uint32_t port_clock_ms(void)

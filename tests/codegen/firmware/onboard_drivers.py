@@ -12,12 +12,14 @@ from typing import Any
 from pyubx2 import calc_checksum
 
 from codegen.blocks.block_c import write_files
-from codegen.firmware.bundle import headers, program
+from codegen.firmware.bundle import headers, key_files, program
+from codegen.firmware.key import SIMULATION_KEY, Key
 from codegen.toolchains.compiler import NUMERICS, WARNINGS, build_library
 from harness.onboard import radio
 from models.commands import Command
+from tests.harness.onboard.frames import encode
 
-SOURCES = ("scanner.c", "ubx.c", "mt.c", "link.c", "telemetry.c")
+SOURCES = ("scanner.c", "ubx.c", "mt.c", "link.c", "siphash.c", "telemetry.c", "key.c")
 TYPES: dict[str, Any] = {
     "uint8_t": ctypes.c_uint8, "uint16_t": ctypes.c_uint16, "uint32_t": ctypes.c_uint32,
     "int16_t": ctypes.c_int16, "int32_t": ctypes.c_int32, "float": ctypes.c_float, "bool": ctypes.c_bool,
@@ -57,17 +59,19 @@ const size_t SIZES[] = {{{", ".join(f"sizeof({name})" for name in STRUCTS)}}};
 """
 
 
-def write_drivers(folder: Path) -> None:
-    """The sources of the drivers with their headers, into a folder."""
-    write_files({n: t for n, t in program().items() if n.endswith(".h") or n in SOURCES}, folder)
+def write_drivers(folder: Path, key: Key | None = SIMULATION_KEY) -> list[str]:
+    """The sources of the drivers with their headers, into a folder; the sources' names."""
+    files = {n: t for n, t in (program() | key_files(key)).items() if n.endswith(".h") or n in SOURCES}
+    write_files(files, folder)
+    return [name for name in SOURCES if name in files]
 
 
-def library(folder: Path) -> ctypes.CDLL:
+def library(folder: Path, key: Key | None = SIMULATION_KEY) -> ctypes.CDLL:
     """The drivers, compiled for this machine, with the sizes of their structs."""
-    write_drivers(folder)
+    sources = write_drivers(folder, key)
     write_files({"sizes.c": SIZES}, folder)
     flags = (*NUMERICS, *WARNINGS, "-Wsign-conversion", "-Wshadow", "-fno-sanitize=all", "-I.")
-    path = build_library(folder, [*SOURCES, "sizes.c"], folder / "drivers.so", what="drivers", flags=flags)
+    path = build_library(folder, [*sources, "sizes.c"], folder / "drivers.so", what="drivers", flags=flags)
     return ctypes.CDLL(str(path))
 
 
@@ -191,10 +195,11 @@ MISSION_16 = radio.Mission(
     radio.Position(32.6, -85.49), tuple(radio.Position(32.6 + k / 1e4, -85.49 - k / 1e4) for k in range(16))
 )
 MESSAGES: tuple[radio.Message, ...] = (
-    MISSION_16, radio.Start(MISSION_16.id), radio.Override(Command.LEFT), radio.Abort(), radio.Heartbeat(),
+    MISSION_16, radio.Start(MISSION_16.id), radio.Override(Command.LEFT), radio.Abort(),
+    radio.Heartbeat(0xC0FFEE),
 )  # fmt: skip
 GOOD: dict[str, list[bytes]] = {
     "ubx": [VELNED_SAMPLE, posllh(123_000), sol(123_000), pvt(123_250)],
     "mt": [MT_SAMPLE],
-    "link": [radio.encode(message, 200 + i) for i, message in enumerate(MESSAGES)],
+    "link": [encode(message, 200 + i) for i, message in enumerate(MESSAGES)],
 }

@@ -10,13 +10,17 @@ from pathlib import Path
 from codegen.blocks.block_c import write_files
 from codegen.blocks.expressions import c_name
 from codegen.firmware.bundle import BLOCKS, library
+from codegen.firmware.telemetry import OFFSETS
 from harness.onboard.processors import Processor, Received, Reply, open_processor
+from harness.onboard.radio import HEADER
 from harness.onboard.stand_in import Onboard
 from models.commands import Command
 from models.kit.declaration import Type, flatten
 
 FUZZ = Path(__file__).resolve().parents[2] / "fuzz"
-RAW, NAV, FIX, SAMPLE, MESSAGE, MISSION, START, DAMAGE, BACKGROUND, TICK, TICKS, MOST = range(12)
+(RAW, NAV, FIX, SAMPLE, MESSAGE, MISSION, START, DAMAGE, BACKGROUND, TICK, TICKS, MOST, FORGED, REPLAY) = (
+    range(14)
+)
 SAMPLES, FIXES, HEARTBEATS, PVT, OBEY = 1, 2, 4, 8, 16  # in the background
 ALL = SAMPLES | FIXES | HEARTBEATS | OBEY
 HOME = (326_000_000, -854_900_000)  # 1e-7 deg, where the harness's animal begins
@@ -47,6 +51,10 @@ def write_program(folder: Path, *, constants: bool = False) -> list[str]:
     files = library(constants=constants) | {
         "declared.c": declared_c(),
         "fuzz_tick.c": (FUZZ / "fuzz_tick.c").read_text(),
+        "signed.h": (FUZZ / "signed.h").read_text(),
+        "offsets.h": "".join(
+            f"#define AT_{name.upper()} {HEADER.size + at}U\n" for name, at in OFFSETS.items()
+        ),
     }
     del files["main.c"]
     write_files(files, folder)
@@ -88,6 +96,11 @@ def message(type: int, payload: bytes = b"") -> bytes:
     return bytes([MESSAGE, type, len(payload)]) + payload
 
 
+def forged(type: int, payload: bytes = b"") -> bytes:
+    """A message by radio with a wrong tag."""
+    return bytes([FORGED, type, len(payload)]) + payload
+
+
 def mission(*offsets: tuple[int, int]) -> bytes:
     """Home and waypoints by their offsets [1e-7 deg] from the animal."""
     return bytes([MISSION, len(offsets) - 1]) + b"".join(struct.pack("<hh", *offset) for offset in offsets)
@@ -105,7 +118,7 @@ def ticks(n: int) -> bytes:
     return bytes([TICKS, 255]) * most + (bytes([TICKS, rest]) if rest else b"") + bytes([TICK]) * ones
 
 
-START_IT, ABORT, HEARTBEAT = bytes([START]), message(4), message(5)
+START_IT, ABORT, AGAIN = bytes([START]), message(4), bytes([REPLAY])
 BEGUN = background(ALL) + ticks(10) + mission((0, 0), (2000, 0), (2000, 2000)) + ticks(5) + START_IT
 
 
@@ -184,8 +197,13 @@ EXTREMES: Mapping[str, bytes] = {
     "a mission done": BEGUN + ticks(2500) + ABORT + ticks(60) + START_IT + ticks(200),
     "overrides of every kind": BEGUN + b"".join(override(c) + ticks(40) for c in (1, 2, 3, 4, 5, 0, 6, 255)),
     "aborts behind beginnings of missions": BEGUN + b"".join(
-        ticks(7) + raw("radio", b"\xa5\x5a\x01\0\x8a" * n) + ABORT + ticks(50) + START_IT for n in (1, 2, 27)
+        ticks(7) + raw("radio", b"\xa5\x5a\x01\x8a" * n) + ABORT + ticks(50) + START_IT for n in (1, 2, 27)
     ),
+    "a stranger's orders and recorded ones": BEGUN + ticks(50) + ABORT + AGAIN + ticks(50) + b"".join(
+        order + ticks(10)
+        for order in (forged(1, bytes(18)), START_IT, AGAIN, forged(2, bytes(2)), forged(3, b"\4"),
+                      override(4), AGAIN, forged(4), forged(5, bytes(4)), ABORT, AGAIN)
+    ) + background(SAMPLES | FIXES | OBEY) + (forged(5, bytes(4)) + AGAIN + ticks(10)) * 20,
     "a lost link": BEGUN + ticks(100) + background(SAMPLES | FIXES | OBEY) + ticks(200)
     + background(ALL) + ticks(200),
     "an outage and what comes back elsewhere": BEGUN + ticks(100) + background(SAMPLES | HEARTBEATS, 90, 3.0)

@@ -64,6 +64,18 @@ FAULTS = (
     Fault("link.c", "bool valid = !m->locked && ", "bool valid = ", "link.message"),
     Fault("link.c", "(payload[0] <= MAX_COMMAND)", "(payload[0] <= 6U)", "link.message"),
     Fault("link.c", "&positions[POSITION * (i + 1U)]", "&positions[POSITION]", "link.message"),
+    # rule 11: a tag that is not judged, in part or at all; a counter or an age that does not matter
+    Fault("link.c", "return !KEY_SIGNS || (different == 0U);", "return true;", "link.accept"),
+    Fault("link.c", "different |= (uint8_t)(got[i]", "different = (uint8_t)(got[i]", "link.accept"),
+    Fault("link.c", "i < SIPHASH_TAG; i++", "i < 6U; i++", "link.accept"),
+    Fault("link.c", "&frame[HEADER + length];", "&frame[HEADER];", "link.accept"),
+    Fault("link.c", "(uint8_t)(HEADER - TYPE + length)", "(uint8_t)(HEADER - TYPE)", "link.accept"),
+    Fault("link.c", "counter <= m->received", "counter < m->received", "link.accept"),
+    Fault("link.c", "        m->received = counter;\n", "", "link.accept"),
+    Fault("link.c", "(age > oldest)", "false", "link.accept"),
+    Fault("link.c", "? m->told : LINK_FRESH", "? UINT32_MAX : LINK_FRESH", "link.accept"),
+    Fault("link.c", "scanner_count(&m->forged, 1U);", "m->override = 0U;", "link.accept"),
+    Fault("link.c", "    m->told++;\n", "", "link.telemetry"),
     # a START of another mission, or of one that is not ready
     Fault("onboard.c", "(m->radio.asked != m->radio.mission.id)", "false", "onboard.begin"),
     Fault("onboard.c", "if (m->watchdog.out.estimate_ok) {", "{", "onboard.begin"),

@@ -21,6 +21,7 @@ import time
 import tty
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,7 @@ from codegen.blocks.block_c import comment
 from codegen.firmware import bundle
 from codegen.firmware.bundle import BLOCKS, SOURCES
 from codegen.firmware.image import Image
+from codegen.firmware.key import SIMULATION_KEY
 from codegen.firmware.navigation import DEFAULT, Navigation
 from codegen.firmware.rabbit4000 import read_map
 from codegen.firmware.record import is_mission
@@ -45,13 +47,14 @@ from harness.log.geodesy import TangentPlane
 from harness.onboard.instruments import InertialUnit, Receiver
 from harness.onboard.processors import Received, open_processor
 from harness.onboard.processors.rabbit4000 import BREAKPOINT, NOTHING, STOPPED, Console
-from harness.onboard.radio import Decoder, Mission, Position, Start, encode
+from harness.onboard.radio import Decoder, Mission, Position, Start
 from models.canine_ahrs import CanineAhrs
 from models.canine_tracker import CanineTracker
 from models.errors import UsageError
 from models.four_state import FourState
 from tests.codegen.compiled import struct_members
 from tests.codegen.firmware.vest import LATITUDE, LONGITUDE, Send, lead, still
+from tests.harness.onboard.frames import answering, encode
 
 PROJECT = Path(codegen.__file__).resolve().parents[1]
 PROGRAM = {"host": "onboard", "cortex-m4f": "onboard.elf", "rabbit4000": "onboard.ihx"}
@@ -63,6 +66,7 @@ FORBIDDEN = re.compile(
 DOUBLE = re.compile(r"__aeabi_(d|f2d|i2d|ui2d|l2d|ul2d|cd)|__\w+df\w*$|__extendsf|__truncdf|___ds|___fs2d")
 FRAME = 26 * 4 + 4  # bytes that an exception puts on the stack, FPU registers included, and what aligns it
 Make = Callable[..., Path]
+write = partial(bundle.write, key=SIMULATION_KEY)
 
 
 def tool(name: str, package: str) -> str:
@@ -114,7 +118,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Make:
         if (target, constants) not in folders:
             settings = variables(target)
             folder = tmp_path_factory.mktemp(target)
-            bundle.write(TARGETS[target], folder, constants=constants)
+            write(TARGETS[target], folder, constants=constants)
             run_make(folder, *settings)
             folders[target, constants] = folder
         return folders[target, constants]
@@ -166,7 +170,7 @@ def map_areas(folder: Path) -> dict[str, int]:
 
 def test_the_cortex_bundle_builds_with_zig_too(tmp_path: Path) -> None:
     # given the bundle, when it is made with pip's compiler
-    bundle.write(TARGETS["cortex-m4f"], tmp_path)
+    write(TARGETS["cortex-m4f"], tmp_path)
     run_make(tmp_path, *ZIG, ZIG_CPU)
 
     # then there is the program
@@ -176,7 +180,7 @@ def test_the_cortex_bundle_builds_with_zig_too(tmp_path: Path) -> None:
 def test_what_a_constant_decides_builds_for_the_rabbit(tmp_path: Path) -> None:
     # given an AHRS whose magnetometer is switched off by a constant
     settings = rabbit_tools()
-    bundle.write(TARGETS["rabbit4000"], tmp_path, {}, Navigation(FourState, CanineAhrs), constants=True)
+    write(TARGETS["rabbit4000"], tmp_path, {}, Navigation(FourState, CanineAhrs), constants=True)
 
     # when it is made, then that a condition never holds is no error
     run_make(tmp_path, *settings, "canine_ahrs.rel")
@@ -328,7 +332,7 @@ def test_no_function_of_an_image_calls_itself_and_the_stack_has_a_bound(
     # given a bundle whose compiler writes down who calls whom
     tool(compiler, {"gcc": "gcc"}.get(compiler, "gcc-arm-none-eabi"))
     target = "host" if compiler == "gcc" else "cortex-m4f"
-    bundle.write(TARGETS[target], tmp_path)
+    write(TARGETS[target], tmp_path)
     run_make(tmp_path, f"CC={compiler}", "CFLAGS=-fcallgraph-info=su")
 
     # when the graph is put in order (a cycle raises)
@@ -351,7 +355,7 @@ def test_no_function_of_an_image_calls_itself_and_the_stack_has_a_bound(
 def test_a_planted_recursion_is_found_in_the_call_graph(tmp_path: Path) -> None:
     # given a program with a function that calls back to the one that calls it, through a driver's table
     tool("gcc", "gcc")
-    bundle.write(TARGETS["host"], tmp_path)
+    write(TARGETS["host"], tmp_path)
     path = tmp_path / "mt.c"
     head = "static bool mt_intact(const uint8_t *frame, uint8_t length)\n{\n"
     assert head in path.read_text()
@@ -373,7 +377,9 @@ def test_firmware_with_parameters_as_constants_gives_the_same_bits() -> None:
     plane = TangentPlane(math.radians(LATITUDE), math.radians(LONGITUDE))
     receiver, unit = Receiver(plane), InertialUnit()
     mission = Mission(Position(LATITUDE, LONGITUDE), (Position(LATITUDE + 3e-4, LONGITUDE + 1e-4),))
-    orders = {0: encode(mission, 1)} | {k: encode(Start(mission.id), 2) for k in range(10, 400, 10)}
+    orders = {0: encode(mission, 1)} | {
+        k: encode(Start(mission.id), answering(k)) for k in range(10, 400, 10)
+    }
     fields, constants = (open_processor("host", values, constants=c) for c in (False, True))
     assert fields.image.path != constants.image.path
 
@@ -408,7 +414,7 @@ def test_parameters_of_a_scenario_arrive_in_radians(tmp_path: Path, capsys: Any)
     # when bundles are written from it, one with a further parameter, one with constants
     for options in (["--set", "cmec.capture_radius=2.5"], ["--constants"]):
         status, _ = canine(
-            capsys, "firmware", "--target", "host", "--parameters", scenario,
+            capsys, "firmware", "--insecure", "--target", "host", "--parameters", scenario,
             "--out", tmp_path / options[0], *options,
         )  # fmt: skip
         assert status == 0
@@ -457,10 +463,11 @@ def test_each_parameter_has_its_value_in_one_place(navigation: Navigation) -> No
 
 def test_bundles_of_the_same_inputs_have_the_same_bytes(tmp_path: Path) -> None:
     # given a bundle, when it is written again, by a process with other hashes and another time zone
-    bundle.write(TARGETS["rabbit4000"], tmp_path / "one")
+    write(TARGETS["rabbit4000"], tmp_path / "one")
     script = (
         "import sys; from pathlib import Path; from codegen.firmware.bundle import write\n"
-        "from codegen.firmware.targets import TARGETS; write(TARGETS['rabbit4000'], Path(sys.argv[1]))"
+        "from codegen.firmware.key import SIMULATION_KEY; from codegen.firmware.targets import TARGETS; "
+        "bundle.write(TARGETS['rabbit4000'], Path(sys.argv[1]), key=SIMULATION_KEY)"
     )
     environment = os.environ | {"PYTHONHASHSEED": "7", "TZ": "Asia/Tokyo"}
     subprocess.run([sys.executable, "-c", script, tmp_path / "two"], cwd=PROJECT, env=environment, check=True)
@@ -564,7 +571,7 @@ def test_wrong_usage_of_canine_firmware_is_an_error_and_writes_nothing(
     arguments: list[str], message: str, tmp_path: Path, capsys: Any
 ) -> None:
     # given a wish that cannot be met, when it is asked for
-    status, output = canine(capsys, "firmware", *arguments, "--out", tmp_path / "out")
+    status, output = canine(capsys, "firmware", "--insecure", *arguments, "--out", tmp_path / "out")
 
     # then the answer names it, with the status of wrong usage, and there is no folder
     assert status == 2
@@ -577,7 +584,9 @@ def test_a_folder_that_cannot_be_written_is_named_in_the_error(tmp_path: Path, c
     (tmp_path / "file").write_text("")
 
     # when the bundle is to go under it
-    status, output = canine(capsys, "firmware", "--target", "host", "--out", tmp_path / "file" / "out")
+    status, output = canine(
+        capsys, "firmware", "--insecure", "--target", "host", "--out", tmp_path / "file" / "out"
+    )
 
     # then that is wrong usage
     assert status == 2
@@ -825,7 +834,7 @@ def test_the_rabbits_port_moves_bytes_both_ways_with_its_registers_as_memory(
     for _ in range(Decoder.SIZE - 1):
         rabbit.interrupt(0xE0E0)
         sent.append(rabbit.read(scdr))
-    (report,) = Decoder().receive(bytes(sent))
+    ((_, report),) = Decoder(SIMULATION_KEY).receive(bytes(sent))
     assert Flag(report.flags) == Flag.VALID | Flag.IMU_OK | Flag.LINK_OK | Flag.FIXED | Flag.LOADED
     assert (report.gps_frames, report.imu_frames, report.received, report.command) == (3, 1, 2, 2)
     assert report.refusal == Refusal.NOT_PLANNED
@@ -907,8 +916,8 @@ def test_every_block_of_the_program_is_in_every_bundle() -> None:
 
 def test_a_bundle_replaces_an_earlier_one_but_no_file_that_was_changed(tmp_path: Path) -> None:
     # given a bundle, made once more with other parameters
-    bundle.write(TARGETS["host"], tmp_path)
-    bundle.write(TARGETS["host"], tmp_path, {"controller": {"moving_deviation": 0.5}})
+    write(TARGETS["host"], tmp_path)
+    write(TARGETS["host"], tmp_path, {"controller": {"moving_deviation": 0.5}})
     assert ".moving_deviation = 0.5f," in (tmp_path / "parameters.c").read_text()
     checked = subprocess.run(["sha256sum", "-c", "--quiet", bundle.SUMS], cwd=tmp_path, check=False)
     assert checked.returncode == 0
@@ -916,7 +925,7 @@ def test_a_bundle_replaces_an_earlier_one_but_no_file_that_was_changed(tmp_path:
     port = tmp_path / "port.c"
     port.write_text(port.read_text() + "/* ours */\n")
     with pytest.raises(UsageError, match=r"not made here: port\.c; nothing is written"):
-        bundle.write(TARGETS["host"], tmp_path)
+        write(TARGETS["host"], tmp_path)
     assert port.read_text().endswith("/* ours */\n")
     assert ".moving_deviation = 0.5f," in (tmp_path / "parameters.c").read_text()
 
@@ -924,7 +933,7 @@ def test_a_bundle_replaces_an_earlier_one_but_no_file_that_was_changed(tmp_path:
 def test_a_bundle_overwrites_no_file_that_was_not_made_here(tmp_path: Path) -> None:
     (tmp_path / "main.c").write_text("int main(void) { return 0; }\n")
     with pytest.raises(UsageError, match=r"main\.c"):
-        bundle.write(TARGETS["cortex-m4f"], tmp_path)
+        write(TARGETS["cortex-m4f"], tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["main.c"]
 
 
@@ -934,11 +943,11 @@ def test_a_folder_takes_the_bundles_of_one_target(
     held: str, asked: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # given a bundle, and a file of the engineer's
-    bundle.write(TARGETS[held], tmp_path)
+    write(TARGETS[held], tmp_path)
     (tmp_path / "notes.c").write_text("/* ours */\n")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     # when one for the same or another target is written into its folder
-    status, error = canine(capsys, "firmware", "--target", asked, "--out", tmp_path)
+    status, error = canine(capsys, "firmware", "--insecure", "--target", asked, "--out", tmp_path)
     # then another is refused, naming both
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
     if asked == held:
@@ -953,24 +962,24 @@ def test_a_folder_takes_the_bundles_of_one_target(
 
 def test_a_folder_with_another_targets_sources_that_no_bundle_lists_is_refused(tmp_path: Path) -> None:
     # given two bundles mixed by an earlier version, which listed those of the last
-    bundle.write(TARGETS["cortex-m4f"], tmp_path)
+    write(TARGETS["cortex-m4f"], tmp_path)
     (tmp_path / bundle.SUMS).unlink()
     (tmp_path / "port.c").unlink()
     (tmp_path / "Makefile").unlink()
     with pytest.raises(UsageError, match="holds firmware for cortex-m4f, and that for host would mix"):
-        bundle.write(TARGETS["host"], tmp_path)
+        write(TARGETS["host"], tmp_path)
 
 
 def test_a_bundle_takes_the_place_of_an_earlier_one_whole(tmp_path: Path) -> None:
     # given a bundle of an earlier version with two files more, of which one was changed
-    bundle.write(TARGETS["host"], tmp_path)
+    write(TARGETS["host"], tmp_path)
     sums = tmp_path / bundle.SUMS
     for name in ("old.c", "kept.c"):
         (tmp_path / name).write_text("int x;\n")
         sums.write_text(f"{sums.read_text()}{hashlib.sha256(b'int x;' + bytes([10])).hexdigest()}  {name}\n")
     (tmp_path / "kept.c").write_text("int y;\n")
     # when it is made again
-    bundle.write(TARGETS["host"], tmp_path)
+    write(TARGETS["host"], tmp_path)
     # then the one as it was made is gone, the changed one is not, and the list is that of the bundle
     assert not (tmp_path / "old.c").exists()
     assert (tmp_path / "kept.c").read_text() == "int y;\n"
@@ -990,7 +999,9 @@ def test_a_bundle_takes_the_place_of_an_earlier_one_whole(tmp_path: Path) -> Non
 def test_a_vest_with_ambiguous_or_fractional_tones_is_refused(
     setting: str, message: str, capsys: Any, tmp_path: Path
 ) -> None:
-    status, error = canine(capsys, "firmware", "--target", "host", "--out", tmp_path / "fw", "--set", setting)
+    status, error = canine(
+        capsys, "firmware", "--insecure", "--target", "host", "--out", tmp_path / "fw", "--set", setting
+    )
     assert status == 2
     assert message in error.replace("\n", " ")
     assert not (tmp_path / "fw").exists()

@@ -19,11 +19,13 @@ def fuzzer(name: str, folder: Path) -> Path:
     """The program that feeds one parser; where Clang cannot make it the test is skipped, but in CI fails."""
     program = folder / f"fuzz_{name}"
     write_drivers(folder)
-    drivers = ["scanner.c", f"{name}.c", *(["telemetry.c"] if name == "link" else [])]
+    beside = ["telemetry.c", "siphash.c", "key.c"] if name == "link" else []
+    drivers = ["scanner.c", f"{name}.c", *beside]
     sources: list[str | Path] = [
         FUZZ / f"fuzz_{name}.c",
         *(folder / driver for driver in drivers),
         f"-I{folder}",
+        f"-I{FUZZ}",
     ]
     sanitizers = "-fsanitize=fuzzer,address,undefined"
     probe = folder / "probe.c"
@@ -49,7 +51,7 @@ def corpus(name: str, folder: Path) -> Path:
             data = capture.read_bytes()[:20_000]
             inputs += [data[i : i + 250] for i in range(0, len(data), 250)]
     for i, data in enumerate(inputs):
-        (folder / f"{i}").write_bytes(bytes([(0, 6, 254)[i % 3]]) + data)
+        (folder / f"{i}").write_bytes(bytes([(0, 6, 254)[i % 3], *([20] if name == "link" else [])]) + data)
     return folder
 
 

@@ -167,7 +167,9 @@ def test_the_readme_of_a_bundle_tells_its_estimator_and_how_to_make_it_anew(targ
 def test_a_wrong_estimator_or_parameter_is_refused_in_one_line(
     tmp_path: Path, capsys: Any, arguments: list[str], message: str
 ) -> None:
-    status = main.run(["firmware", "--target", "host", "--out", str(tmp_path / "out"), *arguments])
+    status = main.run(
+        ["firmware", "--insecure", "--target", "host", "--out", str(tmp_path / "out"), *arguments]
+    )
     errors = capsys.readouterr().err
     assert status == 2
     assert message in errors
@@ -184,7 +186,12 @@ def test_parameters_of_estimator_and_ahrs_come_from_a_scenarios_file(tmp_path: P
     )
     # when firmware is made of it
     out = tmp_path / "out"
-    assert main.run(["firmware", "--target", "host", "--parameters", str(scenario), "--out", str(out)]) == 0
+    assert (
+        main.run(
+            ["firmware", "--insecure", "--target", "host", "--parameters", str(scenario), "--out", str(out)]
+        )
+        == 0
+    )
 
     # then it has both
     text = (out / "parameters.c").read_text()

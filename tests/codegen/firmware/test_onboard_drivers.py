@@ -10,6 +10,7 @@ import struct
 from collections.abc import Iterable
 from functools import cache
 from itertools import permutations
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyubx2 import UBX_PROTOCOL, UBXReader
+from siphashc import siphash
 
+from codegen.firmware.key import SIMULATION_KEY, Key
 from codegen.firmware.telemetry import FIELDS, Flag, Telemetry
 from harness.onboard import radio
 from models.commands import Command
@@ -28,6 +31,7 @@ from tests.codegen.firmware.onboard_drivers import (
     FRAME,
     GOOD,
     HEARTBEAT,
+    MESSAGES,
     MISSION,
     MISSION_16,
     MT_SAMPLE,
@@ -49,8 +53,10 @@ from tests.codegen.firmware.onboard_drivers import (
     ubx_frame,
     velned,
 )
+from tests.codegen.firmware.siphash_vectors import VECTORS
+from tests.harness.onboard.frames import SESSION, encode, raw_frame, with_crc
 
-SIZE = 144  # bytes; no frame is longer
+SIZE = 155  # bytes; no frame is longer
 U16, U32 = 2**16 - 1, 2**32 - 1
 positions = st.builds(
     radio.Position,
@@ -72,7 +78,8 @@ def c(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
 
 def driver(c: ctypes.CDLL, name: str) -> Driver:
     """A parser; the radio's holds the mission that GOOD starts."""
-    parser = Driver(c, name, *([False] if name == "mt" else []))
+    first: dict[str, list[int]] = {"mt": [False], "link": [SESSION]}
+    parser = Driver(c, name, *first.get(name, []))
     if name == "link":
         parser.state.mission.count, parser.state.mission.id = 16, MISSION_16.id
     return parser
@@ -242,7 +249,7 @@ def test_a_stream_cut_into_any_blocks_gives_the_same_frames(
     c: ctypes.CDLL, name: str, data: st.DataObject
 ) -> None:
     # given good, damaged and foreign bytes; an ABORT is taken at once, out of another frame too
-    good = [frame for frame in GOOD[name] if frame != radio.encode(radio.Abort(), frame[3])]
+    good = [frame for frame in GOOD[name] if frame[2] != ABORT]
     pieces = st.one_of(
         st.sampled_from(good),
         st.sampled_from(good).flatmap(lambda f: st.integers(0, len(f)).map(lambda n: f[:n])),
@@ -306,7 +313,7 @@ def random_bytes(seed: int, count: int) -> bytes:
         # In 1e7 places a header stands by chance; its checksum is right in 1 of 65536 (mt: 256):
         ("ubx", 4e7 / 2**48),  # B5 62 01, one of four messages, its length 0: six bytes
         ("mt", 1e7 / 2**32),  # FA FF 32 32: four bytes
-        ("link", 1e7 / 2**16 * 137 / 256),  # A5 5A, any type and number, 0 to 136: 82 headers, 0.001 frames
+        ("link", 1e7 / 2**16 * 139 / 256),  # A5 5A, any type, 0 to 138: 83 headers, 0.001 frames
     ],
 )
 def test_ten_million_random_bytes_hold_no_frame(c: ctypes.CDLL, name: str, expected_errors: float) -> None:
@@ -327,9 +334,9 @@ def test_random_bytes_behind_a_header_pass_as_often_as_the_checksum_lets_them(
     header = {
         "ubx": velned(0)[:6],
         "mt": MT_SAMPLE[:4],
-        "link": radio.encode(radio.Override(Command.NONE), 0)[:5],
+        "link": encode(radio.Override(Command.NONE), 0)[:4],
     }
-    rest = {"ubx": 38, "mt": 51, "link": 3}[name]
+    rest = {"ubx": 38, "mt": 51, "link": 15}[name]
     noise = random_bytes(2, 50_000 * rest)
     stream = b"".join(header[name] + noise[i : i + rest] for i in range(0, len(noise), rest))
     parser = driver(c, name)
@@ -511,35 +518,30 @@ def position_of(c_position: Any) -> tuple[int, int]:
 
 
 @settings(max_examples=100, deadline=None)
-@given(mission=missions, sequence=st.integers(0, 255))
-def test_mission_arrives_whole_and_starts(c: ctypes.CDLL, mission: radio.Mission, sequence: int) -> None:
+@given(mission=missions, counter=st.integers(1, 254))
+def test_mission_arrives_whole_and_starts(c: ctypes.CDLL, mission: radio.Mission, counter: int) -> None:
     link = driver(c, "link")
-    assert list(link.receive(radio.encode(mission, sequence))) == [MISSION]
+    assert list(link.receive(encode(mission, counter))) == [MISSION]
     held = link.state.mission
     assert position_of(held.home) == degrees_e7(mission.home)
     assert held.count == len(mission.waypoints)
     assert [position_of(p) for p in held.waypoints[: held.count]] == [
         degrees_e7(p) for p in mission.waypoints
     ]
-    assert (held.id, link.state.sequence) == (mission.id, sequence)
-    assert list(link.receive(radio.encode(radio.Start(mission.id), 9))) == [START]
+    assert (held.id, link.state.received) == (mission.id, counter)
+    assert list(link.receive(encode(radio.Start(mission.id), counter + 1))) == [START]
 
 
 def test_override_abort_and_heartbeat_arrive(c: ctypes.CDLL) -> None:
     link = driver(c, "link")
     for command in Command:
-        assert list(link.receive(radio.encode(radio.Override(command), 3))) == [OVERRIDE]
+        assert list(link.receive(encode(radio.Override(command), 3 + command))) == [OVERRIDE]
         assert link.state.override == command
-    assert list(link.receive(radio.encode(radio.Abort(), 4) + radio.encode(radio.Heartbeat(), 5))) == [
+    assert list(link.receive(encode(radio.Abort(), 40) + encode(radio.Heartbeat(0xC0FFEE01), 50))) == [
         ABORT,
         HEARTBEAT,
     ]
-    assert link.state.sequence == 5
-
-
-def raw_message(type: int, payload: bytes, sequence: int = 77) -> bytes:
-    body = bytes([type, sequence, len(payload)]) + payload
-    return b"\xa5\x5a" + body + struct.pack(">H", radio.crc16(body))
+    assert (link.state.received, link.state.nonce) == (50, 0xC0FFEE01)
 
 
 HERE = struct.pack(">ii", 326_000_000, -854_900_000)
@@ -548,67 +550,68 @@ HERE = struct.pack(">ii", 326_000_000, -854_900_000)
 @pytest.mark.parametrize(
     "message",
     [
-        pytest.param(raw_message(MISSION, b""), id="mission of nothing"),
-        pytest.param(raw_message(MISSION, HERE), id="mission without a waypoint"),
-        pytest.param(raw_message(MISSION, HERE * 3 + b"1234"), id="mission of half a waypoint"),
+        pytest.param(raw_frame(MISSION, b""), id="mission of nothing"),
+        pytest.param(raw_frame(MISSION, HERE), id="mission without a waypoint"),
+        pytest.param(raw_frame(MISSION, HERE * 3 + b"1234"), id="mission of half a waypoint"),
         pytest.param(
-            raw_message(MISSION, HERE * 16 + struct.pack(">ii", 900_000_001, 0)), id="latitude at last"
+            raw_frame(MISSION, HERE * 16 + struct.pack(">ii", 900_000_001, 0)), id="latitude at last"
         ),
-        pytest.param(
-            raw_message(MISSION, struct.pack(">ii", 0, 1_800_000_001) + HERE), id="longitude of home"
-        ),
-        pytest.param(raw_message(MISSION, HERE + struct.pack(">ii", -(2**31), 0)), id="least latitude"),
-        pytest.param(raw_message(START, struct.pack(">HB", MISSION_16.id, 0)), id="start too long"),
-        pytest.param(raw_message(OVERRIDE, b"\6"), id="unknown command"),
-        pytest.param(raw_message(OVERRIDE, b""), id="no command"),
-        pytest.param(raw_message(ABORT, b"\0"), id="abort too long"),
-        pytest.param(raw_message(HEARTBEAT, b"\0"), id="heartbeat too long"),
+        pytest.param(raw_frame(MISSION, struct.pack(">ii", 0, 1_800_000_001) + HERE), id="longitude of home"),
+        pytest.param(raw_frame(MISSION, HERE + struct.pack(">ii", -(2**31), 0)), id="least latitude"),
+        pytest.param(raw_frame(START, struct.pack(">HB", MISSION_16.id, 0)), id="start too long"),
+        pytest.param(raw_frame(OVERRIDE, b"\6"), id="unknown command"),
+        pytest.param(raw_frame(OVERRIDE, b""), id="no command"),
+        pytest.param(raw_frame(ABORT, b"\0"), id="abort too long"),
+        pytest.param(raw_frame(HEARTBEAT, b"\0" * 5), id="heartbeat too long"),
+        pytest.param(raw_frame(HEARTBEAT, b""), id="heartbeat without a nonce"),
     ],
 )
 def test_a_radio_message_with_a_wrong_value_is_only_counted(c: ctypes.CDLL, message: bytes) -> None:
     # given a mission held
     link = driver(c, "link")
-    list(link.receive(radio.encode(MISSION_16, 1)))
-    before = bytes(link.state.mission), link.state.override, link.state.sequence
+    list(link.receive(encode(MISSION_16, 1)))
+    before = bytes(link.state.mission), link.state.override, link.state.nonce
     # when it comes, then
     assert list(link.receive(message)) == []
-    assert (bytes(link.state.mission), link.state.override, link.state.sequence) == before
+    assert (bytes(link.state.mission), link.state.override, link.state.nonce) == before
     assert (link.state.refused, link.state.unknown) == (1, 0)
-    link.state.refused = U32
+    # and it is not taken later
+    assert (link.state.received, list(link.receive(message)), link.state.replayed) == (77, [], 1)
+    link.state.refused, link.state.received = U32, 0
     list(link.receive(message))
     assert link.state.refused == U32
 
 
 def test_a_start_tells_the_mission_that_it_asks_for(c: ctypes.CDLL) -> None:
     # given a vest without a mission, and one with another: whether it can begin is decided in onboard.c
-    for link in (Driver(c, "link"), driver(c, "link")):
-        assert list(link.receive(radio.encode(radio.Start(0xBEEF), 3))) == [START]
-        assert (link.state.asked, link.state.sequence, link.state.refused) == (0xBEEF, 3, 0)
+    for link in (Driver(c, "link", SESSION), driver(c, "link")):
+        assert list(link.receive(encode(radio.Start(0xBEEF), 3))) == [START]
+        assert (link.state.asked, link.state.received, link.state.refused) == (0xBEEF, 3, 0)
 
 
 def test_rule_9_no_mission_is_taken_while_it_is_locked(c: ctypes.CDLL) -> None:
     link = driver(c, "link")
     link.state.locked = True
     held = bytes(link.state.mission)
-    assert list(link.receive(radio.encode(MISSION_16, 1))) == []
+    assert list(link.receive(encode(MISSION_16, 1))) == []
     assert (bytes(link.state.mission), link.state.refused) == (held, 1)
     link.state.locked = False
-    assert list(link.receive(radio.encode(MISSION_16, 2))) == [MISSION]
+    assert list(link.receive(encode(MISSION_16, 2))) == [MISSION]
 
 
 def test_a_mission_that_is_too_long_is_not_taken_for_a_frame(c: ctypes.CDLL) -> None:
-    link = Driver(c, "link")
-    assert list(link.receive(raw_message(MISSION, HERE * 18) + raw_message(ABORT, b""))) == [ABORT]
+    link = Driver(c, "link", SESSION)
+    assert list(link.receive(raw_frame(MISSION, HERE * 18) + raw_frame(ABORT, b""))) == [ABORT]
     assert link.state.mission.count == 0
 
 
 def test_messages_of_unknown_types_are_counted(c: ctypes.CDLL) -> None:
     link = driver(c, "link")
-    for type in (0, 6, 16, 255):
-        assert list(link.receive(raw_message(type, b"any"))) == []
-    assert (link.state.unknown, link.state.refused, link.state.sequence) == (4, 0, 0)
+    for counter, kind in enumerate((0, 6, 16, 255), start=1):
+        assert list(link.receive(raw_frame(kind, b"any", counter))) == []
+    assert (link.state.unknown, link.state.refused, link.state.received) == (4, 0, 4)
     # and a known one right behind is found in the same call
-    assert list(link.receive(raw_message(99, b"") + raw_message(ABORT, b""))) == [ABORT]
+    assert list(link.receive(raw_frame(99, b"", 5) + raw_frame(ABORT, b"", 6))) == [ABORT]
 
 
 @settings(max_examples=300, deadline=None)
@@ -617,11 +620,11 @@ def test_rule_10_an_abort_is_taken_with_its_last_byte_whatever_bytes_came_before
     c: ctypes.CDLL, data: st.DataObject
 ) -> None:
     # given whole and cut frames, headers that claim any length, and noise
-    headers = st.builds(lambda *values: b"\xa5\x5a" + bytes(values), *[st.integers(0, 255)] * 3)
+    headers = st.builds(lambda *values: b"\xa5\x5a" + bytes(values), *[st.integers(0, 255)] * 2)
     cut = st.sampled_from(GOOD["link"]).flatmap(lambda f: st.integers(0, len(f)).map(lambda n: f[:n]))
     pieces = st.one_of(headers, cut, st.sampled_from(GOOD["link"]), st.binary(max_size=9))
     before = b"".join(data.draw(st.lists(pieces, max_size=12)))
-    stream = before + radio.encode(radio.Abort(), data.draw(st.integers(0, 255)))
+    stream = before + encode(radio.Abort(), data.draw(st.integers(205, 255)))
     # when they come in any blocks, an ABORT behind them
     link, events, start = driver(c, "link"), list[int](), 0
     while start < len(stream):
@@ -630,18 +633,18 @@ def test_rule_10_an_abort_is_taken_with_its_last_byte_whatever_bytes_came_before
         start += size
     # then it is taken from the block in which it ends
     assert ABORT in events
-    assert link.state.sequence == stream[-4]
+    assert link.state.received == stream[-11]
     # and nothing of what came before is left
     assert link.state.scanner.count == 0
 
 
 @pytest.mark.parametrize("block", [1, 7, 200])
 def test_rule_10_an_abort_behind_any_part_of_a_mission_is_taken_at_once(c: ctypes.CDLL, block: int) -> None:
-    mission, abort = radio.encode(MISSION_16, 1), radio.encode(radio.Abort(), 2)
+    mission, abort = encode(MISSION_16, 1), encode(radio.Abort(), 2)
     for length in range(len(mission)):
         link = driver(c, "link")
         # when more comes right behind it, then that is taken as well
-        assert list(link.receive(mission[:length] + abort + radio.encode(radio.Heartbeat(), 3), block)) == [
+        assert list(link.receive(mission[:length] + abort + encode(radio.Heartbeat(7), 3), block)) == [
             ABORT,
             HEARTBEAT,
         ]
@@ -650,48 +653,176 @@ def test_rule_10_an_abort_behind_any_part_of_a_mission_is_taken_at_once(c: ctype
         assert link.state.scanner.frames == 2
 
 
-def test_rule_10_bytes_of_a_mission_that_look_like_an_abort_stop_only_when_it_comes_in_pieces(
-    c: ctypes.CDLL,
-) -> None:
-    # given a mission with a longitude of 152 deg west and a latitude at the equator that make an ABORT
-    abort = radio.encode(radio.Abort(), 9)
-    payload = HERE[:4] + abort + b"\0" + HERE[4:]
-    mission = raw_message(MISSION, b"\0\1" + payload)
-    assert abort in mission
+def test_rule_10_bytes_of_a_mission_that_look_like_an_abort_stop_nobody(c: ctypes.CDLL) -> None:
+    # given a mission whose positions have the bytes of an ABORT without its tag
+    looks = with_crc(bytes.fromhex("04 00 00000009") + bytes(8))
+    mission = raw_frame(MISSION, b"\0\1" + HERE[:4] + looks + b"\0\0" + HERE)
     # when it comes whole, then it is a mission
     assert list(driver(c, "link").receive(mission)) == [MISSION]
-    # when a block ends behind those bytes, then the animal is stopped for nothing, which is safe
-    end = mission.index(abort) + len(abort)
+    # when a block ends behind those bytes, then they are forged, and the mission is lost
+    end = mission.index(looks) + len(looks)
     link = driver(c, "link")
-    assert list(link.receive_block(mission[:end])) == [ABORT]
+    assert list(link.receive_block(mission[:end])) == []
     assert list(link.receive_block(mission[end:])) == []
-
-
-def crc_behind(header: str) -> bytes:
-    """Five bytes and the CRC of the last three."""
-    return bytes.fromhex(header) + struct.pack(">H", radio.crc16(bytes.fromhex(header)[2:]))
+    assert link.state.forged == 1
 
 
 @pytest.mark.parametrize(
     "looks",
     [
-        pytest.param(crc_behind("a45a 04 09 00"), id="first byte"),
-        pytest.param(crc_behind("a55b 04 09 00"), id="second byte"),
-        pytest.param(crc_behind("a55a 05 09 00"), id="another message"),
-        pytest.param(crc_behind("a55a 04 09 01"), id="with a payload"),
-        pytest.param(crc_behind("a55a 04 09 00")[:6] + b"\0", id="wrong CRC"),
+        pytest.param(b"\xa4" + encode(radio.Abort(), 78)[1:], id="first byte"),
+        pytest.param(b"\xa5\x5b" + encode(radio.Abort(), 78)[2:], id="second byte"),
+        pytest.param(with_crc(bytes.fromhex("05 00 0000004e") + bytes(8)), id="another message"),
+        pytest.param(with_crc(bytes.fromhex("04 01 0000004e") + bytes(8)), id="with a payload"),
+        pytest.param(encode(radio.Abort(), 78)[:-1] + b"\0", id="wrong CRC"),
     ],
 )
 def test_rule_10_a_frame_that_waits_is_not_disturbed_by_what_is_no_abort(
     c: ctypes.CDLL, looks: bytes
 ) -> None:
     # given bytes inside a mission that differ from an ABORT in one place
-    mission = raw_message(MISSION, b"\0\1" + HERE[:4] + looks + b"\0" + HERE[4:])
+    mission = raw_frame(MISSION, b"\0\1" + HERE[:4] + looks + b"\0\0" + HERE)
     # when it comes byte by byte
     link = driver(c, "link")
     # then it is taken as it is
     assert list(link.receive(mission, 1)) == [MISSION]
     assert link.state.scanner.skipped == 0
+
+
+# --- rule 11: only the handler ---
+
+STRANGER = radio.Seal(Key(bytes(range(1, 17))), SESSION)
+OTHER_SESSION = radio.Seal(SIMULATION_KEY, SESSION + 1)
+
+
+def judged(link: Driver) -> tuple[int, ...]:
+    """Frames with a wrong CRC, with a wrong tag, and those that came before or too late."""
+    state = link.state
+    return state.scanner.errors, state.forged, state.replayed
+
+
+def unchanged(link: Driver) -> tuple[Any, ...]:
+    """What a message can change."""
+    state = link.state
+    return bytes(state.mission), state.asked, state.override, state.nonce, state.received
+
+
+@pytest.mark.parametrize("message", MESSAGES, ids=lambda m: type(m).__name__)
+@pytest.mark.parametrize("seal", [STRANGER, OTHER_SESSION], ids=["stranger's", "other session's"])
+def test_rule_11_a_frame_of_another_key_or_session_is_forged(
+    c: ctypes.CDLL, message: radio.Message, seal: radio.Seal
+) -> None:
+    link = driver(c, "link")
+    before = unchanged(link)
+    assert list(link.receive(encode(message, 9, seal))) == []
+    assert (unchanged(link), judged(link)) == (before, (0, 1, 0))
+    # and the handler's own is taken
+    assert len(list(link.receive(encode(message, 9)))) == 1
+
+
+@pytest.mark.parametrize("message", MESSAGES, ids=lambda m: type(m).__name__)
+def test_rule_11_a_frame_with_any_bit_changed_and_its_crc_made_right_is_forged(
+    c: ctypes.CDLL, message: radio.Message
+) -> None:
+    frame = encode(message, 9)
+    for bit in range(8 * 2, 8 * (len(frame) - 2)):
+        body = bytearray(frame)
+        body[bit // 8] ^= 1 << bit % 8
+        link = driver(c, "link")
+        before = unchanged(link)
+        assert list(link.receive(with_crc(bytes(body[2:-2])))) == []
+        assert unchanged(link) == before
+        if bit // 8 != 3:  # the length: another frame, or none
+            assert judged(link) == (0, 1, 0)
+
+
+def test_rule_11_a_frame_with_a_part_of_its_tag_is_none(c: ctypes.CDLL) -> None:
+    body = encode(radio.Abort(), 9)[2:-2]
+    for length in range(8):
+        link = driver(c, "link")
+        assert list(link.receive(with_crc(body[: 6 + length]) + bytes(SIZE))) == []
+        assert link.state.received == 0
+
+
+def test_rule_11_a_frame_that_came_before_is_replayed(c: ctypes.CDLL) -> None:
+    # given frames that were taken, in their order
+    link = driver(c, "link")
+    first, second = encode(radio.Override(Command.LEFT), 20), encode(radio.Override(Command.NONE), 21)
+    assert list(link.receive(first + second)) == [OVERRIDE, OVERRIDE]
+    # when they come again, in any order, or one that was held back
+    for again in (first, second, encode(radio.Start(MISSION_16.id), 19)):
+        assert list(link.receive(again)) == []
+    # then none acts
+    assert (link.state.override, link.state.received, judged(link)) == (0, 21, (0, 0, 3))
+
+
+@pytest.mark.parametrize("told", [16, 1000, 2**24 - 2])
+def test_rule_11_a_frame_that_was_held_back_is_too_old_but_an_abort_is_not(c: ctypes.CDLL, told: int) -> None:
+    def answer(telemetry: int, message: radio.Message) -> bytes:
+        return encode(message, (telemetry << 8) + 3)
+
+    link = driver(c, "link")
+    link.state.told = told
+    # a frame answers one of the last sixteen telemetries
+    assert list(link.receive(answer(told - 16, radio.Start(1)))) == []
+    assert list(link.receive(answer(told + 1, radio.Start(1)))) == []
+    assert judged(link) == (0, 0, 2)
+    assert list(link.receive(answer(told - 15, radio.Start(1)))) == [START]
+    assert list(link.receive(answer(told, radio.Start(1)))) == [START]
+    # an ABORT may be older, but cannot come from the future, which would block all after it
+    link.state.received = 0
+    assert list(link.receive(answer(told - 16, radio.Abort()))) == [ABORT]
+    assert list(link.receive(answer(told + 1, radio.Abort()))) == []
+    assert judged(link) == (0, 0, 3)
+
+
+def test_rule_11_counts_of_forged_and_replayed_frames_stop_at_their_greatest_value(c: ctypes.CDLL) -> None:
+    link = driver(c, "link")
+    link.state.forged = link.state.replayed = U32 - 1
+    for _ in range(3):
+        list(link.receive(encode(radio.Abort(), 9, STRANGER) + encode(radio.Abort(), 9)))
+    assert (link.state.forged, link.state.replayed) == (U32, U32)
+
+
+def test_rule_11_a_program_without_a_key_takes_any_tag_but_no_frame_twice(tmp_path: Path) -> None:
+    link = Driver(library(tmp_path, None), "link", SESSION)
+    frame = encode(radio.Heartbeat(7), 9, STRANGER)
+    assert list(link.receive(frame)) == [HEARTBEAT]
+    assert list(link.receive(frame)) == []
+    assert judged(link) == (0, 0, 1)
+    # and its telemetry has a tag of zeros
+    written = ctypes.create_string_buffer(radio.Decoder.SIZE)
+    link.c.link_write_telemetry(ctypes.byref(link.state), written, ctypes.byref(STRUCTS["telemetry"]()))
+    assert written.raw[-10:-2] == bytes(8)
+
+
+# --- SipHash-2-4 ---
+
+
+def siphash_of(c: ctypes.CDLL, key: bytes, *parts: bytes) -> bytes:
+    state, tag = ctypes.create_string_buffer(64), ctypes.create_string_buffer(8)
+    c.siphash_begin(state, key)
+    for part in parts:
+        c.siphash_take(state, part, len(part))
+    c.siphash_end(state, tag)
+    return tag.raw
+
+
+def test_siphash_gives_the_papers_vectors(c: ctypes.CDLL) -> None:
+    # given the key 00 to 0f and the messages 00, 01, ... of 0 to 63 bytes
+    key = bytes(range(16))
+    assert len(VECTORS) == 64
+    for length, expected in enumerate(VECTORS):
+        # then, in one piece and in two, it is what the authors' program gives
+        message = bytes(range(length))
+        assert siphash_of(c, key, message) == expected
+        assert siphash_of(c, key, message[: length // 3], message[length // 3 :]) == expected
+
+
+@settings(max_examples=300, deadline=None)
+@given(key=st.binary(min_size=16, max_size=16), message=st.binary(max_size=255))
+def test_siphash_of_any_bytes_is_the_laptops(c: ctypes.CDLL, key: bytes, message: bytes) -> None:
+    assert siphash_of(c, key, message) == siphash(key, message).to_bytes(8, "little")
 
 
 def c_telemetry(telemetry: Telemetry) -> Any:
@@ -714,13 +845,16 @@ telemetries = st.fixed_dictionaries(
 
 
 @settings(max_examples=200, deadline=None)
-@given(telemetry=telemetries, sequence=st.integers(0, 255))
+@given(telemetry=telemetries, counter=st.integers(1, U32))
 def test_telemetry_of_the_vest_is_what_the_laptop_reads(
-    c: ctypes.CDLL, telemetry: Telemetry, sequence: int
+    c: ctypes.CDLL, telemetry: Telemetry, counter: int
 ) -> None:
+    link = Driver(c, "link", telemetry.session)
+    link.state.told = counter - 1
     frame = ctypes.create_string_buffer(radio.Decoder.SIZE)
     write = c.link_write_telemetry
     write.restype = ctypes.c_uint8
-    assert write(frame, sequence, ctypes.byref(c_telemetry(telemetry))) == radio.Decoder.SIZE
-    assert radio.Decoder().receive(frame.raw) == [telemetry]
-    assert frame.raw == radio.encode(telemetry, sequence)
+    size = write(ctypes.byref(link.state), frame, ctypes.byref(c_telemetry(telemetry)))
+    assert (size, link.state.told) == (radio.Decoder.SIZE, counter)
+    assert radio.Decoder(SIMULATION_KEY).receive(frame.raw) == [(counter, telemetry)]
+    assert frame.raw == encode(telemetry, counter, radio.Seal(SIMULATION_KEY, telemetry.session))

@@ -91,7 +91,7 @@ def test_record_names_the_words_of_drivers_and_blocks_by_their_place() -> None:
         "radio.mission.latitude[16]",
         "radio.mission.home.longitude",
     } <= names
-    assert {"gps.errors", "gps.held", "gps.fix.h_acc", "gps.epoch.course", "time_ms", "sequence"} <= names
+    assert {"gps.errors", "gps.held", "gps.fix.h_acc", "gps.epoch.course", "time_ms", "radio.told"} <= names
     assert {"controller.state.now", "controller.parameter.waypoint_north[1]"} <= names
     # other parameters than the mission do not change
     assert "controller.parameter.capture_radius" not in names

@@ -25,10 +25,10 @@ from harness.onboard.stand_in import Onboard
 def test_each_field_has_a_member_of_its_type_and_the_flags_have_a_bool_each() -> None:
     # given the struct as the header has it
     members = {member.name: member.type for member in headers().structs["telemetry"]}
-    # then it has the fields in their order, and the six conditions where the flags are
+    # then it has the fields in their order, and the seven conditions where the flags are
     names = list(FIELDS)
     at = names.index("flags")
-    bools = ["valid", "imu_ok", "link_ok", "fixed", "loaded", "started"]
+    bools = ["valid", "imu_ok", "link_ok", "fixed", "loaded", "started", "insecure"]
     assert list(members) == [*names[:at], *bools, *names[at + 1 :]]
     assert {members[name] for name in bools} == {"bool"}
     assert all(members[name] == FIELDS[name].type for name in names if name != "flags")
@@ -39,10 +39,10 @@ def test_the_program_sets_every_member_of_the_telemetry_that_it_sends() -> None:
     assert set(re.findall(r"\bt\.(\w+) = ", program()["onboard.c"])) == members
 
 
-def test_payload_is_50_bytes_as_the_header_states() -> None:
-    # 4 + 4 + 4, seven of 2, six of 1, 4, 1, 2, 1, five of 2
-    assert PAYLOAD.size == 12 + 14 + 6 + 4 + 1 + 2 + 1 + 10
-    assert "#define TELEMETRY_SIZE 50U" in program()["telemetry.h"]
+def test_payload_is_72_bytes_as_the_header_states() -> None:
+    # 4 + 4 + 4, seven of 2, six of 1, three of 2, 1, 4, 1, 2, three of 4, seven of 2
+    assert PAYLOAD.size == 12 + 14 + 6 + 6 + 1 + 4 + 1 + 2 + 12 + 14
+    assert "#define TELEMETRY_SIZE 72U" in program()["telemetry.h"]
 
 
 def test_payload_of_telemetry_is_read_back() -> None:
@@ -51,7 +51,7 @@ def test_payload_of_telemetry_is_read_back() -> None:
 
 
 def test_flags_are_the_bits_of_one_byte_each_once() -> None:
-    assert [flag.value for flag in Flag] == [1, 2, 4, 8, 16, 32]
+    assert [flag.value for flag in Flag] == [1, 2, 4, 8, 16, 32, 64]
     assert all(flag.meaning for flag in Flag)
     assert Flag(0x21) == Flag.VALID | Flag.STARTED
 

@@ -9,11 +9,12 @@ import math
 import time
 from collections.abc import Callable, Iterator
 
+from codegen.firmware.key import SIMULATION_KEY
 from codegen.firmware.telemetry import Telemetry
 from harness.log.geodesy import TangentPlane
 from harness.onboard.instruments import InertialUnit, Receiver
 from harness.onboard.operator import Operator
-from harness.onboard.radio import Mission, Position
+from harness.onboard.radio import Link, Mission, Position
 from models.commands import Command
 from models.kit.timing import TICK
 
@@ -39,7 +40,7 @@ def lead(
     plane = TangentPlane(math.radians(LATITUDE), math.radians(LONGITUDE))
     receiver, unit = Receiver(plane), InertialUnit()
     waypoint = (math.degrees(x) for x in plane.from_plane(0.0, EAST))
-    operator = Operator(Mission(Position(LATITUDE, LONGITUDE), (Position(*waypoint),)))
+    operator = Operator(Mission(Position(LATITUDE, LONGITUDE), (Position(*waypoint),)), Link(SIMULATION_KEY))
     began = time.monotonic()
     for tick in range(round(seconds / TICK)):
         signals = still(tick % TICKS_PER_FIX == 0)

@@ -35,6 +35,7 @@ from harness.onboard import radio
 from harness.onboard.processors import ProcessorError, Received, Reply, cortex_m4f, host, open_processor
 from harness.onboard.processors.cortex_m4f import CortexM4F, instructions_in
 from models.commands import Command
+from tests.harness.onboard.frames import answering, encode
 
 TARGET = find_target("cortex-m4f")
 TICKS = 240
@@ -114,7 +115,7 @@ def stream() -> tuple[Received, ...]:
         if k % 6 == 5 and not 120 < k < 160:
             coming["gps"] = pvt(40 * k) if k % 4 == 3 else epoch(40 * k, fix=dice.choice((3, 3, 3, 2)))
         if k in MESSAGES or k % 10 == 0:
-            coming["radio"] = radio.encode(MESSAGES.get(k, radio.Heartbeat()), k)
+            coming["radio"] = encode(MESSAGES.get(k, radio.Heartbeat(7)), answering(k))
         for source, data in coming.items():
             now = held[source] + data
             if now and dice.random() < 0.08 and k not in MESSAGES:  # a bit turned

@@ -16,13 +16,13 @@ from itertools import pairwise
 import pytest
 
 from codegen.firmware.telemetry import Flag
-from harness.onboard.radio import Abort, Heartbeat, Mission, Override, Start
+from harness.onboard.radio import Abort, Mission, Override, Start
 from models.commands import Command, Status
 from models.kit.timing import TICK
 from models.modes import Anomaly, Mode
 from models.system import SYSTEMS
 from tests.harness.onboard.animal import Animal, Behaviour, Motion, obedient
-from tests.harness.onboard.vest import PLANE, Vest, place
+from tests.harness.onboard.vest import HERE, PLANE, Vest, place
 from tests.harness.played import (
     DIRECTIONS,
     TONES,
@@ -73,9 +73,9 @@ def begun(mission: Mission = NORTH, heading: float = 0.0) -> Iterator[Animal]:
     vest = Vest()
     with closing(vest.processor):
         animal = Animal(vest, heading)
-        animal.ticks(2.0, still, Heartbeat())
+        animal.ticks(2.0, still, HERE)
         animal.tick(still, mission, fix=False)
-        animal.ticks(1.0, still, Heartbeat())  # the mission is projected place by place
+        animal.ticks(1.0, still, HERE)  # the mission is projected place by place
         animal.tick(still, Start(mission.id), fix=False)
         vest.played.clear()
         yield animal
@@ -118,7 +118,7 @@ IGNORED: dict[str, tuple[Mission, float, Behaviour]] = {
 @cache
 def ignored(command: str) -> Disobedience:
     with begun(*IGNORED[command][:2]) as animal:
-        animal.ticks(TEN_MINUTES, IGNORED[command][2], Heartbeat())
+        animal.ticks(TEN_MINUTES, IGNORED[command][2], HERE)
         return outcome(animal)
 
 
@@ -194,7 +194,7 @@ def test_rule_3_what_the_operator_holds_or_repeats_ends_within_the_budget(
 def test_rule_3_telemetry_tells_what_is_left_of_the_budget_and_what_broke_it() -> None:
     # given an animal that ignores its turn, when it has been turned for a while
     with begun(heading=math.pi / 3) as animal:
-        played = animal.ticks(10.0, still, Heartbeat())
+        played = animal.ticks(10.0, still, HERE)
         told = animal.vest.telemetry
         # then what is left and what was played make the budget; telemetry comes once a second
         assert 1 <= issues(played) < LEG_ISSUES
@@ -206,15 +206,15 @@ def test_rule_3_telemetry_tells_what_is_left_of_the_budget_and_what_broke_it() -
         assert told.tone_left / 10 == pytest.approx(WINDOW_TONE - HELD - seconds(played, *TONES), abs=0.2)
         assert told.last_anomaly == Anomaly.TURN_FAILURE
         # when it is spent, then nothing is left, and that has ended the trial
-        animal.ticks(40.0, still, Heartbeat())
+        animal.ticks(40.0, still, HERE)
         told = animal.vest.telemetry
         assert (told.issues_left, told.vibration_left) == (0, 0)
         assert told.last_anomaly == Anomaly.BUDGET_SPENT
         # when the mission begins anew, then all of it is there again
         animal.tick(still, Abort(), fix=False)
-        animal.ticks(2.0, still, Heartbeat())
+        animal.ticks(2.0, still, HERE)
         animal.tick(still, Start(NORTH.id), fix=False)
-        animal.ticks(1.2, still, Heartbeat())
+        animal.ticks(1.2, still, HERE)
         told = animal.vest.telemetry
         assert (told.issues_left, told.vibration_left) == (LEG_ISSUES, 10 * LEG_VIBRATION)
         assert told.last_anomaly == Anomaly.NONE
@@ -233,9 +233,9 @@ def test_rule_3_stop_sounds_whenever_the_operator_sends_it_but_not_for_long(unde
 def test_rule_3_only_a_start_fills_what_an_animal_spent() -> None:
     # given an animal that ignored its turn, and an operator who has aborted the mission
     with begun(heading=math.pi / 3) as animal:
-        animal.ticks(40.0, still, Heartbeat())
+        animal.ticks(40.0, still, HERE)
         animal.tick(still, Abort(), fix=False)
-        animal.ticks(120.0, still, Heartbeat())
+        animal.ticks(120.0, still, HERE)
         animal.vest.played.clear()
         # when a direction is sent, then it is answered by nothing
         assert set(animal.ticks(3.0, still, Override(Command.LEFT))) == {Command.NONE}
@@ -261,7 +261,7 @@ def test_rule_12_a_vest_that_is_switched_on_alone_plays_one_stop_and_is_silent_f
 
 def test_rule_12_after_a_success_the_vest_plays_one_stop_and_is_silent() -> None:
     with begun(Mission(HOME, (place(20, 0),))) as animal:
-        played = animal.ticks(60.0, obedient, Heartbeat())
+        played = animal.ticks(60.0, obedient, HERE)
         assert animal.vest.telemetry.status == Status.SUCCESS
         assert [name for name, _ in phases(played)] == ["FORWARD", "STOP", "RECALL", "STOP", "NONE"]
         assert phases(played)[-2] == ("STOP", HELD)
@@ -274,15 +274,15 @@ def test_rule_12_after_a_success_the_vest_plays_one_stop_and_is_silent() -> None
 def test_rule_2_an_animal_that_walks_without_fixes_gets_no_direction(bias: float) -> None:
     # given one that walks at 1.5 m/s away from its course, and an accelerometer that is off by so much
     with begun(heading=0.0) as animal:
-        animal.ticks(4.0, walks, Heartbeat())
+        animal.ticks(4.0, walks, HERE)
         animal.sensed = {"accel_x": bias}
         animal.heading = math.pi / 3
         # when no fixes come for 12 s, then its speed is soon wrong
-        animal.ticks(12.0, walks, Heartbeat(), fix=False)
+        animal.ticks(12.0, walks, HERE, fix=False)
         assert seconds(animal.vest.played, *DIRECTIONS) == 0
         # when they come again and it stands, then it is turned
         animal.sensed = {}
-        animal.ticks(20.0, ignoring(*DIRECTIONS), Heartbeat())
+        animal.ticks(20.0, ignoring(*DIRECTIONS), HERE)
         assert seconds(animal.vest.played, *DIRECTIONS) > 0
 
 
@@ -293,7 +293,7 @@ def test_rule_2_directions_come_behind_a_held_stop_last_3_s_and_never_follow_eac
         return speed, {Command.RIGHT: 1.5, Command.LEFT: -1.5}.get(command, 0.0)
 
     with begun(heading=math.pi) as animal:
-        played = animal.ticks(60.0, overshoots, Heartbeat())
+        played = animal.ticks(60.0, overshoots, HERE)
     turns = phases(played)
     assert sum(name in ("LEFT", "RIGHT") for name, _ in turns) >= 2
     for before, (name, lasts) in pairwise(turns):
@@ -306,7 +306,7 @@ def test_rule_2_directions_come_behind_a_held_stop_last_3_s_and_never_follow_eac
 def test_the_program_gives_its_blocks_what_the_wiring_says() -> None:
     # given an animal that walks, so that no two of the signals are the same
     with begun() as animal:
-        animal.ticks(3.0, walks, Heartbeat())
+        animal.ticks(3.0, walks, HERE)
         _, memory = animal.tick(walks)
     # then each input of the controller and the command module is what it is linked to
     blocks = ("estimator", "controller", "command_module")
@@ -325,7 +325,7 @@ def backwards() -> tuple[float, list[Command], Mode]:
     """An inertial unit that is mounted backwards: the animal runs away from the waypoint under FORWARD."""
     with begun() as animal:
         animal.course_off = math.pi
-        animal.ticks(120.0, lambda command: (5.0 * (command == Command.FORWARD), 0.0), Heartbeat())
+        animal.ticks(120.0, lambda command: (5.0 * (command == Command.FORWARD), 0.0), HERE)
         return animal.north, animal.vest.played, Mode(animal.vest.telemetry.mode)
 
 
@@ -339,9 +339,9 @@ def test_rule_4_an_animal_that_runs_the_wrong_way_is_stopped() -> None:
 
 def test_rule_4_an_animal_that_sits_down_on_its_way_is_noticed() -> None:
     with begun() as animal:
-        animal.ticks(20.0, obedient, Heartbeat())
+        animal.ticks(20.0, obedient, HERE)
         assert animal.vest.played[-1] == Command.FORWARD
-        played = animal.ticks(60.0, still, Heartbeat())
+        played = animal.ticks(60.0, still, HERE)
         assert PROGRESS <= silent_from(played) <= PROGRESS + HELD + 1.0
         assert animal.vest.telemetry.mode == Mode.STOPPED
 
@@ -357,12 +357,12 @@ def test_rule_5_an_estimate_that_is_far_off_leads_no_animal(speed: float, bias: 
         return speed, 0.0
 
     with begun(Mission(HOME, (place(400, 0),))) as animal:
-        animal.ticks(8.0, goes, Heartbeat())
+        animal.ticks(8.0, goes, HERE)
         animal.sensed = {"accel_x": bias}
         led = invalid = 0
         # when there is no fix for 14.9 s, less than a fix may be old
         for k in range(round(14.9 / TICK)):
-            command, _ = animal.tick(goes, *([Heartbeat()] if k % 5 == 0 else []), fix=False)
+            command, _ = animal.tick(goes, *([HERE] if k % 5 == 0 else []), fix=False)
             telemetry = animal.vest.telemetry
             north, east = PLANE.to_plane(
                 *(math.radians(x / 1e7) for x in (telemetry.latitude, telemetry.longitude))

@@ -11,6 +11,7 @@ from pyubx2 import GET, UBXMessage
 from harness.onboard import radio
 from harness.onboard.processors import Received
 from models.commands import Command
+from tests.harness.onboard.frames import answering, encode
 
 LATITUDE, LONGITUDE = 32.6, -85.49  # deg, where the walk begins
 DEGREE = 111_000.0  # m, about
@@ -64,8 +65,8 @@ def traffic(ticks: int, seed: int = 1) -> list[Received]:
             accel = draw.choice([math.nan, math.inf, -1e30, 1e-40])
         imu = mt_sample(accel, 3 * math.sin(k / 5), 180 * math.sin(k / 40), k)
         gps = epoch(200_000 + 40 * k, north, speed, fix=2 if 30 <= k < 35 else 3) if k % 6 == 0 else b""
-        sent = OPERATOR.get(k, radio.Heartbeat() if k % 12 == 0 else None)
-        link = radio.encode(sent, k) if sent else b""
+        sent = OPERATOR.get(k, radio.Heartbeat(7) if k % 12 == 0 else None)
+        link = encode(sent, answering(k)) if sent else b""
         if 80 <= k < 120:
             gps, imu, link = (spoil(data, draw) for data in (gps, imu, link))
         received.append(Received() if 120 <= k < 140 else Received(gps, imu, link))

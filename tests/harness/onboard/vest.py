@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import math
-from itertools import count
 from typing import Any
 
+from codegen.firmware.key import SIMULATION_KEY
 from codegen.firmware.telemetry import FIELDS, Telemetry
 from harness.log.geodesy import TangentPlane
 from harness.onboard.instruments import InertialUnit, Receiver
 from harness.onboard.memory import Memory
 from harness.onboard.processors import Received, open_processor
-from harness.onboard.radio import Decoder, Heartbeat, Mission, Position, Start, encode
+from harness.onboard.radio import Decoder, Heartbeat, Mission, Position, Start
 from harness.onboard.tones import commands
 from models.commands import Command
+from tests.harness.onboard.frames import encode
 
 PLANE = TangentPlane(math.radians(32.6), math.radians(-85.49))
 COMMANDS = commands({})  # by tone and vibrators
+HERE = Heartbeat(7)
 NO_TELEMETRY = Telemetry(*[0] * len(FIELDS))
 
 
@@ -30,12 +32,13 @@ class Vest:
 
     Attributes:
         telemetry: the last.
+        counter: of the last message.
         played: the commands, as the tones and vibrators of each tick tell them.
     """
 
     def __init__(self) -> None:
-        self.processor, self.numbers, self.decoder = open_processor("host"), count(1), Decoder()
-        self.k = 0
+        self.processor, self.decoder = open_processor("host"), Decoder(SIMULATION_KEY)
+        self.k = self.counter = self.told = 0
         self.telemetry = NO_TELEMETRY
         self.played: list[Command] = []
 
@@ -56,19 +59,24 @@ class Vest:
             Received(
                 Receiver(PLANE).fix(0.04 * self.k, signals) if due else b"",
                 InertialUnit().sample(self.k, signals),
-                b"".join(m if isinstance(m, bytes) else encode(m, next(self.numbers)) for m in messages),
+                b"".join(m if isinstance(m, bytes) else self.encode(m) for m in messages),
             )
         )
         self.k += 1
         self.played.append(COMMANDS[reply.tone_hz, reply.vibrate_left, reply.vibrate_right])
-        for telemetry in self.decoder.receive(reply.sent):
-            self.telemetry = telemetry
+        for told, telemetry in self.decoder.receive(reply.sent):
+            self.told, self.telemetry = told, telemetry
         return Memory(reply.record)
+
+    def encode(self, message: Any) -> bytes:
+        """The laptop's next frame, which answers the last telemetry."""
+        self.counter = max(self.counter + 1, self.told << 8)
+        return encode(message, self.counter)
 
     def ticks(self, number: int, *messages: Any, **sensed: float) -> Memory:
         """So many ticks, with heartbeats (or these messages) on every fifth."""
         for i in range(number):
-            memory = self.tick(*(messages or (Heartbeat(),)) if i % 5 == 0 else (), fix=None, **sensed)
+            memory = self.tick(*(messages or (HERE,)) if i % 5 == 0 else (), fix=None, **sensed)
         return memory
 
     def load(self, mission: Mission) -> Memory:

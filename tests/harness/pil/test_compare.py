@@ -491,8 +491,8 @@ def test_parameters_come_from_the_scenario_in_deg_and_from_set_over_it(
     )
     # when
     status, text, _ = canine(
-        capsys, "firmware", "--target", "host", "--parameters", mine, "--set", "cmec.stop_deviation=14",
-        "--out", tmp_path / "fw",
+        capsys, "firmware", "--insecure", "--target", "host", "--parameters", mine,
+        "--set", "cmec.stop_deviation=14", "--out", tmp_path / "fw",
     )  # fmt: skip
     # then
     assert status == 0
@@ -530,7 +530,7 @@ def test_parameters_of_firmware_from_a_scenario_are_those_of_its_trial(tmp_path:
 def test_wrong_use_of_canine_firmware_ends_with_2_and_writes_nothing(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: list[str], message: str
 ) -> None:
-    status, text, error = canine(capsys, "firmware", *arguments, "--out", tmp_path / "fw")
+    status, text, error = canine(capsys, "firmware", "--insecure", *arguments, "--out", tmp_path / "fw")
     assert (status, text) == (2, "")
     assert message in error
     assert "Traceback" not in error

@@ -173,6 +173,16 @@ void port_init(void)
                   INTERRUPT(TIMER_0);
 }
 
+/* A count of resets. THIS BOARD KEEPS IT IN RAM, which loses it with the power: a vest's board must keep it in
+ * flash, in memory with a battery, or draw it from noise. Else recordings of the radio are obeyed. */
+uint32_t port_session(void)
+{
+    static uint32_t resets __attribute__((section(".noinit")));
+
+    resets++;
+    return resets;
+}
+
 uint32_t port_clock_ms(void)
 {
     return clock_ms;

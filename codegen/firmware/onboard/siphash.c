@@ -1,0 +1,109 @@
+/* siphash: SipHash-2-4
+ * Source: Aumasson and Bernstein, SipHash: a fast short-input PRF, INDOCRYPT 2012, 2.1 to 2.4. */
+#include "siphash.h"
+
+#include <string.h>
+
+#define WORD 8U /* bytes */
+#define LAST (WORD - 1U)
+
+#if UINT_MAX > 0xFFFFU
+
+/* Exclusive or with a word whose lowest byte comes first. */
+static void mix(siphash_word *word, const uint8_t *bytes)
+{
+    siphash_word other = 0U;
+
+    for (uint8_t i = 0U; i < WORD; i++) {
+        other |= (siphash_word)bytes[i] << (8U * i);
+    }
+    *word ^= other;
+}
+
+static uint8_t byte_of(const siphash_word *word, uint8_t place)
+{
+    return (uint8_t)((*word >> (8U * place)) & 0xFFU);
+}
+
+static siphash_word rotate(siphash_word word, uint8_t bits)
+{
+    return (word << bits) | (word >> (64U - bits));
+}
+
+void siphash_round(siphash_word *v)
+{
+    v[0] += v[1];
+    v[2] += v[3];
+    v[1] = rotate(v[1], 13U) ^ v[0];
+    v[3] = rotate(v[3], 16U) ^ v[2];
+    v[0] = rotate(v[0], 32U) + v[3];
+    v[2] += v[1];
+    v[1] = rotate(v[1], 17U) ^ v[2];
+    v[3] = rotate(v[3], 21U) ^ v[0];
+    v[2] = rotate(v[2], 32U);
+}
+
+#else
+
+static void mix(siphash_word *word, const uint8_t *bytes)
+{
+    for (uint8_t i = 0U; i < WORD; i++) {
+        word->bytes[i] ^= bytes[i];
+    }
+}
+
+static uint8_t byte_of(const siphash_word *word, uint8_t place)
+{
+    return word->bytes[place];
+}
+
+#endif
+
+/* Compression (2.2) of the word that is full. */
+static void compress(siphash *h)
+{
+    mix(&h->v[3], h->m);
+    siphash_round(h->v);
+    siphash_round(h->v);
+    mix(&h->v[0], h->m);
+    (void)memset(h->m, 0, sizeof(h->m));
+}
+
+void siphash_begin(siphash *h, const uint8_t *key)
+{
+    static const uint8_t initial[4U * WORD] = { /* "somepseudorandomlygeneratedbytes", each word turned round */
+        0x75, 0x65, 0x73, 0x70, 0x65, 0x6D, 0x6F, 0x73, 0x6D, 0x6F, 0x64, 0x6E, 0x61, 0x72, 0x6F, 0x64,
+        0x61, 0x72, 0x65, 0x6E, 0x65, 0x67, 0x79, 0x6C, 0x73, 0x65, 0x74, 0x79, 0x62, 0x64, 0x65, 0x74};
+
+    (void)memset(h, 0, sizeof(*h));
+    for (uint8_t i = 0U; i < 4U; i++) {
+        mix(&h->v[i], &initial[WORD * i]);
+        mix(&h->v[i], &key[WORD * (i & 1U)]);
+    }
+}
+
+void siphash_take(siphash *h, const uint8_t *bytes, uint8_t count)
+{
+    for (uint8_t i = 0U; i < count; i++) {
+        h->m[h->count & LAST] = bytes[i];
+        h->count = (uint8_t)(h->count + 1U);
+        if ((h->count & LAST) == 0U) {
+            compress(h);
+        }
+    }
+}
+
+void siphash_end(siphash *h, uint8_t *tag)
+{
+    static const uint8_t end[WORD] = {0xFF, 0, 0, 0, 0, 0, 0, 0};
+
+    h->m[LAST] = h->count;
+    compress(h);
+    mix(&h->v[2], end);
+    for (uint8_t i = 0U; i < 4U; i++) {
+        siphash_round(h->v);
+    }
+    for (uint8_t i = 0U; i < SIPHASH_TAG; i++) {
+        tag[i] = byte_of(&h->v[0], i) ^ byte_of(&h->v[1], i) ^ byte_of(&h->v[2], i) ^ byte_of(&h->v[3], i);
+    }
+}

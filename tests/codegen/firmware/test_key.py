@@ -1,0 +1,152 @@
+"""The radio's key: its file, the bundle that has it, and the one that has none (rule 11)."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import stat
+from pathlib import Path
+
+import pytest
+
+from codegen.firmware.bundle import KEY_FILE, bundle, library
+from codegen.firmware.key import SIMULATION_KEY, Key, read, write_new
+from codegen.firmware.targets import TARGETS
+from codegen.toolchains.compiler import build_library
+from harness import main
+from models.errors import UsageError
+
+KEY = "8f1c2b3a4d5e6f708192a3b4c5d6e7f8"
+NAMES = ("--key", "--insecure", "keygen")
+
+
+def mode(path: Path) -> int:
+    return stat.S_IMODE(path.stat().st_mode)
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    """A file with KEY."""
+    path = tmp_path / "a.key"
+    path.write_text(f"# a vest's\n\n{KEY}\n")
+    return path
+
+
+def test_keygen_writes_a_new_key_that_its_owner_alone_may_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    keys = set()
+    for name in ("a.key", "b.key"):
+        assert main.run(["keygen", "--out", str(tmp_path / name)]) == 0
+        comment, digits = (tmp_path / name).read_text().splitlines()
+        # then it is 32 digits behind a comment that says what it is
+        assert comment.startswith("# ")
+        assert "SECRET" in comment
+        assert re.fullmatch("[0-9a-f]{32}", digits)
+        assert mode(tmp_path / name) == 0o600
+        assert read(tmp_path / name) == Key(bytes.fromhex(digits))
+        keys.add(digits)
+        # and is not shown
+        assert digits not in "".join(capsys.readouterr())
+    assert len(keys) == 2
+
+
+def test_keygen_overwrites_no_file(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = file.read_bytes()
+    assert main.run(["keygen", "--out", str(file)]) == 2
+    assert "not overwritten" in capsys.readouterr().err
+    assert file.read_bytes() == before
+    with pytest.raises(UsageError, match="cannot be written"):
+        write_new(file / "x")
+
+
+@pytest.mark.parametrize("text", ["", "# nothing", KEY[:-1], KEY + "0", f"{KEY}\n{KEY}", "x" * 32, "ä" * 32])
+def test_a_file_without_a_key_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "a.key").write_text(text)
+    with pytest.raises(UsageError, match=r"--key .*a\.key: "):
+        read(tmp_path / "a.key")
+    with pytest.raises(UsageError, match="cannot be read"):
+        read(tmp_path / "none.key")
+
+
+@pytest.mark.parametrize("digits", [SIMULATION_KEY.data.hex(), "00" * 16, "ff" * 16])
+def test_a_key_that_everybody_knows_is_refused(tmp_path: Path, digits: str) -> None:
+    (tmp_path / "a.key").write_text(digits)
+    with pytest.raises(UsageError, match="everybody knows"):
+        read(tmp_path / "a.key")
+
+
+def test_a_key_has_16_bytes_and_is_not_shown() -> None:
+    with pytest.raises(UsageError, match="16 bytes, got 15"):
+        Key(bytes(15))
+    assert KEY not in repr(Key(bytes.fromhex(KEY)))
+    assert repr(bytes.fromhex(KEY)) not in repr(Key(bytes.fromhex(KEY)))
+
+
+@pytest.mark.parametrize("both", [False, True])
+def test_firmware_needs_a_key_or_says_that_it_has_none(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], both: bool
+) -> None:
+    given = ["--key", str(file), "--insecure"] if both else []
+    status = main.run(["firmware", "--target", "host", "--out", str(tmp_path / "fw"), *given])
+    assert status == 2
+    error = capsys.readouterr().err
+    assert all(name in error for name in NAMES)
+    assert not (tmp_path / "fw").exists()
+
+
+def test_a_bundle_has_its_key_in_one_file_that_its_owner_alone_may_read(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "fw"
+    arguments = ["firmware", "--target", "host", "--key", str(file), "--out", str(folder)]
+    for _ in range(2):  # the same again takes its place
+        assert main.run(arguments) == 0
+    data = bytes.fromhex(KEY)
+    text = (folder / KEY_FILE).read_text()
+    assert bytes(int(byte, 16) for byte in re.findall("0x([0-9A-F]{2})U", text)) == data
+    assert "SECRET" in text
+    assert mode(folder / KEY_FILE) == 0o600
+    # then no other file and nothing printed has it, and its sum is listed
+    shown = "".join(capsys.readouterr())
+    others = [path.read_text() for path in folder.iterdir() if path.name != KEY_FILE]
+    for digits in (KEY, KEY.upper(), ", ".join(f"0x{x:02X}U" for x in data[:8])):
+        assert not any(digits in other for other in (*others, shown))
+    assert hashlib.sha256(text.encode()).hexdigest() in (folder / "SHA256SUMS").read_text()
+    assert "#define KEY_SIGNS 1" in (folder / "key.h").read_text()
+    assert "can command the vest" in (folder / "README.md").read_text()
+
+
+def test_a_bundle_without_a_key_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "fw"
+    assert main.run(["firmware", "--target", "host", "--insecure", "--out", str(folder)]) == 0
+    assert "INSECURE" in "".join(capsys.readouterr())
+    assert not (folder / KEY_FILE).exists()
+    assert "#define KEY_SIGNS 0" in (folder / "key.h").read_text()
+    assert "INSECURE" in (folder / "README.md").read_text()
+
+
+@pytest.mark.parametrize("key", [Key(bytes.fromhex(KEY)), None], ids=["key", "insecure"])
+def test_the_program_compiles_with_a_key_and_without(key: Key | None, tmp_path: Path) -> None:
+    files = library(key=key) | {"port.c": bundle(TARGETS["host"])["port.c"]}
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    flags = (
+        "-std=c99",
+        "-O2",
+        "-Wall",
+        "-Wextra",
+        "-Wpedantic",
+        "-Wconversion",
+        "-Wshadow",
+        "-Werror",
+        "-I.",
+    )
+    sources = sorted(name for name in files if name.endswith(".c"))
+    assert build_library(tmp_path, sources, tmp_path / "onboard.so", what="onboard", flags=flags).exists()
+
+
+def test_simulated_vests_have_a_key_that_says_so() -> None:
+    text = library()[KEY_FILE]
+    assert "known to everybody: never for a vest" in text
+    assert "SECRET" not in text
