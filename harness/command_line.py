@@ -638,7 +638,19 @@ def sweep_parameters(
         int | None, typer.Option(min=0, max=MAX_SEED, help="of the first trial at each point; 1 by default")
     ] = None,
     dask: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="of the scheduler of a Dask cluster")
+        str | None,
+        typer.Option(
+            metavar="ADDRESS", help="of the scheduler of a Dask cluster; tls:// asks for certificates"
+        ),
+    ] = None,
+    dask_ca: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="certificate (PEM) of the cluster's authority")
+    ] = None,
+    dask_cert: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="this machine's certificate (PEM)")
+    ] = None,
+    dask_key: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="its private key (PEM), if it is not in --dask-cert")
     ] = None,
     settings: Settings = None,
     folder: Annotated[
@@ -659,12 +671,15 @@ def sweep_parameters(
     canine sweep my.toml --vary cmec.capture_radius=3:10:0.5 --trials 10000
     canine sweep two --vary canine.drift=-3:3:0.5 --vary cmec.moving_deviation=15:60:5
     canine sweep three --system full --estimator canine_tracker --thresholds 49
-    canine sweep three --dask tcp://host:8786     on a cluster
+    canine sweep three --dask tls://host:8786 --dask-ca ca.pem --dask-cert me.pem --dask-key me.key
+                                                  on a cluster; tcp:// where nobody else reaches it
 
     The same command goes on where an earlier one was interrupted.
     """
-    from harness.sweep import journal, sweep
+    from harness.sweep import journal, sweep, tls
 
+    certificates = tls.Certificates(dask_ca, dask_cert, dask_key)
+    tls.check_use(dask, certificates)
     planned = sweep.plan_sweep(
         target, thresholds=thresholds, vary=vary or [], trials=trials, system=system, reading=reading,
         seed=seed, settings=settings or [], estimator=estimator, ahrs=ahrs, note=_note,
@@ -672,7 +687,9 @@ def sweep_parameters(
     place = folder or sweep.default_folder(planned)
     with _bar("trials", planned.job.total, quiet=as_json) as progress:
         try:
-            table, result = sweep.run(planned, place, dask, progress=progress, note=_note)
+            table, result = sweep.run(
+                planned, place, dask, certificates=certificates, progress=progress, note=_note
+            )
         except KeyboardInterrupt as interrupt:
             kept = (place / journal.JOURNAL).exists()
             _ended(

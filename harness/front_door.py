@@ -291,6 +291,9 @@ def run_sweep(
     estimator: str | None = None,
     ahrs: bool = False,
     dask: str | None = None,
+    dask_ca: StrPath | None = None,
+    dask_cert: StrPath | None = None,
+    dask_key: StrPath | None = None,
     out: StrPath | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> SweepResult:
@@ -320,6 +323,9 @@ def run_sweep(
         estimator: of ours, in the system `full`; by default the scenario's.
         ahrs: put our AHRS between sensors and estimator.
         dask: the address of the scheduler of a Dask cluster; by default this machine's cores.
+        dask_ca: certificate (PEM) of the cluster's authority, for an address that begins with tls://.
+        dask_cert: this machine's certificate (PEM).
+        dask_key: its private key (PEM), if it is not in `dask_cert`.
         out: the folder of the results; by default out/sweep-<name>, and what differs from that plain sweep.
         progress: called with the number of trials done.
 
@@ -327,7 +333,7 @@ def run_sweep(
         UsageError: a name, a value or a path does not fit.
         CanineError: a fault in what was run; the trials that are done are kept.
     """
-    from harness.sweep import sweep  # noqa: PLC0415 - compilers and pictures, which trials need not wait for
+    from harness.sweep import sweep, tls  # noqa: PLC0415 - compilers and pictures: trials need not wait
 
     _check_type("thresholds", thresholds, str, 'a text, "15:90" or "15:90:5"')
     _check_type("vary", vary, Mapping, 'a mapping, {"cmec.capture_radius": "3:10:0.5"}')
@@ -348,7 +354,15 @@ def run_sweep(
         note=notes.append,
     )
     folder = sweep.default_folder(planned) if out is None else Path(out)
-    _, recommendation = sweep.run(planned, folder, dask, progress=progress, note=notes.append)
+    files = (None if path is None else Path(path) for path in (dask_ca, dask_cert, dask_key))
+    _, recommendation = sweep.run(
+        planned,
+        folder,
+        dask,
+        certificates=tls.Certificates(*files),
+        progress=progress,
+        note=notes.append,
+    )
     with (folder / sweep.CSV).open(newline="") as table:
         rows = [
             {name: float(cell) if cell else None for name, cell in row.items()}

@@ -27,6 +27,7 @@ TOOLS = {
     "cppcheck": "cppcheck",
     "arm-none-eabi-gcc": "gcc-arm-none-eabi",
     "qemu-system-arm": "qemu-system-arm",
+    "openssl": "openssl",
 }
 
 

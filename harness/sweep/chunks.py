@@ -27,6 +27,7 @@ import numpy.typing as npt
 
 from codegen.batch.batch import Batch, Change
 from codegen.cache import TRACED, sources
+from harness.sweep.tls import Certificates, check_use, open_note, refusal, security_of
 from models.commands import ENDS, Status
 from models.errors import CanineError, UsageError
 from models.modes import Anomaly
@@ -345,17 +346,24 @@ def run_all(
 ADDRESS = re.compile(r"(\w+://)?(\[[0-9a-fA-F:%.]+\]|[^\s:/\[\]]+):\d{1,5}/?|inproc://.+")  # of a scheduler
 
 
-def pool_at(address: str | None, job: Job, note: Note = lambda text: None) -> AbstractContextManager[Pool]:
+def pool_at(
+    address: str | None,
+    job: Job,
+    note: Note = lambda text: None,
+    certificates: Certificates = Certificates(),  # noqa: B008 - it is frozen
+) -> AbstractContextManager[Pool]:
     """This machine's cores, or the Dask cluster whose scheduler has this address.
 
     Args:
         note: called with a line for the user.
+        certificates: for an address that begins with tls://.
 
     Raises:
-        UsageError: no scheduler answers at the address within ANSWER_S.
+        UsageError: no scheduler answers at the address within ANSWER_S, or a certificate does not fit.
         ClusterError: the cluster has no workers after ALONE_S, or one of them cannot run this program.
     """
-    return _here(job) if address is None else _cluster(address, note)
+    check_use(address, certificates)
+    return _here(job) if address is None else _cluster(address, note, certificates)
 
 
 @contextmanager
@@ -378,27 +386,30 @@ def _host(text: str) -> str:
 
 
 @contextmanager
-def _cluster(address: str, note: Note) -> Iterator[Pool]:
+def _cluster(address: str, note: Note, certificates: Certificates) -> Iterator[Pool]:
     if not ADDRESS.fullmatch(address):
         scheme, _, rest = address.rpartition("://")
         raise UsageError(
             f"--dask {address}: is not the address of a scheduler; expected host and port, as in "
             f"{scheme or 'tcp'}://{_host(rest)}:8786, which `dask scheduler` prints"
         )
+    security = security_of(address, certificates)
+    if open_to := open_note(address):
+        note(open_to)
     from distributed import Client  # noqa: PLC0415 - it takes a second, which other sweeps need not wait
 
     for name in ("distributed", "distributed.client"):  # the client's logger has a level of its own
         logging.getLogger(name).setLevel(logging.CRITICAL)  # faults are raised as ClusterError instead
     try:
-        asyncio.run(_greet(address))
+        asyncio.run(_greet(address, security))
         client: Any = Client(  # type: ignore[no-untyped-call]
-            address, timeout=ANSWER_S, set_as_default=False
+            address, timeout=ANSWER_S, security=security, set_as_default=False
         )
     except Exception as reason:  # anything may answer there, and in any way
+        cause = refusal(reason) or str(reason) or "silence"
         raise UsageError(
-            f"--dask {address}: no Dask scheduler answers there within {ANSWER_S:g} s "
-            f"({str(reason) or 'silence'}); expected an address such as tcp://host:8786, as `dask scheduler` "
-            "prints it"
+            f"--dask {address}: no Dask scheduler answers there within {ANSWER_S:g} s ({cause}); expected an "
+            "address such as tcp://host:8786, as `dask scheduler` prints it"
         ) from None
     with client:
         width = _check_workers(client, address, note)
@@ -409,11 +420,12 @@ def _cluster(address: str, note: Note) -> Iterator[Pool]:
             executor.shutdown(wait=False)
 
 
-async def _greet(address: str) -> None:
+async def _greet(address: str, security: Any) -> None:
     """Check that a Dask scheduler answers; a client without one takes long to give up."""
     from distributed.core import rpc  # noqa: PLC0415
 
-    async with rpc(address, timeout=ANSWER_S) as scheduler:  # type: ignore[no-untyped-call]
+    keys = security.get_connection_args("client") if security else None
+    async with rpc(address, timeout=ANSWER_S, connection_args=keys) as scheduler:  # type: ignore[no-untyped-call]
         identity = await asyncio.wait_for(scheduler.identity(), ANSWER_S)
     if identity["type"] != "Scheduler":
         raise OSError(f"a {identity['type']} does")

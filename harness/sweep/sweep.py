@@ -27,6 +27,7 @@ from harness.sweep.chunks import Job, Outcomes, Progress, TrialType, pool_at, pr
 from harness.sweep.journal import open_journal
 from harness.sweep.recommend import number, recommend
 from harness.sweep.table import THRESHOLD_COLUMN, TICK_S, Point, csv_of, name_of, plain, table_of
+from harness.sweep.tls import Certificates
 from harness.terminal import new_table, percent, print_table
 from harness.trial.pairs import check_windows, is_paired
 from harness.trial.plan import Interface, interfaces_of_system, is_angular, plan, si_value
@@ -444,6 +445,7 @@ def run(
     folder: Path,
     address: str | None = None,
     *,
+    certificates: Certificates = Certificates(),  # noqa: B008 - it is frozen
     progress: Progress | None = None,
     note: Callable[[str], None] = lambda text: None,
 ) -> tuple[list[Point], dict[str, Any]]:
@@ -453,6 +455,7 @@ def run(
 
     Args:
         address: of a Dask scheduler, or None for this machine's cores.
+        certificates: for an address that begins with tls://.
         progress: called with the number of trials done.
         note: called with a line for the user.
 
@@ -483,7 +486,7 @@ def run(
                 progress(outcomes.done)
         try:
             if outcomes.done < sweep.job.total:
-                with pool_at(address, sweep.job, note) as pool:
+                with pool_at(address, sweep.job, note, certificates) as pool:
                     run_all(outcomes, pool, journal.append, progress)
         except BaseException:
             if journal.empty:

@@ -35,16 +35,19 @@ PATIENCE_S = 300.0
 class Cluster:
     """A scheduler, and workers that are started one by one."""
 
-    def __init__(self, folder: Path, stack: ExitStack) -> None:
+    def __init__(self, folder: Path, stack: ExitStack, *security: str) -> None:
         self.file, self.folder, self.stack = folder / "scheduler.json", folder, stack
-        self.process("dask_scheduler", "--port", "0", "--host", "127.0.0.1")
+        self.security = security
+        protocol = ("--protocol", "tls") if security else ()
+        self.process("dask_scheduler", "--port", "0", "--host", "127.0.0.1", *protocol)
         wait_until(lambda: self.file.exists() and self.file.read_text().endswith("}"))
         self.address = json.loads(self.file.read_text())["address"]
 
     def process(self, name: str, *options: str) -> subprocess.Popen[bytes]:
         command = [sys.executable, "-m", f"distributed.cli.{name}", "--scheduler-file", str(self.file)]
         log = self.stack.enter_context((self.folder / f"{name}.log").open("ab"))
-        process = subprocess.Popen([*command, "--no-dashboard", *options], stdout=log, stderr=log)
+        command += ["--no-dashboard", *self.security, *options]
+        process = subprocess.Popen(command, stdout=log, stderr=log)
         self.stack.callback(process.wait)
         self.stack.callback(process.kill)
         return process
