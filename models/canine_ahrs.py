@@ -10,8 +10,9 @@ a fixed length, such as Madgwick's, swallows acceleration instead.
 from __future__ import annotations
 
 from models.earth import GRAVITY
+from models.inertial import Inertial
 from models.kit import casadi as ca
-from models.kit.block import Block, triggered
+from models.kit.block import triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State
 from models.kit.geometry import (
     COUNT_MAX,
@@ -39,11 +40,12 @@ LEARNING = 0.5  # a course that counts for more finds the heading, and says noth
 LEAST_FIELD = 1e-6  # T: the earth's is at least 2e-5; a magnetometer that is missing gives none
 
 
-class CanineAhrs(Block):
+class CanineAhrs(Inertial):
     """Attitude reference: roll, pitch, heading and gyro bias from raw samples and fixes."""
 
     source = "Miller 2010, 6.2, eq. C.3; equations of ours"
     precisions = ("double", "float")
+    sensed = ("accel_x", "accel_y", "accel_z", "gyro_x", "gyro_y", "gyro_z")
 
     accel_x = Input("m/s2", "specific force, forward", min=-200, max=200)
     accel_y = Input("m/s2", "specific force, right", min=-200, max=200)
@@ -131,7 +133,7 @@ class CanineAhrs(Block):
 
     def listen(m) -> None:
         """Is the sample good? Else the attitude is held, and the sample counted."""
-        m.good = m.within("accel_x", "accel_y", "accel_z", "gyro_x", "gyro_y", "gyro_z")
+        m.good = m._take(*m.sensed)
         m.bad_samples = counted(m.bad_samples, ca.logic_not(m.good))
         m.missed = where(m.good, 0, counted(m.missed, most=SHORT_COUNT_MAX))
         lost = m.missed * m.sample_time > m.lost_time

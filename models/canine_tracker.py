@@ -55,10 +55,8 @@ class CanineTracker(GivenHeading):
     source = "Miller 2010, eq. 3.1-3.9, 6.2, B.4; equations of ours"
     north_state, east_state = NORTH, EAST
     order = (NORTH, EAST, SPEED, BIAS)
-    samples = (
-        *(f"{sensor}_{axis}" for sensor in ("accel", "gyro") for axis in "xyz"),
-        "roll_meas", "pitch_meas", "heading_meas", "heading_meas_sd",
-    )  # fmt: skip
+    sensed = ("accel_x", "accel_y", "accel_z", "gyro_x", "gyro_y", "gyro_z")
+    samples = (*sensed, "roll_meas", "pitch_meas", "heading_meas", "heading_meas_sd")
 
     accel_y = Input("m/s2", "specific force to the right", min=-200, max=200)
     accel_z = Input("m/s2", "specific force down", min=-200, max=200)
@@ -67,7 +65,6 @@ class CanineTracker(GivenHeading):
     gyro_z = Input("rad/s", "turn rate about down", min=-100, max=100)
     roll_meas = Input("rad", "roll from the AHRS, right side down positive", min=-7, max=7)
     pitch_meas = Input("rad", "pitch from the AHRS, nose up positive", min=-4, max=4)
-    gps_course = Input("rad", "course over ground of the fix", start=0, min=-7, max=7)
 
     sigma_constant = Parameter(
         "m/s2", "process noise of the acceleration until it is learned", start=0.4, min=1e-3, max=1e4

@@ -4,23 +4,39 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from models.inertial import Inertial
 from models.kit import casadi as ca
-from models.kit.block import Block, triggered
+from models.kit.block import triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State
 from models.kit.ekf import Correction, Factors, Measurement, correct
-from models.kit.geometry import COUNT_MAX, all_of, any_of, at_least, counted, where, wrap
-from models.kit.timing import TOLERANCE
+from models.kit.geometry import (
+    COUNT_MAX,
+    SHORT_COUNT_MAX,
+    all_of,
+    any_of,
+    at_least,
+    at_most,
+    clip,
+    counted,
+    where,
+    wrap,
+)
+from models.kit.timing import TICK, TOLERANCE
 
 SPEED, BIAS = 0, 1  # every state begins with them
 MOST_REJECTED = 1000  # fixes, before the filter begins anew
+SURE = 3.0  # deviations of its speed: a faster fix shows its course to 20 deg
+LONGEST_STEP = 1.0  # s: a course speaks for the time since the fix before it, and for no longer
 
 
-class Estimator(Block):
+class Estimator(Inertial):
     """Base of the estimators: each is a hybrid EKF that a fix of the GPS receiver corrects.
 
     A subclass declares `x`, `covariance`, `innovation` and `innovation_variance`, and says by `_listen`,
     `_propagate`, `_process_noise` and `_heading` what is its own, and by `_measurements` and `_begin` what it
     measures and begins with beyond speed, bias and position.
+
+    Heading and course are compared at fixes alone, so that an ordinary tick costs nothing more (rule 6).
 
     Attributes:
         north_state, east_state: where the position stands in x.
@@ -47,6 +63,7 @@ class Estimator(Block):
     gps_north = Input("m", "position of the fix", min=-1e5, max=1e5)
     gps_east = Input("m", "position of the fix", min=-1e5, max=1e5)
     gps_speed = Input("m/s", "ground speed of the fix", min=0, max=50)
+    gps_course = Input("rad", "course over ground of the fix", start=0, min=-7, max=7)
     gps_h_acc = Input("m", "horizontal accuracy stated by the receiver", min=1e-3, max=1e3)
     gps_s_acc = Input("m/s", "speed accuracy stated by the receiver", min=1e-3, max=1e2)
 
@@ -61,7 +78,19 @@ class Estimator(Block):
     heading_sd = Output("rad", "standard deviation of the heading")
     accel_bias_sd = Output("m/s2", "standard deviation of the bias")
     sigma_accel = Output("m/s2", "process noise of the acceleration in force")
-    valid = Output(Boolean, "the last accepted fix is no older than max_age, the deviations are in bounds")
+    valid = Output(
+        Boolean,
+        "good enough to lead by: a recent fix, deviations in bounds, a live sensor, `heading_ok`",
+    )
+    heading_ok = Output(Boolean, "courses do not contradict the heading")
+    rejected_fixes = Output(Integer, "good fixes that the gate rejected", min=0, max=SHORT_COUNT_MAX)
+    jumps = Output(
+        Integer,
+        "corrections that moved the position by more than `jump_distance`",
+        min=0,
+        max=SHORT_COUNT_MAX,
+    )
+    recoveries = Output(Integer, "times that the filter began anew", min=0, max=SHORT_COUNT_MAX)
 
     sigma_constant = Parameter(
         "m/s2", "process noise of the acceleration, not tuned (D.7)", start=0.1, min=0, max=1e4
@@ -120,6 +149,27 @@ class Estimator(Block):
     max_speed_sd = Parameter(
         "m/s", "a standard deviation of the speed above this makes it invalid", start=1e9, min=0, max=1e9
     )
+    jump_distance = Parameter(
+        "m", "a correction that moves the position farther is counted as a jump", start=7, min=0, max=1e6
+    )
+    # rule 6 of SAFETY.md: heading against course
+    heading_limit = Parameter(
+        "rad",
+        "a course farther from the heading than this contradicts it; above pi: none",
+        start=4,
+        min=0,
+        max=4,
+    )
+    heading_time = Parameter(
+        "s",
+        "so long courses contradict it until the estimate is invalid, and agree until it is valid again",
+        start=3,
+        min=TICK,
+        max=1e3,
+    )
+    course_speed = Parameter(
+        "m/s", "a fix slower than this shows no course to hold the heading against", start=0.5, min=0, max=50
+    )
 
     started = State(Boolean, "a first fix has set the state")
     renewed = State(Boolean, "the filter has begun anew, and no fix passed the gate since")
@@ -135,12 +185,18 @@ class Estimator(Block):
     rejected_east = State("m", "position of the last of them")
     rejected_age = State(Integer, "age when it came")
     rejected_since = State(Integer, "age when the first of them came")
-    bad_samples = State(Integer, "samples skipped for values out of range", max=COUNT_MAX)
+    fix_gap = State(Integer, "ticks between this good fix and the one before", max=COUNT_MAX)
+    contradiction = State("s", "for how long courses contradict the heading, less the time they agreed")
+    contradicted = State(Boolean, "they did for `heading_time`, and have not agreed for as long since")
+    rejections = State(Integer, "good fixes rejected", min=0, max=SHORT_COUNT_MAX)
+    jumped = State(Integer, "corrections that were jumps", min=0, max=SHORT_COUNT_MAX)
+    renewals = State(Integer, "times begun anew", min=0, max=SHORT_COUNT_MAX)
+    bad_samples = State(Integer, "samples skipped: values out of range, or a silent sensor", max=COUNT_MAX)
     bad_fixes = State(Integer, "fixes skipped for values out of range", max=COUNT_MAX)
 
     def listen(m) -> None:
         """Take the sample if all its values are good; else hold speed and heading, and count it."""
-        good = m.within(*m.samples)
+        good = m._take(*m.samples)
         m._listen(good)
         m.bad_samples = counted(m.bad_samples, ca.logic_not(good))
         m.age = counted(m.age)
@@ -158,6 +214,7 @@ class Estimator(Block):
     def judge(m) -> None:
         """Accept or reject the fix: the gate of its innovations has a nominal width, without sigma."""
         m.good = m.within(*m.fix)
+        m.fix_gap = m.age - where(m.rejected > 0, m.rejected_age, 0)
         age = m.age * m.sample_time
         position_variance = 2 * m._position_variance() + (m.gate_position_growth * age) ** 2
         speed_variance = 2 * m._speed_variance() + (m.gate_speed_growth * age) ** 2
@@ -170,10 +227,30 @@ class Estimator(Block):
         m._count_rejected(position_variance)
         m.bad_fixes = counted(m.bad_fixes, ca.logic_not(m.good))
 
+    @triggered(
+        lambda m: all_of(
+            m.gps_fix,
+            m.good,
+            m.within("gps_course"),
+            m.gps_speed > at_least(SURE * m.gps_s_acc, m.course_speed),
+        ),
+        "a good fix of a moving body, accepted or not, whose course is good",
+    )
+    def confront(m) -> None:
+        """For how long have courses contradicted the heading, on balance (rule 6)?"""
+        apart = ca.fabs(wrap(m.gps_course - m._facing())) > m.heading_limit
+        step = at_most(m.fix_gap * m.sample_time, LONGEST_STEP)
+        m.contradiction = clip(m.contradiction + where(apart, step, -step), 0, m.heading_time)
+        lasting = m.contradiction >= m.heading_time
+        m.contradicted = any_of(lasting, all_of(m.contradicted, m.contradiction > 0))
+
     @triggered("accepted")
     def correct(m) -> None:
         """Measurement update by the values of the fix in turn (eq. 3.1-3.4)."""
+        north, east = m.x[m.north_state], m.x[m.east_state]
         steps = m._correct(m._measurements())
+        moved = (m.x[m.north_state] - north) ** 2 + (m.x[m.east_state] - east) ** 2
+        m.jumped = counted(m.jumped, moved > m.jump_distance**2, most=SHORT_COUNT_MAX)
         m.innovation = ca.vertcat(*(step.innovation for step in steps))
         m.innovation_variance = ca.vertcat(*(step.variance for step in steps))
         m.age = m.renewed = 0
@@ -191,6 +268,7 @@ class Estimator(Block):
         begun = m._begin()
         values, variances = zip(*(begun[state] for state in range(len(m.order))), strict=True)
         m.x, m.covariance = ca.vertcat(*values), Factors.diagonal(variances, m.order).pack()
+        m.renewals = counted(m.renewals, m.started, most=SHORT_COUNT_MAX)
         m.renewed = m.started
         m.started = 1
         m.age = m.rejected = 0
@@ -201,8 +279,12 @@ class Estimator(Block):
         m.speed_sd, m.accel_bias_sd, m.north_sd, m.east_sd = map(ca.sqrt, m._stated_variances())
         m.heading, m.heading_sd = m._heading()
         m.sigma_accel = m.sigma
+        m.heading_ok = ca.logic_not(m.contradicted)
+        m.rejected_fixes, m.jumps, m.recoveries = m.rejections, m.jumped, m.renewals
         m.valid = all_of(
             m.started,
+            m.heading_ok,
+            m._alive(),
             m.age * m.sample_time <= m.max_age,
             m.north_sd <= m.max_position_sd,
             m.east_sd <= m.max_position_sd,
@@ -246,6 +328,10 @@ class Estimator(Block):
         """The heading in (-pi, pi] and its standard deviation [rad]."""
         raise NotImplementedError
 
+    def _facing(m) -> SX:
+        """The heading [rad], of any number of turns."""
+        raise NotImplementedError
+
     def _stated_variances(m) -> tuple[SX, SX, SX, SX]:
         """Of speed, bias, north and east."""
         factors = m._factors()
@@ -275,6 +361,7 @@ class Estimator(Block):
         step = (m.gps_north - m.rejected_north) ** 2 + (m.gps_east - m.rejected_east) ** 2
         agrees = all_of(m.rejected > 0, step <= reach**2 + m.gate**2 * position_variance)
         rejected = all_of(m.good, ca.logic_not(m.accepted))
+        m.rejections = counted(m.rejections, all_of(rejected, m.started), most=SHORT_COUNT_MAX)
         m.rejected_since = where(all_of(rejected, ca.logic_not(agrees)), m.age, m.rejected_since)
         m.rejected_north = where(rejected, m.gps_north, m.rejected_north)
         m.rejected_east = where(rejected, m.gps_east, m.rejected_east)

@@ -21,7 +21,8 @@ class FourState(GivenHeading):
     source = "Miller 2010, eq. 3.1-3.21"
     north_state, east_state = NORTH, EAST
     order = (NORTH, EAST, SPEED, BIAS)
-    samples = ("accel_x", "pitch_meas", "heading_meas", "heading_meas_sd")
+    sensed = ("accel_x", "pitch_meas", "heading_meas")
+    samples = (*sensed, "heading_meas_sd")
 
     pitch_meas = Input("rad", "pitch from the AHRS, nose up positive", min=-4, max=4)
 

@@ -43,5 +43,8 @@ class GivenHeading(Estimator):
         deviation = where(good, stated, m.held_heading_sd + TURNING * m.sample_time)
         m.held_heading_sd = at_most(deviation, ANY)
 
+    def _facing(m) -> SX:
+        return m.held_heading
+
     def _heading(m) -> tuple[SX, SX]:
         return wrap(m.held_heading), m.held_heading_sd

@@ -7,6 +7,7 @@ counted per waypoint, as 4.1.4.3 and Table 4.2 say.
 
 from __future__ import annotations
 
+from models.canine_ahrs import CanineAhrs
 from models.four_state import FourState
 from models.kit.units import DEG
 from models.system import ESTIMATORS
@@ -15,6 +16,7 @@ from models.system import ESTIMATORS
 # a running dog's sigma is cut where the speed's own noise would step it up
 FLOORS = {"position_sd_floor": 0.5, "speed_sd_floor": 0.1}  # m, m/s
 CAP = {"sigma_cap": 1.2}  # m/s2
+FROZEN = 10  # ticks, 0.4 s
 READING = "calibrated"  # by default
 ON_BOARD = "guarded"  # by default where the firmware leads
 PUBLISHED = ("calibrated", "literal")  # those of the dissertation
@@ -38,12 +40,16 @@ READINGS[ON_BOARD] = {
     "cmec.guarded": True,
     "cmec.rest_speed_sd": 0.3,  # m/s: V'; a dog that walks at 1.5 m/s is then five deviations from rest
 }
+READINGS[ON_BOARD][f"{CanineAhrs.title()}.frozen_samples"] = FROZEN
 for estimator, block in ESTIMATORS.items():
     READINGS[ON_BOARD] |= {
         f"{estimator}.max_position_sd": 7.0,  # m: d'
         f"{estimator}.max_speed_sd": 2.0,  # m/s: about the animal's, with which it would cross d' in 3 s
         f"{estimator}.recovery_time": 3.0,  # s
         f"{estimator}.recovery_speed": 15.0,  # m/s: faster than a dog runs with a vest
+        # a dog's slip, its course ahead of the turning head included (0.45 s of 100 deg/s), stays below
+        f"{estimator}.heading_limit": 45 * DEG,
+        f"{estimator}.frozen_samples": FROZEN,
     }
     if issubclass(block, FourState):  # so that what it states may be believed
         READINGS[ON_BOARD] |= {f"{estimator}.{name}": v for name, v in (CAP | FLOORS).items()}

@@ -12,6 +12,10 @@ from models.kit.timing import TICK, lasted
 from models.kit.units import DEG
 
 OUTAGES = 8  # time windows without GPS
+UNIT = (
+    *(f"{kind}_{axis}" for kind in ("accel", "gyro", "mag") for axis in "xyz"),
+    *(f"{angle}_meas" for angle in ("roll", "pitch", "heading")),
+)  # what the inertial unit gives
 
 
 class Sensors(Block):
@@ -79,6 +83,12 @@ class Sensors(Block):
     gyro_limit = Parameter("rad/s", "the gyroscopes saturate", start=300 * DEG, min=0)
     attitude_noise = Parameter("rad", "AHRS roll and pitch noise", start=0.5 * DEG, min=0)
     heading_noise = Parameter("rad", "AHRS heading noise", start=1.0 * DEG, min=0)
+    # failures, ours; off
+    heading_error = Parameter(
+        "rad", "error of the AHRS's heading: the mounting, the magnetic field", start=0, min=-4, max=4
+    )
+    frozen_start = Parameter("s", "when the inertial unit begins to repeat its sample", start=0, min=0)
+    frozen_time = Parameter("s", "for how long it does", start=0, min=0)
     # an AHRS that levels itself by its accelerometers leans with them (6.2); ours, off
     attitude_lean = Parameter(
         "1", "share of the acceleration that the AHRS takes for gravity", start=0, min=0, max=1
@@ -100,6 +110,8 @@ class Sensors(Block):
     leaning_pitch = State("rad", "error of the AHRS's pitch by acceleration")
     leaning_roll = State("rad", "error of the AHRS's roll by acceleration")
     noise = State("1", "this tick's normal draws", size=12)
+    frozen = State(Boolean, "the inertial unit repeats its sample")
+    frozen_sample = State("1", "what it repeats, in the order of the outputs", size=len(UNIT))
     fixed = State(Boolean, "a fix arrived on this tick")
     fix_north = State("m", "position of the last fix")
     fix_east = State("m", "position of the last fix")
@@ -208,7 +220,7 @@ class Sensors(Block):
 
         m.roll_meas = m.roll + m.attitude_noise * n[9] + m.leaning_roll
         m.pitch_meas = m.pitch + m.attitude_noise * n[10] + m.leaning_pitch
-        m.heading_meas = wrap(m.heading + m.heading_noise * n[11])
+        m.heading_meas = wrap(m.heading + m.heading_error + m.heading_noise * n[11])
 
         m.gps_fix = m.fixed
         m.gps_north, m.gps_east = m.fix_north, m.fix_east
@@ -228,6 +240,22 @@ class Sensors(Block):
         right = m.accel_y + GRAVITY * ca.cos(m.pitch) * ca.sin(m.roll)
         m.leaning_pitch = kept * m.leaning_pitch + (1 - kept) * m.attitude_lean * ca.atan2(forward, GRAVITY)
         m.leaning_roll = kept * m.leaning_roll - (1 - kept) * m.attitude_lean * ca.atan2(right, GRAVITY)
+
+    @triggered(
+        lambda m: all_of(
+            m.frozen_time > 0,
+            m.tick * m.sample_time >= m.frozen_start,
+            m.tick * m.sample_time < m.frozen_start + m.frozen_time,
+        ),
+        "for `frozen_time` from `frozen_start` on",
+        seldom=True,
+    )
+    def freeze(m) -> None:
+        """The inertial unit repeats the sample with which the failure began."""
+        sample = where(m.frozen, m.frozen_sample, ca.vertcat(*(getattr(m, name) for name in UNIT)))
+        for i, name in enumerate(UNIT):
+            setattr(m, name, sample[i])
+        m.frozen_sample, m.frozen = sample, 1
 
     def remember(m) -> None:
         """Keep pitch and roll, whose differences are rates, and count the tick."""

@@ -20,7 +20,7 @@ class SixState(Estimator):
     north_state, east_state = NORTH, EAST
     order: ClassVar[tuple[int, ...]] = (NORTH, EAST, SPEED, HEADING, BIAS, GYRO_BIAS)
     angles = (HEADING,)
-    samples = ("accel_x", "gyro_z")
+    samples = sensed = ("accel_x", "gyro_z")
     fix = (*Estimator.fix, "gps_course")
 
     gyro_z = Input("rad/s", "yaw rate from the IMU, clockwise positive", min=-40, max=40)
@@ -106,6 +106,9 @@ class SixState(Estimator):
             ),
             GYRO_BIAS: m._kept(GYRO_BIAS, m.initial_gyro_bias_variance),
         }
+
+    def _facing(m) -> SX:
+        return m.x[HEADING]
 
     def _heading(m) -> tuple[SX, SX]:
         return m.x[HEADING], ca.sqrt(m._factors().variance(HEADING))

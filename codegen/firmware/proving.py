@@ -141,7 +141,7 @@ PROOFS = (
     Proof("link.intact", "no access beyond a frame", loops=155),
     Proof("link.abort", "an ABORT that is found lies in the bytes held", loops=10, long=True),
     Proof("link.message", "a message changes what it is for and nothing else; an ABORT is taken", loops=19),
-    Proof("link.telemetry", "no access beyond a frame; it is signed, and its counter grows", loops=80),
+    Proof("link.telemetry", "no access beyond a frame; it is signed, and its counter grows", loops=90),
     Proof(
         "link.accept",
         "a frame is accepted only if its tag is right, its counter grew, and it answers a recent telemetry",
@@ -194,8 +194,25 @@ PROOFS = (
     ),
     Proof(
         "four_state.output",
-        "valid only with a recent fix and stated deviations within their limits; outputs are finite",
+        "valid only with a recent fix, stated deviations within their limits, a heading that courses do not "
+        "contradict and a live sensor; outputs are finite",
         rule=5,
+        loops=11,
+        checks=BOTH,
+        assumes=BOUNDED,
+    ),
+    Proof(
+        "four_state.silent",
+        "no sample is taken of a sensor that repeats itself for longer than `frozen_samples`",
+        rule=6,
+        loops=11,
+        checks=MEMORY,
+        assumes=BOUNDED,
+    ),
+    Proof(
+        "four_state.confront",
+        "courses farther off than `heading_limit` count towards `heading_time`, the others against it",
+        rule=6,
         loops=11,
         checks=BOTH,
         assumes=BOUNDED,

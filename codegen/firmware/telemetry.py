@@ -109,6 +109,7 @@ class Ready(Bits):
     RELEASED = 0x200, "no override is in force"
     IDLE = 0x400, "the controller is idle"
     PLANNED = 0x800, "all places of the mission are projected; until then REACH and LEGS may go off"
+    HEADING = 0x1000, "courses do not contradict the heading"
 
     @property
     def missing(self) -> tuple[Ready, ...]:
@@ -143,6 +144,7 @@ class Refusal(IntEnum):
     OVERRIDDEN = 11, "an override is in force"
     NOT_IDLE = 12, "a trial is under way, or has ended without an ABORT, or its stop is still held"
     NOT_PLANNED = 13, "the vest has not yet projected all places of the mission, one on a tick"
+    CONTRADICTED = 14, "courses contradict the heading"
 
 
 NOT_READY = 2  # number of the refusal for the lowest bit of `Ready`
@@ -153,7 +155,7 @@ class Telemetry:
     """State of the vest and the animal. Payload: the fields in this order.
 
     `command`, `mode`, `status` and `anomaly` are numbers of the controller's enumerations of these names.
-    The counts of errors stop at 65535.
+    The counts of errors stop at 65535, or 255; `rejected_fixes` stops at 30000.
     """
 
     type: ClassVar[int] = 16
@@ -196,6 +198,9 @@ class Telemetry:
     link_errors: Annotated[int, Wire("uint16_t", "", "wrong checksums")]
     link_forged: Annotated[int, Wire("uint16_t", "", "frames with a wrong tag")]
     link_replayed: Annotated[int, Wire("uint16_t", "", "frames that came before, or too late")]
+    rejected_fixes: Annotated[int, Wire("uint16_t", "", "fixes that the estimator rejected")]
+    jumps: Annotated[int, Wire("uint8_t", "", "corrections that moved the position by more than allowed")]
+    recoveries: Annotated[int, Wire("uint8_t", "", "times that the estimator began anew")]
 
     def payload(self) -> bytes:
         """The fields packed."""

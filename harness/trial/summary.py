@@ -25,6 +25,13 @@ from models.system import ESTIMATOR
 
 TEMPLATES = environment(Path(__file__).parent / "templates")
 OUTCOMES = {Status.SUCCESS: "success", Status.FAILED: "failed", Status.STOPPED: "stopped"}
+# the estimator's anomalies: an output, and whether it goes up or down (rules 5 and 6 of models/SAFETY.md)
+DOUBTS = {
+    "REJECTED_FIX": ("estimator.rejected_fixes", 1),
+    "JUMP": ("estimator.jumps", 1),
+    "RECOVERY": ("estimator.recoveries", 1),
+    "CONTRADICTED_HEADING": ("estimator.heading_ok", -1),
+}
 LABELS = {
     "scenario": "scenario",
     "seed": "seed",
@@ -49,7 +56,7 @@ def summarize(log: Log, real_time_factor: float | None = None, notes: Sequence[s
       controller times out.
     - `estimator` names what estimated, with what gave it its attitude; None without an estimator.
     - `time_s` is when the controller took that status, or the end of the run.
-    - `anomalies` counts the ticks that reported each kind, by name.
+    - `anomalies` counts the ticks that reported each kind, by name: the controller's, then the estimator's.
     - `position_error_m` is the horizontal distance of the estimate from the truth over all ticks; None
       without an estimator, or if an estimate is not finite.
 
@@ -105,10 +112,14 @@ def _last(log: Log, signal: str) -> int:
 
 
 def _anomalies(log: Log) -> dict[str, int]:
-    if "controller.anomaly" not in log:
-        return {}
-    codes, counts = np.unique(log["controller.anomaly"], return_counts=True)
-    return {named(Anomaly, code): int(count) for code, count in zip(codes, counts, strict=True) if code != 0}
+    counted: dict[str, int] = {}
+    if "controller.anomaly" in log:
+        codes, counts = np.unique(log["controller.anomaly"], return_counts=True)
+        counted = {named(Anomaly, code): int(n) for code, n in zip(codes, counts, strict=True) if code != 0}
+    for name, (signal, step) in DOUBTS.items():
+        if signal in log:
+            counted[name] = int((step * np.diff(log[signal]) > 0).sum())
+    return {name: count for name, count in counted.items() if count}
 
 
 def position_error(log: Log) -> Array | None:

@@ -31,6 +31,9 @@ void check_declared(const onboard *m);
 #define LONGEST_SILENCE 50U      /* ticks: 2 s of the radio */
 #define LONGEST_IMU_SILENCE 5U   /* ticks: 0.2 s */
 #define OLDEST_FIX 375U          /* ticks: 15 s */
+#define MOST_DULL 10U            /* ticks: 0.4 s */
+#define HEADING_LIMIT 0.785398163F /* rad: 45 deg */
+#define HEADING_TIME 3.0F        /* s */
 #define LONGEST_OVERRIDE 25U     /* ticks: 1 s */
 #define CAPTURE_RADIUS 7.0       /* m */
 #define LONGEST_VIBRATION 125U   /* ticks: 5 s */
@@ -83,6 +86,12 @@ static struct {
     uint32_t silence;     /* ticks without a valid message */
     uint32_t imu_silence; /* ticks without a sample */
     uint32_t override_age; /* ticks without an override */
+    uint32_t dull;         /* ticks without a sample that the estimator can use and that says something new */
+    float last_sample;     /* sum of its values */
+    float facing;          /* rad: heading of the last sample used */
+    uint32_t fix_gap;      /* ticks since a fix that the estimator can use */
+    float contradiction;   /* s, of heading and course */
+    bool contradicted;
     uint32_t reports;     /* frames sent in this tick */
     bool due;             /* telemetry is due */
     int32_t last_mode;
@@ -463,7 +472,7 @@ static void walk(void)
 static void give(void)
 {
     if ((world.background & (unsigned)GIVE_SAMPLES) != 0U) {
-        send_sample(bits(0.0F), bits(0.0F), bits(180.0F - fmodf(world.heading + 180.0F, 360.0F)));
+        send_sample(bits(0.0F), bits(0.05F * (float)(world.ticks % 2U)), bits(180.0F - fmodf(world.heading + 180.0F, 360.0F)));
     }
     if (((world.background & (unsigned)GIVE_FIXES) != 0U) && ((world.ticks % FIX_TICKS) == 0U)) {
         const ubx_fix fix = {
@@ -482,6 +491,40 @@ static void give(void)
 
 /* --- what must hold --- */
 
+static bool within(float value, float limit)
+{
+    return (value >= -limit) && (value <= limit);
+}
+
+/* Rule 6, from the estimator's inputs alone: a silent sensor, and a heading that courses contradict. */
+static void judge_instruments(void)
+{
+    const float sum = (vest.estimator.in.accel_x + vest.estimator.in.pitch_meas) + vest.estimator.in.heading_meas;
+    const bool good = within(vest.estimator.in.accel_x, 200.0F) && within(vest.estimator.in.pitch_meas, 4.0F) &&
+                      within(vest.estimator.in.heading_meas, 7.0F);
+
+    world.dull = (good && (sum != world.last_sample)) ? 0U : (world.dull + 1U);
+    world.last_sample = good ? sum : world.last_sample;
+    world.facing = (good && (world.dull <= MOST_DULL)) ? vest.estimator.in.heading_meas : world.facing;
+    world.fix_gap++;
+    if (vest.estimator.in.gps_fix && within(vest.estimator.in.gps_north, 1.0e5F) &&
+        within(vest.estimator.in.gps_east, 1.0e5F) && (vest.estimator.in.gps_speed <= 50.0F) &&
+        (vest.estimator.in.gps_h_acc >= 0.001F) && (vest.estimator.in.gps_h_acc <= 1000.0F) &&
+        (vest.estimator.in.gps_s_acc >= 0.001F) && (vest.estimator.in.gps_s_acc <= 100.0F)) {
+        const float time = fminf(0.04F * (float)world.fix_gap, 1.0F);
+        const float turn = vest.estimator.in.gps_course - world.facing;
+        const float off = turn + (6.2831855F * floorf(0.5F - (0.15915494F * turn)));
+
+        world.fix_gap = 0U;
+        if (vest.estimator.in.gps_speed > fmaxf(0.5F, 3.0F * vest.estimator.in.gps_s_acc)) {
+            world.contradiction += (fabsf(off) > HEADING_LIMIT) ? time : -time;
+            world.contradiction = fmaxf(0.0F, fminf(HEADING_TIME, world.contradiction));
+            world.contradicted = (world.contradiction > 0.0F) &&
+                                 (world.contradicted || (world.contradiction == HEADING_TIME));
+        }
+    }
+}
+
 static void check_estimate(void)
 {
     for (unsigned i = 0U; vest.estimator.state.started && (i < 4U); i++) {
@@ -494,12 +537,8 @@ static void check_estimate(void)
            (vest.estimator.state.started && (vest.estimator.state.age <= (int32_t)OLDEST_FIX) &&
             (vest.estimator.out.north_sd <= 7.0F) && (vest.estimator.out.east_sd <= 7.0F) &&
             (vest.estimator.out.speed_sd <= 2.0F) &&
-            (vest.estimator.out.heading_sd <= 0.523598776F))); /* rule 5 */
-}
-
-static bool within(float value, float limit)
-{
-    return (value >= -limit) && (value <= limit);
+            (vest.estimator.out.heading_sd <= 0.523598776F) && /* rule 5 */
+            !world.contradicted && (world.dull <= MOST_DULL))); /* rule 6 */
 }
 
 /* The command of a mode (Figure 4.2). */
@@ -698,7 +737,8 @@ static void check_telemetry(void)
         assert(((t[AT_READY + 2U] & 8U) != 0U) == (vest.place > vest.radio.mission.count));
         assert(((t[AT_READY + 2U] & 2U) != 0U) == !overridden());
         assert(((t[AT_READY + 2U] & 4U) != 0U) == (vest.controller.out.mode == CMEC_MODE_IDLE));
-        assert((t[AT_READY] == 0U) && (t[AT_READY + 1U] == 0U) && ((t[AT_READY + 2U] & 0xF0U) == 0U));
+        assert((t[AT_READY] == 0U) && (t[AT_READY + 1U] == 0U) && ((t[AT_READY + 2U] & 0xE0U) == 0U));
+        assert(((t[AT_READY + 2U] & 0x10U) != 0U) == !world.contradicted);
     }
 }
 
@@ -733,6 +773,7 @@ static void tick(void)
     for (unsigned i = 0U; i < (unsigned)PORT_SOURCES; i++) {
         assert(world.taken[i] <= (ONBOARD_BLOCKS * PORT_MOST));
     }
+    judge_instruments();
     check_declared(&vest);
     modes |= 1U << (unsigned)vest.controller.out.mode;
     check_estimate();

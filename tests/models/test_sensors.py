@@ -393,3 +393,32 @@ def test_the_model_in_python_is_the_compiled_one(native: Make) -> None:
             model[name] = column[k]
         model.step()
         assert model.output.tolist() == [out[name][k] for name in Sensors.flat_names("output")]
+
+
+def test_a_frozen_inertial_unit_repeats_its_sample_and_the_receiver_goes_on() -> None:
+    # given a body that turns and gathers speed, whose inertial unit freezes from 1 s to 2 s
+    sensors = Model(Sensors, {"frozen_start": 1.0, "frozen_time": 1.0})
+    sensors.initialize()
+    names = [*(f"{k}_{a}" for k in ("accel", "gyro", "mag") for a in "xyz"), "roll_meas", "pitch_meas"]
+    rows = []
+    for tick in range(75):
+        sensors["speed"] = sensors["north"] = 0.04 * tick
+        sensors["heading"] = 0.02 * tick
+        sensors.step()
+        rows.append([*(sensors[name] for name in (*names, "heading_meas", "gps_fix")), sensors["gps_north"]])
+    samples, fixes = np.array(rows)[:, :12], np.array(rows)[:, 12:]
+    # then all of it repeats the sample at 1 s, until 2 s
+    assert (samples[25:50] == samples[25]).all()
+    assert (np.diff(samples, axis=0)[[*range(25), *range(49, 74)]] != 0).all()
+    assert fixes[25:50, 0].sum() == 4
+    assert np.unique(fixes[25:50, 1]).size > 3
+
+
+def test_an_error_of_the_heading_is_in_the_ahrs_alone_noisy_or_not() -> None:
+    for noisy in (0, 1):
+        wrong = answer({"heading_error": 2.0, "noisy": noisy}, heading=2.0)
+        right = answer({"noisy": noisy}, heading=2.0)
+        assert math.remainder(wrong["heading_meas"] - right["heading_meas"] - 2.0, 2 * math.pi) == (
+            pytest.approx(0, abs=1e-12)
+        )
+        assert (axes(wrong, "mag") == axes(right, "mag")).all()

@@ -183,7 +183,7 @@ def test_links_of_the_shipped_systems_are_those_of_the_roles() -> None:
         ("plant", "sensors"): set(Plant.flat_names("output")),
         ("sensors", "estimator"): {
             "accel_x", "pitch_meas", "heading_meas", "gps_fix", "gps_north", "gps_east", "gps_speed",
-            "gps_h_acc", "gps_s_acc",
+            "gps_course", "gps_h_acc", "gps_s_acc",
         },
         ("estimator", "controller"): {"north", "east", "speed", "heading", "speed_sd", "valid"},
         ("controller", "command_module"): {"command"},

@@ -262,6 +262,9 @@ static uint32_t readiness(const onboard *m)
     if (m->planned) {
         ready |= READY_PLANNED;
     }
+    if (m->estimator.out.heading_ok) {
+        ready |= READY_HEADING;
+    }
     return ready;
 }
 
@@ -451,6 +454,9 @@ static void report(onboard *m)
     t.link_errors = at_most_u16(m->radio.scanner.errors);
     t.link_forged = at_most_u16(m->radio.forged);
     t.link_replayed = at_most_u16(m->radio.replayed);
+    t.rejected_fixes = (uint16_t)m->estimator.out.rejected_fixes;
+    t.jumps = to_u8(m->estimator.out.jumps);
+    t.recoveries = to_u8(m->estimator.out.recoveries);
     port_send(frame, link_write_telemetry(&m->radio, frame, &t));
 }
 

@@ -178,7 +178,7 @@ def _signals(k: int, north: float, east: float, speed: float, heading: float) ->
     for name in ("accel", "gyro", "mag"):
         for axis in "xyz":
             yield f"{name}_{axis}", -9.81 if (name, axis) == ("accel", "z") else 0.0
-    yield from {"roll_meas": 0.0, "pitch_meas": 0.0, "heading_meas": heading}.items()
+    yield from {"roll_meas": 0.0, "pitch_meas": 1e-3 * (k % 2), "heading_meas": heading}.items()
     yield from {"gps_fix": float(k % 6 == 0), "gps_north": north, "gps_east": east, "gps_speed": speed,
                 "gps_course": heading, "gps_h_acc": 2.0, "gps_s_acc": 0.2}.items()  # fmt: skip
 
@@ -212,7 +212,12 @@ EXTREMES: Mapping[str, bytes] = {
     + background(ALL) + ticks(100),
     "long silence": BEGUN + ticks(50) + background(0) + ticks(5900),
     "an inertial unit alone at its limit": BEGUN + ticks(20) + background(HEARTBEATS)
-    + b"".join(sample(199.9, 0.0, 45.0) + ticks(1) for _ in range(2500)),
+    + b"".join(sample(199.9, 0.05 * (k % 2), 45.0) + ticks(1) for k in range(2500)),
+    "a frozen inertial unit": BEGUN + ticks(50) + background(FIXES | HEARTBEATS | OBEY)
+    + b"".join(sample(0.1, 0.0, 0.0) + ticks(1) for _ in range(40)) + background(ALL) + ticks(100),
+    "a unit that is mounted the wrong way round": background(FIXES | HEARTBEATS, 180, 1.5)
+    + b"".join(sample(0.1 * (k % 2), 0.0, 0.0) + ticks(1) for k in range(200)) + background(ALL, 180, 1.5)
+    + ticks(200),
     "samples that are not numbers": BEGUN + background(FIXES | HEARTBEATS) + b"".join(
         sample(*values) + ticks(5)
         for values in ((NAN, 0, 0), (0, NAN, 0), (0, 0, NAN), (INF, 0, 0), (0, -INF, 0), (0, 0, INF),

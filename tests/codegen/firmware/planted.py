@@ -86,9 +86,32 @@ FAULTS = (
     Fault("four_state.c", "(fabsf(m->in.gps_east) <= 100000.0f)", "true", "four_state.judge"),
     Fault("four_state.c", "(m->in.gps_s_acc <= 100.0f)", "(m->in.gps_s_acc <= 1e9f)", "four_state.judge"),
     Fault("four_state.c", "(m->in.gps_h_acc <= 1000.0f)", "true", "four_state.judge"),
-    Fault("four_state.c", "t13 && m->state.started", "m->state.started", "four_state.judge"),
+    Fault("four_state.c", "t14 && m->state.started", "m->state.started", "four_state.judge"),
     Fault("four_state.c", "(next_east_sd <= m->par.max_position_sd)", "true", "four_state.output"),
     Fault("four_state.c", "(next_speed_sd <= m->par.max_speed_sd)", "true", "four_state.output"),
+    Fault(
+        "four_state.c", "m->state.started && next_heading_ok &&", "m->state.started &&", "four_state.output"
+    ),
+    Fault("four_state.c", "(m->state.silence <= m->par.frozen_samples)", "true", "four_state.output"),
+    Fault("four_state.c", "(next_silence <= m->par.frozen_samples)", "true", "four_state.silent"),
+    Fault("four_state.c", "(next_sample_sum == m->state.sample_sum)", "false", "four_state.silent"),
+    Fault(
+        "four_state.c",
+        "next_heading_ok = !m->state.contradicted",
+        "next_heading_ok = true",
+        "four_state.output",
+    ),
+    Fault(
+        "four_state.c",
+        "(m->state.contradicted && (next_contradiction > 0.0f))",
+        "m->state.contradicted",
+        "four_state.confront",
+    ),
+    Fault("four_state.c", "(next_contradiction >= m->par.heading_time) ||", "", "four_state.confront"),
+    Fault(
+        "four_state.c", "> m->par.heading_limit) ? t1 : (-t1)", "> 3.0f) ? t1 : (-t1)", "four_state.confront"
+    ),
+    Fault("four_state.c", "m->state.rejections + (int16_t)", "0 + (int16_t)", "four_state.judge"),
     Fault("four_state.c", "((0.04f * (float)m->state.age) <= m->par.max_age)", "true", "four_state.output"),
     # a counter that is stuck, a flag that is not looked at
     Fault("mt.c", "m->counter = counter;", "", "mt.sample"),

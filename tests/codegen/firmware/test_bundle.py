@@ -386,7 +386,7 @@ def test_firmware_with_parameters_as_constants_gives_the_same_bits() -> None:
     # when both make 400 ticks with a turning, accelerating animal
     records, tones = set(), set()
     for tick in range(400):
-        signals = still(tick % 6 == 0)
+        signals = still(tick)
         signals |= {"heading_meas": math.sin(tick / 30), "accel_x": math.cos(tick / 7)}
         signals |= {"gps_north": 0.02 * tick, "gps_speed": 0.5}
         received = Received(
@@ -809,7 +809,7 @@ def test_the_rabbits_port_moves_bytes_both_ways_with_its_registers_as_memory(
     # made: that with the fix, after 46.9 ms (6 of 256/32768 s) that which listens to the operator, and after
     # 85.9 ms that which answers
     plane = TangentPlane(math.radians(LATITUDE), math.radians(LONGITUDE))
-    signals = still(True)
+    signals = still(0)
     mission = Mission(Position(LATITUDE, LONGITUDE), (Position(LATITUDE, LONGITUDE + 1e-3),))
     for vector, data, status, stream in (
         (0xE0F0, sddr, sdsr, Receiver(plane).fix(0.0, signals)),

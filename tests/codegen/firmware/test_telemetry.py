@@ -39,10 +39,10 @@ def test_the_program_sets_every_member_of_the_telemetry_that_it_sends() -> None:
     assert set(re.findall(r"\bt\.(\w+) = ", program()["onboard.c"])) == members
 
 
-def test_payload_is_72_bytes_as_the_header_states() -> None:
-    # 4 + 4 + 4, seven of 2, six of 1, three of 2, 1, 4, 1, 2, three of 4, seven of 2
-    assert PAYLOAD.size == 12 + 14 + 6 + 6 + 1 + 4 + 1 + 2 + 12 + 14
-    assert "#define TELEMETRY_SIZE 72U" in program()["telemetry.h"]
+def test_payload_is_76_bytes_as_the_header_states() -> None:
+    # 4 + 4 + 4, seven of 2, six of 1, three of 2, 1, 4, 1, 2, three of 4, seven of 2, 2, two of 1
+    assert PAYLOAD.size == 12 + 14 + 6 + 6 + 1 + 4 + 1 + 2 + 12 + 14 + 4
+    assert "#define TELEMETRY_SIZE 76U" in program()["telemetry.h"]
 
 
 def test_payload_of_telemetry_is_read_back() -> None:
@@ -67,6 +67,7 @@ def test_rule_8_each_bit_of_ready_has_a_macro_a_meaning_and_a_refusal_with_its_w
         Ready.MISSION: Refusal.NO_MISSION, Ready.REACH: Refusal.OUT_OF_REACH, Ready.LEGS: Refusal.SHORT_LEG,
         Ready.FIRST_LEG: Refusal.SHORT_FIRST_LEG, Ready.RELEASED: Refusal.OVERRIDDEN,
         Ready.IDLE: Refusal.NOT_IDLE, Ready.PLANNED: Refusal.NOT_PLANNED,
+        Ready.HEADING: Refusal.CONTRADICTED,
     }  # fmt: skip
     # and header and log name them in words
     header = program()["telemetry.h"]

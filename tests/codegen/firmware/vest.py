@@ -25,11 +25,20 @@ TICKS_PER_FIX = 6  # about 4 Hz
 Send = Callable[[bytes], object]
 
 
-def still(fix: bool) -> dict[str, float]:
-    """The sensors' signals: it looks to the east; gravity is what the accelerometer feels of standing."""
+def still(tick: int) -> dict[str, float]:
+    """The sensors' signals: it looks to the east; gravity is what the accelerometer feels of standing.
+
+    The unit lives: it never repeats itself.
+    """
     signals = {f"{kind}_{axis}": 0.0 for kind in ("accel", "gyro", "mag") for axis in "xyz"}
-    signals |= {"accel_z": -9.81, "roll_meas": 0.0, "pitch_meas": 0.0, "heading_meas": math.pi / 2}
-    signals |= {"gps_fix": float(fix), "gps_north": 0.0, "gps_east": 0.0, "gps_speed": 0.0}
+    signals |= {"accel_z": -9.81, "roll_meas": 0.0, "heading_meas": math.pi / 2}
+    signals |= {"pitch_meas": 1e-3 * (tick % 2)}
+    signals |= {
+        "gps_fix": float(tick % TICKS_PER_FIX == 0),
+        "gps_north": 0.0,
+        "gps_east": 0.0,
+        "gps_speed": 0.0,
+    }
     return signals | {"gps_course": 0.0, "gps_h_acc": 1.0, "gps_s_acc": 0.2}
 
 
@@ -43,7 +52,7 @@ def lead(
     operator = Operator(Mission(Position(LATITUDE, LONGITUDE), (Position(*waypoint),)), Link(SIMULATION_KEY))
     began = time.monotonic()
     for tick in range(round(seconds / TICK)):
-        signals = still(tick % TICKS_PER_FIX == 0)
+        signals = still(tick)
         gps(receiver.fix(tick * TICK, signals))
         imu(unit.sample(tick, signals))
         radio(operator.send(tick * TICK, True, Command.NONE, True))

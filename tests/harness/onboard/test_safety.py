@@ -320,19 +320,27 @@ def test_the_program_gives_its_blocks_what_the_wiring_says() -> None:
 # --- rule 4 ---
 
 
-@cache
-def backwards() -> tuple[float, list[Command], Mode]:
-    """An inertial unit that is mounted backwards: the animal runs away from the waypoint under FORWARD."""
+def backwards(speed: float, s_acc: float) -> tuple[float, list[Command], Mode]:
+    """A unit that is mounted backwards: at FORWARD the animal goes away from the waypoint, at so many m/s."""
     with begun() as animal:
-        animal.course_off = math.pi
-        animal.ticks(120.0, lambda command: (5.0 * (command == Command.FORWARD), 0.0), HERE)
+        animal.course_off, animal.sensed = math.pi, {"gps_s_acc": s_acc}
+        animal.ticks(120.0, lambda command: (speed * (command == Command.FORWARD), 0.0), HERE)
         return animal.north, animal.vest.played, Mode(animal.vest.telemetry.mode)
 
 
-def test_rule_4_an_animal_that_runs_the_wrong_way_is_stopped() -> None:
-    north, played, mode = backwards()
-    # then 30 m and what it runs until it is noticed, twice in a fifth of a second
-    assert -DEPARTING - 2 * 0.2 * 5.0 - 2.0 <= north < 0
+def test_rule_6_an_animal_that_runs_the_wrong_way_is_stopped_in_3_s() -> None:
+    north, played, mode = backwards(5.0, 0.1)
+    assert -5.0 * 3.6 <= north < 0
+    # then its stop falls silent
+    assert mode == Mode.STOP_TO_TURN
+    assert seconds(played, Command.STOP) == pytest.approx(LONGEST_STOP, abs=0.1)
+    assert played[-1] == Command.NONE
+
+
+def test_rule_4_an_animal_that_runs_the_wrong_way_on_a_course_that_is_not_sure_is_stopped() -> None:
+    north, played, mode = backwards(5.0, 2.0)
+    # then 30 m, what it runs until it is noticed, and what the estimate lags behind
+    assert -DEPARTING - 2 * 0.2 * 5.0 - 8.0 <= north < -DEPARTING
     assert mode == Mode.STOPPED
     assert played[-1] == Command.NONE
 

@@ -633,7 +633,8 @@ def test_telemetry_in_the_log_has_the_programs_values(flown: Log) -> None:
         ("controller.distance", None, 1e-1), ("controller.deviation", None, 1e-4),
         ("estimator.heading", None, 1e-4), ("estimator.speed_sd", None, 1e-2), ("controller.status", None, 0),
         ("controller.command", None, 0), ("controller.mode", None, 0), ("controller.waypoint", None, 0),
-        ("controller.directional_commands", None, 0),
+        ("controller.directional_commands", None, 0), ("estimator.rejected_fixes", None, 0),
+        ("estimator.jumps", None, 0), ("estimator.recoveries", None, 0),
     ):  # fmt: skip
         values = flown[f"telemetry.{name.split('.')[1]}"] if got is None else got
         assert np.abs(values[rows] - flown[name][rows]).max() <= 0.51 * unit + (unit == 0.0112) * 0.0112, name

@@ -33,6 +33,8 @@ class Vest:
     Attributes:
         telemetry: the last.
         counter: of the last message.
+        fix: the bytes of the receiver's last fix.
+        frozen: the receiver repeats them.
         played: the commands, as the tones and vibrators of each tick tell them.
     """
 
@@ -40,6 +42,7 @@ class Vest:
         self.processor, self.decoder = open_processor("host"), Decoder(SIMULATION_KEY)
         self.k = self.counter = self.told = 0
         self.telemetry = NO_TELEMETRY
+        self.fix, self.frozen = b"", False
         self.played: list[Command] = []
 
     def tick(self, *messages: Any, fix: bool | None = None, **sensed: float) -> Memory:
@@ -47,7 +50,7 @@ class Vest:
         signals = {f"{n}_{a}": 0.0 for n in ("accel", "gyro", "mag") for a in "xyz"}
         signals |= {
             "roll_meas": 0.0,
-            "pitch_meas": 0.0,
+            "pitch_meas": 1e-3 * (self.k % 2),  # a unit that lives never repeats itself
             "heading_meas": 0.0,
             "gps_fix": 1.0,
             "gps_north": 0.0,
@@ -55,9 +58,11 @@ class Vest:
         signals |= {"gps_east": 0.0, "gps_speed": 0.0, "gps_course": 0.0, "gps_h_acc": 3.5, "gps_s_acc": 0.1}
         signals |= sensed
         due = self.k % 6 == 5 if fix is None else fix
+        if due and not self.frozen:
+            self.fix = Receiver(PLANE).fix(0.04 * self.k, signals)
         reply = self.processor.tick(
             Received(
-                Receiver(PLANE).fix(0.04 * self.k, signals) if due else b"",
+                self.fix if due else b"",
                 InertialUnit().sample(self.k, signals),
                 b"".join(m if isinstance(m, bytes) else self.encode(m) for m in messages),
             )

@@ -226,3 +226,16 @@ def test_the_page_says_when_the_trial_was_disturbed(tmp_path: Path) -> None:
     # then
     assert "lost radio: 0.50 to 1.00 s, 1.50 to 1.50 s" in (tmp_path / "trial.html").read_text()
     assert "<ul>" not in (tmp_path / "undisturbed.html").read_text()
+
+
+def test_rule_5_the_estimators_counts_are_among_the_anomalies() -> None:
+    # given an estimator that rejects two fixes, begins anew, and doubts its heading for a while
+    log = little(status=[1, 1, 1, 1], anomaly=[0, 2, 0, 0])
+    names = ("rejected_fixes", "jumps", "recoveries", "heading_ok")
+    rows = np.array([[5, 0, 0, 1], [6, 0, 0, 1], [7, 0, 1, 0], [7, 0, 1, 1]], dtype=float)
+    blank = ("",) * 4
+    channel = Channel("estimator", "estimator", names, blank, ("Integer",) * 4, blank)
+    log = Log(log.path, (*log.channels, channel), {}, {}, log.time, log.values | {"estimator": rows})
+    assert summarize(log)["anomalies"] == {
+        "TURN_FAILURE": 1, "REJECTED_FIX": 2, "RECOVERY": 1, "CONTRADICTED_HEADING": 1,
+    }  # fmt: skip
