@@ -38,7 +38,7 @@ FOUR_STATE = (
     "-k",
     "four_state or FourState",
 )
-DRIVERS = "tests/codegen/firmware/test_onboard_drivers.py"
+DRIVERS = ("tests/codegen/firmware/test_driver_bounds.py", "tests/codegen/firmware/test_onboard_drivers.py")
 ORDERS = "tests/harness/onboard/test_orders.py"
 ONBOARD = "codegen/firmware/onboard"
 TARGETS = (
@@ -49,9 +49,9 @@ TARGETS = (
     Target("models/four_state.py", FOUR_STATE),
     Target("models/given_heading.py", FOUR_STATE),
     Target("models/estimator.py", FOUR_STATE),
-    Target(f"{ONBOARD}/scanner.c", (DRIVERS,)),
-    Target(f"{ONBOARD}/ubx.c", (DRIVERS,)),
-    Target(f"{ONBOARD}/mt.c", (DRIVERS,)),
-    Target(f"{ONBOARD}/link.c", (DRIVERS, ORDERS)),
+    Target(f"{ONBOARD}/scanner.c", DRIVERS),
+    Target(f"{ONBOARD}/ubx.c", DRIVERS),
+    Target(f"{ONBOARD}/mt.c", DRIVERS),
+    Target(f"{ONBOARD}/link.c", (*DRIVERS, ORDERS)),
     Target(f"{ONBOARD}/onboard.c", (ORDERS, "tests/harness/onboard/test_stand_in.py")),
 )
