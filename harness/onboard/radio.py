@@ -4,7 +4,7 @@ A frame: A5 5A, type, length of the payload, counter u32, payload, tag of 8 byte
 to tag. Big-endian. An XBee in transparent mode carries bytes without bounds, acknowledgement or checksum,
 hence the frame. A lost message is repeated until the telemetry shows that it arrived.
 
-The tag is SipHash-2-4 by the vest's key over the session and the frame from type to payload. Session and
+The tag is SipHash-2-4 by the vest's key over the frame from type to payload, and the session. Session and
 counter make a recorded frame worthless; a nonce, which the telemetry returns, makes recorded telemetry so.
 """
 
@@ -171,7 +171,7 @@ class Seal:
         """The tag of a frame's bytes from type to payload."""
         if self.key is None:
             return bytes(TAG)
-        tag: int = siphash(self.key.data, struct.pack(">I", self.session) + signed)
+        tag: int = siphash(self.key.data, signed + struct.pack(">I", self.session))
         return tag.to_bytes(TAG, "little")
 
 

@@ -21,7 +21,7 @@ from harness.onboard.stand_in import Onboard
 from harness.toml_file import parse_toml
 from harness.trial.contents import LogRows, attachments, metadata
 from harness.trial.firmware import firmware_values, navigation_of
-from harness.trial.notes import late_notes, refusal_notes
+from harness.trial.notes import late_notes, radio_notes, refusal_notes
 from harness.trial.plots import trial_png
 from harness.trial.prepare import Prepared
 from harness.trial.request import Request
@@ -64,7 +64,7 @@ def run(
         real_time_factor = _simulate(request, ready, out, progress, start)
         log = read_log(out / LOG)
         late = late_notes(request.scenario, ready.interfaces, ready.values, float(log.time[-1]))
-        late += refusal_notes(log)
+        late += refusal_notes(log) + radio_notes(log)
         return _report(log, out, real_time_factor, (*request.notes, *ready.notes, *late))
 
 

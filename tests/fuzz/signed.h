@@ -30,17 +30,18 @@ static inline void signed_round(uint64_t *a, uint64_t *b, uint64_t *c, uint64_t 
     *c = signed_turn(*c, 32U);
 }
 
-/* SipHash-2-4 of session and bytes by the key 00 01 .. 0f. */
+/* SipHash-2-4 of bytes and session by the key 00 01 .. 0f. */
 static inline uint64_t signed_tag(const uint8_t *bytes, size_t n)
 {
     uint64_t v0 = 0x736F6D6570736575U ^ 0x0706050403020100U;
     uint64_t v1 = 0x646F72616E646F6DU ^ 0x0F0E0D0C0B0A0908U;
     uint64_t v2 = 0x6C7967656E657261U ^ 0x0706050403020100U;
     uint64_t v3 = 0x7465646279746573U ^ 0x0F0E0D0C0B0A0908U;
-    uint8_t message[4U + 512U + 8U] = {0U, 0U, 0U, SIGNED_SESSION};
+    uint8_t message[512U + 8U] = {0U};
     const size_t whole = 4U + n;
 
-    memcpy(&message[4], bytes, n);
+    memcpy(message, bytes, n);
+    message[n + 3U] = SIGNED_SESSION;
     for (size_t at = 0U; at <= whole; at += 8U) {
         uint64_t word = ((at + 8U) > whole) ? ((uint64_t)whole << 56) : 0U;
 

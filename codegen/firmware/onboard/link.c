@@ -88,7 +88,7 @@ static void put_u32(uint8_t *bytes, uint32_t value)
     bytes[3] = (uint8_t)(value & 0xFFU);
 }
 
-/* The tag of a frame whose payload has so many bytes: over session, type to payload. */
+/* The tag of a frame whose payload has so many bytes: over type to payload, and the session. */
 static void make_tag(uint32_t session, const uint8_t *frame, uint8_t length, uint8_t *tag)
 #if KEY_SIGNS
 {
@@ -97,8 +97,8 @@ static void make_tag(uint32_t session, const uint8_t *frame, uint8_t length, uin
 
     put_u32(number, session);
     siphash_begin(&h, vest_key);
-    siphash_take(&h, number, (uint8_t)sizeof(number));
     siphash_take(&h, &frame[TYPE], (uint8_t)(HEADER - TYPE + length));
+    siphash_take(&h, number, (uint8_t)sizeof(number));
     siphash_end(&h, tag);
 }
 #else

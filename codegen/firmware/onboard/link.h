@@ -15,8 +15,8 @@
  * 16 TELEMETRY      the fields of `telemetry` in their order, its bools as the bits of one byte, the first as
  *                   the lowest. It comes from the vest; all others go to it
  *
- * Only the handler (rule 11). The tag is SipHash-2-4 by the vest's key over the session, u32, and the frame from
- * type to payload. The session is a number that the vest has from its port, another after each reset; its
+ * Only the handler (rule 11). The tag is SipHash-2-4 by the vest's key over the frame from type to payload, and
+ * the session, u32. The session is a number that the vest has from its port, another after each reset; its
  * telemetry tells it. A wrong CRC is damage. A right CRC with a wrong tag is a forged frame.
  *
  * The counter only grows, in each direction. The telemetry is counted from 1. The counter of the laptop's frames

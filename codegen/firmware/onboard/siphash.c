@@ -9,15 +9,15 @@
 
 #if UINT_MAX > 0xFFFFU
 
+static uint32_t half(const uint8_t *bytes)
+{
+    return bytes[0] | ((uint32_t)bytes[1] << 8) | ((uint32_t)bytes[2] << 16) | ((uint32_t)bytes[3] << 24);
+}
+
 /* Exclusive or with a word whose lowest byte comes first. */
 static void mix(siphash_word *word, const uint8_t *bytes)
 {
-    siphash_word other = 0U;
-
-    for (uint8_t i = 0U; i < WORD; i++) {
-        other |= (siphash_word)bytes[i] << (8U * i);
-    }
-    *word ^= other;
+    *word ^= ((siphash_word)half(&bytes[4]) << 32) | half(bytes);
 }
 
 static uint8_t byte_of(const siphash_word *word, uint8_t place)
@@ -59,14 +59,13 @@ static uint8_t byte_of(const siphash_word *word, uint8_t place)
 
 #endif
 
-/* Compression (2.2) of the word that is full. */
-static void compress(siphash *h)
+/* Compression (2.2) of a word. */
+static void compress(siphash *h, const uint8_t *word)
 {
-    mix(&h->v[3], h->m);
+    mix(&h->v[3], word);
     siphash_round(h->v);
     siphash_round(h->v);
-    mix(&h->v[0], h->m);
-    (void)memset(h->m, 0, sizeof(h->m));
+    mix(&h->v[0], word);
 }
 
 void siphash_begin(siphash *h, const uint8_t *key)
@@ -84,11 +83,22 @@ void siphash_begin(siphash *h, const uint8_t *key)
 
 void siphash_take(siphash *h, const uint8_t *bytes, uint8_t count)
 {
-    for (uint8_t i = 0U; i < count; i++) {
-        h->m[h->count & LAST] = bytes[i];
-        h->count = (uint8_t)(h->count + 1U);
-        if ((h->count & LAST) == 0U) {
-            compress(h);
+    uint8_t i = 0U;
+
+    while (i < count) {
+        const uint8_t place = h->count & LAST;
+
+        if ((place == 0U) && ((uint8_t)(count - i) >= WORD)) {
+            compress(h, &bytes[i]);
+            h->count = (uint8_t)(h->count + WORD);
+            i = (uint8_t)(i + WORD);
+        } else {
+            h->m[place] = bytes[i];
+            h->count = (uint8_t)(h->count + 1U);
+            i++;
+            if (place == LAST) {
+                compress(h, h->m);
+            }
         }
     }
 }
@@ -97,8 +107,11 @@ void siphash_end(siphash *h, uint8_t *tag)
 {
     static const uint8_t end[WORD] = {0xFF, 0, 0, 0, 0, 0, 0, 0};
 
+    for (uint8_t i = h->count & LAST; i < LAST; i++) {
+        h->m[i] = 0U;
+    }
     h->m[LAST] = h->count;
-    compress(h);
+    compress(h, h->m);
     mix(&h->v[2], end);
     for (uint8_t i = 0U; i < 4U; i++) {
         siphash_round(h->v);

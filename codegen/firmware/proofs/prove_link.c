@@ -44,6 +44,7 @@ static uint8_t read_last;
 static uint8_t tag_made[8];
 static bool made; /* over the session and the whole frame to its payload */
 static uint8_t taken;
+static bool whole;
 
 /* Is it the tag that was made? */
 static bool same_tag(const uint8_t *tag)
@@ -68,8 +69,11 @@ void siphash_take(siphash *h, const uint8_t *bytes, uint8_t count)
     (void)h;
     assert(count > 0U);
     read_last = bytes[count - 1U];
+    if (taken == 0U) {
+        whole = count == (uint8_t)(6U + bytes[1]);
+    }
     taken = (uint8_t)(taken + count);
-    made = taken == (uint8_t)(4U + 6U + bytes[1]);
+    made = whole && (count == 4U);
 }
 
 void siphash_end(siphash *h, uint8_t *tag)

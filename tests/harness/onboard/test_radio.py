@@ -82,8 +82,8 @@ def test_a_message_becomes_the_frame_of_the_layout(message: Heartbeat, signed: s
     frame = encode(message, 0x107, Seal(KEY, 0x51))
     assert frame[:2] == b"\xa5\x5a"
     assert frame[2:-10] == bytes.fromhex(signed)
-    # the tag is over the session and what stands before it
-    tag = siphash(KEY.data, bytes.fromhex("00000051" + signed))
+    # the tag is over what stands before it, and the session
+    tag = siphash(KEY.data, bytes.fromhex(signed + "00000051"))
     assert frame[-10:-2] == tag.to_bytes(8, "little")
     # a CRC behind its bytes leaves no remainder
     assert crc16(frame[2:]) == 0
