@@ -130,7 +130,8 @@ def _title(log: Log) -> str:
     time = f"{summary['time_s']:.1f}" if summary["time_s"] >= 1 else f"{summary['time_s']:g}"
     special = summary["estimator"] not in (None, ESTIMATOR)
     by = f", {drawable(summary['estimator'])}" if special else ""
-    return f"{name}, seed {seed}{by}: {summary['outcome']} after {time} s"
+    why = f": {summary['stopped_by']}" if summary["stopped_by"] else ""
+    return f"{name}, seed {seed}{by}: {summary['outcome']} after {time} s{why}"
 
 
 @house_style()

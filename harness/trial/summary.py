@@ -32,11 +32,21 @@ DOUBTS = {
     "RECOVERY": ("estimator.recoveries", 1),
     "CONTRADICTED_HEADING": ("estimator.heading_ok", -1),
 }
+STOPPED_BY = {  # what ends a trial in STOPPED, in words
+    Anomaly.NONE: "the operator",
+    Anomaly.LOST_LINK: "the radio link was lost (rule 9)",
+    Anomaly.BUDGET_SPENT: "the budget of stimuli was spent (rule 3)",
+    Anomaly.NO_PROGRESS: "the animal did not move on (rule 4)",
+    Anomaly.DEPARTING: "the animal went away from its target (rule 4)",
+    Anomaly.TIME_OUT: "the time for a leg, a recall or the mission was over (rule 4)",
+    Anomaly.OUTSIDE_FENCE: "the animal was outside the fence (rule 7)",
+}
 LABELS = {
     "scenario": "scenario",
     "seed": "seed",
     "estimator": "estimator",  # shown if it is another than the default
     "outcome": "outcome",
+    "stopped_by": "stopped by",  # shown if the controller stopped
     "time_s": "time",
     "waypoints_reached": "waypoints reached",
     "directional_commands": "directional commands",
@@ -54,6 +64,8 @@ def summarize(log: Log, real_time_factor: float | None = None, notes: Sequence[s
     - `outcome` follows from the last `status` of the controller: `success`, `failed` or `stopped`. Otherwise
       it is `timeout`, or `stopped` if the log is broken: something else ended the run. A run without a
       controller times out.
+    - `stopped_by` says in words which safety rule stopped it (models/SAFETY.md), or that the operator did;
+      None unless the controller's status is STOPPED.
     - `estimator` names what estimated, with what gave it its attitude; None without an estimator.
     - `time_s` is when the controller took that status, or the end of the run.
     - `anomalies` counts the ticks that reported each kind, by name: the controller's, then the estimator's.
@@ -71,6 +83,7 @@ def summarize(log: Log, real_time_factor: float | None = None, notes: Sequence[s
         "seed": _seed(scenario.get("seed", "")),
         "estimator": estimator_of(log),
         "outcome": outcome,
+        "stopped_by": stopped_by(log),
         "time_s": time,
         "waypoints_reached": _last(log, "controller.waypoint"),
         "directional_commands": _last(log, "controller.directional_commands"),
@@ -93,14 +106,25 @@ def estimator_of(log: Log) -> str | None:
 
 
 def _outcome(log: Log) -> tuple[str, float]:
-    end = float(log.time[-1])
-    if "controller.status" in log:
-        status = log["controller.status"]
-        if status[-1] in OUTCOMES:
-            before = np.flatnonzero(status != status[-1])
-            since = before[-1] + 1 if before.size else 0
-            return OUTCOMES[Status(int(status[-1]))], float(log.time[since])
-    return ("stopped" if log.broken else "timeout"), end
+    if "controller.status" in log and log["controller.status"][-1] in OUTCOMES:
+        return OUTCOMES[Status(int(log["controller.status"][-1]))], float(log.time[_since(log)])
+    return ("stopped" if log.broken else "timeout"), float(log.time[-1])
+
+
+def _since(log: Log) -> int:
+    """The tick on which the controller took the status that it ended with."""
+    status = log["controller.status"]
+    before = np.flatnonzero(status != status[-1])
+    return int(before[-1]) + 1 if before.size else 0
+
+
+def stopped_by(log: Log) -> str | None:
+    """What stopped the trial, in words: the anomaly of the tick on which the controller stopped."""
+    if "controller.status" not in log or log["controller.status"][-1] != Status.STOPPED:
+        return None
+    code = log["controller.anomaly"][_since(log)] if "controller.anomaly" in log else Anomaly.NONE
+    known = {int(anomaly): text for anomaly, text in STOPPED_BY.items()}
+    return known.get(code, named(Anomaly, code).lower().replace("_", " "))
 
 
 def _seed(text: str) -> int | str:
@@ -158,6 +182,8 @@ def words(summary: Mapping[str, Any]) -> dict[str, str]:
     text["real_time_factor"] = "not measured" if factor is None else f"{factor:.0f}"
     if summary["estimator"] in (None, ESTIMATOR):
         del text["estimator"]
+    if summary["stopped_by"] is None:
+        del text["stopped_by"]
     return {LABELS[key]: value for key, value in text.items()}
 
 
@@ -183,6 +209,7 @@ def write_page(log: Log, summary: Mapping[str, Any], picture: bytes, path: Path)
         seed=summary["seed"],
         broken=log.broken,
         disturbances=disturbances(log),
+        notes=summary["notes"],
         picture=base64.b64encode(picture).decode(),
         records=log.metadata,
         channels=log.channels,

@@ -90,7 +90,7 @@ def shown() -> Mapping[str, Callable[[Console], None]]:
     cost = {kind: {"worst": 1234567, "mean": 1234567} for kind in ("clocks", "accesses", "instructions")}
     one: dict[str, Any] = {
         "scenario": "three_waypoint_by_night", "seed": 2**31 - 1, "outcome": "success", "time_s": 1234.56,
-        "estimator": "canine_tracker with canine_ahrs",
+        "stopped_by": None, "estimator": "canine_tracker with canine_ahrs",
         "waypoints_reached": 16, "directional_commands": 12345, "anomalies": {"forward_failure": 12345},
         "position_error_m": {"mean": 1234.56, "max": 1234.56, "final": 1234.56}, "ticks": 12345678,
         "real_time_factor": 1234.5, "log": "out/x/trial.mcap",

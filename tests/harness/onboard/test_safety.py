@@ -387,3 +387,48 @@ def test_rule_5_an_estimate_that_is_far_off_leads_no_animal(speed: float, bias: 
         # and one that is not leads nobody, but for the tick or two before the telemetry tells
         assert led == 0
         assert invalid > 0
+
+
+# --- rules 1, 7 and 9 ---
+
+
+def test_rule_1_a_lost_link_beats_the_operators_last_command() -> None:
+    with begun() as animal:
+        animal.ticks(4.0, obedient, Override(Command.RECALL))
+        assert animal.vest.played[-1] == Command.RECALL
+        # when nobody is heard any more: an override ends within 1 s, the link within 2 s
+        played = animal.ticks(10.0, still)
+        assert played[round(1.1 / TICK)] != Command.RECALL
+        assert silent_from(played) <= 2.0 + HELD + TICK
+        assert animal.vest.telemetry.mode == Mode.STOPPED
+
+
+def test_rule_7_an_animal_that_leaves_the_fence_is_stopped() -> None:
+    # given one that walks east, whatever it is told, on a leg to the north
+    with begun() as animal:
+        animal.heading = math.pi / 2
+        animal.ticks(30.0, walks, HERE)
+        assert animal.vest.telemetry.mode != Mode.STOPPED
+        animal.ticks(10.0, walks, HERE)
+        # then it is stopped 50 m off, or a fifth of a second farther
+        assert animal.vest.telemetry.mode == Mode.STOPPED
+        assert animal.vest.telemetry.last_anomaly == Anomaly.OUTSIDE_FENCE
+        assert animal.vest.played[-1] == Command.NONE
+
+
+def test_rule_9_a_start_of_one_mission_never_begins_another() -> None:
+    # given no fix, when A is loaded and started, and then B
+    east = Mission(HOME, (place(0, 100),))
+    with alone() as animal:
+        for mission in (NORTH, east):
+            animal.ticks(1.0, still, mission, Start(mission.id), fix=False)
+        # when fixes come, then nothing begins
+        played = animal.ticks(10.0, still, HERE)
+        assert Command.FORWARD not in played
+        assert animal.vest.telemetry.mode == Mode.IDLE
+        # and A's START does not begin B, only its own does: it turns the animal, which looks north
+        played = animal.ticks(5.0, still, Start(NORTH.id))
+        assert set(played) == {Command.NONE}
+        played = animal.ticks(5.0, still, Start(east.id))
+        assert Command.RIGHT in played
+        assert animal.vest.telemetry.mission_id == east.id

@@ -16,7 +16,8 @@ from harness.files import FileError
 from harness.log.channel import Channel
 from harness.log.log import Log
 from harness.trial.plots import trial_figure
-from harness.trial.summary import show, summarize, write_page, write_summary
+from harness.trial.summary import STOPPED_BY, show, summarize, write_page, write_summary
+from models.modes import Anomaly
 
 VOID = {"meta", "img"}
 
@@ -66,6 +67,7 @@ def test_the_summary_of_a_trial_is_that_derived_by_hand() -> None:
         "seed": 7,
         "estimator": None,
         "outcome": "success",
+        "stopped_by": None,
         "time_s": 1.5,
         "waypoints_reached": 2,
         "directional_commands": 12,
@@ -76,6 +78,38 @@ def test_the_summary_of_a_trial_is_that_derived_by_hand() -> None:
         "log": "trial.mcap",
         "notes": [],
     }
+
+
+@pytest.mark.parametrize(
+    ("anomaly", "words"),
+    [
+        ([6, 2, 9, 0], "the budget of stimuli was spent (rule 3)"),
+        ([6, 2, 6, 0], "the radio link was lost (rule 9)"),
+        ([6, 2, 0, 2], "the operator"),
+        ([6, 2, 13, 0], "the animal was outside the fence (rule 7)"),
+    ],
+)
+def test_what_stopped_the_trial_is_said_in_words(anomaly: list[float], words: str) -> None:
+    # given a controller that stops on the third tick
+    log = little(status=[1, 1, 4, 4], anomaly=anomaly)
+    summary = summarize(log, notes=["a note & more"])
+    # then summary, table, picture and page say why
+    assert summary["stopped_by"] == words
+    console = Console(file=io.StringIO(), width=100)
+    show(summary, console)
+    assert words in console.file.getvalue()  # type: ignore[attr-defined]
+    figure = trial_figure(log)
+    assert words in "".join(text.get_text() for text in (figure._suptitle, *figure.texts) if text)  # type: ignore[attr-defined]
+
+
+def test_every_limit_that_stops_a_trial_has_words() -> None:
+    assert {a for a in Anomaly if a >= Anomaly.BUDGET_SPENT} <= STOPPED_BY.keys()
+
+
+def test_the_page_has_the_notes(tmp_path: Path) -> None:
+    log = little(status=[1, 2])
+    write_page(log, summarize(log, notes=["so < far"]), b"", tmp_path / "trial.html")
+    assert "<li>so &lt; far</li>" in (tmp_path / "trial.html").read_text()
 
 
 @pytest.mark.parametrize(
