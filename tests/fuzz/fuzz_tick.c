@@ -25,6 +25,7 @@ void check_declared(const onboard *m);
 
 #define MOST_TICKS 6000U
 #define QUEUE 4096U
+#define FRAMES 1024U
 #define FIX_TICKS 6U   /* between two fixes in the background */
 #define HEARD_TICKS 10U
 #define REPORT_TICKS 5U
@@ -59,6 +60,14 @@ static struct {
     size_t left;
 } orders;
 
+/* A genuine frame that was on the air. */
+typedef struct {
+    uint32_t counter;
+    uint8_t type;
+    uint8_t n;
+    uint8_t value; /* the first byte of its payload */
+} sent_frame;
+
 static struct {
     queue sources[PORT_SOURCES];
     uint32_t taken[PORT_SOURCES]; /* bytes read in this tick */
@@ -75,6 +84,8 @@ static struct {
     uint32_t number;    /* of the last message, its counter */
     uint32_t told;      /* counter of the last telemetry */
     uint32_t genuine;   /* frames with a right tag that the radio has brought */
+    sent_frame frames[FRAMES]; /* the last of them */
+    uint8_t override;          /* the operator's, 0 for none */
     uint8_t air[4U * QUEUE]; /* the radio's last bytes */
     size_t aired;
     uint8_t last[SIGNED_OVERHEAD + 255U]; /* the last frame sent */
@@ -162,6 +173,11 @@ static void air(uint8_t byte)
         const uint8_t *const f = &world.air[world.aired - n - SIGNED_OVERHEAD];
 
         if ((f[0] == 0xA5U) && (f[1] == 0x5AU) && (f[3] == n) && signed_intact(f) && signed_genuine(f)) {
+            world.frames[world.genuine % FRAMES].counter =
+                ((uint32_t)f[4] << 24) | ((uint32_t)f[5] << 16) | ((uint32_t)f[6] << 8) | f[7];
+            world.frames[world.genuine % FRAMES].type = f[2];
+            world.frames[world.genuine % FRAMES].n = f[3];
+            world.frames[world.genuine % FRAMES].value = f[8];
             world.genuine++;
         }
     }
@@ -565,7 +581,7 @@ static int32_t commanded(int32_t mode)
 
 static bool overridden(void)
 {
-    return (vest.radio.override != 0U) && (world.override_age <= LONGEST_OVERRIDE);
+    return (world.override != 0U) && (world.override_age <= LONGEST_OVERRIDE);
 }
 
 /* Rules 3 and 12, from the commands alone: nothing but the expected command, STOP, or silence; and no more of
@@ -606,7 +622,7 @@ static void check_command(void)
     if (world.silence > LONGEST_SILENCE) {
         expected = CMEC_COMMAND_STOP;
     } else if (overridden()) {
-        expected = (int32_t)vest.radio.override;
+        expected = (int32_t)world.override;
     } else if (!good || !trusted) {
         expected = CMEC_COMMAND_STOP;
     } else {
@@ -648,6 +664,54 @@ static void check_accepted(uint32_t accepted_before, uint32_t received_before)
     assert(accepted() <= world.genuine);
     assert((vest.radio.received > received_before) == (accepted() > accepted_before));
     assert(vest.radio.received >= received_before);
+}
+
+static bool is_override(const sent_frame *f)
+{
+    return (f->type == (uint8_t)LINK_OVERRIDE) && (f->n == 1U) && (f->value <= (uint8_t)CMEC_COMMAND_RIGHT);
+}
+
+static bool is_abort(const sent_frame *f)
+{
+    return (f->type == (uint8_t)LINK_ABORT) && (f->n == 0U);
+}
+
+/* The operator's override, from the genuine frames on the air. Those whose counters are among the ones that the
+ * vest went through on this tick have come, if they are as many as it accepted; else (some were damaged on the
+ * way) what it holds is that of one of them, or what it held. */
+static void follow_override(uint32_t accepted_before, uint32_t received_before)
+{
+    const uint32_t taken = accepted() - accepted_before;
+    const uint32_t oldest = (world.genuine > FRAMES) ? (world.genuine - FRAMES) : 0U;
+    uint32_t fitting = 0U;
+    uint32_t last = received_before;
+    uint8_t override = world.override;
+    bool renewed = false;
+    bool possible = vest.radio.override == world.override;
+
+    for (uint32_t i = oldest; i < world.genuine; i++) {
+        const sent_frame *const f = &world.frames[i % FRAMES];
+
+        if ((f->counter > last) && (f->counter <= vest.radio.received)) {
+            fitting++;
+            last = f->counter;
+            if (is_override(f)) {
+                override = f->value;
+                renewed = true;
+            } else if (is_abort(f)) {
+                override = 0U;
+            }
+            possible = possible || (vest.radio.override == override);
+        }
+    }
+    if (fitting == taken) {
+        world.override = override;
+        world.override_age = renewed ? 0U : (world.override_age + 1U);
+    } else {
+        assert(possible && (renewed || !vest.watchdog.in.overridden));
+        world.override = vest.radio.override;
+        world.override_age = vest.watchdog.in.overridden ? 0U : (world.override_age + 1U);
+    }
 }
 
 /* From one place to another, by more than the controller's capture radius, as far as floats tell. */
@@ -765,7 +829,7 @@ static void tick(void)
     world.reports = 0U;
     onboard_tick(&vest);
     world.silence = (messages() != heard) ? 0U : (world.silence + 1U);
-    world.override_age = vest.watchdog.in.overridden ? 0U : (world.override_age + 1U);
+    follow_override(accepted_before, received);
     assert(!vest.watchdog.in.overridden || (world.silence == 0U));
     world.imu_silence = vest.watchdog.in.sampled ? 0U : (world.imu_silence + 1U);
     assert(!vest.watchdog.in.sampled || /* a sample has come, and the estimator took it */
