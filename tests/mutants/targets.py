@@ -40,6 +40,7 @@ FOUR_STATE = (
 )
 DRIVERS = ("tests/codegen/firmware/test_driver_bounds.py", "tests/codegen/firmware/test_onboard_drivers.py")
 ORDERS = "tests/harness/onboard/test_orders.py"
+BOUNDS = "tests/harness/onboard/test_onboard_bounds.py"
 ONBOARD = "codegen/firmware/onboard"
 TARGETS = (
     Target("models/cmec.py", CONTROLLER),
@@ -53,5 +54,5 @@ TARGETS = (
     Target(f"{ONBOARD}/ubx.c", DRIVERS),
     Target(f"{ONBOARD}/mt.c", DRIVERS),
     Target(f"{ONBOARD}/link.c", (*DRIVERS, ORDERS)),
-    Target(f"{ONBOARD}/onboard.c", (ORDERS, "tests/harness/onboard/test_stand_in.py")),
+    Target(f"{ONBOARD}/onboard.c", (BOUNDS, ORDERS, "tests/harness/onboard/test_stand_in.py")),
 )
