@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from enum import IntEnum
 
 from models.commands import Command, Status
+from models.fence import Fenced
 from models.kit import casadi as ca
 from models.kit.block import Row, moves, table, triggered
 from models.kit.declaration import SX, Boolean, Input, Integer, Output, Parameter, State
@@ -15,6 +16,7 @@ from models.kit.geometry import (
     all_of,
     any_of,
     counted,
+    element,
     none_of,
     one_of,
     where,
@@ -24,13 +26,12 @@ from models.kit.timing import TICK, lasted
 from models.kit.tracing import Condition
 from models.kit.units import DEG
 from models.modes import BEFORE_RECALL, COMMANDS, ENDED, STATUSES, Anomaly, Mode
-from models.safety import Supervised
 
 MAX_WAYPOINTS = 16
 MOST_TURNS = 1000  # that MAXTURN can allow
 
 
-class Cmec(Supervised):
+class Cmec(Fenced):
     """Canine maximum effort controller: waypoints and the estimate to commands, tick by tick."""
 
     source = "Miller 2010, 4.1.4, eq. 4.1-4.4, Figure 4.2, Tables 4.1-4.3"
@@ -196,8 +197,8 @@ class Cmec(Supervised):
         m.turns = where(m.reset_turns, 0, m.turns)
         m.reached = m.reached + 1
         last = m.reached >= m.count
-        m.target_north = where(last, m.base_north, _element(m.route_north, m.reached))
-        m.target_east = where(last, m.base_east, _element(m.route_east, m.reached))
+        m.target_north = where(last, m.base_north, element(m.route_north, m.reached))
+        m.target_east = where(last, m.base_east, element(m.route_east, m.reached))
 
     def aim(m) -> None:
         """Distance to the target and orientation deviation from it; 0 on bad input."""
@@ -345,12 +346,4 @@ def _choose(key: SX, table: dict[Mode, Command] | dict[Mode, Status], other: Int
     value: SX = ca.SX(other)
     for k, v in table.items():
         value = where(key == k, v, value)
-    return value
-
-
-def _element(vector: SX, index: SX) -> SX:
-    """vector[index], index from 0."""
-    value = vector[0]
-    for i in range(1, vector.numel()):
-        value = where(index == i, vector[i], value)
     return value

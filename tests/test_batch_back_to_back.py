@@ -23,6 +23,7 @@ from harness.trial.request import Request, build_missing
 from harness.trial.scenario import Scenario, Setting
 from models.cmec import Cmec
 from models.commands import ENDS, Status
+from models.fence import MAX_CORNERS
 from models.modes import Anomaly, Mode
 from models.readings import READINGS
 from models.system import SYSTEMS
@@ -129,7 +130,15 @@ def draw_trial(system: str, reading: str, number: int) -> Scenario:
         start=(*rng.uniform(-20, 20, 2).tolist(), float(rng.uniform(-180, 180))),
         parameters=parameters,
         sets=tuple(_changes(system, rng)) if changing else (),
+        fence=_polygon(np.random.default_rng([number, 7])) if reading == "guarded" and number % 2 else (),
     )
+
+
+def _polygon(rng: np.random.Generator) -> tuple[tuple[float, float], ...]:
+    """Corners around the origin, by their direction."""
+    directions = 2 * np.pi * (np.arange(n := rng.integers(3, MAX_CORNERS + 1)) + rng.uniform(0, 0.9, n)) / n
+    far = rng.uniform(25, 80, n)
+    return tuple(zip((far * np.cos(directions)).tolist(), (far * np.sin(directions)).tolist(), strict=True))
 
 
 def _changes(system: str, rng: np.random.Generator) -> Iterator[Setting]:

@@ -301,6 +301,14 @@ PROOFS = (
     _rule(
         7, "radius", "an animal beyond `fence_radius` by 1 m, along north or east, is stopped within 0.2 s"
     ),
+    Proof(
+        "fence.polygon",
+        "an animal east or west of all n corners of the polygon is stopped within 2n - 2 ticks, 0.48 s",
+        rule=7,
+        loops=17,
+        checks=RULE,
+        assumes=(SHIPPED, STATE, AIMED, YOUNG, MISSION),
+    ),
     _rule(9, "start", "the program starts with nobody led"),
     _rule(9, "link", "a lost link ends a trial in STOPPED with STOP", "`resume` is off, as shipped"),
     _rule(9, "begin", "only a start in IDLE begins a trial, with the limits and without them; or the recall"),

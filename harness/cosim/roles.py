@@ -33,11 +33,16 @@ from models.sensors import Sensors
 from models.system import SYSTEMS
 
 OPTIONAL = {"plant": frozenset({"acceleration", "pitch", "roll", "yaw_rate", "slip", "slip_acceleration"})}
-# parameters that a scenario sets by keys of its own: seed, waypoints, start
+# parameters that a scenario sets by keys of its own: seed, waypoints, start, fence
 MISSION = {
     "plant": frozenset({"seed", "start_north", "start_east", "start_heading", "start_heading_deviation"}),
     "sensors": frozenset({"seed"}),
-    "controller": frozenset({"waypoint_count", "waypoint_north", "waypoint_east", "home_north", "home_east"}),
+    "controller": frozenset(
+        {
+            *("waypoint_count", "waypoint_north", "waypoint_east", "home_north", "home_east"),
+            *("fence_count", "fence_north", "fence_east"),
+        }
+    ),
 }
 BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 

@@ -6,7 +6,7 @@
 | `/map/gps` | foxglove.LocationFix | the sensors' `gps_fix gps_north gps_east` | every fix |
 | `/map/estimate` | foxglove.LocationFix | the estimator's `north east` | at 5 Hz |
 | `/3d/frames` | foxglove.FrameTransforms | `map` (axes east, north, up) to `dog`, `estimate` | at 5 Hz |
-| `/3d/scene` | foxglove.SceneUpdate | waypoints, their capture circles, an arrow for each frame | once |
+| `/3d/scene` | foxglove.SceneUpdate | waypoints, capture circles, the fence, an arrow for each frame | once |
 | `/log/events` | foxglove.Log | commands, waypoints reached, anomalies, outcome | as they happen |
 
 A topic is there only if the signals that it is made from are. Times are trial time.
@@ -52,6 +52,7 @@ CIRCLE_POINTS = 48
 
 GREEN, ORANGE = Color(r=0.0, g=0.62, b=0.45, a=1.0), Color(r=0.90, g=0.62, b=0.0, a=1.0)
 MAGENTA, YELLOW = Color(r=0.80, g=0.20, b=0.60, a=1.0), Color(r=0.94, g=0.78, b=0.10, a=1.0)
+RED = Color(r=0.80, g=0.15, b=0.10, a=1.0)
 
 Times = npt.NDArray[np.int64]
 Ticks = npt.NDArray[np.intp]  # (n,) rows of a batch
@@ -215,7 +216,7 @@ class Views:
         if frames:
             self.regular.append(_Frames(_topic(container, "/3d/frames", FrameTransforms), frames))
         self.scene = _topic(container, "/3d/scene", SceneUpdate) if frames or route else None
-        entities = [_arrow(frame) for frame in frames] + (_circles(route) if route else [])
+        entities = [_arrow(frame) for frame in frames] + (_circles(route) + _fence(route) if route else [])
         self.drawing = SceneUpdate(entities=entities).SerializeToString()
 
         self.gps: _Fixes | None = None
@@ -296,6 +297,20 @@ def _circles(route: Route) -> list[SceneEntity]:
         )
         entities.append(SceneEntity(id=label, frame_id="map", lines=[circle], texts=[text]))
     return entities
+
+
+def _fence(route: Route) -> list[SceneEntity]:
+    """The polygon, if the mission has one."""
+    if not route.fence:
+        return []
+    line = LinePrimitive(
+        type=LinePrimitive.LINE_LOOP,
+        pose=_pose(0, 0),
+        thickness=0.3,
+        points=[Point3(x=east, y=north) for north, east in route.fence],
+        color=RED,
+    )
+    return [SceneEntity(id="fence", frame_id="map", lines=[line])]
 
 
 def _pose(north: float, east: float) -> Pose:

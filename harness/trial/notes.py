@@ -13,6 +13,7 @@ from harness.trial.scenario import Scenario
 from models.canine import Canine
 from models.canine_ahrs import CanineAhrs
 from models.cmec import Cmec
+from models.fence import encloses
 from models.kit.declaration import flatten
 from models.kit.timing import TICK
 from models.system import ESTIMATORS, SYSTEMS
@@ -54,6 +55,7 @@ def idle_notes(
             yield from _search(own)
         if block == Cmec.title() and not moving and interface.parameters.keys() >= CONTROLLER:
             yield from _waypoints(scenario, interface, own)
+            yield from _fence(scenario, interface, own)
     yield from (
         f"{what} never acts: the trial lasts {scenario.duration:g} s"
         for what, time in timed(scenario, interfaces, values)
@@ -139,6 +141,20 @@ def _search(values: Mapping[str, float]) -> Iterator[str]:
 def _tick(time: float) -> int:
     """The first tick at or after a time [s]."""
     return math.ceil(time / TICK - 1e-9)
+
+
+def _fence(scenario: Scenario, interface: Interface, values: Mapping[str, float]) -> Iterator[str]:
+    """A fence that does not act, and what of the mission is outside of it."""
+    if scenario.fence and not interface.start("guarded", interface.parameters["guarded"], values):
+        yield 'the fence does not act without the safety rules: set reading = "guarded"'
+    elif scenario.fence:
+        places = [("the start", scenario.start[:2])]
+        places += [(f"waypoint {i}", place) for i, place in enumerate(scenario.waypoints, start=1)]
+        yield from (
+            f"{name} is outside the fence: the animal is stopped there"
+            for name, place in places
+            if not encloses(scenario.fence, place)
+        )
 
 
 def _waypoints(scenario: Scenario, interface: Interface, values: Mapping[str, float]) -> Iterator[str]:

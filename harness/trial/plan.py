@@ -1,7 +1,7 @@
 """A plan: a scenario resolved against a system, every address to a component's variable, every value to SI.
 
-Later values replace earlier ones: the reading's, the mission's (seed, start, waypoints), those that the
-package binds, those of `parameters`.
+Later values replace earlier ones: the reading's, the mission's (seed, start, waypoints, fence), those that
+the package binds, those of `parameters`.
 """
 
 from __future__ import annotations
@@ -219,7 +219,7 @@ class _Planner:
 
     @cached_property
     def mission(self) -> dict[str, dict[str, float]]:
-        """The parameters (SI) that the scenario's own keys state: seed, start, waypoints; by role."""
+        """The parameters (SI) that the scenario's own keys state: seed, start, waypoints, fence; by role."""
         scenario = self.scenario
         north, east, heading = scenario.start
         spread = start_heading_deviation(self.reading, len(scenario.waypoints))
@@ -228,6 +228,10 @@ class _Planner:
             controller["waypoint_count"] = len(scenario.waypoints)
         for i, (waypoint_north, waypoint_east) in enumerate(scenario.waypoints, start=1):
             controller |= {f"waypoint_north[{i}]": waypoint_north, f"waypoint_east[{i}]": waypoint_east}
+        if scenario.fence:
+            controller["fence_count"] = len(scenario.fence)
+        for i, (corner_north, corner_east) in enumerate(scenario.fence, start=1):
+            controller |= {f"fence_north[{i}]": corner_north, f"fence_east[{i}]": corner_east}
         return {
             "plant": {
                 "seed": scenario.seed,

@@ -16,7 +16,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.markers import MarkerStyle
-from matplotlib.patches import Circle, Patch
+from matplotlib.patches import Circle, Patch, Polygon
 from matplotlib.path import Path
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
@@ -85,6 +85,7 @@ PLACE: Style = {
     "markeredgecolor": "white",
     "markeredgewidth": 0.8,
 }
+FENCE: Style = {"fill": False, "edgecolor": "#B3261E", "linewidth": 1.4, "linestyle": "--", "zorder": 1}
 FIX_STYLE: Style = {"label": "GPS fix", "marker": ".", "color": GPS, "markersize": 4, "linestyle": ""}
 BANDS = {kinds.GPS_OUTAGE: OUTAGE, kinds.ORDER: ORDER, kinds.LOST_RADIO: LOST_RADIO}
 NOTHING: Mapping[str, tuple[Style, Sequence[Span]]] = MappingProxyType({})
@@ -165,6 +166,9 @@ def draw_path(axes: Axes, log: Log) -> list[Line2D | Patch]:
             Line2D([], [], marker="s", linestyle="", label="home", **PLACE),
             Patch(facecolor=CIRCLE_FACE, edgecolor=CIRCLE_EDGE, label=f"within {log.route.radius:g} m"),
         ]
+        if log.route.fence:
+            axes.add_patch(Polygon([(east, north) for north, east in log.route.fence], **FENCE))
+            handles.append(Patch(label="fence", **FENCE))
     if "sensors.gps_fix" in log:
         fixes = log["sensors.gps_fix"] > 0
         axes.plot(log["sensors.gps_east"][fixes], log["sensors.gps_north"][fixes], **FIX_STYLE, zorder=3)

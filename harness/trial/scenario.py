@@ -6,6 +6,7 @@
     seed = 1
     duration = 300.0                         # s
     waypoints = [[35.73, 0.0], [35.73, 35.73]]   # north, east in m
+    fence = [[-20.0, -20.0], [60.0, -20.0], [60.0, 60.0], [-20.0, 60.0]]   # its 3 to 7 corners (rule 7)
     origin = { latitude = 32.6, longitude = -85.5 }          # deg, of north = east = 0: for maps
     start = { north = 0.0, east = 0.0, heading = 0.0 }       # m, m, deg: where the animal starts, and home
 
@@ -40,6 +41,7 @@ from harness.toml_file import TomlError, parse_toml, read_toml
 from models.canine import Canine
 from models.cmec import MAX_WAYPOINTS
 from models.errors import UsageError, nearest
+from models.fence import MAX_CORNERS, fault_of
 from models.kit.random import MAX_SEED
 from models.readings import READINGS
 from models.system import ESTIMATOR, ESTIMATORS, SYSTEMS, System, find_system
@@ -80,6 +82,7 @@ class Scenario:
         start: north and east, m; heading, deg.
         parameters: by `block.name` or `component.name`.
         sets: changes of inputs by time.
+        fence: the corners of a polygon that the animal may not leave, north and east, m; none for no fence.
         estimator: which of ours a system with one has.
         folder: where its file is; the path of an .ssp starts there.
     """
@@ -95,6 +98,7 @@ class Scenario:
     parameters: Mapping[str, Written] = field(default_factory=dict)
     sets: tuple[Setting, ...] = ()
     estimator: str = ESTIMATOR
+    fence: Sequence[tuple[float, float]] = ()
     folder: Path = field(default=Path(), compare=False)
 
     @property
@@ -129,6 +133,7 @@ class Scenario:
             f"seed = {toml_of(self.seed)}",
             f"duration = {toml_of(self.duration)}",
             f"waypoints = {toml_of(self.waypoints)}",
+            *([f"fence = {toml_of(self.fence)}"] if self.fence else []),
             f"origin = {{ latitude = {toml_of(self.origin[0])}, longitude = {toml_of(self.origin[1])} }}",
             f"start = {{ north = {toml_of(north)}, east = {toml_of(east)}, heading = {toml_of(heading)} }}",
         ]
@@ -317,7 +322,8 @@ def parse(text: str, where: str, default_name: str = "scenario", folder: Path = 
         reading=table.optional("reading", READINGS),
         seed=int(table.number("seed", 1, 0, MAX_SEED, whole=True)),
         duration=table.number("duration", DURATION, 0, MAX_DURATION, unit="s"),
-        waypoints=table.points("waypoints"),
+        waypoints=table.points("waypoints", MAX_WAYPOINTS),
+        fence=table.points("fence", MAX_CORNERS),
         origin=(
             origin.number("latitude", ORIGIN[0], -90, 90, unit="deg"),
             origin.number("longitude", ORIGIN[1], -180, 180, unit="deg"),
@@ -341,6 +347,10 @@ def parse(text: str, where: str, default_name: str = "scenario", folder: Path = 
         raise ScenarioError(
             f'{where}: estimator is "{scenario.estimator}", and the system "{scenario.system}" takes none of '
             f"ours; expected one of {', '.join(with_estimator())}"
+        )
+    if scenario.fence and (fault := fault_of(scenario.fence)):
+        raise ScenarioError(
+            f"{where}: fence is no polygon: {fault}; list its corners one after another around it"
         )
     for each in (table, origin, start):
         each.finish()
@@ -393,12 +403,12 @@ class _TomlTable:
             raise self.fail(key, value, expected)
         return value if whole else float(value)
 
-    def points(self, key: str) -> tuple[tuple[float, float], ...]:
+    def points(self, key: str, most: int) -> tuple[tuple[float, float], ...]:
         value = self.take(key, [])
-        expected = f"up to {MAX_WAYPOINTS} pairs [north, east] in m, each within {MAX_COORDINATE:g}"
+        expected = f"up to {most} pairs [north, east] in m, each within {MAX_COORDINATE:g}"
         if not isinstance(value, list):
             raise self.fail(key, value, expected)
-        if len(value) > MAX_WAYPOINTS:
+        if len(value) > most:
             raise ScenarioError(f"{self.where}: {key} has {len(value)} elements; expected {expected}")
         pair = f"a pair [north, east] in m, each from {-MAX_COORDINATE:g} to {MAX_COORDINATE:g}"
         points = []

@@ -47,6 +47,14 @@ def where(condition: SX, yes: SX | float, no: SX | float) -> SX:
     return ca.if_else(condition, yes, no)
 
 
+def element(vector: SX, index: SX) -> SX:
+    """vector[index], index from 0; the first where the index is out of range."""
+    value = vector[0]
+    for i in range(1, vector.numel()):
+        value = where(index == i, vector[i], value)
+    return value
+
+
 def all_of(*conditions: SX) -> SX:
     """Do all hold?"""
     open_ones = [c for c in map(ca.SX, conditions) if not c.is_one()]

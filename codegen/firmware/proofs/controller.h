@@ -8,15 +8,30 @@
 
 #include <math.h>
 
-/* The call of cmec_aim gives any distance and deviation within the ranges that prove_aim (prove_cmec.c) shows.
- * The pasted name tells the call, whose argument is `m`, from the definition, whose argument is `cmec *m`. */
+/* The call of cmec_aim gives any distance and deviation within the ranges that prove_aim (prove_cmec.c) shows, that
+ * of cmec_cross any answer, and with ANY_SURVEY that of cmec_survey any breach. The pasted name tells the call, whose argument is `m`, from the definition, whose
+ * argument is `cmec *m`. */
 #define cmec_aim(argument) AIM_OF_##argument)
 #define AIM_OF_cmec shipped_aim(cmec
 #define AIM_OF_m any_aim(m
+#define cmec_cross(argument) CROSS_OF_##argument)
+#define CROSS_OF_cmec shipped_cross(cmec
+#define CROSS_OF_m any_cross(m
+#ifdef ANY_SURVEY
+#define cmec_survey(argument) SURVEY_OF_##argument)
+#define SURVEY_OF_cmec shipped_survey(cmec
+#define SURVEY_OF_m any_survey(m
+#endif
 #include "cmec.h"
 static void any_aim(cmec *m);
+static void any_cross(cmec *m);
+#ifdef ANY_SURVEY
+static void any_survey(cmec *m);
+#endif
 #include "cmec.c"
 #undef cmec_aim
+#undef cmec_cross
+#undef cmec_survey
 
 #include "proof.h"
 #include "shipped.h"
@@ -37,6 +52,25 @@ static void any_aim(cmec *m)
     m->out.distance = float_in(0.0F, 1.0e6F);
     m->out.deviation = float_in(-3.2F, 3.2F);
 }
+
+static void any_cross(cmec *m)
+{
+    m->state.inside = nondet_bool();
+    m->state.beside = false;
+}
+
+#ifdef ANY_SURVEY
+static void any_survey(cmec *m)
+{
+    m->state.leg_ticks = int_in(0, MOST);
+    m->state.surveys = int_in(0, MOST);
+    m->state.still_ticks = int_in(0, MOST);
+    m->state.moved_north = nondet_float();
+    m->state.moved_east = nondet_float();
+    m->state.closest = nondet_float();
+    m->state.breach = int_in(m->state.breach, CMEC_ANOMALY_OUTSIDE_FENCE);
+}
+#endif
 
 /* Ticks that a time holds, and after which it is over: a tenth of a tick does not count. */
 static int32_t ticks_in(float seconds)
@@ -142,6 +176,8 @@ static bool possible(const cmec *m)
     holds = holds && (m->state.still_ticks >= 0) && (m->state.leg_ticks >= 0) && (m->state.surveys >= 0);
     holds = holds && (m->state.led == (m->par.guarded && leads(m->out.mode)));
     holds = holds && within(m->state.breach, CMEC_ANOMALY_NONE, CMEC_ANOMALY_OUTSIDE_FENCE);
+    holds = holds && within(m->state.corners, 0, 7) && !m->state.beside &&
+            ((m->state.edge == 0) || within(m->state.edge, 1, m->state.corners - 1));
     if (!m->par.guarded) { /* then nothing sets them */
         holds = holds && (m->state.breach == CMEC_ANOMALY_NONE) && !m->state.fresh && !m->state.turned &&
                 !m->state.over && !m->state.surveyed && !m->state.recalling;
@@ -175,6 +211,13 @@ static cmec any_controller(bool guarded)
         m.mission.waypoint_north[i] = float_in(-1.0e5F, 1.0e5F);
         m.mission.waypoint_east[i] = float_in(-1.0e5F, 1.0e5F);
     }
+    m.mission.fence_count = int_in(0, 7);
+    for (int i = 0; i < 7; i++) {
+        m.mission.fence_north[i] = float_in(-1.0e5F, 1.0e5F);
+        m.mission.fence_east[i] = float_in(-1.0e5F, 1.0e5F);
+    }
+    m.state.beside = nondet_bool();
+    m.state.inside = nondet_bool();
     m.state.uncounted = nondet_bool();
     m.state.exhausted = nondet_bool();
     m.state.led = nondet_bool();

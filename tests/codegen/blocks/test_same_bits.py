@@ -131,6 +131,16 @@ TRIALS: dict[str, tuple[System, dict[str, dict[str, float]]]] = {
         )
         for limit, value in (("window", 4), ("leg_vibration", 5), ("fence_radius", 45), ("leg_time", 30))
     },
+    "guarded-polygon": (
+        trial_simulator(),
+        {
+            "controller": LEFT
+            | {"guarded": 1, "fence_recall": 1, "fence_count": 5}
+            | {f"fence_north[{k}]": x for k, x in enumerate((-15, 60, 60, 10, -15), start=1)}
+            | {f"fence_east[{k}]": x for k, x in enumerate((-25, -25, 20, 14, 20), start=1)},
+            "plant": {"seed": 6},
+        },
+    ),
     "pedestrian": (trial_simulator(Pedestrian), {"controller": LEFT}),
 }
 

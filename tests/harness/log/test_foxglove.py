@@ -213,6 +213,28 @@ def test_the_scene_has_places_with_their_circles_once() -> None:
     assert entities["home"].texts[0].text == "home"
 
 
+FENCED = {**MISSION, "controller.fence_count": "3", "controller.guarded": "1.0"}
+FENCED |= {f"controller.fence_north[{i}]": str(x) for i, x in enumerate((-5.0, 60.0, 60.0), start=1)}
+FENCED |= {f"controller.fence_east[{i}]": str(x) for i, x in enumerate((-9.0, -9.0, 9.0), start=1)}
+
+
+def test_rule_7_the_scene_has_the_fence_that_held() -> None:
+    route = Route.of(FENCED)
+    assert route
+    assert route.fence == ((-5.0, -9.0), (60.0, -9.0), (60.0, 9.0))
+    rows = [[0.0, 0.0, 0.0, 0.0]] * 30
+    [(_, scene)] = shown({"plant": PLANT}, {"plant": rows}, route=route)["/3d/scene"]
+    [fence] = [entity for entity in scene.entities if entity.id == "fence"]
+    assert [(p.x, p.y) for p in fence.lines[0].points] == [(-9.0, -5.0), (-9.0, 60.0), (9.0, 60.0)]
+    assert fence.lines[0].type == fence.lines[0].LINE_LOOP
+
+
+@pytest.mark.parametrize("lacking", [{"fence_count": "0"}, {"guarded": "0"}, {"fence_east[3]": "?"}])
+def test_a_route_whose_fence_does_not_act_has_none(lacking: dict[str, str]) -> None:
+    route = Route.of(FENCED | {f"controller.{name}": value for name, value in lacking.items()})
+    assert route == Route.of(MISSION)
+
+
 # events
 
 

@@ -17,6 +17,7 @@ from models.system import SYSTEMS
 from tests.harness.command import canine
 
 FULL = interfaces_of_system(SYSTEMS["full"])
+FENCE = ((-5.0, -9.0), (40.0, -9.0), (40.0, 9.0), (-5.0, 9.0))
 LEG = Scenario("leg", waypoints=((25.0, 0.0),))
 STOP = Setting("controller.override", "STOP", 10.0)
 
@@ -98,6 +99,20 @@ STOP = Setting("controller.override", "STOP", 10.0)
         ),
         (replace(LEG, system="full_ahrs", estimator="seven_state"), []),
         (replace(LEG, estimator="six_state"), []),
+        (replace(LEG, fence=FENCE, reading="guarded"), []),
+        (
+            replace(LEG, fence=FENCE),
+            ['the fence does not act without the safety rules: set reading = "guarded"'],
+        ),
+        (
+            replace(
+                LEG, fence=FENCE, reading="guarded", start=(-10.0, 0.0, 0.0), waypoints=((30, 0), (30, 25))
+            ),
+            [
+                "the start is outside the fence: the animal is stopped there",
+                "waypoint 2 is outside the fence: the animal is stopped there",
+            ],
+        ),
         (
             LEG.override(["sensors.outage_start=[12, 400]", "sensors.outage_end=[14, 410]"]),
             ["sensors.outage_start[2] = 400 s never acts: the trial lasts 300 s"],

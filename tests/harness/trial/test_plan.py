@@ -1,6 +1,7 @@
 """Plans: a scenario in SI for each component, inputs that change by time, refusals by address."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -196,8 +197,19 @@ def test_a_mission_parameter_with_another_meaning_is_refused_unless_the_package_
     assert plan(Scenario("my"), {"plant": interface}, bound).values == {"plant": {}}
 
 
+FENCE = ((-20.0, -21.0), (60.0, -22.0), (61.0, 60.0))
+
+
+def test_rule_7_a_fence_sets_the_controllers_corners() -> None:
+    fenced = plan(replace(load("three_waypoint"), fence=FENCE), FULL).values["controller"]
+    corners = [(fenced[f"fence_north[{i}]"], fenced[f"fence_east[{i}]"]) for i in (1, 2, 3)]
+    assert (fenced["fence_count"], *corners) == (3, *FENCE)
+    without = plan(load("three_waypoint"), FULL).values["controller"]
+    assert not any(name.startswith("fence") for name in without)
+
+
 def test_a_scenarios_own_keys_set_the_mission_within_the_ranges_of_the_blocks() -> None:
-    values = plan(load("three_waypoint"), FULL).values
+    values = plan(replace(load("three_waypoint"), fence=FENCE), FULL).values
     for role, names in MISSION.items():
         assert names <= {n.partition("[")[0] for n in values[role]}
     seed, north = int(Canine.seed.max or 0), Canine.start_north.max

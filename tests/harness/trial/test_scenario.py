@@ -1,6 +1,7 @@
 """Scenarios as written: what a file may hold, and what is refused by which key."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -71,6 +72,25 @@ def test_settings_of_the_command_line_win_over_those_of_the_file() -> None:
             f"waypoints = {[[1, 2]] * 17}",
             "my.toml: waypoints has 17 elements; expected up to 16 pairs [north, east] in m, each "
             "within 100000",
+        ),
+        (
+            "fence = [[0, 0], [0, 9]]",
+            "my.toml: fence is no polygon: it has 2 corners, expected 3 to 7; list its corners one after "
+            "another around it",
+        ),
+        (
+            "fence = [[0, 0], [9, 9], [9, 0], [0, 12]]",
+            "my.toml: fence is no polygon: its edges from corner 1 and from corner 3 cross or touch; list "
+            "its corners one after another around it",
+        ),
+        (
+            "fence = [[0, 0], [0, 2e5], [9, 0]]",
+            "my.toml: fence[2] is [0, 200000.0]; expected a pair [north, east] in m, each from -100000 "
+            "to 100000",
+        ),
+        (
+            f"fence = {[[k, k * k] for k in range(8)]}",
+            "my.toml: fence has 8 elements; expected up to 7 pairs [north, east] in m, each within 100000",
         ),
         (
             "seed = 1\nwaypoints = [[1, 2]\n[start]",
@@ -226,6 +246,16 @@ def test_a_scenario_made_in_python_is_checked_and_completed_like_a_file() -> Non
         checked(Scenario("mine"))
     with pytest.raises(ScenarioError, match=r"cmec\.max_turns is None; expected a number, a bool"):
         checked(Scenario("mine", parameters={"cmec.max_turns": None}))  # type: ignore[dict-item]
+
+
+def test_rule_7_a_fence_is_read_and_written() -> None:
+    text = "waypoints = [[25, 0]]\nfence = [[-9, -9], [40, -9], [40, 9]]"
+    scenario = parse(text, "my.toml")
+    assert scenario.fence == ((-9.0, -9.0), (40.0, -9.0), (40.0, 9.0))
+    assert parse(scenario.text(), "again").fence == scenario.fence
+    assert "fence" not in replace(scenario, fence=()).text()
+    with pytest.raises(ScenarioError, match="mine: fence is no polygon: its corners lie on one line"):
+        checked(Scenario("mine", waypoints=[(25, 0)], fence=[(0, 0), (1, 1), (2, 2)]))
 
 
 def test_a_scenario_that_runs_a_package_needs_no_waypoints() -> None:
