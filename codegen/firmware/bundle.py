@@ -25,6 +25,7 @@ from codegen.firmware.telemetry import FIELDS, NOT_READY, OFFSETS, PAYLOAD, Flag
 from codegen.templating import environment
 from models.cmec import MAX_WAYPOINTS
 from models.errors import UsageError
+from models.fence import MAX_CORNERS
 from models.kit.block import Block
 from models.kit.declaration import Type, Variable
 from models.kit.link import Values
@@ -40,7 +41,11 @@ COSTS = SOURCES / "costs.json"  # by target and estimator, measured by the proce
 DRIVERS = ("link.h", "mt.h", "ubx.h")  # headers of the members of `onboard` that are no blocks
 GENERATED = ("models.h", "fixes.h", "telemetry.h", "telemetry.c", "onboard.h", "navigation.h")
 # numbers that the program shares with the models
-SHARED: dict[str, Any] = {"tick_ms": round(1000 * Block.sample_time), "max_waypoints": MAX_WAYPOINTS}
+SHARED: dict[str, Any] = {
+    "tick_ms": round(1000 * Block.sample_time),
+    "max_waypoints": MAX_WAYPOINTS,
+    "max_corners": MAX_CORNERS,
+}
 READINESS: dict[str, Any] = {"ready": list(Ready), "refusals": list(Refusal), "not_ready": NOT_READY}
 BLOCKS = DEFAULT.blocks
 ENTRIES = ("defaults", "initialize", "step")  # a block's functions

@@ -108,8 +108,10 @@ class Ready(Bits):
     FIRST_LEG = 0x100, "the first waypoint is farther from the animal than the capture radius"
     RELEASED = 0x200, "no override is in force"
     IDLE = 0x400, "the controller is idle"
-    PLANNED = 0x800, "all places of the mission are projected; until then REACH and LEGS may go off"
+    PLANNED = 0x800, "all places of the mission are projected; until then its other bits may go off"
     HEADING = 0x1000, "courses do not contradict the heading"
+    FENCE = 0x2000, "home and all waypoints are inside the fence of the mission, if it has one"
+    INSIDE = 0x4000, "the animal is inside that fence"
 
     @property
     def missing(self) -> tuple[Ready, ...]:
@@ -145,6 +147,8 @@ class Refusal(IntEnum):
     NOT_IDLE = 12, "a trial is under way, or has ended without an ABORT, or its stop is still held"
     NOT_PLANNED = 13, "the vest has not yet projected all places of the mission, one on a tick"
     CONTRADICTED = 14, "courses contradict the heading"
+    OUTSIDE_FENCE = 15, "home or a waypoint is outside the fence"
+    ANIMAL_OUTSIDE = 16, "the animal is outside the fence"
 
 
 NOT_READY = 2  # number of the refusal for the lowest bit of `Ready`

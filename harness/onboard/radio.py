@@ -25,6 +25,7 @@ from codegen.firmware.telemetry import PAYLOAD, Telemetry
 from models.cmec import MAX_WAYPOINTS
 from models.commands import Command
 from models.errors import UsageError
+from models.fence import fault_of
 
 SYNC = b"\xa5\x5a"
 HEADER = struct.Struct(">2sBBI")  # sync, type, length of the payload, counter
@@ -33,6 +34,7 @@ CRC = struct.Struct(">H")
 ANSWERED = 8  # bits of a counter below the number of a telemetry
 LAST = 2**32 - 1  # counter
 MAX_LATITUDE, MAX_LONGITUDE = 90.0, 180.0  # deg
+HALF_TURN = 1_800_000_000  # units of 1e-7 deg
 
 
 class RadioError(UsageError):
@@ -68,32 +70,47 @@ class Position:
 
 @dataclass(frozen=True)
 class Mission:
-    """Home and waypoints, one frame: the vest has it whole or not at all. Payload: their positions.
+    """Home, waypoints and fence, one frame: the vest has it whole or not at all.
 
     While a mission is under way, or has ended without an ABORT, the vest refuses any.
+
+    Attributes:
+        fence: corners of a polygon that the animal may not leave, in order (rule 7); none for no fence.
     """
 
     type: ClassVar[int] = 1
     home: Position
     waypoints: tuple[Position, ...]
+    fence: tuple[Position, ...] = ()
 
     def payload(self) -> bytes:
-        """Its id, u16; home; the waypoints.
+        """Its id, u16; the number of corners, u8; the corners; home; the waypoints.
 
         Raises:
-            RadioError: the number of waypoints is not 1 to MAX_WAYPOINTS, or a position is out of range.
+            RadioError: the number of waypoints is not 1 to MAX_WAYPOINTS, a position is out of range, or the
+                fence is no polygon, as sent.
         """
         if not 1 <= len(self.waypoints) <= MAX_WAYPOINTS:
             raise RadioError(f"a mission has 1 to {MAX_WAYPOINTS} waypoints, got {len(self.waypoints)}")
-        return struct.pack(">H", self.id) + self._positions()
+        content = self._content()
+        if self.fence and (fault := fault_of(self._corners())):
+            raise RadioError(f"the fence of a mission is no polygon: {fault}")
+        return struct.pack(">H", crc16(content)) + content
 
-    def _positions(self) -> bytes:
-        return b"".join(position.payload() for position in (self.home, *self.waypoints))
+    def _corners(self) -> list[tuple[int, int]]:
+        """The fence in units of 1e-7 deg, as it is sent; longitudes from the first, the short way round."""
+        corners = [struct.unpack(">ii", position.payload()) for position in self.fence]
+        _, first = corners[0]
+        return [(north, (east - first + HALF_TURN) % (2 * HALF_TURN)) for north, east in corners]
+
+    def _content(self) -> bytes:
+        positions = (*self.fence, self.home, *self.waypoints)
+        return bytes([len(self.fence)]) + b"".join(position.payload() for position in positions)
 
     @property
     def id(self) -> int:
-        """The positions' CRC, by which it is started; the telemetry shows that of the mission held."""
-        return crc16(self._positions())
+        """The content's CRC, by which it is started; the telemetry shows that of the mission held."""
+        return crc16(self._content())
 
 
 @dataclass(frozen=True)

@@ -82,7 +82,9 @@ class Onboard:
 
         count = min(int(values.get("waypoint_count", 1)), MAX_WAYPOINTS)
         waypoints = (position(f"waypoint_north[{i}]", f"waypoint_east[{i}]") for i in range(1, count + 1))
-        return Mission(position("home_north", "home_east"), tuple(waypoints))
+        corners = range(1, int(values.get("fence_count", 0)) + 1)
+        fence = (position(f"fence_north[{i}]", f"fence_east[{i}]") for i in corners)
+        return Mission(position("home_north", "home_east"), tuple(waypoints), tuple(fence))
 
     def step(self, time: float, signals: Mapping[str, float], wishes: Mapping[str, float]) -> Reply:
         """One tick: the sensors' signals and the controller's free inputs in, commands and telemetry out.

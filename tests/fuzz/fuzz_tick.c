@@ -402,24 +402,25 @@ static void order_replay(void)
     put(PORT_RADIO, world.last, SIGNED_OVERHEAD + (size_t)world.last[3]);
 }
 
-/* A mission about the animal. */
+/* A mission about the animal: corners of its fence, home, waypoints. */
 static void order_mission(void)
 {
     const size_t count = (size_t)next_u8() % 18U;
-    uint8_t payload[2 + (8 * 18)] = {0U, (uint8_t)(world.number & 0xFFU)};
+    const size_t corners = (size_t)next_u8() % 9U;
+    uint8_t payload[3 + (8 * (8 + 18))] = {0U, (uint8_t)(world.number & 0xFFU), (uint8_t)corners};
 
-    for (size_t i = 0U; i <= count; i++) {
+    for (size_t i = 0U; i <= (corners + count); i++) {
         const double latitude = fmax(-9.0e8, fmin(9.0e8, world.latitude + next_i16()));
         const double longitude = fmax(-1.8e9, fmin(1.8e9, world.longitude + next_i16()));
 
-        if (i == 0U) {
+        if (i == corners) {
             world.home_latitude = latitude;
             world.home_longitude = longitude;
         }
-        big(&payload[2U + (8U * i)], (uint32_t)(int32_t)latitude);
-        big(&payload[6U + (8U * i)], (uint32_t)(int32_t)longitude);
+        big(&payload[3U + (8U * i)], (uint32_t)(int32_t)latitude);
+        big(&payload[7U + (8U * i)], (uint32_t)(int32_t)longitude);
     }
-    send_message(LINK_MISSION, payload, (uint8_t)(2U + (8U * (1U + count))));
+    send_message(LINK_MISSION, payload, (uint8_t)(3U + (8U * (corners + 1U + count))));
 }
 
 static void order_start(void)
@@ -732,6 +733,30 @@ static void check_place(const link_position *place, float north, float east)
     assert(fabs(((to_east - turn) * (double)plane->state.east_scale) - (double)east) < 0.05);
 }
 
+/* A place is inside the fence that the controller has latched, if it goes round the place: the angles under which it
+ * sees the edges are a full turn in sum. Within 0.1 m of an edge either answer will do. */
+static void check_inside(float north, float east)
+{
+    const cmec *const c = &vest.controller;
+    double seen = 0.0;
+    bool near = c->state.corners == 0;
+
+    for (int32_t i = 0; i < c->state.corners; i++) {
+        const int32_t before = ((i > 0) ? i : c->state.corners) - 1;
+        const double a_north = (double)c->state.corner_north[before] - (double)north;
+        const double a_east = (double)c->state.corner_east[before] - (double)east;
+        const double b_north = (double)c->state.corner_north[i] - (double)north;
+        const double b_east = (double)c->state.corner_east[i] - (double)east;
+        const double cross = (a_north * b_east) - (a_east * b_north);
+        const double dot = (a_north * b_north) + (a_east * b_east);
+
+        near = near || (hypot(a_north, a_east) < 0.1) ||
+               ((dot <= 0.0) && (fabs(cross) < (0.1 * hypot(b_north - a_north, b_east - a_east))));
+        seen += atan2(cross, dot);
+    }
+    assert(near || (fabs(seen) > 3.0));
+}
+
 /* A trial has begun on this tick: all that a START needs was there (rule 8). */
 static void check_begun(int32_t mode_before)
 {
@@ -740,8 +765,16 @@ static void check_begun(int32_t mode_before)
     assert(vest.estimator.out.valid && !overridden());
     assert((double)vest.gps.fix.h_acc <= (1000.001 * CAPTURE_RADIUS));
     assert((vest.radio.mission.count > 0U) && (vest.radio.mission.count == (uint32_t)vest.controller.state.count));
+    assert(vest.radio.mission.corners == (uint32_t)vest.controller.state.corners);
+    for (int32_t i = 0; i < vest.controller.state.corners; i++) {
+        check_place(&vest.radio.mission.fence[i], vest.controller.state.corner_north[i],
+                    vest.controller.state.corner_east[i]);
+    }
+    check_inside(vest.estimator.out.north, vest.estimator.out.east);
+    check_inside(vest.controller.state.base_north, vest.controller.state.base_east);
     check_place(&vest.radio.mission.home, vest.controller.state.base_north, vest.controller.state.base_east);
     for (int32_t i = 0; i < vest.controller.state.count; i++) {
+        check_inside(vest.controller.state.route_north[i], vest.controller.state.route_east[i]);
         check_place(&vest.radio.mission.waypoints[i], vest.controller.state.route_north[i],
                     vest.controller.state.route_east[i]);
     }
@@ -798,10 +831,10 @@ static void check_telemetry(void)
         assert(((t[AT_READY + 3U] & 1U) != 0U) == (world.silence <= LONGEST_SILENCE));
         assert(((t[AT_READY + 3U] & 2U) != 0U) == (world.imu_silence <= LONGEST_IMU_SILENCE));
         assert(((t[AT_READY + 3U] & 0x20U) != 0U) == (vest.radio.mission.count > 0U));
-        assert(((t[AT_READY + 2U] & 8U) != 0U) == (vest.place > vest.radio.mission.count));
+        assert(((t[AT_READY + 2U] & 8U) != 0U) == (vest.place > (vest.radio.mission.corners + vest.radio.mission.count)));
         assert(((t[AT_READY + 2U] & 2U) != 0U) == !overridden());
         assert(((t[AT_READY + 2U] & 4U) != 0U) == (vest.controller.out.mode == CMEC_MODE_IDLE));
-        assert((t[AT_READY] == 0U) && (t[AT_READY + 1U] == 0U) && ((t[AT_READY + 2U] & 0xE0U) == 0U));
+        assert((t[AT_READY] == 0U) && (t[AT_READY + 1U] == 0U) && ((t[AT_READY + 2U] & 0x80U) == 0U));
         assert(((t[AT_READY + 2U] & 0x10U) != 0U) == !world.contradicted);
     }
 }

@@ -169,8 +169,7 @@ def test_rule_7_the_polygon_is_latched_at_start() -> None:
     assert trial.status == Status.STOPPED
     trial.tick(2 * SECOND, start=0)
     assert trial.mode == Mode.IDLE
-    trial.tick(SECOND, start=1, north=11.0)
-    assert trial.mode == Mode.FORWARD
+    assert trial.tick(SECOND, start=1, north=11.0) == Command.FORWARD
 
 
 def test_rule_7_the_polygon_of_another_trial_is_looked_at_from_its_first_edge_on() -> None:

@@ -20,7 +20,9 @@
 #define POSITION 8U /* bytes of a latitude and a longitude */
 #define ID 2U       /* of a mission's id */
 #define NONCE 4U    /* and of a HEARTBEAT's nonce */
-#define MAX_PAYLOAD (ID + (POSITION * (1U + LINK_MAX_WAYPOINTS)))
+#define PLACES (ID + 1U) /* where a mission's positions begin, behind the number of its corners */
+#define MIN_CORNERS 3U
+#define MAX_PAYLOAD (PLACES + (POSITION * (LINK_MAX_CORNERS + 1U + LINK_MAX_WAYPOINTS)))
 #define TELEMETRY_END (HEADER + TELEMETRY_SIZE)
 #define ANSWERED 8U /* bits of a counter below the number of a telemetry */
 
@@ -176,25 +178,39 @@ static bool on_earth(const link_position *position)
            (position->longitude >= -MAX_LONGITUDE) && (position->longitude <= MAX_LONGITUDE);
 }
 
+/* Read so many positions; returns what comes behind them. */
+static const uint8_t *get_positions(link_position *to, uint8_t count, const uint8_t *bytes)
+{
+    for (uint8_t i = 0U; i < count; i++) {
+        to[i] = get_position(&bytes[POSITION * i]);
+    }
+    return &bytes[POSITION * count];
+}
+
 /* A mission is taken whole or not at all: all of it is checked before anything is changed. */
 static bool take_mission(radio_link *m, const uint8_t *payload, uint8_t length)
 {
-    const uint8_t *const positions = &payload[ID];
-    const uint8_t end = (length >= ID) ? (uint8_t)(length - ID) : 0U;
-    bool valid = !m->locked && ((end % POSITION) == 0U) && (end >= (2U * POSITION));
+    const uint8_t corners = (length > ID) ? payload[ID] : 0U;
+    const uint8_t end = (length >= PLACES) ? (uint8_t)(length - PLACES) : 0U;
+    const uint8_t places = (uint8_t)(end / POSITION);
+    bool valid = !m->locked && ((end % POSITION) == 0U) && (places >= (corners + 2U)) &&
+                 (places <= (corners + 1U + LINK_MAX_WAYPOINTS)) &&
+                 ((corners == 0U) || ((corners >= MIN_CORNERS) && (corners <= LINK_MAX_CORNERS)));
 
     for (uint8_t i = 0U; valid && (i < end); i = (uint8_t)(i + POSITION)) {
-        const link_position position = get_position(&positions[i]);
+        const link_position position = get_position(&payload[PLACES + i]);
 
         valid = on_earth(&position);
     }
     if (valid) {
+        const uint8_t *next = &payload[PLACES];
+
         m->mission.id = big_u16(payload);
-        m->mission.home = get_position(positions);
-        m->mission.count = (uint8_t)((end / POSITION) - 1U);
-        for (uint8_t i = 0U; i < m->mission.count; i++) {
-            m->mission.waypoints[i] = get_position(&positions[POSITION * (i + 1U)]);
-        }
+        m->mission.corners = corners;
+        m->mission.count = (uint8_t)((places - corners) - 1U);
+        next = get_positions(m->mission.fence, corners, next);
+        next = get_positions(&m->mission.home, 1U, next);
+        (void)get_positions(m->mission.waypoints, m->mission.count, next);
     }
     return valid;
 }

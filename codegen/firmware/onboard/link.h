@@ -6,8 +6,9 @@
  * to tag. Big-endian.
  *
  * type              payload
- * 1  MISSION        u16: its id; home, then 1 to 16 waypoints: each latitude, longitude [1e-7 deg] i32
- *                   the laptop chooses the id, by which missions are told apart
+ * 1  MISSION        u16: its id; u8: the number of corners of its fence, 0 or 3 to 7; these corners, home, 1 to 16
+ *                   waypoints: each latitude, longitude [1e-7 deg] i32. The laptop chooses the id, by which
+ *                   missions are told apart, and sees that the fence does not cross itself
  * 2  START          u16: the id of the MISSION to begin, at once or not at all
  * 3  OVERRIDE       u8: the command, 0 releases; it holds for a time only unless it is sent again
  * 4  ABORT          -
@@ -44,8 +45,10 @@ typedef struct {
 typedef struct {
     link_position home;
     link_position waypoints[LINK_MAX_WAYPOINTS];
-    uint8_t count; /* of waypoints; 0: no mission is held */
-    uint16_t id;   /* by which it is started */
+    link_position fence[LINK_MAX_CORNERS];
+    uint8_t count;   /* of waypoints; 0: no mission is held */
+    uint8_t corners; /* of its fence; 0: it has none */
+    uint16_t id;     /* by which it is started */
 } link_mission;
 
 typedef enum {

@@ -46,7 +46,7 @@ static void replan(onboard *m)
 {
     m->planned = false;
     m->place = 0U;
-    m->route = READY_REACH | READY_LEGS;
+    m->route = READY_REACH | READY_LEGS | READY_FENCE;
 }
 
 /* Let a message act. MISSION and ABORT undo a START before them, ABORT an override too (rule 9). */
@@ -193,32 +193,73 @@ static bool is_apart(const onboard *m, uint8_t waypoint, float north, float east
     return ((to_north * to_north) + (to_east * to_east)) > (radius * radius);
 }
 
-/* Project the next place of the mission held onto the plane: one on a tick, home first. */
+/* Does the fence of the mission enclose a place? By the rule of models/fence.py; without a fence it does. */
+static bool is_inside(const onboard *m, float north, float east)
+{
+    const uint8_t corners = m->radio.mission.corners;
+    const float *const norths = m->controller.mission.fence_north;
+    const float *const easts = m->controller.mission.fence_east;
+    bool inside = corners == 0U;
+    uint8_t before = (uint8_t)(corners - 1U);
+
+    for (uint8_t i = 0U; i < corners; i++) {
+        const float east_before = easts[before];
+
+        if ((east_before > east) != (easts[i] > east)) {
+            const float along_east = easts[i] - east_before;
+            const float over = (norths[i] - norths[before]) * (east - east_before);
+            const float under = along_east * (north - norths[before]);
+
+            if ((along_east > 0.0f) ? (over > under) : (under > over)) {
+                inside = !inside;
+            }
+        }
+        before = i;
+    }
+    return inside;
+}
+
+/* Project the next place of the mission held onto the plane: one on a tick, its fence first, then home. */
 static void plan(onboard *m)
 {
     const link_mission *const held = &m->radio.mission;
+    const link_position *place = &held->home;
+    float *north = &m->controller.mission.home_north;
+    float *east = &m->controller.mission.home_east;
+    const uint8_t corners = held->corners;
+    const bool waypoint = m->place > corners;
+    const uint8_t i = waypoint ? (uint8_t)((m->place - corners) - 1U) : m->place;
 
-    if (m->place == 0U) {
-        project(m, held->home.latitude, held->home.longitude, false);
-        m->controller.mission.home_north = m->local_plane.out.north;
-        m->controller.mission.home_east = m->local_plane.out.east;
-        m->controller.mission.waypoint_count = (int16_t)held->count;
+    if (m->place < corners) {
+        place = &held->fence[i];
+        north = &m->controller.mission.fence_north[i];
+        east = &m->controller.mission.fence_east[i];
+    } else if (waypoint) {
+        place = &held->waypoints[i];
+        north = &m->controller.mission.waypoint_north[i];
+        east = &m->controller.mission.waypoint_east[i];
     } else {
-        const uint8_t i = (uint8_t)(m->place - 1U);
-
-        project(m, held->waypoints[i].latitude, held->waypoints[i].longitude, false);
-        m->controller.mission.waypoint_north[i] = m->local_plane.out.north;
-        m->controller.mission.waypoint_east[i] = m->local_plane.out.east;
-        if ((i > 0U) && !is_apart(m, i, m->controller.mission.waypoint_north[i - 1U],
-                                  m->controller.mission.waypoint_east[i - 1U])) {
-            m->route &= ~READY_LEGS;
-        }
+        /* home */
+    }
+    project(m, place->latitude, place->longitude, false);
+    *north = m->local_plane.out.north;
+    *east = m->local_plane.out.east;
+    if (waypoint && (i > 0U) && !is_apart(m, i, m->controller.mission.waypoint_north[i - 1U],
+                                          m->controller.mission.waypoint_east[i - 1U])) {
+        m->route &= ~READY_LEGS;
     }
     if (!on_plane(m)) {
         m->route &= ~READY_REACH;
     }
-    m->planned = m->place == held->count;
+    if ((m->place >= corners) && !is_inside(m, *north, *east)) {
+        m->route &= ~READY_FENCE;
+    }
     m->place = (uint8_t)(m->place + 1U);
+    m->planned = m->place == (corners + 1U + held->count);
+    if (m->planned) {
+        m->controller.mission.waypoint_count = (int16_t)held->count;
+        m->controller.mission.fence_count = (int16_t)corners;
+    }
 }
 
 /* The operator's command that is in force, 0 for none. */
@@ -251,6 +292,9 @@ static uint32_t readiness(const onboard *m)
         ready |= READY_MISSION;
         if (!m->planned || is_apart(m, 0U, m->estimator.out.north, m->estimator.out.east)) {
             ready |= READY_FIRST_LEG;
+        }
+        if (!m->planned || is_inside(m, m->estimator.out.north, m->estimator.out.east)) {
+            ready |= READY_INSIDE;
         }
     }
     if (override_of(m) == 0U) {
@@ -393,7 +437,7 @@ static uint32_t left_of(const onboard *m, uint8_t kind)
 {
     const int32_t left = m->controller.state.allowance[kind] - m->controller.state.spent[kind];
 
-    return CMEC_GUARDED ? ((left > 0) ? (uint32_t)left : 0U) : UINT32_MAX / ONBOARD_TICK_MS;
+    return CMEC_GUARDED ? ((left > 0) ? (uint32_t)left : 0U) : (UINT32_MAX / ONBOARD_TICK_MS);
 }
 
 static uint16_t time_left(const onboard *m, uint8_t kind)

@@ -12,7 +12,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#define SCANNER_SIZE 156U /* bytes: the longest frame is the radio's mission */
+#define SCANNER_SIZE 213U /* bytes: the longest frame is the radio's mission */
 
 /* Bytes that have come and are not read yet; reading moves `bytes` on. */
 typedef struct {

@@ -9,7 +9,7 @@
 #include <math.h>
 
 /* The call of cmec_aim gives any distance and deviation within the ranges that prove_aim (prove_cmec.c) shows, that
- * of cmec_cross any answer, and with ANY_SURVEY that of cmec_survey any breach. The pasted name tells the call, whose argument is `m`, from the definition, whose
+ * of cmec_cross any answer. The pasted name tells the call, whose argument is `m`, from the definition, whose
  * argument is `cmec *m`. */
 #define cmec_aim(argument) AIM_OF_##argument)
 #define AIM_OF_cmec shipped_aim(cmec
@@ -17,21 +17,12 @@
 #define cmec_cross(argument) CROSS_OF_##argument)
 #define CROSS_OF_cmec shipped_cross(cmec
 #define CROSS_OF_m any_cross(m
-#ifdef ANY_SURVEY
-#define cmec_survey(argument) SURVEY_OF_##argument)
-#define SURVEY_OF_cmec shipped_survey(cmec
-#define SURVEY_OF_m any_survey(m
-#endif
 #include "cmec.h"
 static void any_aim(cmec *m);
 static void any_cross(cmec *m);
-#ifdef ANY_SURVEY
-static void any_survey(cmec *m);
-#endif
 #include "cmec.c"
 #undef cmec_aim
 #undef cmec_cross
-#undef cmec_survey
 
 #include "proof.h"
 #include "shipped.h"
@@ -58,19 +49,6 @@ static void any_cross(cmec *m)
     m->state.inside = nondet_bool();
     m->state.beside = false;
 }
-
-#ifdef ANY_SURVEY
-static void any_survey(cmec *m)
-{
-    m->state.leg_ticks = int_in(0, MOST);
-    m->state.surveys = int_in(0, MOST);
-    m->state.still_ticks = int_in(0, MOST);
-    m->state.moved_north = nondet_float();
-    m->state.moved_east = nondet_float();
-    m->state.closest = nondet_float();
-    m->state.breach = int_in(m->state.breach, CMEC_ANOMALY_OUTSIDE_FENCE);
-}
-#endif
 
 /* Ticks that a time holds, and after which it is over: a tenth of a tick does not count. */
 static int32_t ticks_in(float seconds)

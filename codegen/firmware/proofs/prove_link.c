@@ -5,7 +5,7 @@
 #include "proof.h"
 
 #define HELD 19U  /* bytes in which an ABORT is looked for */
-#define ROOM 156U /* bytes of the longest frame */
+#define ROOM 213U /* bytes of the longest frame */
 
 /* Finds any frame of the protocol's length, or none: prove_scanner.c proves this of the scanner. */
 static uint8_t frame[ROOM];
@@ -174,25 +174,34 @@ void prove_message(void)
     const uint8_t *const payload = &frame[HEADER];
     link_message message;
     const uint8_t place = nondet_u8();
+    const uint8_t corner = nondet_u8();
 
     __CPROVER_havoc_object(frame);
     m.locked = nondet_bool();
     const radio_link before = m;
     __CPROVER_assume(place < LINK_MAX_WAYPOINTS);
     __CPROVER_assume(frame[LENGTH] <= MAX_PAYLOAD); /* by link_length */
-    __CPROVER_assume(m.mission.count <= LINK_MAX_WAYPOINTS);
+    __CPROVER_assume((m.mission.count <= LINK_MAX_WAYPOINTS) && (m.mission.corners <= LINK_MAX_CORNERS));
+    __CPROVER_assume(corner < LINK_MAX_CORNERS);
     message = take_message(&m, frame);
-    assert(m.mission.count <= LINK_MAX_WAYPOINTS);
+    assert((m.mission.count <= LINK_MAX_WAYPOINTS) && (m.mission.corners <= LINK_MAX_CORNERS));
     assert((message == LINK_NOTHING) || ((uint8_t)message == frame[TYPE]));
     assert(m.locked == before.locked);
     if (message == LINK_MISSION) {
-        assert(!m.locked && (frame[LENGTH] == (2U + (8U * (1U + m.mission.count)))));
-        assert((m.mission.count >= 1U) && (m.mission.id == number(payload)));
-        assert(on(&m.mission.home) && told(&m.mission.home, &payload[2]));
-        assert((place >= m.mission.count) || (on(&m.mission.waypoints[place]) &&
-                                              told(&m.mission.waypoints[place], &payload[10U + (8U * place)])));
+        const uint8_t *const home = &payload[3U + (8U * m.mission.corners)];
+
+        assert(!m.locked && (frame[LENGTH] == (3U + (8U * (m.mission.corners + 1U + m.mission.count)))));
+        assert((m.mission.count >= 1U) && (m.mission.id == number(payload)) && (m.mission.corners == payload[2]));
+        assert((m.mission.corners == 0U) || (m.mission.corners >= 3U));
+        assert(on(&m.mission.home) && told(&m.mission.home, home));
+        assert((place >= m.mission.count) ||
+               (on(&m.mission.waypoints[place]) && told(&m.mission.waypoints[place], &home[8U + (8U * place)])));
+        assert((corner >= m.mission.corners) ||
+               (on(&m.mission.fence[corner]) && told(&m.mission.fence[corner], &payload[3U + (8U * corner)])));
     } else {
         assert((m.mission.count == before.mission.count) && (m.mission.id == before.mission.id));
+        assert((m.mission.corners == before.mission.corners) &&
+               same(&m.mission.fence[corner], &before.mission.fence[corner]));
         assert(same(&m.mission.home, &before.mission.home));
         assert(same(&m.mission.waypoints[place], &before.mission.waypoints[place]));
     }

@@ -77,16 +77,17 @@ void prove_begin(void)
     m.watchdog.out.override_ok = nondet_bool();
     m.local_plane.state.settled = nondet_bool();
     m.controller.par.capture_radius = 7.0F;
-    __CPROVER_assume(m.radio.mission.count <= LINK_MAX_WAYPOINTS);
-    __CPROVER_assume((m.route & ~(READY_REACH | READY_LEGS)) == 0);
-    __CPROVER_assume(m.planned == (m.place > m.radio.mission.count)); /* one place after another, home first */
+    __CPROVER_assume((m.radio.mission.count <= LINK_MAX_WAYPOINTS) && (m.radio.mission.corners <= LINK_MAX_CORNERS));
+    __CPROVER_assume((m.route & ~(READY_REACH | READY_LEGS | READY_FENCE)) == 0);
+    __CPROVER_assume(m.planned == (m.place > (m.radio.mission.corners + m.radio.mission.count))); /* one by one */
     const bool before = m.controller.in.start;
     const bool asked = m.asked;
     begin(&m);
     assert(!m.asked && (!before || m.controller.in.start));
-    assert(m.planned == (m.place > m.radio.mission.count));
+    assert(m.planned == (m.place > (m.radio.mission.corners + m.radio.mission.count)));
     if (m.controller.in.start && !before) {
-        assert((m.route & (READY_REACH | READY_LEGS)) == (READY_REACH | READY_LEGS));
+        assert(m.route == (READY_REACH | READY_LEGS | READY_FENCE));
+        assert(is_inside(&m, m.estimator.out.north, m.estimator.out.east));
         assert(asked && (m.radio.mission.count > 0U) && (m.radio.asked == m.radio.mission.id));
         assert(m.watchdog.out.link_ok && m.watchdog.out.imu_ok && m.watchdog.out.estimate_ok);
         assert(m.local_plane.state.settled && m.planned && (m.controller.out.mode == CMEC_MODE_IDLE));

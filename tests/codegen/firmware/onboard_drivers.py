@@ -191,8 +191,17 @@ def mt_frame(values: Sequence[float], counter: int) -> bytes:
 VELNED_SAMPLE = bytes.fromhex(
     "b5620112240078e0010064000000ceffffff01000000700000007000000007c8fc0114000000f0490200bb7e"
 )
+FENCE = tuple(
+    radio.Position(*corner)
+    for corner in (
+        *((32.5, -85.5), (32.7, -85.5), (32.7, -85.3), (32.5, -85.3)),
+        *((32.5, -85.4), (32.6, -85.4), (32.6, -85.45)),
+    )
+)
 MISSION_16 = radio.Mission(
-    radio.Position(32.6, -85.49), tuple(radio.Position(32.6 + k / 1e4, -85.49 - k / 1e4) for k in range(16))
+    radio.Position(32.6, -85.49),
+    tuple(radio.Position(32.6 + k / 1e4, -85.49 - k / 1e4) for k in range(16)),
+    FENCE,
 )
 MESSAGES: tuple[radio.Message, ...] = (
     MISSION_16, radio.Start(MISSION_16.id), radio.Override(Command.LEFT), radio.Abort(),

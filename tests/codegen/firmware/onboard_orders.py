@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from codegen.blocks.block_c import write_files
@@ -101,9 +101,10 @@ def forged(type: int, payload: bytes = b"") -> bytes:
     return bytes([FORGED, type, len(payload)]) + payload
 
 
-def mission(*offsets: tuple[int, int]) -> bytes:
-    """Home and waypoints by their offsets [1e-7 deg] from the animal."""
-    return bytes([MISSION, len(offsets) - 1]) + b"".join(struct.pack("<hh", *offset) for offset in offsets)
+def mission(*offsets: tuple[int, int], fence: Sequence[tuple[int, int]] = ()) -> bytes:
+    """Home, waypoints and fence by their offsets [1e-7 deg] from the animal."""
+    places = b"".join(struct.pack("<hh", *offset) for offset in (*fence, *offsets))
+    return bytes([MISSION, len(offsets) - 1, len(fence)]) + places
 
 
 def background(what: int, heading_deg: float = 0.0, speed: float = 0.0) -> bytes:
@@ -253,7 +254,7 @@ EXTREMES: Mapping[str, bytes] = {
         for _ in range(2)
     ),
     "far missions": background(ALL) + ticks(20) + b"".join(
-        message(1, struct.pack(">H4i", 7, *home, *waypoint)) + ticks(3) + START_IT + ticks(30) + ABORT
+        message(1, struct.pack(">HB4i", 7, 0, *home, *waypoint)) + ticks(3) + START_IT + ticks(30) + ABORT
         + ticks(50)
         for home in (HOME, (900_000_000, 1_800_000_000), (-900_000_000, -1_800_000_000))
         for waypoint in ((900_000_000, -1_800_000_000), (HOME[0], 945_100_000), (HOME[0], 945_099_999),
@@ -273,6 +274,19 @@ EXTREMES: Mapping[str, bytes] = {
     "missions with a leg that is too short": background(ALL) + ticks(20) + b"".join(
         mission(*places) + ticks(5) + START_IT + ticks(30)
         for places in (((0, 0), (0, 0)), ((0, 0), (2000, 0), (2000, 0)), ((0, 0), (2000, 0), (2000, 700)))
+    ),
+    **{
+        f"a fence of {len(fence)} corners": background(ALL) + ticks(10)
+        + mission((0, 0), (2000, 0), (2000, 2000), fence=fence) + ticks(20) + START_IT + ticks(400)
+        + background(SAMPLES | FIXES | HEARTBEATS, 200, 3.0) + ticks(800)
+        for fence in (((-900, -900), (2900, -900), (2900, 2900)), ((-900, -900), (1000, -900), (1000, 900)),
+                      ((-900, -900), (2900, -900), (2900, 2900), (1900, 2900), (1900, 700), (-900, 700)),
+                      ((2500, 300), (2500, 2500), (1500, 2500), (1500, 500), (-300, 900), (-800, 0),
+                       (-300, -900)))
+    },
+    "fences that are none": background(ALL) + ticks(10) + b"".join(
+        mission((0, 0), (2000, 0), fence=[(900, 900)] * n) + ticks(12) + START_IT + ticks(20)
+        for n in range(9)
     ),
     "missions, starts and aborts while one is under way": BEGUN + ticks(50) + b"".join(
         order + ticks(20) for order in (mission((0, 0), (0, 2000)), START_IT, override(4) + ABORT + START_IT,

@@ -63,7 +63,10 @@ FAULTS = (
     Fault("link.c", "m->asked = big_u16(payload);", "m->asked = m->mission.id;", "link.message"),
     Fault("link.c", "bool valid = !m->locked && ", "bool valid = ", "link.message"),
     Fault("link.c", "(payload[0] <= MAX_COMMAND)", "(payload[0] <= 6U)", "link.message"),
-    Fault("link.c", "&positions[POSITION * (i + 1U)]", "&positions[POSITION]", "link.message"),
+    Fault("link.c", "&bytes[POSITION * i]", "&bytes[0]", "link.message"),
+    Fault("link.c", "(corners >= MIN_CORNERS)", "true", "link.message"),
+    Fault("link.c", "(corners <= LINK_MAX_CORNERS)", "true", "link.message"),
+    Fault("link.c", "(length > ID) ? payload[ID] : 0U", "0U", "link.message"),
     # rule 11: a tag that is not judged, in part or at all; a counter or an age that does not matter
     Fault("link.c", "return !KEY_SIGNS || (different == 0U);", "return true;", "link.accept"),
     Fault("link.c", "different |= (uint8_t)(got[i]", "different = (uint8_t)(got[i]", "link.accept"),
@@ -79,8 +82,16 @@ FAULTS = (
     # a START of another mission, or of one that is not ready
     Fault("onboard.c", "(m->radio.asked != m->radio.mission.id)", "false", "onboard.begin"),
     Fault("onboard.c", "if (m->watchdog.out.estimate_ok) {", "{", "onboard.begin"),
-    Fault("onboard.c", "m->planned = m->place == held->count;", "m->planned = true;", "onboard.begin"),
-    Fault("onboard.c", "if (m->planned) {", "{", "onboard.begin"),
+    Fault(
+        "onboard.c",
+        "m->planned = m->place == (corners + 1U + held->count);",
+        "m->planned = true;",
+        "onboard.begin",
+    ),
+    Fault("onboard.c", "    if (m->planned) {\n        ready", "    {\n        ready", "onboard.begin"),
+    Fault(
+        "onboard.c", "is_inside(m, m->estimator.out.north, m->estimator.out.east)", "true", "onboard.begin"
+    ),
     # fixes out of range
     Fault("four_state.c", "(m->in.gps_speed <= 50.0f)", "(m->in.gps_speed <= 5000.0f)", "four_state.judge"),
     Fault("four_state.c", "(fabsf(m->in.gps_east) <= 100000.0f)", "true", "four_state.judge"),
@@ -239,15 +250,6 @@ FAULTS = (
         "rule_4.departing",
     ),
     Fault("cmec.c", "(m->state.survey_ticks < 4)", "(m->state.survey_ticks < 9)", "rule_4.survey"),
-    Fault("cmec.c", "m->state.corners <= m->state.edge", "m->state.edge >= 6", "fence.polygon"),
-    Fault("cmec.c", "next_edge = (int16_t)(m->state.edge + 1);", "next_edge = 0;", "fence.polygon"),
-    Fault("cmec.c", "!m->state.inside && (m->state.now", "(m->state.now", "fence.polygon"),
-    Fault(
-        "cmec.c",
-        "if (m->state.led && (m->state.corners > 0) &&",
-        "if (m->state.led && m->in.link_ok &&",
-        "fence.polygon",
-    ),
     Fault("cmec.c", "> (m->par.fence_radius * m->par.fence_radius)", "> 2e6f", "rule_7.radius"),
     Fault("cmec.c", "(m->state.overruled == CMEC_ANOMALY_LOST_LINK) && m->state.led", "false", "rule_9.link"),
     Fault("cmec.c", "m->in.start && (m->state.now == CMEC_MODE_IDLE)", "m->in.start", "rule_9.begin"),

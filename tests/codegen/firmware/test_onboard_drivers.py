@@ -27,6 +27,7 @@ from models.commands import Command
 from tests.codegen.firmware.onboard_drivers import (
     ABORT,
     DATA,
+    FENCE,
     FIX,
     FRAME,
     GOOD,
@@ -56,7 +57,7 @@ from tests.codegen.firmware.onboard_drivers import (
 from tests.codegen.firmware.siphash_vectors import VECTORS
 from tests.harness.onboard.frames import SESSION, encode, raw_frame, with_crc
 
-SIZE = 155  # bytes; no frame is longer
+SIZE = 212  # bytes; no frame is longer
 U16, U32 = 2**16 - 1, 2**32 - 1
 positions = st.builds(
     radio.Position,
@@ -64,7 +65,10 @@ positions = st.builds(
     st.integers(-1_800_000_000, 1_800_000_000).map(lambda x: x / 1e7),
 )
 missions = st.builds(
-    radio.Mission, home=positions, waypoints=st.lists(positions, min_size=1, max_size=16).map(tuple)
+    radio.Mission,
+    home=positions,
+    waypoints=st.lists(positions, min_size=1, max_size=16).map(tuple),
+    fence=st.sampled_from([(), FENCE[:3], FENCE]),
 )
 FRAMES = [pytest.param(name, frame, id=f"{name}-{i}") for name in GOOD for i, frame in enumerate(GOOD[name])]
 each_driver = pytest.mark.parametrize("name", GOOD)
@@ -524,7 +528,8 @@ def test_mission_arrives_whole_and_starts(c: ctypes.CDLL, mission: radio.Mission
     assert list(link.receive(encode(mission, counter))) == [MISSION]
     held = link.state.mission
     assert position_of(held.home) == degrees_e7(mission.home)
-    assert held.count == len(mission.waypoints)
+    assert (held.count, held.corners) == (len(mission.waypoints), len(mission.fence))
+    assert [position_of(p) for p in held.fence[: held.corners]] == [degrees_e7(p) for p in mission.fence]
     assert [position_of(p) for p in held.waypoints[: held.count]] == [
         degrees_e7(p) for p in mission.waypoints
     ]
@@ -547,17 +552,31 @@ def test_override_abort_and_heartbeat_arrive(c: ctypes.CDLL) -> None:
 HERE = struct.pack(">ii", 326_000_000, -854_900_000)
 
 
+def raw_mission(corners: int, positions: bytes) -> bytes:
+    """A MISSION of any number of corners and positions."""
+    return raw_frame(MISSION, struct.pack(">HB", 7, corners) + positions)
+
+
 @pytest.mark.parametrize(
     "message",
     [
         pytest.param(raw_frame(MISSION, b""), id="mission of nothing"),
-        pytest.param(raw_frame(MISSION, HERE), id="mission without a waypoint"),
-        pytest.param(raw_frame(MISSION, HERE * 3 + b"1234"), id="mission of half a waypoint"),
+        pytest.param(raw_frame(MISSION, b"\0\7"), id="mission of an id"),
+        pytest.param(raw_mission(0, HERE), id="mission without a waypoint"),
+        pytest.param(raw_mission(0, HERE * 3 + b"1234"), id="mission of half a waypoint"),
+        pytest.param(raw_mission(0, HERE * 18), id="mission of 17 waypoints"),
+        pytest.param(raw_mission(0, HERE * 16 + struct.pack(">ii", 900_000_001, 0)), id="latitude at last"),
+        pytest.param(raw_mission(0, struct.pack(">ii", 0, 1_800_000_001) + HERE), id="longitude of home"),
+        pytest.param(raw_mission(0, HERE + struct.pack(">ii", -(2**31), 0)), id="least latitude"),
+        pytest.param(raw_mission(1, HERE * 9), id="fence of one corner"),
+        pytest.param(raw_mission(2, HERE * 9), id="fence of two corners"),
+        pytest.param(raw_mission(8, HERE * 12), id="fence of eight corners"),
+        pytest.param(raw_mission(255, HERE * 24), id="fence of 255 corners"),
+        pytest.param(raw_mission(3, HERE * 4), id="fence without a waypoint"),
+        pytest.param(raw_mission(3, HERE * 21), id="fence and 17 waypoints"),
         pytest.param(
-            raw_frame(MISSION, HERE * 16 + struct.pack(">ii", 900_000_001, 0)), id="latitude at last"
+            raw_mission(3, struct.pack(">ii", 0, -1_800_000_001) + HERE * 5), id="longitude of a corner"
         ),
-        pytest.param(raw_frame(MISSION, struct.pack(">ii", 0, 1_800_000_001) + HERE), id="longitude of home"),
-        pytest.param(raw_frame(MISSION, HERE + struct.pack(">ii", -(2**31), 0)), id="least latitude"),
         pytest.param(raw_frame(START, struct.pack(">HB", MISSION_16.id, 0)), id="start too long"),
         pytest.param(raw_frame(OVERRIDE, b"\6"), id="unknown command"),
         pytest.param(raw_frame(OVERRIDE, b""), id="no command"),
@@ -601,7 +620,7 @@ def test_rule_9_no_mission_is_taken_while_it_is_locked(c: ctypes.CDLL) -> None:
 
 def test_a_mission_that_is_too_long_is_not_taken_for_a_frame(c: ctypes.CDLL) -> None:
     link = Driver(c, "link", SESSION)
-    assert list(link.receive(raw_frame(MISSION, HERE * 18) + raw_frame(ABORT, b""))) == [ABORT]
+    assert list(link.receive(raw_frame(MISSION, HERE * 25) + raw_frame(ABORT, b""))) == [ABORT]
     assert link.state.mission.count == 0
 
 
@@ -656,7 +675,7 @@ def test_rule_10_an_abort_behind_any_part_of_a_mission_is_taken_at_once(c: ctype
 def test_rule_10_bytes_of_a_mission_that_look_like_an_abort_stop_nobody(c: ctypes.CDLL) -> None:
     # given a mission whose positions have the bytes of an ABORT without its tag
     looks = with_crc(bytes.fromhex("04 00 00000009") + bytes(8))
-    mission = raw_frame(MISSION, b"\0\1" + HERE[:4] + looks + b"\0\0" + HERE)
+    mission = raw_mission(0, HERE[:4] + looks + b"\0\0" + HERE)
     # when it comes whole, then it is a mission
     assert list(driver(c, "link").receive(mission)) == [MISSION]
     # when a block ends behind those bytes, then they are forged, and the mission is lost
@@ -691,7 +710,7 @@ def test_rule_10_a_frame_that_waits_is_not_disturbed_by_what_is_no_abort(
     # given bytes inside a mission that differ from an ABORT in one place
     tried = (inside(looks(encode(radio.Abort(), counter))) for counter in range(78, 250))
     payload = next(filter(None, tried))
-    mission = raw_frame(MISSION, b"\0\1" + payload)
+    mission = raw_mission(0, payload)
     # when it comes byte by byte
     link = driver(c, "link")
     # then it is taken as it is

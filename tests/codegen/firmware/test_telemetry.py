@@ -68,6 +68,7 @@ def test_rule_8_each_bit_of_ready_has_a_macro_a_meaning_and_a_refusal_with_its_w
         Ready.FIRST_LEG: Refusal.SHORT_FIRST_LEG, Ready.RELEASED: Refusal.OVERRIDDEN,
         Ready.IDLE: Refusal.NOT_IDLE, Ready.PLANNED: Refusal.NOT_PLANNED,
         Ready.HEADING: Refusal.CONTRADICTED,
+        Ready.FENCE: Refusal.OUTSIDE_FENCE, Ready.INSIDE: Refusal.ANIMAL_OUTSIDE,
     }  # fmt: skip
     # and header and log name them in words
     header = program()["telemetry.h"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -13,7 +14,7 @@ from codegen.firmware.telemetry import Flag, Ready, Refusal
 from harness.onboard.memory import Memory
 from harness.onboard.radio import Abort, Mission, Override, Start
 from models.commands import Command, Status
-from models.modes import Mode
+from models.modes import Anomaly, Mode
 from tests.harness.onboard.vest import HERE, Vest, place
 
 RUNNING = {Mode.FORWARD, Mode.STOP_TO_TURN, Mode.LEFT, Mode.RIGHT, Mode.DEAD}
@@ -251,6 +252,12 @@ CLOSE = Mission(HOME, (place(50, 0), place(50, 6.5)))
 CLOSE_FIRST = Mission(HOME, (place(50, 0), place(50, 6.5), place(50, 50)))
 FAR = Mission(HOME, (place(50, 0), place(1.1e5, 0)))
 FAR_HOME = Mission(place(0, -1.1e5), (place(50, 0),))
+# a notch from the east between home and the waypoint
+NOTCHED = tuple(place(*c) for c in ((-20, -20), (-20, 20), (20, 20), (25, -5), (30, 20), (70, 20), (70, -20)))
+FENCED = Mission(HOME, (place(50, 0), place(60, -15)), NOTCHED)
+WAYPOINT_OUT = replace(FENCED, waypoints=(place(50, 0), place(60, -21)))
+FIRST_OUT = replace(FENCED, waypoints=(place(25, 5), place(60, -15)))
+HOME_OUT = replace(FENCED, home=place(71, 0))
 
 
 @pytest.mark.parametrize(
@@ -265,6 +272,13 @@ FAR_HOME = Mission(place(0, -1.1e5), (place(50, 0),))
         (CLOSE_FIRST, {}, (Ready.LEGS,), Refusal.SHORT_LEG),
         (FAR, {}, (Ready.REACH,), Refusal.OUT_OF_REACH),
         (FAR_HOME, {}, (Ready.REACH,), Refusal.OUT_OF_REACH),
+        (FENCED, {}, (), Refusal.NONE),
+        (WAYPOINT_OUT, {}, (Ready.FENCE,), Refusal.OUTSIDE_FENCE),
+        (FIRST_OUT, {}, (Ready.FENCE,), Refusal.OUTSIDE_FENCE),
+        (HOME_OUT, {}, (Ready.FENCE,), Refusal.OUTSIDE_FENCE),
+        (FENCED, {"gps_north": -25.0}, (Ready.INSIDE,), Refusal.ANIMAL_OUTSIDE),
+        (FENCED, {"gps_north": 25.0, "gps_east": 10.0}, (Ready.INSIDE,), Refusal.ANIMAL_OUTSIDE),
+        (FENCED, {"gps_north": 25.0, "gps_east": -10.0}, (), Refusal.NONE),
         (Mission(HOME, (place(7.5, 0),)), {}, (), Refusal.NONE),
         (Mission(HOME, (place(50, 0), place(50, 7.5))), {}, (), Refusal.NONE),
     ],
@@ -275,7 +289,7 @@ def test_rule_8_a_start_is_refused_with_the_first_thing_that_is_missing(
     # given a vest that holds a mission
     vest.ticks(30, **sensed)
     vest.tick(mission, fix=False)
-    vest.ticks(12, **sensed)
+    vest.ticks(20, **sensed)
     # then the telemetry lists what is missing before any START
     assert Ready(vest.telemetry.ready).missing == missing
     # when it is started, then it begins at once, or the reason is told
@@ -284,13 +298,34 @@ def test_rule_8_a_start_is_refused_with_the_first_thing_that_is_missing(
     assert memory["controller.output.mode"] in (RUNNING if refusal is Refusal.NONE else {Mode.IDLE})
 
 
+def test_rule_7_a_polygon_that_came_by_radio_stops_the_animal_outside(vest: Vest) -> None:
+    vest.ticks(30)
+    memory = vest.begin(FENCED)
+    assert memory["controller.state.corners"] == 7
+    for axis, last in (("north", 70.0), ("east", -20.0)):
+        assert memory[f"controller.state.corner_{axis}[7]"] == pytest.approx(last, abs=0.1)
+    # when it walks east at 1.5 m/s, past the edge at 20 m
+    east, outside = 0.0, []
+    while memory["controller.output.mode"] != Mode.STOPPED:
+        east += 0.06
+        walking = {"gps_east": east, "gps_speed": 1.5, "gps_course": math.pi / 2, "heading_meas": math.pi / 2}
+        memory = vest.ticks(1, **walking)
+        outside.append(memory["estimator.output.east"] > 20)
+    # then it is stopped within 0.48 s of the first estimate outside, and told
+    assert 6 <= sum(outside) - 1 <= 12
+    assert vest.played[-1] == Command.STOP
+    assert memory["controller.output.anomaly"] == Anomaly.OUTSIDE_FENCE
+    vest.ticks(6, **walking)
+    assert Ready.INSIDE in Ready(vest.telemetry.ready).missing
+
+
 def test_rule_8_a_start_without_a_mission_or_of_another_is_refused(vest: Vest) -> None:
     vest.ticks(12, Start(A.id))
     assert vest.telemetry.refusal == Refusal.NO_MISSION
     # and no bit of a mission's is on, wherever the animal is
     vest.ticks(60, gps_north=20.0)
     assert Ready(vest.telemetry.ready).missing == (
-        Ready.MISSION, Ready.REACH, Ready.LEGS, Ready.FIRST_LEG, Ready.PLANNED,
+        Ready.MISSION, Ready.REACH, Ready.LEGS, Ready.FIRST_LEG, Ready.PLANNED, Ready.FENCE, Ready.INSIDE,
     )  # fmt: skip
     vest.tick(B)
     vest.ticks(12, Start(A.id))

@@ -75,7 +75,10 @@ def test_crc16_of_the_check_string_is_the_catalogues() -> None:
         (Start(0xBEEF), "02 02 00000107 be ef"),
         # the id is the CRC of what follows it;
         # 32.6 deg is 326000000 = 0x136e5d80, -85.49 deg is -854900000 = 0xcd0b42e0 in units of 1e-7 deg
-        (Mission(HOME, (Position(0, 1e-7),)), "01 12 00000107 9183 136e5d80 cd0b42e0 00000000 00000001"),
+        (
+            Mission(HOME, (Position(0, 1e-7),)),
+            "01 13 00000107 3c65 00 136e5d80 cd0b42e0 00000000 00000001",
+        ),
     ],
 )
 def test_a_message_becomes_the_frame_of_the_layout(message: Heartbeat, signed: str) -> None:
@@ -99,13 +102,53 @@ def test_telemetry_frame_is_that_of_the_layout() -> None:
     )
 
 
-def test_greatest_mission_is_156_bytes_and_its_id_tells_it_from_others() -> None:
-    mission = Mission(HOME, tuple(Position(32.6, -85.49 + k / 1e4) for k in range(16)))
+FENCE = (Position(32.5, -85.5), Position(32.7, -85.5), Position(32.7, -85.3), Position(32.5, -85.3))
+
+
+def test_greatest_mission_is_213_bytes_and_its_id_tells_it_from_others() -> None:
+    seven = (*FENCE[:3], *(Position(32.6 - k / 1e3, -85.3 - k / 1e4) for k in range(4)))
+    mission = Mission(HOME, tuple(Position(32.6, -85.49 + k / 1e4) for k in range(16)), seven)
     frame = encode(mission, 0)
-    assert len(frame) == 156
+    assert len(frame) == 213
     assert frame[8:10] == mission.id.to_bytes(2, "big")
     assert mission.id == crc16(frame[10:-10])
     assert mission.id != replace(mission, waypoints=mission.waypoints[::-1]).id
+    # a corner is not a waypoint
+    assert len({replace(mission, fence=()).id, mission.id, replace(mission, fence=seven[:6]).id}) == 3
+
+
+def test_a_fence_is_sent_before_home_and_waypoints() -> None:
+    frame = encode(Mission(HOME, (Position(32.6, -85.4),), FENCE), 0)
+    assert frame[3] == 3 + 8 * 6
+    assert frame[10] == 4
+    positions = [frame[i : i + 8] for i in range(11, 11 + 48, 8)]
+    assert positions == [place.payload() for place in (*FENCE, HOME, Position(32.6, -85.4))]
+
+
+@pytest.mark.parametrize(
+    ("fence", "fault"),
+    [
+        (FENCE[:2], "it has 2 corners, expected 3 to 7"),
+        (FENCE * 2, "it has 8 corners, expected 3 to 7"),
+        ((FENCE[0], FENCE[2], FENCE[1], FENCE[3]),
+         "its edges from corner 1 and from corner 3 cross or touch"),
+        # as sent two corners are one
+        ((*FENCE, Position(32.5, -85.30000001)), "its edges from corner 3 and from corner 4 cross or touch"),
+        ((HOME, HOME, HOME), "its corners lie on one line, so its area is 0"),
+    ],
+)  # fmt: skip
+def test_rule_7_a_fence_that_is_no_polygon_is_not_sent(fence: tuple[Position, ...], fault: str) -> None:
+    with pytest.raises(RadioError, match=f"the fence of a mission is no polygon: {fault}"):
+        encode(Mission(HOME, (Position(32.6, -85.4),), fence), 0)
+
+
+def test_rule_7_a_fence_across_the_date_line_is_a_polygon() -> None:
+    corners = [(0.1, 179.9), (0.1, -179.9), (-0.1, -179.9), (-0.1, 179.9)]
+    across = tuple(Position(*corner) for corner in corners)
+    assert encode(Mission(Position(0, 180), (Position(0, 179.95),), across), 0)
+    crossed = Mission(Position(0, 180), (Position(0, 179.95),), (across[0], across[2], *across[1::2]))
+    with pytest.raises(RadioError, match="cross or touch"):
+        encode(crossed, 0)
 
 
 @pytest.mark.parametrize("count", [0, 17])

@@ -6,11 +6,12 @@ import math
 from typing import Any
 
 from codegen.firmware.key import SIMULATION_KEY
+from codegen.firmware.navigation import DEFAULT, Navigation
 from codegen.firmware.telemetry import FIELDS, Telemetry
 from harness.log.geodesy import TangentPlane
 from harness.onboard.instruments import InertialUnit, Receiver
 from harness.onboard.memory import Memory
-from harness.onboard.processors import Received, open_processor
+from harness.onboard.processors import Cost, Processor, Received, open_processor
 from harness.onboard.radio import Decoder, Heartbeat, Mission, Position, Start
 from harness.onboard.tones import commands
 from models.commands import Command
@@ -30,7 +31,12 @@ def place(north: float, east: float) -> Position:
 class Vest:
     """The program on this machine, at rest at home: ticks with or without a fix, and the memory after it.
 
+    Args:
+        processor: another one that runs it.
+        navigation: of its program.
+
     Attributes:
+        costs: of each tick, on a simulated processor.
         telemetry: the last.
         counter: of the last message.
         fix: the bytes of the receiver's last fix.
@@ -38,8 +44,10 @@ class Vest:
         played: the commands, as the tones and vibrators of each tick tell them.
     """
 
-    def __init__(self) -> None:
-        self.processor, self.decoder = open_processor("host"), Decoder(SIMULATION_KEY)
+    def __init__(self, processor: Processor | None = None, navigation: Navigation = DEFAULT) -> None:
+        self.processor, self.decoder = processor or open_processor("host"), Decoder(SIMULATION_KEY)
+        self.navigation = navigation
+        self.costs: list[Cost | None] = []
         self.k = self.counter = self.told = 0
         self.telemetry = NO_TELEMETRY
         self.fix, self.frozen = b"", False
@@ -68,10 +76,11 @@ class Vest:
             )
         )
         self.k += 1
+        self.costs.append(reply.cost)
         self.played.append(COMMANDS[reply.tone_hz, reply.vibrate_left, reply.vibrate_right])
         for told, telemetry in self.decoder.receive(reply.sent):
             self.told, self.telemetry = told, telemetry
-        return Memory(reply.record)
+        return Memory(reply.record, self.navigation)
 
     def encode(self, message: Any) -> bytes:
         """The laptop's next frame, which answers the last telemetry."""
