@@ -150,7 +150,9 @@ def test_blocks_that_know_their_place_give_the_same_bits() -> None:
 def test_the_readme_of_a_bundle_tells_its_estimator_and_how_to_make_it_anew(target: str) -> None:
     readme = bundle(TARGETS[target], None, Navigation(ESTIMATORS["six_state"], CanineAhrs))["README.md"]
     assert "Its estimator is `six_state`. Roll, pitch and heading come from `canine_ahrs`" in readme
-    assert f"canine firmware --target {target} --estimator six_state --ahrs --out DIR" in readme
+    assert (
+        f"canine firmware --target {target} --key vest.key --estimator six_state --ahrs --out DIR" in readme
+    )
     assert "six_state.c, six_state.h" in readme
     assert "Its estimator is `four_state`" in bundle(TARGETS[target])["README.md"]
 
