@@ -66,6 +66,17 @@ def test_a_turn_beyond_the_target_by_exactly_the_stop_deviation_is_a_switch(
     assert ((len(trial.commands) - 1, Anomaly.DIRECTION_SWITCH) in trial.anomalies) == switched
 
 
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_turn_beyond_the_target_as_its_time_is_over_is_a_switch(side: int) -> None:
+    # given a turn on whose last tick the animal is beyond the target
+    trial = turning(-1.5 * side)
+    trial.tick(TURN - 1)
+    assert trial.anomalies == []
+    trial.tick(heading=1.5 * side)
+    # then it has turned too far, and has not failed to turn
+    assert [anomaly for _, anomaly in trial.anomalies] == [Anomaly.DIRECTION_SWITCH]
+
+
 @pytest.mark.parametrize(("h", "mode"), [(BOUND, Mode.STOP_TO_TURN), (BELOW, Mode.FORWARD)])
 def test_behind_a_forward_failure_exactly_the_moving_deviation_stops(h: float, mode: Mode) -> None:
     trial = Trial(moving_deviation=BOUND)
