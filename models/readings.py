@@ -16,6 +16,8 @@ from models.system import ESTIMATORS
 # a running dog's sigma is cut where the speed's own noise would step it up
 FLOORS = {"position_sd_floor": 0.5, "speed_sd_floor": 0.1}  # m, m/s
 CAP = {"sigma_cap": 1.2}  # m/s2
+# ours: a heading that is wrong by 20 deg must not carry the position away from the fixes
+SIDEWAYS = {"sigma_position": 0.2}  # m in a tick
 FROZEN = 10  # ticks, 0.4 s
 READING = "calibrated"  # by default
 ON_BOARD = "guarded"  # by default where the firmware leads
@@ -52,7 +54,7 @@ for estimator, block in ESTIMATORS.items():
         f"{estimator}.frozen_samples": FROZEN,
     }
     if issubclass(block, FourState):  # so that what it states may be believed
-        READINGS[ON_BOARD] |= {f"{estimator}.{name}": v for name, v in (CAP | FLOORS).items()}
+        READINGS[ON_BOARD] |= {f"{estimator}.{name}": v for name, v in (CAP | FLOORS | SIDEWAYS).items()}
 
 
 def start_heading_deviation(reading: str, waypoints: int) -> float:

@@ -13,7 +13,7 @@ from models.canine_ahrs import CanineAhrs
 from models.given_heading import GivenHeading
 from models.readings import ON_BOARD, READINGS
 from models.system import ESTIMATORS
-from tests.models.motions import Array, Columns, T, fix_ticks, motion
+from tests.models.motions import Array, Columns, T, fix_ticks, motion, noisy
 
 Make = Callable[..., Any]
 EACH = pytest.mark.parametrize("name", ESTIMATORS)
@@ -308,3 +308,21 @@ def test_rule_5_a_correction_that_moves_the_position_by_more_than_7_m_is_a_jump(
     assert out["jumps"][-1] == (np.hypot(np.diff(out["north"]), np.diff(out["east"])) > 7).sum()
     assert out["jumps"][-1] == (far > 7)
     assert out["rejected_fixes"][-1] == out["recoveries"][-1] == 0
+
+
+@pytest.mark.parametrize("name", ["four_state", "two_bias"])
+@pytest.mark.parametrize(("speed", "most"), [(1.5, 0.7), (4.0, 1.8)])
+def test_rule_5_a_heading_that_is_somewhat_wrong_does_not_carry_the_position_away_from_the_fixes(
+    native: Make, name: str, speed: float, most: float
+) -> None:
+    # given a heading that is wrong by 20 deg, by which the filter goes off sideways between two fixes
+    inputs = noisy(off_by(straight(60, speed=speed), 20 * DEG), seed=3, position=0.0, speed=0.0)
+    true = straight(60, speed=speed)
+    errors = {}
+    for reading, parameters in (("guarded", guarded(name)), ("text", {})):
+        out = native(ESTIMATORS[name], "float", parameters).run(**inputs)
+        off = np.hypot(out["north"] - true["gps_north"], out["east"] - true["gps_east"])
+        errors[reading] = off[500:].max()
+    # then it is carried off by little more than it states, instead of by many metres
+    assert errors["guarded"] < most
+    assert errors["text"] > 5
