@@ -112,6 +112,7 @@ class Ready(Bits):
     HEADING = 0x1000, "courses do not contradict the heading"
     FENCE = 0x2000, "home and all waypoints are inside the fence of the mission, if it has one"
     INSIDE = 0x4000, "the animal is inside that fence"
+    BUDGET = 0x8000, "the window leaves something of each stimulus"
 
     @property
     def missing(self) -> tuple[Ready, ...]:
@@ -149,6 +150,7 @@ class Refusal(IntEnum):
     CONTRADICTED = 14, "courses contradict the heading"
     OUTSIDE_FENCE = 15, "home or a waypoint is outside the fence"
     ANIMAL_OUTSIDE = 16, "the animal is outside the fence"
+    WINDOW_SPENT = 17, "what may be spent in the window is spent: wait"
 
 
 NOT_READY = 2  # number of the refusal for the lowest bit of `Ready`

@@ -834,7 +834,7 @@ static void check_telemetry(void)
         assert(((t[AT_READY + 2U] & 8U) != 0U) == (vest.place > (vest.radio.mission.corners + vest.radio.mission.count)));
         assert(((t[AT_READY + 2U] & 2U) != 0U) == !overridden());
         assert(((t[AT_READY + 2U] & 4U) != 0U) == (vest.controller.out.mode == CMEC_MODE_IDLE));
-        assert((t[AT_READY] == 0U) && (t[AT_READY + 1U] == 0U) && ((t[AT_READY + 2U] & 0x80U) == 0U));
+        assert((t[AT_READY] == 0U) && (t[AT_READY + 1U] == 0U));
         assert(((t[AT_READY + 2U] & 0x10U) != 0U) == !world.contradicted);
     }
 }

@@ -27,6 +27,9 @@
 #ifndef CMEC_CAPTURE_RADIUS /* a bundle with constants has them */
 #define CMEC_CAPTURE_RADIUS (m->controller.par.capture_radius)
 #define CMEC_GUARDED (m->controller.par.guarded)
+#define CMEC_WINDOW_ISSUES (m->controller.par.window_issues)
+#define CMEC_WINDOW_VIBRATION (m->controller.par.window_vibration)
+#define CMEC_WINDOW_TONE (m->controller.par.window_tone)
 #endif
 
 /* Get the next bytes of a source; `blocks` counts those that may still be read in this tick. Returns false if
@@ -268,6 +271,14 @@ static uint8_t override_of(const onboard *m)
     return m->watchdog.out.override_ok ? m->radio.override : 0U;
 }
 
+/* Has a stimulus been on in the window for less than a limit [s]? Kind 1 is vibration, 2 are tones. */
+static bool leaves(const onboard *m, uint8_t kind, float limit)
+{
+    const int32_t ticks = m->controller.state.spent[kind] - m->controller.state.earlier_spent[kind];
+
+    return ((0.001f * (float)ONBOARD_TICK_MS) * (float)ticks) < limit;
+}
+
 /* What a START needs (rule 8): the bits of `ready` of the telemetry. */
 static uint32_t readiness(const onboard *m)
 {
@@ -305,6 +316,11 @@ static uint32_t readiness(const onboard *m)
     }
     if (m->planned) {
         ready |= READY_PLANNED;
+    }
+    if (!CMEC_GUARDED ||
+        (((m->controller.state.spent[0] - m->controller.state.earlier_spent[0]) < CMEC_WINDOW_ISSUES) &&
+         leaves(m, 1U, CMEC_WINDOW_VIBRATION) && leaves(m, 2U, CMEC_WINDOW_TONE))) {
+        ready |= READY_BUDGET;
     }
     if (m->estimator.out.heading_ok) {
         ready |= READY_HEADING;

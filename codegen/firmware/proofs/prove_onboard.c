@@ -80,6 +80,10 @@ void prove_begin(void)
     __CPROVER_assume((m.radio.mission.count <= LINK_MAX_WAYPOINTS) && (m.radio.mission.corners <= LINK_MAX_CORNERS));
     __CPROVER_assume((m.route & ~(READY_REACH | READY_LEGS | READY_FENCE)) == 0);
     __CPROVER_assume(m.planned == (m.place > (m.radio.mission.corners + m.radio.mission.count))); /* one by one */
+    for (int i = 0; i < 3; i++) { /* what was spent grows */
+        m.controller.state.earlier_spent[i] = int_in(0, 2000000000);
+        m.controller.state.spent[i] = int_in(m.controller.state.earlier_spent[i], 2000000000);
+    }
     const bool before = m.controller.in.start;
     const bool asked = m.asked;
     begin(&m);

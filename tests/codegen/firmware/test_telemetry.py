@@ -69,6 +69,7 @@ def test_rule_8_each_bit_of_ready_has_a_macro_a_meaning_and_a_refusal_with_its_w
         Ready.IDLE: Refusal.NOT_IDLE, Ready.PLANNED: Refusal.NOT_PLANNED,
         Ready.HEADING: Refusal.CONTRADICTED,
         Ready.FENCE: Refusal.OUTSIDE_FENCE, Ready.INSIDE: Refusal.ANIMAL_OUTSIDE,
+        Ready.BUDGET: Refusal.WINDOW_SPENT,
     }  # fmt: skip
     # and header and log name them in words
     header = program()["telemetry.h"]

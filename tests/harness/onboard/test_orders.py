@@ -12,9 +12,11 @@ import pytest
 
 from codegen.firmware.telemetry import Flag, Ready, Refusal
 from harness.onboard.memory import Memory
+from harness.onboard.processors import open_processor
 from harness.onboard.radio import Abort, Mission, Override, Start
 from models.commands import Command, Status
 from models.modes import Anomaly, Mode
+from models.readings import ON_BOARD, READINGS
 from tests.harness.onboard.vest import HERE, Vest, place
 
 RUNNING = {Mode.FORWARD, Mode.STOP_TO_TURN, Mode.LEFT, Mode.RIGHT, Mode.DEAD}
@@ -296,6 +298,41 @@ def test_rule_8_a_start_is_refused_with_the_first_thing_that_is_missing(
     memory = vest.ticks(12, Start(mission.id), **sensed)
     assert vest.telemetry.refusal == refusal
     assert memory["controller.output.mode"] in (RUNNING if refusal is Refusal.NONE else {Mode.IDLE})
+
+
+@pytest.mark.parametrize(
+    ("limits", "command"),
+    [
+        ({"window_issues": 1}, Command.LEFT),
+        ({"window_vibration": 0.8}, Command.RIGHT),
+        ({"window_tone": 0.8}, Command.RECALL),
+    ],
+)
+def test_rule_8_no_trial_begins_until_the_window_leaves_something(
+    limits: dict[str, float], command: Command
+) -> None:
+    # given an operator who has spent what a window of 4 s allows, without a trial
+    guarded = {n.removeprefix("cmec."): x for n, x in READINGS[ON_BOARD].items() if n.startswith("cmec.")}
+    values = guarded | {"window": 4.0} | limits
+    vest = Vest(open_processor("host", {"controller": values}))
+    vest.ticks(60)
+    vest.load(A)
+    vest.ticks(250)
+    assert Ready(vest.telemetry.ready).missing == ()
+    for _ in range(2):
+        vest.tick(Override(command), fix=False)
+        vest.ticks(12)
+    vest.tick(Override(Command.NONE), fix=False)
+    vest.ticks(6)
+    # when
+    assert Ready(vest.telemetry.ready).missing == (Ready.BUDGET,)
+    vest.tick(Start(A.id), fix=False)
+    vest.ticks(6)
+    # then it is refused, until two blocks of the window are over
+    assert vest.telemetry.refusal == Refusal.WINDOW_SPENT
+    vest.ticks(205)
+    assert Ready(vest.telemetry.ready).missing == ()
+    vest.processor.close()
 
 
 def test_rule_7_a_polygon_that_came_by_radio_stops_the_animal_outside(vest: Vest) -> None:
