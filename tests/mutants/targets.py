@@ -33,6 +33,7 @@ class Target:
 
 CONTROLLER = ("tests/models/test_cmec_bounds.py", "tests/models/test_cmec.py", "tests/models/test_safety.py")
 FOUR_STATE = (
+    "tests/models/test_four_state_bounds.py",
     "tests/models/test_four_state.py",
     "tests/models/test_estimators.py",
     "-k",
