@@ -943,7 +943,7 @@ def test_a_folder_takes_the_bundles_of_one_target(
     held: str, asked: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # given a bundle, and a file of the engineer's
-    write(TARGETS[held], tmp_path)
+    bundle.write(TARGETS[held], tmp_path, key=None)
     (tmp_path / "notes.c").write_text("/* ours */\n")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     # when one for the same or another target is written into its folder
