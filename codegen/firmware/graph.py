@@ -94,6 +94,8 @@ def possible(f: Formulas, v: Values) -> Value:
         z3.Implies(is_one_of(f, v["now"], GOING), v["reached"] < v["count"]),
         v["reached"] <= v["count"],
         v["survey_ticks"] <= SURVEY - 1,
+        z3.Not(v["beside"]),
+        z3.Or(v["edge"] == 0, z3.And(v["edge"] >= 1, v["edge"] <= v["corners"] - 1)),
         z3.Or(
             v["mode"] == v["now"],
             z3.And(v["mode"] == int(Mode.STOPPED), v["now"] == int(Mode.FAILURE_RECALL)),
