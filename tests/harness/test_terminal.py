@@ -168,7 +168,7 @@ def test_a_terminal_is_as_wide_as_it_says(tmp_path: Path) -> None:
     # when
     subprocess.run(
         [sys.executable, "-c", RUN, "parameters", "cmec"], cwd=tmp_path, stdout=theirs, stderr=theirs,
-        env=os.environ | {"COLUMNS": "40", "TERM": "dumb"}, check=True,
+        env=os.environ | {"COLUMNS": "40", "LINES": "25", "TERM": "dumb"}, check=True,
     )  # fmt: skip
     os.close(theirs)
     lines = os.read(ours, 1 << 16).decode(errors="replace").splitlines()
