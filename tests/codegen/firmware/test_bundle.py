@@ -47,7 +47,7 @@ from harness.log.geodesy import TangentPlane
 from harness.onboard.instruments import InertialUnit, Receiver
 from harness.onboard.processors import Received, open_processor
 from harness.onboard.processors.rabbit4000 import BREAKPOINT, NOTHING, STOPPED, Console
-from harness.onboard.radio import Decoder, Mission, Position, Start
+from harness.onboard.radio import Decoder, Mission, Position, Seal, Start
 from models.canine_ahrs import CanineAhrs
 from models.canine_tracker import CanineTracker
 from models.errors import UsageError
@@ -799,6 +799,8 @@ def test_the_rabbits_port_moves_bytes_both_ways_with_its_registers_as_memory(
     rtc1r = 0x03
     scdr, scsr, sddr, sdsr, sedr, sesr = 0xE0, 0xE3, 0xF0, 0xF3, 0xC8, 0xCB
     rabbit.run_to("port_clock_ms")
+    # the session is the clock's bytes 1 to 4, as they were at power-up
+    seal = Seal(SIMULATION_KEY, int.from_bytes(rabbit.console.memory(rtc1r, 4), "little"))
     for register in (rtc1r, scsr, sdsr, sesr):
         rabbit.write(register, 0)
 
@@ -814,7 +816,7 @@ def test_the_rabbits_port_moves_bytes_both_ways_with_its_registers_as_memory(
     for vector, data, status, stream in (
         (0xE0F0, sddr, sdsr, Receiver(plane).fix(0.0, signals)),
         (0xE1C0, sedr, sesr, InertialUnit().sample(0, signals)),
-        (0xE0E0, scdr, scsr, encode(mission, 1) + encode(Start(mission.id), 2)),
+        (0xE0E0, scdr, scsr, encode(mission, 1, seal) + encode(Start(mission.id), 2, seal)),
     ):
         for byte in stream:
             rabbit.write(data, byte)
