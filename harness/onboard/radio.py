@@ -92,9 +92,9 @@ class Mission:
         """
         if not 1 <= len(self.waypoints) <= MAX_WAYPOINTS:
             raise RadioError(f"a mission has 1 to {MAX_WAYPOINTS} waypoints, got {len(self.waypoints)}")
-        content = self._content()
         if self.fence and (fault := fault_of(self._corners())):
             raise RadioError(f"the fence of a mission is no polygon: {fault}")
+        content = self._content()
         return struct.pack(">H", crc16(content)) + content
 
     def _corners(self) -> list[tuple[int, int]]:

@@ -271,7 +271,7 @@ static uint8_t override_of(const onboard *m)
     return m->watchdog.out.override_ok ? m->radio.override : 0U;
 }
 
-/* Has a stimulus been on in the window for less than a limit [s]? Kind 1 is vibration, 2 are tones. */
+/* Has VIBRATION or TONE been on in the window for less than a limit [s]? */
 static bool leaves(const onboard *m, uint8_t kind, float limit)
 {
     const int32_t ticks = m->controller.state.spent[kind] - m->controller.state.earlier_spent[kind];
@@ -318,8 +318,8 @@ static uint32_t readiness(const onboard *m)
         ready |= READY_PLANNED;
     }
     if (!CMEC_GUARDED ||
-        (((m->controller.state.spent[0] - m->controller.state.earlier_spent[0]) < CMEC_WINDOW_ISSUES) &&
-         leaves(m, 1U, CMEC_WINDOW_VIBRATION) && leaves(m, 2U, CMEC_WINDOW_TONE))) {
+        (((m->controller.state.spent[ISSUES] - m->controller.state.earlier_spent[ISSUES]) < CMEC_WINDOW_ISSUES) &&
+         leaves(m, VIBRATION, CMEC_WINDOW_VIBRATION) && leaves(m, TONE, CMEC_WINDOW_TONE))) {
         ready |= READY_BUDGET;
     }
     if (m->estimator.out.heading_ok) {

@@ -10,8 +10,8 @@ typedef enum { PORT_GPS, PORT_IMU, PORT_RADIO, PORT_SOURCES } port_source;
 
 void port_init(void);
 
-/* A number that the vest has had after no reset before, and that nobody can choose or foresee: it makes recordings
- * of the radio worthless (rule 11). Called once, behind port_init. Good are a count of resets that is kept where
+/* A number that the vest has had after no reset before, and that nobody can choose: it makes recordings of the radio
+ * worthless (rule 11). Called once, behind port_init. Good are a count of resets that is kept where
  * the power is not needed, a clock that always goes, or 32 bits of true noise: with n recorded sessions one of them
  * then fits once in 2^32 / n resets. */
 uint32_t port_session(void);

@@ -7,12 +7,11 @@
 #define HELD 19U  /* bytes in which an ABORT is looked for */
 #define ROOM 213U /* bytes of the longest frame */
 
-/* Finds any frame of the protocol's length, or none: prove_scanner.c proves this of the scanner. */
 static uint8_t frame[ROOM];
 
+/* Finds any frame of the protocol's length, or none: prove_scanner.c proves this of the scanner. */
 bool scanner_next(scanner *s, scanner_input *input, const scanner_protocol *protocol)
 {
-
     (void)input;
     __CPROVER_havoc_object(frame);
     s->frame = frame;
