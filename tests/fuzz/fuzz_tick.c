@@ -492,12 +492,14 @@ static void give(void)
         send_sample(bits(0.0F), bits(0.05F * (float)(world.ticks % 2U)), bits(180.0F - fmodf(world.heading + 180.0F, 360.0F)));
     }
     if (((world.background & (unsigned)GIVE_FIXES) != 0U) && ((world.ticks % FIX_TICKS) == 0U)) {
+        const bool pvt = (world.background & (unsigned)AS_PVT) != 0U;
+        const float unit = pvt ? 1.0e-3F : 1.0e-2F; /* m/s: of a receiver's speeds */
         const ubx_fix fix = {
             world.fix_time, (int32_t)world.latitude, (int32_t)world.longitude, 2000U,
-            (uint32_t)(1000.0F * world.speed), (int32_t)(1.0e5F * world.heading), 200U};
+            (uint32_t)(world.speed / unit), (int32_t)(1.0e5F * world.heading), pvt ? 200U : 20U};
 
         world.fix_time += 250U;
-        send_fix(&fix, (world.background & (unsigned)AS_PVT) != 0U, 3U, 1U);
+        send_fix(&fix, pvt, 3U, 1U);
     }
     if (((world.background & (unsigned)GIVE_HEARTBEATS) != 0U) && ((world.ticks % HEARD_TICKS) == 0U)) {
         const uint8_t nonce[4] = {1U, 2U, 3U, 4U};
