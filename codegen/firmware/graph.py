@@ -172,7 +172,7 @@ def prove_rest(s: Step) -> Claim:
     stop, silence, turn = z3.Ints("stop silence turn")
     directs = z3.And(is_one_of(f, a["command"], TURNS.values()), z3.Not(overridden(f, a)))
     same = a["command"] == b["command"]
-    told = (
+    ticks = (
         z3.If(a["cue"] == int(Command.STOP), stop + 1, 0),
         z3.If(a["command"] == int(Command.NONE), silence + 1, 0),
         z3.If(directs, z3.If(same, turn + 1, 1), 0),
@@ -192,9 +192,9 @@ def prove_rest(s: Step) -> Claim:
     )
     begins = z3.And(directs, z3.Not(same))
     assumed = [agrees(f, b), stop >= 0, silence >= 0, turn >= 0, counts(b, stop, silence, turn)]
-    in_time = z3.Or(told[2] <= 1, z3.Not(lasted(f, told[2] - 1, a["turn_timeout"], Cmec)))
+    in_time = z3.Or(ticks[2] <= 1, z3.Not(lasted(f, ticks[2] - 1, a["turn_timeout"], Cmec)))
     rests = z3.Or(held, lasted(f, silence, a["dead_time"], Cmec))
-    return assumed, z3.And(agrees(f, a), counts(a, *told), z3.Implies(begins, rests), in_time)
+    return assumed, z3.And(agrees(f, a), counts(a, *ticks), z3.Implies(begins, rests), in_time)
 
 
 def prove_ends(s: Step) -> Claim:
@@ -251,10 +251,10 @@ def against(name: str, block: type[Block] = Cmec) -> tuple[str, ...]:
     question.add(*step.facts, *assumed, step.f.z3.Not(follows))
     if not ask(step.f, question, name):
         return ()
-    found = question.model()
+    example = question.model()
     if ask(step.f, question, name, *plain(step)):  # one that the model can repeat, if there is one
-        found = question.model()
-    return (str(retried(block, step, found)),)
+        example = question.model()
+    return (str(retried(block, step, example)),)
 
 
 def plain(step: Step) -> list[Value]:
@@ -264,7 +264,8 @@ def plain(step: Step) -> list[Value]:
     other numbers are exact in binary.
     """
     f, v = step.f, step.before
-    places = [name for name in f.names["state"] if "_north" in name or "_east" in name]
+    named = (*f.names["state"], *f.names["parameter"])
+    places = [name for name in named if "_north" in name or "_east" in name]
     numbers = [v["closest"], *any_aim(f)["aim"]({}).values(), *(v[name] for name in f.names["parameter"])]
     zero = [v[name] == 0 for name in (*places, "north", "east")]
     return zero + [f.z3.IsInt(8 * number) for number in numbers if f.z3.is_real(number)]
@@ -308,12 +309,12 @@ def ask(f: Formulas, question: Any, name: str, *more: Value) -> bool:
     return bool(answer == f.z3.sat)
 
 
-def number_of(found: Any, value: Value) -> float:
+def number_of(example: Any, value: Value) -> float:
     """The number that a value has in what z3 found."""
-    given = found.eval(value, model_completion=True)
-    if given.sort().name() == "Bool":
-        return float(str(given) == "True")
-    return float(given.as_fraction()) if given.sort().name() == "Real" else float(given.as_long())
+    number = example.eval(value, model_completion=True)
+    if number.sort().name() == "Bool":
+        return float(str(number) == "True")
+    return float(number.as_fraction()) if number.sort().name() == "Real" else float(number.as_long())
 
 
 @dataclass(frozen=True)
@@ -332,10 +333,10 @@ class Retried:
         return f"{self.text} ({model})"
 
 
-def retried(block: type[Block], step: Step, found: Any) -> Retried:
+def retried(block: type[Block], step: Step, example: Any) -> Retried:
     """A step made in the model, from the same state, with the same inputs, distance and deviation."""
     f = step.f
-    aimed = {name: number_of(found, value) for name, value in any_aim(f)["aim"]({}).items()}
+    aimed = {name: number_of(example, value) for name, value in any_aim(f)["aim"]({}).items()}
 
     def replace(function: Any) -> Any:
         if function.name() != f"{block.title()}_aim":
@@ -343,12 +344,12 @@ def retried(block: type[Block], step: Step, found: Any) -> Retried:
         groups = [ca.SX.sym(f"v{i}", *function.size_in(i)) for i in range(function.n_in())]
         return ca.Function(function.name(), groups, [ca.SX([aimed["distance"], aimed["deviation"]])])
 
-    before = {name: number_of(found, value) for name, value in step.before.items()}
+    before = {name: number_of(example, value) for name, value in step.before.items()}
     model = Model(block, {name: before[name] for name in f.names["parameter"]}, replace)
     for name, value in before.items():
         model[name] = value
     model.step()
-    same = all(model[name] == number_of(found, step.after[name]) for name in SHOWN)
+    same = all(model[name] == number_of(example, step.after[name]) for name in SHOWN)
     inputs = {name: before[name] for name in ("speed", "override", "link_ok", "valid", "start")}
     values = ", ".join(f"{name} {value:g}" for name, value in (aimed | inputs).items())
     return Retried(
@@ -448,23 +449,23 @@ def unreached(block: type[Block]) -> tuple[str, ...]:
         ):
             failed.append(f"{mode.name} is not reached within {len(run.ticks)} ticks from the start")
             continue
-        found = question.model()
-        if not repeats(block, run, found):
+        example = question.model()
+        if not repeats(block, run, example):
             failed.append(f"{mode.name}: the model does not repeat the run that z3 found")
-        left -= {Mode(int(number_of(found, tick.values["now"]))) for tick in run.ticks}
+        left -= {Mode(int(number_of(example, tick.values["now"]))) for tick in run.ticks}
     return tuple(failed)
 
 
-def repeats(block: type[Block], run: Run, found: Any) -> bool:
+def repeats(block: type[Block], run: Run, example: Any) -> bool:
     """Does the model go through the same modes, anomalies and counts as the run?"""
-    model = Model(block, {name: number_of(found, value) for name, value in run.parameters.items()})
+    model = Model(block, {name: number_of(example, value) for name, value in run.parameters.items()})
     model.initialize()
     for inputs, tick in zip(run.inputs, run.ticks, strict=True):
         for name, value in inputs.items():
-            model[name] = number_of(found, value)
+            model[name] = number_of(example, value)
         model.step()
-        told = ("now", "command", "anomaly", "directional_commands", "planned", "ticks")
-        if any(model[name] != number_of(found, tick.values[name]) for name in told):
+        compared = ("now", "command", "anomaly", "directional_commands", "planned", "ticks")
+        if any(model[name] != number_of(example, tick.values[name]) for name in compared):
             return False
     return True
 

@@ -235,7 +235,7 @@ class Decoder:
             if length == PAYLOAD.size:
                 if crc16(frame[len(SYNC) :]) == 0:  # the remainder over a frame with its CRC
                     taken = self.SIZE
-                    telemetry += [(counter, told) for told in self._genuine(frame)]
+                    telemetry += [(counter, report) for report in self._genuine(frame)]
                 else:
                     self.errors += 1
             self._held = self._held[start + taken :]
@@ -244,14 +244,14 @@ class Decoder:
 
     def _genuine(self, frame: bytes) -> list[Telemetry]:
         """The telemetry in a frame, if its tag is right."""
-        told = Telemetry.from_payload(frame[HEADER.size : HEADER.size + PAYLOAD.size])
+        report = Telemetry.from_payload(frame[HEADER.size : HEADER.size + PAYLOAD.size])
         tag = frame[HEADER.size + PAYLOAD.size : -CRC.size]
-        expected = Seal(self._key, told.session).tag(frame[len(SYNC) : -TAG - CRC.size])
+        expected = Seal(self._key, report.session).tag(frame[len(SYNC) : -TAG - CRC.size])
         if self._key is not None and not hmac.compare_digest(tag, expected):
             self.forged += 1
             return []
         self.frames += 1
-        return [told]
+        return [report]
 
 
 def draw_nonce() -> int:
@@ -314,11 +314,11 @@ class Link:
 
     def receive(self, data: bytes) -> list[Telemetry]:
         """The telemetry in these bytes that is the vest's, new, and an answer."""
-        return [told for counter, told in self.decoder.receive(data) if self._believes(counter, told)]
+        return [report for counter, report in self.decoder.receive(data) if self._believes(counter, report)]
 
-    def _believes(self, counter: int, told: Telemetry) -> bool:
-        if told.session != self._session:
-            self._session, self.counter, self.nonce = told.session, 0, self._draw()
+    def _believes(self, counter: int, report: Telemetry) -> bool:
+        if report.session != self._session:
+            self._session, self.counter, self.nonce = report.session, 0, self._draw()
             self.sessions += 1
         elif counter <= self._heard:
             self.replayed += 1
@@ -326,6 +326,6 @@ class Link:
         else:
             self.lost += counter - self._heard - 1
         self._heard = counter
-        answers = told.nonce == self.nonce
+        answers = report.nonce == self.nonce
         self.unanswered += not answers
         return answers

@@ -80,8 +80,8 @@ class Onboard:
         def position(north: str, east: str) -> Position:
             return Position(*self.plane.place(values.get(north, 0.0), values.get(east, 0.0)))
 
-        count = min(int(values.get("waypoint_count", 1)), MAX_WAYPOINTS)
-        waypoints = (position(f"waypoint_north[{i}]", f"waypoint_east[{i}]") for i in range(1, count + 1))
+        used = range(1, min(int(values.get("waypoint_count", 1)), MAX_WAYPOINTS) + 1)
+        waypoints = (position(f"waypoint_north[{i}]", f"waypoint_east[{i}]") for i in used)
         corners = range(1, int(values.get("fence_count", 0)) + 1)
         fence = (position(f"fence_north[{i}]", f"fence_east[{i}]") for i in corners)
         return Mission(position("home_north", "home_east"), tuple(waypoints), tuple(fence))

@@ -56,10 +56,10 @@ def security_of(address: str, certificates: Certificates) -> Any:
         return None
     from distributed.security import Security  # noqa: PLC0415 - it takes a second
 
-    given = {"tls_ca_file": certificates.ca, "tls_client_cert": certificates.cert,
+    files = {"tls_ca_file": certificates.ca, "tls_client_cert": certificates.cert,
              "tls_client_key": certificates.key}  # fmt: skip
     security: Any = Security(
-        require_encryption=True, **{name: str(path) for name, path in given.items() if path is not None}
+        require_encryption=True, **{name: str(path) for name, path in files.items() if path is not None}
     )  # type: ignore[no-untyped-call]
     ca, cert, key = security.tls_ca_file, security.tls_client_cert, security.tls_client_key
     for option, what, path in (("--dask-ca", "the authority", ca), ("--dask-cert", "this machine", cert)):

@@ -119,12 +119,15 @@ def _since(log: Log) -> int:
 
 
 def stopped_by(log: Log) -> str | None:
-    """What stopped the trial, in words: the anomaly of the tick on which the controller stopped."""
+    """What stopped the trial, in words: the anomaly of the tick on which the controller stopped.
+
+    One that ends no trial, such as an invalid estimate, came then by chance: the operator stopped it.
+    """
     if "controller.status" not in log or log["controller.status"][-1] != Status.STOPPED:
         return None
     code = log["controller.anomaly"][_since(log)] if "controller.anomaly" in log else Anomaly.NONE
-    known = {int(anomaly): text for anomaly, text in STOPPED_BY.items()}
-    return known.get(code, named(Anomaly, code).lower().replace("_", " "))
+    known = {int(anomaly): STOPPED_BY.get(anomaly, STOPPED_BY[Anomaly.NONE]) for anomaly in Anomaly}
+    return known.get(code, named(Anomaly, code))
 
 
 def _seed(text: str) -> int | str:

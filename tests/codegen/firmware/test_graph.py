@@ -18,7 +18,7 @@ from codegen.blocks.formulas import Formulas, SolverError, solver
 from codegen.firmware import graph
 from codegen.firmware.proving import GRAPH
 from harness.main import FAULT
-from models import cmec, safety
+from models import cmec, fence, safety
 from models.cmec import Cmec
 from models.errors import CanineError
 from models.kit.block import Block
@@ -65,7 +65,8 @@ def planted(module: Any, old: str, new: str) -> Iterator[type[Block]]:
     """The controller's class of a model with one text changed."""
     source = Path(module.__file__).read_text()
     assert old in source, f"{module.__name__} has no {old!r}: mend the fault"
-    names = [safety.__name__, cmec.__name__] if module is safety else [cmec.__name__]
+    chain = (safety, fence, cmec)  # each imports the one before
+    names = [each.__name__ for each in chain[chain.index(module) :]]
     before = {name: sys.modules[name] for name in names}
     try:
         for name in names:

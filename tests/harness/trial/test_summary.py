@@ -86,6 +86,7 @@ def test_the_summary_of_a_trial_is_that_derived_by_hand() -> None:
         ([6, 2, 9, 0], "the budget of stimuli was spent (rule 3)"),
         ([6, 2, 6, 0], "the radio link was lost (rule 9)"),
         ([6, 2, 0, 2], "the operator"),
+        ([6, 2, 7, 0], "the operator"),  # the estimate became invalid on the same tick
         ([6, 2, 13, 0], "the animal was outside the fence (rule 7)"),
     ],
 )
