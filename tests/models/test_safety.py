@@ -272,6 +272,74 @@ def test_rule_3_holds_whatever_operator_and_animal_do(acts: list[tuple[int, Comm
     assert longest <= 2 * SECOND
 
 
+def test_rule_3_a_new_start_fills_the_budget_of_the_mission() -> None:
+    # given a mission that may vibrate for 4 s, and an animal that never turns
+    trial = guarded(mission_vibration=4.0, max_turns=100)
+    trial.tick(h=60, speed=0)
+    trial.tick(10 * SECOND)
+    assert vibrating(trial.commands) == 4 * SECOND
+    # when it is begun anew
+    trial.tick(2 * SECOND, start=0)
+    trial.tick(10 * SECOND, start=1)
+    # then
+    assert vibrating(trial.commands) == 8 * SECOND
+
+
+@pytest.mark.parametrize(("tick", "allowed"), [(99, False), (100, True)])
+def test_rule_3_the_window_forgets_a_block_to_the_tick(tick: int, allowed: bool) -> None:
+    # given blocks of 2 s, and a second of vibration in the first of them
+    trial = guarded(window=2.0, window_vibration=1.0)
+    trial.tick(10, start=0)
+    trial.tick(25, override=Command.LEFT)
+    trial.tick(tick - 35, override=Command.NONE)
+    # when it is asked for again, then it is forgotten with the end of the second
+    assert trial.tick(override=Command.LEFT) == (Command.LEFT if allowed else Command.STOP)
+
+
+@pytest.mark.parametrize("tone", [Command.FORWARD, Command.RECALL])
+def test_rule_3_silence_turns_and_stop_need_none_of_the_budget_of_tones(tone: Command) -> None:
+    # given 100 ticks of tone, of which the stop at power-up takes 38
+    trial = guarded(leg_tone=4.0)
+    trial.tick(38, start=0)
+    trial.tick(30, override=tone)
+    trial.tick(5, override=Command.NONE)
+    trial.tick(5, override=Command.LEFT)
+    assert trial.tick(32, override=tone) == tone
+    # when the others follow
+    for other in (Command.NONE, Command.LEFT, Command.STOP):
+        assert trial.tick(10, override=other) == other
+    # then the next tone is the first that is refused
+    assert reported(trial, Anomaly.BUDGET_SPENT) == []
+    assert trial.tick(override=tone) == Command.STOP
+    assert reported(trial, Anomaly.BUDGET_SPENT) == [140]
+
+
+def test_rule_3_a_turn_that_is_refused_is_not_counted_as_spent() -> None:
+    # given 25 ticks on a leg and 50 in the window, and a trial that ends by the 26th
+    trial = guarded(leg_vibration=1.0, window_vibration=2.0)
+    trial.tick()
+    trial.tick(26, override=Command.LEFT)
+    assert trial.commands[-2:] == [Command.LEFT, Command.STOP]
+    # when another begins
+    trial.tick(2 * SECOND, override=Command.NONE, start=0)
+    trial.tick(start=1)
+    trial.tick(30, override=Command.LEFT)
+    # then it has its 25
+    assert vibrating(trial.commands) == 50
+
+
+def test_rule_3_a_tone_that_is_refused_is_counted_as_the_stop_that_sounds() -> None:
+    # given 25 ticks on a leg and 88 in the window, and a trial that ends by the 26th in a stop of 38
+    trial = guarded(leg_tone=1.0, window_tone=3.52)
+    trial.tick(26)
+    trial.tick(3 * SECOND, start=0)
+    assert trial.phases() == [("FORWARD", 25), ("STOP", 38), ("NONE", 26 + 3 * SECOND - 25 - 38)]
+    # when another begins
+    trial.tick(30, start=1)
+    # then it has its 25
+    assert trial.commands.count(Command.FORWARD) == 50
+
+
 # Rule 4: standing still, going away, taking too long
 
 
@@ -351,6 +419,72 @@ def test_rule_4_a_bad_estimate_is_neither_progress_nor_departure() -> None:
     }
 
 
+@pytest.mark.parametrize(
+    ("limit", "anomaly"), [("leg_time", Anomaly.TIME_OUT), ("progress_time", Anomaly.NO_PROGRESS)]
+)
+def test_rule_4_a_time_is_held_against_the_ticks_at_each_survey(limit: str, anomaly: Anomaly) -> None:
+    # given a limit of 6 ticks
+    trial = guarded(**{limit: 0.24})
+    # when an animal stands, then the second survey, of 10 ticks, is the first that finds it broken
+    trial.tick(SECOND, speed=0)
+    assert reported(trial, anomaly) == [9]
+
+
+def test_rule_4_how_long_an_animal_may_stand_does_not_depend_on_the_place() -> None:
+    ends = []
+    for place in (0.0, 10.0):
+        trial = guarded(progress_time=2.0)
+        trial.tick(3 * SECOND, north=place, speed=0)
+        ends += reported(trial, Anomaly.NO_PROGRESS)
+    # 10 surveys of 5 ticks
+    assert ends == [49, 49]
+
+
+def test_rule_4_the_next_leg_has_its_time_where_its_target_lies_east_of_the_last() -> None:
+    # given legs of at most 8 s, the second due east
+    trial = guarded(
+        leg_time=8.0, progress_time=1e3, forward_timeout=1e3,
+        route={"waypoint_count": 2, "waypoint_north[1]": 0.0, "waypoint_east[2]": 1000.0},
+    )  # fmt: skip
+    # when the first lasts for 6 s
+    trial.tick(6 * SECOND)
+    trial.tick(8 * SECOND - 5, speed=0, heading=math.pi / 2)
+    # then
+    assert trial.model["waypoint"] == 1
+    assert reported(trial, Anomaly.TIME_OUT) == []
+    trial.tick(10)
+    assert len(reported(trial, Anomaly.TIME_OUT)) == 1
+
+
+def test_rule_4_a_recall_from_outside_the_fence_belongs_to_the_mission() -> None:
+    # given a mission of 13 s, 65 surveys, whose animal is outside the fence at the 51st
+    trial = guarded(fence_radius=10.0, fence_recall=1, mission_time=13.0)
+    walk(trial, 0, 15)
+    assert reported(trial, Anomaly.OUTSIDE_FENCE) == [51 * 5 - 1]
+    # when it is recalled, and comes no nearer
+    trial.until(Command.RECALL)
+    began = len(trial.commands)
+    trial.tick(4 * SECOND)
+    # then there are 14 surveys left
+    (end,) = reported(trial, Anomaly.TIME_OUT)
+    assert 13 * 5 <= end - began <= 14 * 5
+
+
+def test_rule_4_a_recall_that_begins_with_a_bad_estimate_sees_the_animal_move() -> None:
+    # given a recall from outside the fence, and no number for a place on its first ticks
+    trial = guarded(fence_radius=25.0, fence_recall=1, progress_time=2.0)
+    walk(trial, 0, 40)
+    trial.tick(38)
+    trial.tick(5, north=math.nan)
+    assert trial.mode == Mode.FAILURE_RECALL
+    # when the animal comes home at 1 m/s
+    for k in range(4 * SECOND):
+        trial.tick(north=25.0 - k / SECOND)
+    # then
+    assert reported(trial, Anomaly.NO_PROGRESS) == []
+    assert trial.commands[-1] == Command.RECALL
+
+
 # Rule 7: the fence
 
 
@@ -371,6 +505,17 @@ def test_rule_7_the_animal_stays_near_the_line_of_its_leg(place: dict[str, float
     trial.tick(10, **place)
     assert bool(reported(trial, Anomaly.OUTSIDE_FENCE)) is outside
     assert (trial.status == Status.STOPPED) is outside
+
+
+@pytest.mark.parametrize(("off", "outside"), [(49.9, False), (50.1, True)])
+def test_rule_7_the_line_of_a_leg_begins_where_the_animal_was(off: float, outside: bool) -> None:
+    # given a leg from 300 m north, 400 m east to the origin
+    trial = guarded(moving_deviation=4.0, stop_deviation=4.0, route={"waypoint_north[1]": 0.0})
+    trial.tick(5, north=300.0, east=400.0)
+    # when the animal leaves it at a right angle
+    trial.tick(5, north=300.0 + 0.8 * off, east=400.0 - 0.6 * off)
+    # then
+    assert bool(reported(trial, Anomaly.OUTSIDE_FENCE)) is outside
 
 
 def test_rule_7_the_animal_stays_near_home() -> None:
@@ -426,6 +571,21 @@ def test_rule_12_trouble_before_a_trial_does_not_lengthen_the_stop(cause: dict[s
     trial = Trial(**LIMITS)
     trial.tick(10 * SECOND, start=0, **cause)
     assert trial.phases() == [("STOP", 38), ("NONE", 10 * SECOND - 38)]
+
+
+def test_rule_12_the_stop_when_switched_on_ends_after_its_time_whatever_the_operator_sent_meanwhile() -> None:
+    for ticks, then in ((37, Command.STOP), (38, Command.NONE)):
+        trial = Trial(**LIMITS)
+        trial.tick(ticks, start=0, override=Command.LEFT)
+        assert trial.tick(override=Command.NONE) == then
+
+
+@pytest.mark.parametrize("command", [Command.FORWARD, Command.LEFT, Command.RIGHT, Command.RECALL])
+def test_rule_12_the_operator_commands_though_nobody_leads_until_the_link_is_lost(command: Command) -> None:
+    trial = Trial(**LIMITS)
+    trial.tick(2 * SECOND, start=0)
+    assert trial.tick(override=command) == command
+    assert trial.tick(link_ok=0) == Command.NONE
 
 
 def test_rule_12_a_stop_of_the_operator_sounds_though_nobody_leads() -> None:
