@@ -97,7 +97,14 @@ void prove_begin(void)
     m.watchdog.out.estimate_ok = nondet_bool();
     m.watchdog.out.override_ok = nondet_bool();
     m.local_plane.state.settled = nondet_bool();
+    m.estimator.out.heading_ok = nondet_bool();
     m.controller.par.capture_radius = 7.0F;
+    m.controller.par.guarded = true;
+    m.controller.par.window_issues = 40;
+    m.controller.par.window_vibration = 80.0F;
+    m.controller.par.window_tone = 240.0F;
+    m.controller.mission.waypoint_north[0] = float_in(-1.0e5F, 1.0e5F);
+    m.controller.mission.waypoint_east[0] = float_in(-1.0e5F, 1.0e5F);
     __CPROVER_assume((m.radio.mission.count <= LINK_MAX_WAYPOINTS) && (m.radio.mission.corners <= LINK_MAX_CORNERS));
     __CPROVER_assume((m.route & ~(READY_REACH | READY_LEGS | READY_FENCE)) == 0);
     __CPROVER_assume(m.planned == (m.place > (m.radio.mission.corners + m.radio.mission.count))); /* one by one */
@@ -117,5 +124,11 @@ void prove_begin(void)
         assert(m.watchdog.out.link_ok && m.watchdog.out.imu_ok && m.watchdog.out.estimate_ok);
         assert(m.local_plane.state.settled && m.planned && (m.controller.out.mode == CMEC_MODE_IDLE));
         assert(!m.watchdog.out.override_ok || (m.radio.override == 0U));
+        assert(m.estimator.out.heading_ok && (m.gps.fix.h_acc <= 7000U));
+        assert((fabsf(m.controller.mission.waypoint_north[0] - m.estimator.out.north) > 4.9F) ||
+               (fabsf(m.controller.mission.waypoint_east[0] - m.estimator.out.east) > 4.9F)); /* 7 m in all */
+        assert((m.controller.state.spent[0] - m.controller.state.earlier_spent[0]) < 40);
+        assert((m.controller.state.spent[1] - m.controller.state.earlier_spent[1]) < 2000); /* ticks: 80 s */
+        assert((m.controller.state.spent[2] - m.controller.state.earlier_spent[2]) < 6000);
     }
 }

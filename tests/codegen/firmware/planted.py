@@ -82,6 +82,13 @@ FAULTS = (
     # a START of another mission, or of one that is not ready
     Fault("onboard.c", "(m->radio.asked != m->radio.mission.id)", "false", "onboard.begin"),
     Fault("onboard.c", "if (m->watchdog.out.estimate_ok) {", "{", "onboard.begin"),
+    Fault("onboard.c", "if (m->estimator.out.heading_ok) {", "{", "onboard.begin"),
+    Fault(
+        "onboard.c", "if ((0.001f * (float)m->gps.fix.h_acc) <= CMEC_CAPTURE_RADIUS) {", "{", "onboard.begin"
+    ),
+    Fault("onboard.c", "leaves(m, VIBRATION, CMEC_WINDOW_VIBRATION) &&", "", "onboard.begin"),
+    Fault("onboard.c", " && leaves(m, TONE, CMEC_WINDOW_TONE)", "", "onboard.begin"),
+    Fault("onboard.c", "< CMEC_WINDOW_ISSUES)", "<= CMEC_WINDOW_ISSUES)", "onboard.begin"),
     Fault(
         "onboard.c",
         "m->planned = m->place == (corners + 1U + held->count);",
