@@ -24,6 +24,8 @@ UNITS: dict[str, tuple[str, float]] = {  # by radio: SI, factor to it
     "cm/s": ("m/s", 1e-2),
     "cm": ("m", 1e-2),
     "dm": ("m", 1e-1),
+    "mV": ("V", 1e-3),
+    "0.1 degC": ("degC", 1e-1),
 }
 
 
@@ -113,6 +115,8 @@ class Ready(Bits):
     FENCE = 0x2000, "home and all waypoints are inside the fence of the mission, if it has one"
     INSIDE = 0x4000, "the animal is inside that fence"
     BUDGET = 0x8000, "the window leaves something of each stimulus"
+    BATTERY = 0x10000, "the battery's voltage is not below its limit, or not told by the board"
+    TEMPERATURE = 0x20000, "the temperature is within its limits, or not told by the board"
 
     @property
     def missing(self) -> tuple[Ready, ...]:
@@ -151,6 +155,8 @@ class Refusal(IntEnum):
     OUTSIDE_FENCE = 15, "home or a waypoint is outside the fence"
     ANIMAL_OUTSIDE = 16, "the animal is outside the fence"
     WINDOW_SPENT = 17, "what may be spent in the window is spent: wait"
+    LOW_BATTERY = 18, "the battery's voltage is below its limit"
+    BAD_TEMPERATURE = 19, "the pack is too cold or too hot"
 
 
 NOT_READY = 2  # number of the refusal for the lowest bit of `Ready`
@@ -207,6 +213,8 @@ class Telemetry:
     rejected_fixes: Annotated[int, Wire("uint16_t", "", "fixes that the estimator rejected")]
     jumps: Annotated[int, Wire("uint8_t", "", "corrections that moved the position by more than allowed")]
     recoveries: Annotated[int, Wire("uint8_t", "", "times that the estimator began anew")]
+    battery: Annotated[int, Wire("uint16_t", "mV", "of the board's battery, 0 if it does not tell")]
+    temperature: Annotated[int, Wire("int16_t", "0.1 degC", "of the pack, -32768 if it does not tell")]
 
     def payload(self) -> bytes:
         """The fields packed."""

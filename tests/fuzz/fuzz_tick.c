@@ -124,6 +124,17 @@ uint32_t port_session(void)
     return SIGNED_SESSION;
 }
 
+/* This board tells neither. */
+uint16_t port_battery_mv(void)
+{
+    return 0U;
+}
+
+int16_t port_temperature(void)
+{
+    return PORT_NO_TEMPERATURE;
+}
+
 /* A block of exactly its size, freed when its place is the board's again: reading beyond it or later is
  * found. */
 uint16_t port_receive(port_source source, const uint8_t **bytes)
@@ -836,7 +847,9 @@ static void check_telemetry(void)
         assert(((t[AT_READY + 2U] & 8U) != 0U) == (vest.place > (vest.radio.mission.corners + vest.radio.mission.count)));
         assert(((t[AT_READY + 2U] & 2U) != 0U) == !overridden());
         assert(((t[AT_READY + 2U] & 4U) != 0U) == (vest.controller.out.mode == CMEC_MODE_IDLE));
-        assert((t[AT_READY] == 0U) && (t[AT_READY + 1U] == 0U));
+        assert((t[AT_READY] == 0U) && (t[AT_READY + 1U] == 3U)); /* battery and temperature, not told */
+        assert((t[AT_BATTERY] == 0U) && (t[AT_BATTERY + 1U] == 0U));
+        assert((t[AT_TEMPERATURE] == 0x80U) && (t[AT_TEMPERATURE + 1U] == 0U));
         assert(((t[AT_READY + 2U] & 0x10U) != 0U) == !world.contradicted);
     }
 }

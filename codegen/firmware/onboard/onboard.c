@@ -325,6 +325,13 @@ static uint32_t readiness(const onboard *m)
     if (m->estimator.out.heading_ok) {
         ready |= READY_HEADING;
     }
+    if ((m->battery_mv == 0U) || (m->battery_mv >= ONBOARD_LEAST_BATTERY_MV)) {
+        ready |= READY_BATTERY;
+    }
+    if ((m->temperature == PORT_NO_TEMPERATURE) ||
+        ((m->temperature >= ONBOARD_LEAST_TEMPERATURE) && (m->temperature <= ONBOARD_MOST_TEMPERATURE))) {
+        ready |= READY_TEMPERATURE;
+    }
     return ready;
 }
 
@@ -468,6 +475,8 @@ static void report(onboard *m)
     const float north_sd = m->estimator.out.north_sd;
     const float east_sd = m->estimator.out.east_sd;
 
+    m->battery_mv = port_battery_mv(); /* first on the first tick, before any START can begin */
+    m->temperature = port_temperature();
     (void)memset(&t, 0, sizeof(t));
     t.time_ms = m->time_ms;
     if (m->local_plane.state.settled) {
@@ -517,6 +526,8 @@ static void report(onboard *m)
     t.rejected_fixes = (uint16_t)m->estimator.out.rejected_fixes;
     t.jumps = to_u8(m->estimator.out.jumps);
     t.recoveries = to_u8(m->estimator.out.recoveries);
+    t.battery = m->battery_mv;
+    t.temperature = m->temperature;
     port_send(frame, link_write_telemetry(&m->radio, frame, &t));
 }
 

@@ -16,6 +16,8 @@ uint8_t pil_vibrate_left;
 uint8_t pil_vibrate_right;
 uint32_t pil_recorded[PIL_WORDS];
 uint32_t pil_session = 1U;
+uint16_t pil_battery_mv;
+int16_t pil_temperature = PORT_NO_TEMPERATURE;
 
 onboard vest;
 
@@ -48,6 +50,16 @@ void port_send(const uint8_t *bytes, uint16_t count)
         (void)memcpy(&pil_sent[pil_sent_count], bytes, count);
         pil_sent_count = (uint16_t)(pil_sent_count + count);
     }
+}
+
+uint16_t port_battery_mv(void)
+{
+    return pil_battery_mv;
+}
+
+int16_t port_temperature(void)
+{
+    return pil_temperature;
 }
 
 void port_command_module(uint16_t tone_hz, bool vibrate_left, bool vibrate_right)

@@ -28,6 +28,13 @@ uint16_t port_receive(port_source source, const uint8_t **bytes);
 /* Send bytes to the operator; they are copied before the function returns. */
 void port_send(const uint8_t *bytes, uint16_t count);
 
+/* What the board measures of itself, asked for with each telemetry: the last reading, since nothing waits here. A
+ * board that cannot tell keeps no trial from beginning. */
+uint16_t port_battery_mv(void); /* 0: not told */
+int16_t port_temperature(void); /* 0.1 deg C, of the pack */
+
+#define PORT_NO_TEMPERATURE INT16_MIN /* not told */
+
 /* Play a tone [Hz], 0 for none, and set the two vibrators. */
 void port_command_module(uint16_t tone_hz, bool vibrate_left, bool vibrate_right);
 

@@ -130,5 +130,8 @@ void prove_begin(void)
         assert((m.controller.state.spent[0] - m.controller.state.earlier_spent[0]) < 40);
         assert((m.controller.state.spent[1] - m.controller.state.earlier_spent[1]) < 2000); /* ticks: 80 s */
         assert((m.controller.state.spent[2] - m.controller.state.earlier_spent[2]) < 6000);
+        assert((m.battery_mv == 0U) || (m.battery_mv >= ONBOARD_LEAST_BATTERY_MV));
+        assert((m.temperature == PORT_NO_TEMPERATURE) ||
+               ((m.temperature >= ONBOARD_LEAST_TEMPERATURE) && (m.temperature <= ONBOARD_MOST_TEMPERATURE)));
     }
 }

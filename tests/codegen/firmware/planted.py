@@ -96,6 +96,8 @@ FAULTS = (
         "onboard.begin",
     ),
     Fault("onboard.c", "    if (m->planned) {\n        ready", "    {\n        ready", "onboard.begin"),
+    Fault("onboard.c", "(m->battery_mv >= ONBOARD_LEAST_BATTERY_MV)", "true", "onboard.begin"),
+    Fault("onboard.c", " && (m->temperature <= ONBOARD_MOST_TEMPERATURE)", "", "onboard.begin"),
     Fault(
         "onboard.c", "is_inside(m, m->estimator.out.north, m->estimator.out.east)", "true", "onboard.begin"
     ),

@@ -39,10 +39,10 @@ def test_the_program_sets_every_member_of_the_telemetry_that_it_sends() -> None:
     assert set(re.findall(r"\bt\.(\w+) = ", program()["onboard.c"])) == members
 
 
-def test_payload_is_76_bytes_as_the_header_states() -> None:
-    # 4 + 4 + 4, seven of 2, six of 1, three of 2, 1, 4, 1, 2, three of 4, seven of 2, 2, two of 1
-    assert PAYLOAD.size == 12 + 14 + 6 + 6 + 1 + 4 + 1 + 2 + 12 + 14 + 4
-    assert "#define TELEMETRY_SIZE 76U" in program()["telemetry.h"]
+def test_payload_is_80_bytes_as_the_header_states() -> None:
+    # 4 + 4 + 4, seven of 2, six of 1, three of 2, 1, 4, 1, 2, three of 4, seven of 2, 2, two of 1, two of 2
+    assert PAYLOAD.size == 12 + 14 + 6 + 6 + 1 + 4 + 1 + 2 + 12 + 14 + 4 + 4
+    assert "#define TELEMETRY_SIZE 80U" in program()["telemetry.h"]
 
 
 def test_payload_of_telemetry_is_read_back() -> None:
@@ -70,6 +70,7 @@ def test_rule_8_each_bit_of_ready_has_a_macro_a_meaning_and_a_refusal_with_its_w
         Ready.HEADING: Refusal.CONTRADICTED,
         Ready.FENCE: Refusal.OUTSIDE_FENCE, Ready.INSIDE: Refusal.ANIMAL_OUTSIDE,
         Ready.BUDGET: Refusal.WINDOW_SPENT,
+        Ready.BATTERY: Refusal.LOW_BATTERY, Ready.TEMPERATURE: Refusal.BAD_TEMPERATURE,
     }  # fmt: skip
     # and header and log name them in words
     header = program()["telemetry.h"]
@@ -97,6 +98,8 @@ def test_bits_that_are_off_are_listed_the_lowest_first() -> None:
         ("cm", 0.01),
         ("dm", 0.1),
         ("1e-4 rad", 1e-4),
+        ("mV", 0.001),
+        ("0.1 degC", 0.1),
     ],
 )
 def test_a_unit_by_radio_has_its_factor_to_si(unit: str, value: float) -> None:
@@ -111,6 +114,7 @@ def test_log_has_each_field_in_si_and_counts_as_whole_numbers() -> None:
     assert kinds["time"] == ("s", "Real")
     assert kinds["latitude"] == ("rad", "Real")
     assert kinds["distance"] == ("m", "Real")
+    assert (kinds["battery"], kinds["temperature"]) == (("V", "Real"), ("degC", "Real"))
     assert (FIELDS["distance"].unit, FIELDS["position_sd"].unit) == ("dm", "cm")  # what `report` sends
     assert kinds["command"] == kinds["gps_frames"] == ("", "Integer")
 

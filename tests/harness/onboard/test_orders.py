@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 import random
 from collections.abc import Iterator
@@ -29,6 +30,13 @@ def vest() -> Iterator[Vest]:
     made = Vest()
     yield made
     made.processor.close()
+
+
+def board(vest: Vest, battery: int, temperature: int = -32768) -> None:
+    """From now on the board tells a battery [mV] and a temperature [0.1 deg C]."""
+    program = vest.processor._library  # type: ignore[attr-defined]
+    ctypes.c_uint16.in_dll(program, "pil_battery_mv").value = battery
+    ctypes.c_int16.in_dll(program, "pil_temperature").value = temperature
 
 
 def target(memory: Memory) -> tuple[float, float]:
@@ -333,6 +341,67 @@ def test_rule_8_no_trial_begins_until_the_window_leaves_something(
     vest.ticks(205)
     assert Ready(vest.telemetry.ready).missing == ()
     vest.processor.close()
+
+
+NOT_TOLD = -32768
+BATTERY, TEMPERATURE = (Ready.BATTERY,), (Ready.TEMPERATURE,)
+
+
+@pytest.mark.parametrize(
+    ("battery", "temperature", "missing", "refusal"),
+    [
+        (0, NOT_TOLD, (), Refusal.NONE),
+        (3500, NOT_TOLD, (), Refusal.NONE),
+        (3499, NOT_TOLD, BATTERY, Refusal.LOW_BATTERY),
+        (1, NOT_TOLD, BATTERY, Refusal.LOW_BATTERY),
+        (65535, -200, (), Refusal.NONE),
+        (0, -201, TEMPERATURE, Refusal.BAD_TEMPERATURE),
+        (0, 600, (), Refusal.NONE),
+        (0, 601, TEMPERATURE, Refusal.BAD_TEMPERATURE),
+        (3499, 601, BATTERY + TEMPERATURE, Refusal.LOW_BATTERY),
+    ],
+)
+def test_rule_8_a_start_needs_a_battery_and_a_temperature_within_limits_if_the_board_tells_them(
+    vest: Vest, battery: int, temperature: int, missing: tuple[Ready, ...], refusal: Refusal
+) -> None:
+    # given a board that tells, or does not
+    board(vest, battery, temperature)
+    vest.ticks(30)
+    vest.load(A)
+    vest.ticks(6)
+    # then the telemetry has what it tells, and what is missing
+    assert (vest.telemetry.battery, vest.telemetry.temperature) == (battery, temperature)
+    assert Ready(vest.telemetry.ready).missing == missing
+    # when
+    memory = vest.ticks(12, Start(A.id))
+    assert vest.telemetry.refusal == refusal
+    assert memory["controller.output.mode"] in (RUNNING if refusal is Refusal.NONE else {Mode.IDLE})
+
+
+def test_rule_8_a_battery_that_runs_low_and_a_pack_that_heats_up_in_a_trial_are_told_and_do_not_end_it(
+    vest: Vest,
+) -> None:
+    vest.ticks(30)
+    vest.begin(A)
+    vest.ticks(6)
+    assert Ready(vest.telemetry.ready).missing == (Ready.IDLE,)
+    # when
+    board(vest, 3100, 655)
+    vest.ticks(6)
+    # then
+    assert (vest.telemetry.battery, vest.telemetry.temperature) == (3100, 655)
+    assert Ready(vest.telemetry.ready).missing == (Ready.IDLE, *BATTERY, *TEMPERATURE)
+    assert vest.ticks(25)["controller.output.mode"] in RUNNING
+
+
+def test_rule_8_the_board_is_asked_once_for_each_telemetry_from_the_first_tick_on(vest: Vest) -> None:
+    # given a board that tells another value on each tick
+    asked = []
+    for battery in range(3001, 3017):
+        board(vest, battery)
+        asked.append(vest.tick(fix=False)["battery_mv"])
+    # then the program has that of the first tick, and from there on of each fifth
+    assert asked == [3001] * 5 + [3006] * 5 + [3011] * 5 + [3016]
 
 
 def test_rule_7_a_polygon_that_came_by_radio_stops_the_animal_outside(vest: Vest) -> None:

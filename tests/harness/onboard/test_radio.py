@@ -46,7 +46,7 @@ TOLD = Telemetry(
     session=0xC0FFEE01, received=0x00012A07, nonce=0x1234567,
     gps_frames=700, gps_errors=1, imu_frames=1530, imu_errors=0, link_errors=65_535,
     link_forged=2, link_replayed=515,
-    rejected_fixes=300, jumps=4, recoveries=255,
+    rejected_fixes=300, jumps=4, recoveries=255, battery=3712, temperature=-57,
 )  # fmt: skip
 BITS = {"B": (0, 255), "H": (0, 2**16 - 1), "I": (0, 2**32 - 1), "h": (-(2**15), 2**15 - 1)} | {
     "i": (-(2**31), 2**31 - 1)
@@ -94,11 +94,11 @@ def test_a_message_becomes_the_frame_of_the_layout(message: Heartbeat, signed: s
 
 def test_telemetry_frame_is_that_of_the_layout() -> None:
     frame = encode(TOLD, 300)
-    assert len(frame) == 94
-    assert frame[:8] == bytes.fromhex("a55a 10 4c 0000012c")
+    assert len(frame) == 98
+    assert frame[:8] == bytes.fromhex("a55a 10 50 0000012c")
     assert frame[8:-10] == bytes.fromhex(
         "0000ef10 136e5d80 cd0b42e0 ffdd 8549 00d2 0028 00fd 0623 0007 04 03 01 02 00 09 ffff 00f0 0000 21"
-        "00000101 08 beef c0ffee01 00012a07 01234567 02bc 0001 05fa 0000 ffff 0002 0203 012c 04 ff"
+        "00000101 08 beef c0ffee01 00012a07 01234567 02bc 0001 05fa 0000 ffff 0002 0203 012c 04 ff 0e80 ffc7"
     )
 
 

@@ -206,6 +206,17 @@ void port_send(const uint8_t *bytes, uint16_t count)
     }
 }
 
+/* This board measures neither. */
+uint16_t port_battery_mv(void)
+{
+    return 0U;
+}
+
+int16_t port_temperature(void)
+{
+    return PORT_NO_TEMPERATURE;
+}
+
 /* The program calls this once in each tick, so it resets the watchdog. */
 void port_command_module(uint16_t tone_hz, bool vibrate_left, bool vibrate_right)
 {

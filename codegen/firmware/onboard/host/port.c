@@ -148,6 +148,17 @@ void port_send(const uint8_t *bytes, uint16_t count)
     (void)sent;
 }
 
+/* Battery and temperature differ from computer to computer: not told. */
+uint16_t port_battery_mv(void)
+{
+    return 0U;
+}
+
+int16_t port_temperature(void)
+{
+    return PORT_NO_TEMPERATURE;
+}
+
 void port_command_module(uint16_t tone_hz, bool vibrate_left, bool vibrate_right)
 {
     static bool written = false;

@@ -224,6 +224,17 @@ static void board_start(void)
 {
 }
 
+/* TO BE WRITTEN where there is a converter: battery and temperature, which are not told here. */
+uint16_t port_battery_mv(void)
+{
+    return 0U;
+}
+
+int16_t port_temperature(void)
+{
+    return PORT_NO_TEMPERATURE;
+}
+
 /* TO BE WRITTEN: a tone of so many Hz at the buzzer (a PWM channel or timer B), 0 for none, and the
  * vibrators. */
 static void board_play(uint16_t tone_hz, bool vibrate_left, bool vibrate_right)
