@@ -301,6 +301,11 @@ def firmware(
     typer.echo(f"{len(paths)} files for {processor.processor} in {_short(folder)}: see README.md there")
     if secret is None:
         _note("INSECURE: whoever has such a radio can command this vest; its telemetry says so")
+    if not values.get("controller", {}).get("guarded"):
+        _note(
+            "WITHOUT LIMITS: cmec.guarded is off, so most rules of models/SAFETY.md do not hold. Not for an "
+            'animal: leave out the scenario\'s reading, or write reading = "guarded"'
+        )
 
 
 @app.command()

@@ -41,6 +41,7 @@ def firmware_of(
 
     Args:
         scenario: the file of a scenario, waypoints or not, or the name of a shipped one; "" for start values.
+            Without a reading of its own it has ON_BOARD, the one with limits.
         settings: `block.name=value` over it.
         estimator: its name; None for the scenario's.
         ahrs: with the AHRS before it, even if the scenario has none.
@@ -50,7 +51,8 @@ def firmware_of(
         UsageError: there is no such estimator, the firmware lacks the parameter of a setting, or two commands
             sound alike.
     """
-    written = load(scenario, mission=False) if scenario else Scenario("--set", reading=ON_BOARD)
+    written = load(scenario, mission=False) if scenario else Scenario("--set")
+    written = replace(written, reading=written.reading or ON_BOARD)
     name = "full_ahrs" if ahrs or written.system == "full_ahrs" else "full"
     system = find_system(name, estimator or written.estimator)
     written = replace(written, system=name, estimator=estimator or written.estimator).override(settings)

@@ -126,6 +126,25 @@ def test_a_bundle_without_a_key_says_so(tmp_path: Path, capsys: pytest.CaptureFi
     assert "INSECURE" in (folder / "README.md").read_text()
 
 
+@pytest.mark.parametrize(
+    ("reading", "limits"), [('reading = "calibrated"', False), ('reading = "guarded"', True), ("", True)]
+)
+def test_a_bundle_of_a_reading_without_limits_says_so(
+    reading: str, limits: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scenario = tmp_path / "my.toml"
+    scenario.write_text(f"{reading}\n")
+    options = ["--target", "host", "--insecure", "--out", str(tmp_path / "fw")]
+    assert main.run(["firmware", *options, "--parameters", str(scenario)]) == 0
+    assert ("WITHOUT LIMITS" in "".join(capsys.readouterr())) is not limits
+    assert f"guarded = {str(limits).lower()}" in (tmp_path / "fw" / "parameters.c").read_text()
+
+
+def test_the_default_bundle_has_the_limits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main.run(["firmware", "--target", "host", "--insecure", "--out", str(tmp_path / "fw")]) == 0
+    assert "WITHOUT LIMITS" not in "".join(capsys.readouterr())
+
+
 @pytest.mark.parametrize("key", [Key(bytes.fromhex(KEY)), None], ids=["key", "insecure"])
 def test_the_program_compiles_with_a_key_and_without(key: Key | None, tmp_path: Path) -> None:
     files = library(key=key) | {"port.c": bundle(TARGETS["host"])["port.c"]}
