@@ -643,7 +643,9 @@ def test_telemetry_in_the_log_has_the_programs_values(flown: Log) -> None:
     refusals, begun = flown["telemetry.refusal"][rows], flown["telemetry.mode"][rows] > Mode.IDLE
     assert set(refusals) == {Refusal.NONE, Refusal.NOT_PLANNED}
     assert not refusals[begun].any()
-    unloaded = Ready.MISSION, Ready.REACH, Ready.LEGS, Ready.FIRST_LEG, Ready.PLANNED
+    unloaded = (
+        Ready.MISSION, Ready.REACH, Ready.LEGS, Ready.FIRST_LEG, Ready.PLANNED, Ready.FENCE, Ready.INSIDE,
+    )  # fmt: skip
     ready = [Ready(int(x)).missing for x in flown["telemetry.ready"][rows]]
     assert {x for x, on in zip(ready, begun, strict=True) if not on} <= {
         (), (Ready.PLANNED,), unloaded,
