@@ -17,7 +17,8 @@ class Operator:
     It stands for an operator who presses START until the trial begins, and no more afterwards: a trial that
     has ended, or a vest that was reset, needs a new wish. An override is renewed while it is wished.
 
-    Nothing is sent before the vest is heard, and only a heartbeat until it answers.
+    Nothing is sent before the vest is heard, and only a heartbeat until it answers. The mission is given once
+    in each session at least: another that the vest holds may have the same id, of 16 bits (rule 9).
 
     Args:
         mission: home and waypoints.
@@ -30,6 +31,7 @@ class Operator:
         self._sessions = 0
         self._silent_since = -math.inf
         self._wish: tuple[bool, Command] | None = None
+        self._given: int | None = None  # counter of the first MISSION of this session
         self._asked: int | None = None  # counter of the first START of this wish
         self._begun = False  # the trial of this wish has begun
 
@@ -52,7 +54,7 @@ class Operator:
         started = Flag.STARTED in flags
         if self._telemetry is None:
             messages.append(Heartbeat(self.link.nonce))
-        elif self._telemetry.mission_id != self.mission.id:
+        elif not self._is_held(self._telemetry):
             messages.append(self.mission)
         if start and self._telemetry and not self._has_begun(started):
             messages.append(Start(self.mission.id))
@@ -64,6 +66,11 @@ class Operator:
         self._wish, self._silent_since = wish, time
         return b"".join(self._frame(message) for message in messages)
 
+    def _is_held(self, telemetry: Telemetry) -> bool:
+        """Does the vest hold the mission, and has it heard this laptop since that was given?"""
+        given = self._given is not None and telemetry.received >= self._given
+        return given and telemetry.mission_id == self.mission.id
+
     def _has_begun(self, started: bool) -> bool:
         """Has the vest, having heard a START of this wish, begun? Telemetry from before it tells nothing."""
         if started and self._asked and self._telemetry:
@@ -72,6 +79,8 @@ class Operator:
 
     def _frame(self, message: Message) -> bytes:
         frame = self.link.encode(message)
+        if isinstance(message, Mission):
+            self._given = self._given or self.link.counter
         if isinstance(message, Start):
             self._asked = self._asked or self.link.counter
         return frame
@@ -80,7 +89,8 @@ class Operator:
         """The last telemetry in the bytes that can be believed, if there is any."""
         believed = self.link.receive(data)
         if self.link.sessions != self._sessions:
-            self._sessions, self._telemetry, self._asked = self.link.sessions, None, None
+            self._sessions, self._telemetry = self.link.sessions, None
+            self._given = self._asked = None
             self._silent_since = -math.inf  # it is greeted at once
         if not believed:
             return None
