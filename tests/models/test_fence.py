@@ -158,6 +158,32 @@ def test_rule_7_a_bad_estimate_tells_no_place_to_hold_against_the_polygon() -> N
     assert len(reported(trial, Anomaly.OUTSIDE_FENCE)) == 1
 
 
+def test_rule_7_a_place_that_was_noted_is_decided_although_the_estimate_has_gone_bad() -> None:
+    # given an animal outside, for the one tick on which its place is noted
+    trial = fenced(SQUARE)
+    trial.tick(8)
+    trial.tick(north=11.0)
+    # when the estimate tells no place any more
+    trial.tick(3, valid=0)
+    # then the round is finished
+    assert len(reported(trial, Anomaly.OUTSIDE_FENCE)) == 1
+
+
+def test_rule_9_a_link_that_is_lost_as_the_animal_is_found_outside_recalls_nobody() -> None:
+    # given an animal outside, that is to be recalled from there
+    for k in range(1, 9):
+        trial = fenced(SQUARE, fence_recall=1)
+        trial.tick(8)
+        trial.tick(k, north=11.0, speed=0)
+        found = bool(reported(trial, Anomaly.OUTSIDE_FENCE))
+        # when the link is lost on any of the ticks until that is found
+        trial.tick(3 * SECOND, link_ok=0)
+        # then the trial ends with the link
+        assert found or Command.RECALL not in trial.commands
+        assert found or trial.mode == Mode.STOPPED
+        assert found or not reported(trial, Anomaly.OUTSIDE_FENCE)
+
+
 def test_rule_7_the_polygon_is_latched_at_start() -> None:
     trial = fenced(SQUARE)
     trial.tick(5)
