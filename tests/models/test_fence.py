@@ -184,6 +184,15 @@ def test_rule_9_a_link_that_is_lost_as_the_animal_is_found_outside_recalls_nobod
         assert found or not reported(trial, Anomaly.OUTSIDE_FENCE)
 
 
+def test_rule_7_nobody_is_stopped_at_a_polygon_whose_trial_is_over() -> None:
+    trial = fenced(SQUARE)
+    trial.tick(5)
+    trial.tick(2 * SECOND, start=0)
+    assert trial.mode == Mode.IDLE
+    trial.tick(SECOND, north=50.0)
+    assert not reported(trial, Anomaly.OUTSIDE_FENCE)
+
+
 def test_rule_7_the_polygon_is_latched_at_start() -> None:
     trial = fenced(SQUARE)
     trial.tick(5)

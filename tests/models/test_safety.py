@@ -328,6 +328,19 @@ def test_rule_3_a_turn_that_is_refused_is_not_counted_as_spent() -> None:
     assert vibrating(trial.commands) == 50
 
 
+def test_rule_3_an_issue_that_is_refused_is_not_counted_as_spent() -> None:
+    # given one issue on a leg and two in the window, and a trial that ends by the second
+    trial = guarded(leg_issues=1, window_issues=2)
+    trial.tick()
+    for override in (Command.LEFT, Command.NONE, Command.LEFT):
+        trial.tick(override=override)
+    assert trial.commands[-1] == Command.STOP
+    # when another begins, then it has its one
+    trial.tick(2 * SECOND, override=Command.NONE, start=0)
+    trial.tick(start=1)
+    assert trial.tick(override=Command.LEFT) == Command.LEFT
+
+
 def test_rule_3_a_tone_that_is_refused_is_counted_as_the_stop_that_sounds() -> None:
     # given 25 ticks on a leg and 88 in the window, and a trial that ends by the 26th in a stop of 38
     trial = guarded(leg_tone=1.0, window_tone=3.52)
@@ -420,7 +433,12 @@ def test_rule_4_a_bad_estimate_is_neither_progress_nor_departure() -> None:
 
 
 @pytest.mark.parametrize(
-    ("limit", "anomaly"), [("leg_time", Anomaly.TIME_OUT), ("progress_time", Anomaly.NO_PROGRESS)]
+    ("limit", "anomaly"),
+    [
+        ("leg_time", Anomaly.TIME_OUT),
+        ("mission_time", Anomaly.TIME_OUT),
+        ("progress_time", Anomaly.NO_PROGRESS),
+    ],
 )
 def test_rule_4_a_time_is_held_against_the_ticks_at_each_survey(limit: str, anomaly: Anomaly) -> None:
     # given a limit of 6 ticks
@@ -438,6 +456,87 @@ def test_rule_4_how_long_an_animal_may_stand_does_not_depend_on_the_place() -> N
         ends += reported(trial, Anomaly.NO_PROGRESS)
     # 10 surveys of 5 ticks
     assert ends == [49, 49]
+
+
+@pytest.mark.parametrize("time", [0.84, 1.0])
+@pytest.mark.parametrize("along", ["north", "east"])
+@pytest.mark.parametrize(("way", "end"), [(2.97, 24), (3.0, 44), (-2.97, 24), (-3.0, 44)])
+def test_rule_4_an_animal_moves_on_by_its_distance_from_where_it_last_had(
+    time: float, along: str, way: float, end: int
+) -> None:
+    # given 5 surveys, 21 to 25 ticks, for 3 m; and all directions right
+    trial = guarded(
+        progress_time=time, progress_distance=3.0, fence_width=1e5, moving_deviation=4.0, stop_deviation=4.0
+    )
+    # when it moves in two steps, and half as far again
+    trial.tick(10, **{along: 50.0}, speed=0)
+    trial.tick(5, **{along: 50.0 + way / 2})
+    trial.tick(10, **{along: 50.0 + way})
+    trial.tick(SECOND, **{along: 50.0 + 1.5 * way} if end > 24 else {})
+    # then its time began anew at the survey on tick 19, or never
+    assert reported(trial, Anomaly.NO_PROGRESS) == [end]
+
+
+def test_rule_4_the_time_of_a_stop_is_no_time_under_forward() -> None:
+    # given 20 ticks under FORWARD, of 25 without progress
+    trial = guarded(progress_time=1.0, stop_hold=0.04)
+    trial.tick(20, speed=0)
+    # when a stop of a second comes between
+    trial.tick(25, override=Command.STOP)
+    trial.tick(10, override=Command.NONE)
+    # then the survey on tick 49 adds the last five
+    assert reported(trial, Anomaly.NO_PROGRESS) == [49]
+
+
+def test_rule_4_an_invalid_estimate_tells_no_place() -> None:
+    # given a recall
+    trial = guarded(progress_time=2.0, recall_time=1e3, route={"waypoint_north[1]": 60.0})
+    trial.tick(north=60.0, speed=0)
+    trial.until(Command.RECALL)
+    trial.tick(10)
+    # when places come that may not be trusted
+    for k in range(30):
+        trial.tick(valid=0, north=60.0 + 5 * k)
+    # then the animal has neither departed nor moved on
+    assert reported(trial, Anomaly.DEPARTING) == []
+    trial.tick(SECOND)
+    assert len(reported(trial, Anomaly.NO_PROGRESS)) == 1
+
+
+def test_rule_4_and_7_a_place_of_an_invalid_estimate_is_not_the_closest_nor_outside() -> None:
+    trial = guarded()
+    trial.tick(5)
+    trial.tick(5, valid=0, north=500.0)
+    trial.tick(5, north=0.0, east=60.0)
+    trial.tick(5, valid=1, east=0.0)
+    assert trial.status == Status.RUNNING
+
+
+def test_each_anomaly_is_counted_by_its_kind() -> None:
+    trial = guarded(progress_time=1e3)
+    trial.tick(20 * SECOND, speed=0)
+    # 3 s of FORWARD and 1 s without a command, five times
+    assert len(reported(trial, Anomaly.FORWARD_FAILURE)) == 5
+    assert [trial.model[f"anomalies[{k}]"] for k in range(1, len(Anomaly))] == [5] + [0] * (len(Anomaly) - 2)
+
+
+def test_a_budget_that_is_spent_without_a_trial_stops_none_and_the_next_may_begin_at_once() -> None:
+    trial = guarded(leg_issues=0)
+    trial.tick(2 * SECOND, start=0)
+    assert trial.tick(override=Command.LEFT) == Command.STOP
+    assert reported(trial, Anomaly.BUDGET_SPENT) == [2 * SECOND]
+    assert (trial.mode, trial.status) == (Mode.IDLE, Status.IDLE)
+    assert trial.tick(override=Command.NONE, start=1) == Command.FORWARD
+
+
+def test_rule_4_an_animal_departs_by_more_than_30_m_from_its_closest_to_the_target() -> None:
+    # given a target 1000 m to the north, and an animal that came as near as 900 m
+    trial = guarded(moving_deviation=4.0, stop_deviation=4.0, fence_width=1e5)
+    for north in (0.0, 100.0, 90.0, 70.0):
+        trial.tick(5, north=north)
+    assert reported(trial, Anomaly.DEPARTING) == []
+    trial.tick(5, north=69.5)
+    assert reported(trial, Anomaly.DEPARTING) == [24]
 
 
 def test_rule_4_the_next_leg_has_its_time_where_its_target_lies_east_of_the_last() -> None:
@@ -494,13 +593,16 @@ def test_rule_4_a_recall_that_begins_with_a_bad_estimate_sees_the_animal_move() 
         ({"east": 49.9}, False),
         ({"east": 50.1}, True),
         ({"east": -50.1}, True),
+        ({"east": 50.0}, False),
         ({"north": 999.0}, False),
+        ({"north": 1049.9}, False),
+        ({"north": 1050.1}, True),  # beyond the target
         ({"north": -49.0}, False),
         ({"north": -51.0}, True),  # behind the start
     ],
 )
 def test_rule_7_the_animal_stays_near_the_line_of_its_leg(place: dict[str, float], outside: bool) -> None:
-    trial = guarded(departing_distance=1e5, moving_deviation=4.0, stop_deviation=4.0)
+    trial = guarded(departing_distance=1e5, moving_deviation=4.0, stop_deviation=4.0, fence_radius=1e5)
     trial.tick(5)
     trial.tick(10, **place)
     assert bool(reported(trial, Anomaly.OUTSIDE_FENCE)) is outside
@@ -512,8 +614,8 @@ def test_rule_7_the_line_of_a_leg_begins_where_the_animal_was(off: float, outsid
     # given a leg from 300 m north, 400 m east to the origin
     trial = guarded(moving_deviation=4.0, stop_deviation=4.0, route={"waypoint_north[1]": 0.0})
     trial.tick(5, north=300.0, east=400.0)
-    # when the animal leaves it at a right angle
-    trial.tick(5, north=300.0 + 0.8 * off, east=400.0 - 0.6 * off)
+    # when the animal is beside its middle
+    trial.tick(5, north=150.0 + 0.8 * off, east=200.0 - 0.6 * off)
     # then
     assert bool(reported(trial, Anomaly.OUTSIDE_FENCE)) is outside
 
@@ -523,6 +625,55 @@ def test_rule_7_the_animal_stays_near_home() -> None:
     walk(trial, 0, 40)
     (end,) = reported(trial, Anomaly.OUTSIDE_FENCE)
     assert 25 * SECOND < end <= 25 * SECOND + 6
+    # then it is stopped on that tick, and left alone
+    assert (trial.commands[-1], trial.status) == (Command.STOP, Status.STOPPED)
+    trial.tick(3 * SECOND)
+    assert (trial.commands[-1], trial.mode) == (Command.NONE, Mode.STOPPED)
+
+
+@pytest.mark.parametrize(("east", "outside"), [(50.0, False), (50.1, True)])
+def test_rule_7_a_leg_to_where_it_began_has_a_fence_too(east: float, outside: bool) -> None:
+    trial = guarded(route={"waypoint_north[1]": 0.0})
+    trial.tick(5)
+    trial.tick(5, east=east)
+    assert bool(reported(trial, Anomaly.OUTSIDE_FENCE)) is outside
+
+
+@pytest.mark.parametrize(("east", "outside"), [(20.0, False), (20.1, True)])
+def test_rule_7_the_radius_is_about_home(east: float, outside: bool) -> None:
+    # given a radius of 25 m about 100 m north, 200 m west, and a target there
+    trial = guarded(
+        fence_radius=25.0, home_north=100.0, home_east=-200.0,
+        route={"waypoint_north[1]": 100.0, "waypoint_east[1]": -200.0},
+    )  # fmt: skip
+    # when the animal is 15 m north of it
+    trial.tick(10, north=115.0, east=-200.0 + east)
+    assert bool(reported(trial, Anomaly.OUTSIDE_FENCE)) is outside
+
+
+def test_rule_7_no_other_limit_is_answered_by_a_recall() -> None:
+    trial = guarded(leg_time=2.0, fence_recall=1)
+    trial.tick(6 * SECOND)
+    assert len(reported(trial, Anomaly.TIME_OUT)) == 1
+    assert trial.mode == Mode.STOPPED
+
+
+def test_rule_7_who_withdraws_the_start_is_obeyed_before_and_in_a_recall_from_outside() -> None:
+    # given an animal that was stopped outside
+    trial = guarded(fence_radius=25.0, fence_recall=1)
+    walk(trial, 0, 40)
+    # when the start is withdrawn before it is recalled
+    trial.tick(4 * SECOND, start=0)
+    # then it never is
+    assert trial.mode == Mode.IDLE
+    assert Command.RECALL not in trial.commands
+    # when it is withdrawn in a recall, if for a tick alone
+    trial.tick(SECOND, start=1)
+    trial.until(Command.RECALL)
+    trial.tick(start=0)
+    trial.tick(3 * SECOND, start=1)
+    # then that is over for good
+    assert trial.status == Status.STOPPED
 
 
 def test_rule_7_it_can_be_recalled_from_outside() -> None:

@@ -46,6 +46,7 @@ ONBOARD = "codegen/firmware/onboard"
 TARGETS = (
     Target("models/cmec.py", CONTROLLER),
     Target("models/safety.py", tuple(reversed(CONTROLLER))),
+    Target("models/fence.py", ("tests/models/test_fence.py",)),
     Target("models/watchdog.py", ("tests/models/test_watchdog.py",)),
     Target("models/fuzzy.py", ("tests/models/test_fuzzy.py",)),
     Target("models/four_state.py", FOUR_STATE),
