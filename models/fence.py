@@ -141,7 +141,7 @@ def encloses(corners: Sequence[tuple[float, float]], place: tuple[float, float])
     for a, b in _edges([(Fraction(x), Fraction(y)) for x, y in corners]):
         if (a[1] > east) != (b[1] > east):
             turn = _turn(a, b, (north, east))
-            inside ^= turn < 0 if b[1] > a[1] else turn > 0
+            inside ^= turn > 0 if b[1] > a[1] else turn < 0
     return inside
 
 

@@ -11,7 +11,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from models.commands import Command, Status
-from models.fence import MAX_CORNERS, fault_of
+from models.fence import MAX_CORNERS, encloses, fault_of
 from models.modes import Anomaly, Mode
 from tests.models.leading import Trial
 from tests.models.test_safety import FREE, LIMITS, SECOND, reported
@@ -90,18 +90,32 @@ def test_rule_7_a_place_is_inside_if_the_polygon_goes_round_it(
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("size", [1.0, 1 / 32])
 def test_rule_7_a_concave_fence_has_its_notch_outside(
-    place: tuple[float, float], inside: bool, turned: bool
+    place: tuple[float, float], inside: bool, turned: bool, size: float
 ) -> None:
-    assert kept_in(CONCAVE[::-1] if turned else CONCAVE, place) is inside
+    corners = [(size * north, size * east) for north, east in (CONCAVE[::-1] if turned else CONCAVE)]
+    place = (size * place[0], size * place[1])
+    assert kept_in(corners, place) is inside
+    assert encloses(corners, place) is inside
+
+
+def test_rule_7_a_place_is_noted_once_in_a_round() -> None:
+    # given a place inside, noted on tick 8
+    trial = fenced(SQUARE)
+    trial.tick(9)
+    # when the animal is outside until the next is noted
+    trial.tick(3, east=11.0)
+    trial.tick(SECOND, east=0.0)
+    # then
+    assert not reported(trial, Anomaly.OUTSIDE_FENCE)
 
 
 def test_rule_7_an_edge_to_the_south_or_west_is_inside_and_one_to_the_north_or_east_outside() -> None:
     for corners in (SQUARE, SQUARE[::-1]):
-        assert kept_in(corners, (-10, 0))
-        assert kept_in(corners, (0, -10))
-        assert not kept_in(corners, (10, 0))
-        assert not kept_in(corners, (0, 10))
+        for place, inside in (((-10, 0), True), ((0, -10), True), ((10, 0), False), ((0, 10), False)):
+            assert kept_in(corners, place) is inside
+            assert encloses(corners, place) is inside
 
 
 @pytest.mark.parametrize("n", range(3, MAX_CORNERS + 1))
@@ -237,6 +251,7 @@ def test_without_the_limits_or_without_corners_there_is_no_polygon() -> None:
     [
         (SQUARE, ""),
         (CONCAVE, ""),
+        ([(north / 32, east / 32) for north, east in CONCAVE], ""),
         ([(0, 0), (0, 10), (10, 10), (5, 0), (10, -10), (0, -5)], ""),  # a corner near an edge
         ([(0.0, 0.0), (0.0, 1e-9), (1e-9, 0.0)], ""),
         ([], "it has 0 corners, expected 3 to 7"),
