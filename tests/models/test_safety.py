@@ -365,6 +365,17 @@ def test_rule_4_an_animal_that_never_goes_is_left_alone() -> None:
     assert len(reported(trial, Anomaly.FORWARD_FAILURE)) >= 5
 
 
+def test_rule_4_the_time_that_an_animal_stood_is_not_held_against_it_in_the_next_trial() -> None:
+    trial = Trial(**LIMITS)
+    trial.tick(30 * SECOND, speed=0)
+    assert len(reported(trial, Anomaly.NO_PROGRESS)) == 1
+    trial.tick(4 * SECOND, start=0)
+    # when another begins
+    trial.tick(15 * SECOND, start=1)
+    # then it has its whole time to go
+    assert trial.status == Status.RUNNING
+
+
 def test_rule_4_an_animal_that_sits_down_on_its_way_is_noticed() -> None:
     # given one that walks for 30 s
     trial = Trial(**LIMITS)
