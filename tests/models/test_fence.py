@@ -252,6 +252,8 @@ def test_without_the_limits_or_without_corners_there_is_no_polygon() -> None:
         (SQUARE, ""),
         (CONCAVE, ""),
         ([(north / 32, east / 32) for north, east in CONCAVE], ""),
+        ([(north / 32, east / 32) for north, east in [*CONCAVE[3:], *CONCAVE[:3]]], ""),
+        ([(0, 0), (0, 3), (5, 5), (0, 7), (0, 10), (10, 5)], ""),  # two edges on one line
         ([(0, 0), (0, 10), (10, 10), (5, 0), (10, -10), (0, -5)], ""),  # a corner near an edge
         ([(0.0, 0.0), (0.0, 1e-9), (1e-9, 0.0)], ""),
         ([], "it has 0 corners, expected 3 to 7"),
