@@ -40,6 +40,7 @@ READINGS[ON_BOARD] = {
     **READINGS["calibrated"],
     "cmec.reset_turns": True,
     "cmec.guarded": True,
+    "cmec.progress_distance": 5.0,  # m: the estimate of one that stands wanders by 3 m with its fixes
     "cmec.rest_speed_sd": 0.3,  # m/s: V'; a dog that walks at 1.5 m/s is then five deviations from rest
 }
 READINGS[ON_BOARD][f"{CanineAhrs.title()}.frozen_samples"] = FROZEN

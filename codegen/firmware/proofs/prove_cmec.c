@@ -59,6 +59,7 @@ static cmec any_cmec(void)
     m.par.mission_issues = short_in(0, 30000);
     m.par.window_issues = short_in(0, 30000);
     m.state.survey_ticks = short_in(0, 4);
+    m.state.edge = short_in(0, 7);
     m.state.leg_ticks = short_in(0, 30000);
     m.state.surveys = short_in(0, 30000);
     m.state.still_ticks = short_in(0, 30000);
@@ -133,8 +134,9 @@ void prove_step(void)
 
     m.par.guarded = nondet_bool();
     if (!m.par.guarded) { /* then nothing ever sets them */
-        m.state.fresh = m.state.turned = m.state.over = m.state.surveyed = m.state.recalling = false;
+        m.state.led = m.state.fresh = m.state.turned = m.state.over = m.state.surveyed = m.state.recalling = false;
         m.state.breach = CMEC_ANOMALY_NONE;
+        m.state.edge = 0;
     }
     cmec_step(&m);
     assert((m.state.ticks >= 0) && (m.state.ticks <= 30000));

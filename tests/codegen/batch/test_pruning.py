@@ -52,7 +52,7 @@ def test_shaking_is_not_needed_where_the_controller_sees_the_true_state() -> Non
 def test_sensor_outputs_that_no_link_reads_are_not_needed() -> None:
     keep = needed(SYSTEMS["full"], [STATUS])
     assert {"accel_x", "pitch_meas", "heading_meas", "gps_fix", "gps_north", "gps_speed"} <= keep["sensors"]
-    assert not keep["sensors"] & {"accel_y", "accel_z", "gyro_z", "mag_x", "roll_meas", "gps_course"}
+    assert not keep["sensors"] & {"accel_y", "accel_z", "gyro_z", "mag_x", "roll_meas"}
     assert {"stride", "jerk", "jerk_stream", "pitch", "acceleration"} <= stems(keep["plant"])
     assert not keep["plant"] & {"roll", "yaw_rate"}
     assert not keep["estimator"] & {"north_sd", "accel_bias", "sigma_accel", "bad_samples", "bad_fixes"}

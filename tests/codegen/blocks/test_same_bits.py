@@ -121,7 +121,7 @@ TRIALS: dict[str, tuple[System, dict[str, dict[str, float]]]] = {
                 "slip_wander": 0.1,
                 "stride_deviation": 0.1,
             },
-            "sensors": {"multipath_rate": 0.1, "attitude_lean": 0.3},
+            "sensors": {"multipath_rate": 0.1, "attitude_lean": 0.3, "frozen_start": 5, "frozen_time": 1},
         },
     ),
     **{  # the limits of leading, one that is met in each

@@ -89,7 +89,7 @@ def test_the_program_on_the_rabbit_stays_within_memory_and_tick(rabbit: Processo
 
 
 def test_a_program_that_does_not_come_back_is_named_and_its_simulator_gone() -> None:
-    files = library() | processor_in_the_loop()
+    files = library(banked=True) | processor_in_the_loop()
     begin = "void onboard_tick(onboard *m)\n{\n"
     assert begin in files["onboard.c"]
     files["onboard.c"] = files["onboard.c"].replace(begin, begin + "    while (m->time_ms == 40U) {\n    }\n")

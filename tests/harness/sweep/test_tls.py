@@ -84,7 +84,7 @@ def test_a_sweep_over_tls_has_the_results_of_this_machine(
         planned, tmp_path / "there", cluster.address, certificates=of(folder, "canine"), note=notes.append
     )
     assert (tmp_path / "there/sweep.csv").read_bytes() == (tmp_path / "here/sweep.csv").read_bytes()
-    assert notes == []
+    assert [note for note in notes if "no workers yet" not in note] == []  # which a slow machine says
 
 
 def test_a_cluster_by_tls_refuses_strangers_and_those_without_tls(
