@@ -29,7 +29,8 @@ def test_the_published_readings_set_the_same_parameters_and_the_guarded_one_sets
 def test_the_guarded_reading_is_the_calibrated_one_with_the_limits_and_turns_by_waypoint() -> None:
     differing = dict(READINGS["guarded"].items() - READINGS["calibrated"].items())
     own = {name: value for name, value in differing.items() if name.startswith("cmec.")}
-    assert own == {"cmec.reset_turns": True, "cmec.guarded": True, "cmec.rest_speed_sd": 0.3}
+    limits = {"cmec.guarded": True, "cmec.progress_distance": 5.0, "cmec.rest_speed_sd": 0.3}
+    assert own == {"cmec.reset_turns": True, **limits}
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)

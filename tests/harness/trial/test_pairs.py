@@ -73,11 +73,13 @@ def test_each_vector_of_windows_or_points_declares_its_other_half() -> None:
         for block in BLOCKS for p in block.group("parameter") if isinstance(p, Parameter) and p.size
     }  # fmt: skip
     # then those that are no pair are triples, one for each axis, or a profile, whose values stand alone
-    paired = {"sensors.outage_start", "sensors.outage_end", "cmec.waypoint_north", "cmec.waypoint_east"}
+    places = {f"cmec.{kind}_{axis}" for kind in ("waypoint", "fence") for axis in ("north", "east")}
+    paired = {"sensors.outage_start", "sensors.outage_end"} | places
     others = {name for name, p in vectors.items() if p.size != 3 and not name.startswith("profile.")}
     assert others == paired
     assert {name: p.begins or p.beside for name, p in vectors.items() if p.begins or p.beside} == {
-        "sensors.outage_end": "outage_start", "cmec.waypoint_east": "waypoint_north"
+        "sensors.outage_end": "outage_start",
+        "cmec.waypoint_east": "waypoint_north", "cmec.fence_east": "fence_north",
     }  # fmt: skip
     assert is_paired("sensors", "outage_start[3]")
     assert not is_paired("cmec", "max_turns")
