@@ -40,7 +40,7 @@ READINGS[ON_BOARD] = {
     **READINGS["calibrated"],
     "cmec.reset_turns": True,
     "cmec.guarded": True,
-    "cmec.progress_distance": 5.0,  # m: the estimate of one that stands wanders by 3 m with its fixes
+    "cmec.progress_distance": 5.0,  # m: with 1 m the wander of the fixes hid for 56 s that it stood
     "cmec.rest_speed_sd": 0.3,  # m/s: V'; a dog that walks at 1.5 m/s is then five deviations from rest
 }
 READINGS[ON_BOARD][f"{CanineAhrs.title()}.frozen_samples"] = FROZEN

@@ -68,8 +68,8 @@ class Operator:
 
     def _is_held(self, telemetry: Telemetry) -> bool:
         """Does the vest hold the mission, and has it heard this laptop since that was given?"""
-        given = self._given is not None and telemetry.received >= self._given
-        return given and telemetry.mission_id == self.mission.id
+        heard = self._given is not None and telemetry.received >= self._given
+        return heard and telemetry.mission_id == self.mission.id
 
     def _has_begun(self, started: bool) -> bool:
         """Has the vest, having heard a START of this wish, begun? Telemetry from before it tells nothing."""

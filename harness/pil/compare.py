@@ -236,10 +236,8 @@ def show(result: Mapping[str, Any], console: Console) -> None:
     print_table(table, console)
 
 
-def costs(
-    target: str, out: Path, estimator: str | None = None, *, ahrs: bool = False, constants: bool = False
-) -> dict[str, Any]:
+def costs(target: str, out: Path, estimator: str | None = None, *, ahrs: bool = False) -> dict[str, Any]:
     """The figures in the bundle's README: those of the standard trial."""
-    result = run(target, SCENARIO, Changes(estimator=estimator, ahrs=ahrs), out, constants=constants)
+    result = run(target, SCENARIO, Changes(estimator=estimator, ahrs=ahrs), out)
     summary = result.pop("trial")
     return result | {"scenario": summary["scenario"], "seed": summary["seed"]}

@@ -195,29 +195,31 @@ def test_rule_3_telemetry_tells_what_is_left_of_the_budget_and_what_broke_it() -
     # given an animal that ignores its turn, when it has been turned for a while
     with begun(heading=math.pi / 3) as animal:
         played = animal.ticks(10.0, still, HERE)
-        told = animal.vest.telemetry
+        telemetry = animal.vest.telemetry
         # then what is left and what was played make the budget; telemetry comes once a second
         assert 1 <= issues(played) < LEG_ISSUES
-        assert told.issues_left == LEG_ISSUES - issues(played)
-        assert told.vibration_left / 10 == pytest.approx(
+        assert telemetry.issues_left == LEG_ISSUES - issues(played)
+        assert telemetry.vibration_left / 10 == pytest.approx(
             LEG_VIBRATION - seconds(played, *DIRECTIONS), abs=1.1
         )
         # and the window began with the stop of the power-up
-        assert told.tone_left / 10 == pytest.approx(WINDOW_TONE - HELD - seconds(played, *TONES), abs=0.2)
-        assert told.last_anomaly == Anomaly.TURN_FAILURE
+        assert telemetry.tone_left / 10 == pytest.approx(
+            WINDOW_TONE - HELD - seconds(played, *TONES), abs=0.2
+        )
+        assert telemetry.last_anomaly == Anomaly.TURN_FAILURE
         # when it is spent, then nothing is left, and that has ended the trial
         animal.ticks(40.0, still, HERE)
-        told = animal.vest.telemetry
-        assert (told.issues_left, told.vibration_left) == (0, 0)
-        assert told.last_anomaly == Anomaly.BUDGET_SPENT
+        telemetry = animal.vest.telemetry
+        assert (telemetry.issues_left, telemetry.vibration_left) == (0, 0)
+        assert telemetry.last_anomaly == Anomaly.BUDGET_SPENT
         # when the mission begins anew, then all of it is there again
         animal.tick(still, Abort(), fix=False)
         animal.ticks(2.0, still, HERE)
         animal.tick(still, Start(NORTH.id), fix=False)
         animal.ticks(1.2, still, HERE)
-        told = animal.vest.telemetry
-        assert (told.issues_left, told.vibration_left) == (LEG_ISSUES, 10 * LEG_VIBRATION)
-        assert told.last_anomaly == Anomaly.NONE
+        telemetry = animal.vest.telemetry
+        assert (telemetry.issues_left, telemetry.vibration_left) == (LEG_ISSUES, 10 * LEG_VIBRATION)
+        assert telemetry.last_anomaly == Anomaly.NONE
 
 
 @pytest.mark.parametrize("under_way", [True, False])
@@ -313,8 +315,8 @@ def test_the_program_gives_its_blocks_what_the_wiring_says() -> None:
     links = [link for link in SYSTEMS["full"].links if link.source in blocks and link.target in blocks]
     assert len(links) >= 7
     for link in links:
-        given = memory[f"{link.target}.input.{link.target_variable}"]
-        assert given == memory[f"{link.source}.output.{link.source_variable}"], str(link)
+        taken = memory[f"{link.target}.input.{link.target_variable}"]
+        assert taken == memory[f"{link.source}.output.{link.source_variable}"], str(link)
 
 
 # --- rule 4 ---
