@@ -295,7 +295,7 @@ def firmware(
             "that obeys whoever has such a radio"
         )
     processor = find_target(target)
-    secret = read(key) if key else None
+    secret = read(key, _note) if key else None
     navigation, values = firmware_of(parameters, settings or [], estimator, ahrs=ahrs)
     paths = bundle.write(processor, folder, values, navigation, constants=constants, key=secret)
     typer.echo(f"{len(paths)} files for {processor.processor} in {_short(folder)}: see README.md there")

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import re
 import secrets
+import stat
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,6 +14,7 @@ from models.errors import UsageError
 
 SIZE = 16  # bytes
 PRIVATE = 0o600  # mode of a file that holds a key
+OTHERS_READ, OTHERS_WRITE = 0o044, 0o022  # bits of a mode: the group and everybody
 HEAD = "# radio key of a vest, made by `canine keygen`. SECRET: whoever reads it can command the vest\n"
 
 
@@ -48,16 +51,28 @@ def write_new(path: Path) -> None:
         raise UsageError(f"--out {path}: cannot be written: {reason.strerror}") from None
 
 
-def read(path: Path) -> Key:
+def read(path: Path, note: Callable[[str], None] = lambda text: None) -> Key:
     """The key in a file: 32 hexadecimal digits; lines that begin with # are comments.
 
+    Args:
+        path: the file.
+        note: is told if users beside the owner may read it.
+
     Raises:
-        UsageError: it cannot be read, or holds no key, or the one that everybody knows.
+        UsageError: it cannot be read, others may change it, it holds no key, or the one that everybody knows.
     """
     try:
-        lines = path.read_text(encoding="ascii").splitlines()
+        with path.open(encoding="ascii") as file:
+            mode = stat.S_IMODE(os.fstat(file.fileno()).st_mode)
+            lines = file.read().splitlines()
     except (OSError, UnicodeDecodeError) as reason:
         raise UsageError(f"--key {path}: cannot be read: {getattr(reason, 'strerror', 'no text')}") from None
+    if mode & OTHERS_WRITE:
+        raise UsageError(
+            f"--key {path}: its mode is {mode:04o}, so users beside its owner can put their key there; "
+            f"expected {PRIVATE:04o}. Make a new key by `canine keygen`, or if you know this one to be "
+            f"yours: chmod {PRIVATE:o} {path}"
+        )
     words = [line.strip() for line in lines if line.strip() and not line.startswith("#")]
     if len(words) != 1 or not re.fullmatch(rf"[0-9a-fA-F]{{{2 * SIZE}}}", words[0]):
         raise UsageError(
@@ -67,4 +82,9 @@ def read(path: Path) -> Key:
     key = Key(bytes.fromhex(words[0]))
     if key == SIMULATION_KEY or len(set(key.data)) == 1:
         raise UsageError(f"--key {path}: everybody knows this key; make one by `canine keygen`")
+    if mode & OTHERS_READ:
+        note(
+            f"--key {path}: its mode is {mode:04o}, so users beside its owner can read the key and command "
+            f"the vest: chmod {PRIVATE:o} {path}; if one may have read it, make a new key by `canine keygen`"
+        )
     return key

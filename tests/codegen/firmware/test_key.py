@@ -29,6 +29,7 @@ def file(tmp_path: Path) -> Path:
     """A file with KEY."""
     path = tmp_path / "a.key"
     path.write_text(f"# a vest's\n\n{KEY}\n")
+    path.chmod(0o600)
     return path
 
 
@@ -60,20 +61,59 @@ def test_keygen_overwrites_no_file(file: Path, capsys: pytest.CaptureFixture[str
         write_new(file / "x")
 
 
+@pytest.mark.parametrize("mode", [0o620, 0o602, 0o622, 0o666, 0o777])
+def test_a_file_that_others_may_change_is_refused(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], mode: int
+) -> None:
+    file.chmod(mode)
+    arguments = ["--target", "host", "--key", str(file), "--out", str(tmp_path / "fw")]
+    assert main.run(["firmware", *arguments]) == 2
+    # then the error tells the file, its mode, the mode that it should have, and what to do
+    error = "".join(capsys.readouterr())
+    for part in (f"--key {file}: ", f" {mode:04o}", " 0600", f"chmod 600 {file}", "`canine keygen`"):
+        assert part in " ".join(error.split())
+    assert KEY not in error
+    assert not (tmp_path / "fw").exists()
+
+
+@pytest.mark.parametrize(
+    ("mode", "noted"),
+    [(0o600, False), (0o400, False), (0o711, False), (0o640, True), (0o604, True), (0o444, True)],
+)
+def test_a_file_that_others_may_read_is_taken_with_a_note(file: Path, mode: int, noted: bool) -> None:
+    file.chmod(mode)
+    notes = list[str]()
+    assert read(file, notes.append) == Key(bytes.fromhex(KEY))
+    # then the note tells the file, its mode and what to do
+    assert len(notes) == noted
+    for part in (f"--key {file}: ", f" {mode:04o}", f"chmod 600 {file}", "`canine keygen`"):
+        assert all(part in note and KEY not in note for note in notes)
+
+
+def test_firmware_prints_the_note_on_a_key_that_others_may_read(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["firmware", "--target", "host", "--key", str(file), "--out", str(tmp_path / "fw")]
+    for mode in (0o600, 0o644):
+        file.chmod(mode)
+        assert main.run(arguments) == 0
+        assert (f"note: --key {file}: " in capsys.readouterr().err) is (mode == 0o644)
+
+
 @pytest.mark.parametrize("text", ["", "# nothing", KEY[:-1], KEY + "0", f"{KEY}\n{KEY}", "x" * 32, "ä" * 32])
-def test_a_file_without_a_key_is_refused(tmp_path: Path, text: str) -> None:
-    (tmp_path / "a.key").write_text(text)
-    with pytest.raises(UsageError, match=r"--key .*a\.key: "):
-        read(tmp_path / "a.key")
+def test_a_file_without_a_key_is_refused(file: Path, tmp_path: Path, text: str) -> None:
+    file.write_text(text)
+    with pytest.raises(UsageError, match=r"--key .*a\.key: (cannot be read|expected one line)"):
+        read(file)
     with pytest.raises(UsageError, match="cannot be read"):
         read(tmp_path / "none.key")
 
 
 @pytest.mark.parametrize("digits", [SIMULATION_KEY.data.hex(), "00" * 16, "ff" * 16])
-def test_a_key_that_everybody_knows_is_refused(tmp_path: Path, digits: str) -> None:
-    (tmp_path / "a.key").write_text(digits)
+def test_a_key_that_everybody_knows_is_refused(file: Path, digits: str) -> None:
+    file.write_text(digits)
     with pytest.raises(UsageError, match="everybody knows"):
-        read(tmp_path / "a.key")
+        read(file)
 
 
 def test_a_key_has_16_bytes_and_is_not_shown() -> None:
