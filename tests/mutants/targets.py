@@ -40,6 +40,7 @@ FOUR_STATE = (
     "four_state or FourState",
 )
 DRIVERS = ("tests/codegen/firmware/test_driver_bounds.py", "tests/codegen/firmware/test_onboard_drivers.py")
+RADIO = (*DRIVERS, "-k", "not (captures or ubx or mt or fix or epoch or sample)")
 ORDERS = "tests/harness/onboard/test_orders.py"
 BOUNDS = "tests/harness/onboard/test_onboard_bounds.py"
 ONBOARD = "codegen/firmware/onboard"
@@ -55,6 +56,7 @@ TARGETS = (
     Target(f"{ONBOARD}/scanner.c", DRIVERS),
     Target(f"{ONBOARD}/ubx.c", DRIVERS),
     Target(f"{ONBOARD}/mt.c", DRIVERS),
-    Target(f"{ONBOARD}/link.c", (*DRIVERS, ORDERS)),
+    Target(f"{ONBOARD}/link.c", RADIO),
+    Target(f"{ONBOARD}/siphash.c", RADIO),
     Target(f"{ONBOARD}/onboard.c", (BOUNDS, ORDERS, "tests/harness/onboard/test_stand_in.py")),
 )

@@ -58,6 +58,31 @@ SIZES = f"""#include "link.h"
 const size_t SIZES[] = {{{", ".join(f"sizeof({name})" for name in STRUCTS)}}};
 """
 
+# a machine whose int has two bytes: its C sums and signs by bytes, its SipRound is the processor's own
+SMALL = {
+    "limits.h": "#define UINT_MAX 0xFFFFU\n",
+    "sipround.c": """#include "siphash.h"
+#include <string.h>
+#define ROTATED(x, bits) (((x) << (bits)) | ((x) >> (64 - (bits))))
+void siphash_round(siphash_word *v)
+{
+    uint64_t w[4];
+    memcpy(w, v, sizeof(w)); /* the lowest byte first, as on this machine */
+    w[0] += w[1];
+    w[1] = ROTATED(w[1], 13) ^ w[0];
+    w[0] = ROTATED(w[0], 32);
+    w[2] += w[3];
+    w[3] = ROTATED(w[3], 16) ^ w[2];
+    w[0] += w[3];
+    w[3] = ROTATED(w[3], 21) ^ w[0];
+    w[2] += w[1];
+    w[1] = ROTATED(w[1], 17) ^ w[2];
+    w[2] = ROTATED(w[2], 32);
+    memcpy(v, w, sizeof(w));
+}
+""",
+}
+
 
 def write_drivers(folder: Path, key: Key | None = SIMULATION_KEY) -> list[str]:
     """The sources of the drivers with their headers, into a folder; the sources' names."""
@@ -66,12 +91,13 @@ def write_drivers(folder: Path, key: Key | None = SIMULATION_KEY) -> list[str]:
     return [name for name in SOURCES if name in files]
 
 
-def library(folder: Path, key: Key | None = SIMULATION_KEY) -> ctypes.CDLL:
-    """The drivers, compiled for this machine, with the sizes of their structs."""
-    sources = write_drivers(folder, key)
-    write_files({"sizes.c": SIZES}, folder)
+def library(folder: Path, key: Key | None = SIMULATION_KEY, *, small: bool = False) -> ctypes.CDLL:
+    """The drivers, compiled for this machine or as for a small one, with the sizes of their structs."""
+    extra = {"sizes.c": SIZES} | (SMALL if small else {})
+    write_files(extra, folder)
+    sources = [*write_drivers(folder, key), *(name for name in extra if name.endswith(".c"))]
     flags = (*NUMERICS, *WARNINGS, "-Wsign-conversion", "-Wshadow", "-fno-sanitize=all", "-I.")
-    path = build_library(folder, [*sources, "sizes.c"], folder / "drivers.so", what="drivers", flags=flags)
+    path = build_library(folder, sources, folder / "drivers.so", what="drivers", flags=flags)
     return ctypes.CDLL(str(path))
 
 

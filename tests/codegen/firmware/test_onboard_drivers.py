@@ -80,6 +80,14 @@ def c(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
     return library(tmp_path_factory.mktemp("onboard"))
 
 
+@pytest.fixture(scope="session", params=[False, True], ids=["int of 4 bytes", "int of 2 bytes"])
+def machine(
+    request: pytest.FixtureRequest, c: ctypes.CDLL, tmp_path_factory: pytest.TempPathFactory
+) -> ctypes.CDLL:
+    """The drivers for this machine, and as for a small one."""
+    return library(tmp_path_factory.mktemp("small"), small=True) if request.param else c
+
+
 def driver(c: ctypes.CDLL, name: str) -> Driver:
     """A parser; the radio's holds the mission that GOOD starts."""
     first: dict[str, list[int]] = {"mt": [False], "link": [SESSION]}
@@ -837,15 +845,15 @@ def siphash_of(c: ctypes.CDLL, key: bytes, *parts: bytes) -> bytes:
     return tag.raw
 
 
-def test_siphash_gives_the_papers_vectors(c: ctypes.CDLL) -> None:
+def test_siphash_gives_the_papers_vectors(machine: ctypes.CDLL) -> None:
     # given the key 00 to 0f and the messages 00, 01, ... of 0 to 63 bytes
     key = bytes(range(16))
     assert len(VECTORS) == 64
     for length, expected in enumerate(VECTORS):
         # then, in one piece and in two, it is what the authors' program gives
         message = bytes(range(length))
-        assert siphash_of(c, key, message) == expected
-        assert siphash_of(c, key, message[: length // 3], message[length // 3 :]) == expected
+        assert siphash_of(machine, key, message) == expected
+        assert siphash_of(machine, key, message[: length // 3], message[length // 3 :]) == expected
 
 
 @settings(max_examples=300, deadline=None)
@@ -876,12 +884,12 @@ telemetries = st.fixed_dictionaries(
 @settings(max_examples=200, deadline=None)
 @given(telemetry=telemetries, counter=st.integers(1, U32))
 def test_telemetry_of_the_vest_is_what_the_laptop_reads(
-    c: ctypes.CDLL, telemetry: Telemetry, counter: int
+    machine: ctypes.CDLL, telemetry: Telemetry, counter: int
 ) -> None:
-    link = Driver(c, "link", telemetry.session)
+    link = Driver(machine, "link", telemetry.session)
     link.state.told = counter - 1
     frame = ctypes.create_string_buffer(radio.Decoder.SIZE)
-    write = c.link_write_telemetry
+    write = machine.link_write_telemetry
     write.restype = ctypes.c_uint8
     size = write(ctypes.byref(link.state), frame, ctypes.byref(c_telemetry(telemetry)))
     assert (size, link.state.told) == (radio.Decoder.SIZE, counter)
