@@ -71,7 +71,7 @@ def test_the_logic_of_models_is_changed_and_declarations_are_left_alone() -> Non
 def test_every_target_has_mutants_and_each_differs_from_its_source() -> None:
     for target in TARGETS:
         source = (PROJECT / target.file).read_text()
-        assert len(target.mutants()) > 15
+        assert len(target.mutants()) > 10
         assert all(mutant.text != source for mutant in target.mutants())
         for test in target.tests:
             assert not test.endswith(".py") or (PROJECT / test).is_file(), test

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from models.canine_ahrs import CanineAhrs
 from models.kit.block import Block
 from models.kit.elementary import lower
+from models.kit.model import Model
 from models.seven_state import TUNINGS, SevenState
 from models.six_state import SixState
 from models.system import ESTIMATORS
@@ -626,6 +627,26 @@ def test_with_either_tuning_of_table_c1_no_fix_of_a_walk_is_rejected(native: Mak
         assert out["accepted"].sum() == inputs["gps_fix"].sum() - 1
     strict = native(SevenState, "double", TUNINGS["pedestrian"] | {"gate": 5}).run(**inputs)
     assert strict["accepted"].sum() < 0.95 * inputs["gps_fix"].sum()
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_heading_that_turns_past_south_is_wrapped(side: int) -> None:
+    # given 0.01 rad short of south, by a course whose deviation is 0.5 / 2 rad
+    model = Model(SixState, {"initial_gyro_bias_variance": 1e-9})
+    model.initialize()
+    course = side * (math.pi - 0.01)
+    fix = {"gps_fix": 1, "gps_speed": 2, "gps_course": course, "gps_h_acc": 100, "gps_s_acc": 0.1}
+    for name, value in fix.items():
+        model[name] = value
+    model.step()
+    # when it turns on by 3 rad/s for a tick, 0.12 rad
+    model["gps_fix"], model["gyro_z"] = 0, side * 3.0
+    model.step()
+    assert model["heading"] == pytest.approx(-side * (math.pi - 0.11), abs=1e-9)
+    # or a course 0.41 rad back corrects it, by half: both are about as uncertain
+    model["gps_fix"], model["gyro_z"], model["gps_course"] = 1, 0.0, side * (math.pi - 0.3)
+    model.step()
+    assert model["heading"] == pytest.approx(side * (math.pi - 0.095), abs=0.002)
 
 
 # Two biases

@@ -39,6 +39,13 @@ FOUR_STATE = (
     "-k",
     "four_state or FourState",
 )
+ESTIMATOR = (
+    "tests/models/test_four_state_bounds.py",
+    "tests/models/test_given_heading.py",
+    "tests/models/test_trust.py",
+    *FOUR_STATE[1:-1],
+    "four_state or FourState or wrapped",
+)
 DRIVERS = ("tests/codegen/firmware/test_driver_bounds.py", "tests/codegen/firmware/test_onboard_drivers.py")
 RADIO = (*DRIVERS, "-k", "not (captures or ubx or mt or fix or epoch or sample)")
 ORDERS = "tests/harness/onboard/test_orders.py"
@@ -51,8 +58,9 @@ TARGETS = (
     Target("models/watchdog.py", ("tests/models/test_watchdog.py",)),
     Target("models/fuzzy.py", ("tests/models/test_fuzzy.py",)),
     Target("models/four_state.py", FOUR_STATE),
-    Target("models/given_heading.py", FOUR_STATE),
-    Target("models/estimator.py", FOUR_STATE),
+    Target("models/given_heading.py", ESTIMATOR),
+    Target("models/estimator.py", ESTIMATOR),
+    Target("models/inertial.py", ESTIMATOR),
     Target(f"{ONBOARD}/scanner.c", DRIVERS),
     Target(f"{ONBOARD}/ubx.c", DRIVERS),
     Target(f"{ONBOARD}/mt.c", DRIVERS),
