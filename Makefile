@@ -11,7 +11,7 @@ demo: .venv/ready
 
 # Tools of the tests that are not Python packages: root installs them; a test without its tool skips and says so.
 TOOLS := gcc:gcc nm:binutils clang:clang clang:libclang-rt-dev cppcheck:cppcheck \
-         arm-none-eabi-gcc:gcc-arm-none-eabi qemu-system-arm:qemu-system-arm
+         arm-none-eabi-gcc:gcc-arm-none-eabi qemu-system-arm:qemu-system-arm openssl:openssl
 
 test: .venv/ready
 	@if [ "$$(id -u)" = 0 ]; then \

@@ -117,6 +117,7 @@ class Ready(Bits):
     BUDGET = 0x8000, "the window leaves something of each stimulus"
     BATTERY = 0x10000, "the battery's voltage is not below its limit, or not told by the board"
     TEMPERATURE = 0x20000, "the temperature is within its limits, or not told by the board"
+    AGREEMENT = 0x40000, "the estimator has not rejected the last good fix"
 
     @property
     def missing(self) -> tuple[Ready, ...]:
@@ -157,6 +158,7 @@ class Refusal(IntEnum):
     WINDOW_SPENT = 17, "what may be spent in the window is spent: wait"
     LOW_BATTERY = 18, "the battery's voltage is below its limit"
     BAD_TEMPERATURE = 19, "the pack is too cold or too hot"
+    FIX_REJECTED = 20, "the last fix contradicts the estimate"
 
 
 NOT_READY = 2  # number of the refusal for the lowest bit of `Ready`

@@ -103,6 +103,9 @@ static struct {
     uint32_t fix_gap;      /* ticks since a fix that the estimator can use */
     float contradiction;   /* s, of heading and course */
     bool contradicted;
+    int32_t rejections; /* as the estimator told after the last fix that it can use */
+    int32_t recoveries;
+    bool rejecting;     /* that fix was rejected, and the filter did not begin anew at it */
     uint32_t reports;     /* frames sent in this tick */
     bool due;             /* telemetry is due */
     int32_t last_mode;
@@ -546,6 +549,10 @@ static void judge_instruments(void)
         const float off = turn + (6.2831855F * floorf(0.5F - (0.15915494F * turn)));
 
         world.fix_gap = 0U;
+        world.rejecting = (vest.estimator.out.rejected_fixes != world.rejections) &&
+                          (vest.estimator.out.recoveries == world.recoveries);
+        world.rejections = vest.estimator.out.rejected_fixes;
+        world.recoveries = vest.estimator.out.recoveries;
         if (vest.estimator.in.gps_speed > fmaxf(0.5F, 3.0F * vest.estimator.in.gps_s_acc)) {
             world.contradiction += (fabsf(off) > HEADING_LIMIT) ? time : -time;
             world.contradiction = fmaxf(0.0F, fminf(HEADING_TIME, world.contradiction));
@@ -823,7 +830,7 @@ static void check_telemetry(void)
 
     assert(world.reports <= 1U);
     world.due = world.due || ((world.ticks % REPORT_TICKS) == 0U);
-    if (world.due && (vest.busy || vest.laden) && (world.late < 2U)) { /* a fix or a mission goes first */
+    if (world.due && (vest.busy || vest.watchdog.in.heard) && (world.late < 2U)) { /* a fix or a message goes first */
         world.late++;
         assert(world.reports == 0U);
     } else {
@@ -847,7 +854,8 @@ static void check_telemetry(void)
         assert(((t[AT_READY + 2U] & 8U) != 0U) == (vest.place > (vest.radio.mission.corners + vest.radio.mission.count)));
         assert(((t[AT_READY + 2U] & 2U) != 0U) == !overridden());
         assert(((t[AT_READY + 2U] & 4U) != 0U) == (vest.controller.out.mode == CMEC_MODE_IDLE));
-        assert((t[AT_READY] == 0U) && (t[AT_READY + 1U] == 3U)); /* battery and temperature, not told */
+        assert((t[AT_READY] == 0U) && ((t[AT_READY + 1U] & ~4U) == 3U)); /* battery and temperature, not told */
+        assert(((t[AT_READY + 1U] & 4U) == 0U) == world.rejecting);
         assert((t[AT_BATTERY] == 0U) && (t[AT_BATTERY + 1U] == 0U));
         assert((t[AT_TEMPERATURE] == 0x80U) && (t[AT_TEMPERATURE + 1U] == 0U));
         assert(((t[AT_READY + 2U] & 0x10U) != 0U) == !world.contradicted);

@@ -13,7 +13,7 @@
 #include <string.h>
 
 #define LONGEST_PAUSE 5U     /* ticks: the longest pause in a frame from the radio, two packets */
-#define LONGEST_WAIT 2U      /* ticks: telemetry lets a fix and then a mission go first */
+#define LONGEST_WAIT 2U      /* ticks: telemetry lets a fix and then a message go first */
 #define FARTHEST 1.0e5f      /* m: the controller's range of positions */
 #define QUARTER 900000000    /* 1e-7 deg: 90 deg */
 #define HALF 1800000000      /* 1e-7 deg: 180 deg */
@@ -58,7 +58,6 @@ static void apply(onboard *m, link_message message)
     switch (message) {
     case LINK_MISSION:
         m->asked = false;
-        m->laden = true;
         replan(m);
         break;
     case LINK_START:
@@ -332,6 +331,9 @@ static uint32_t readiness(const onboard *m)
         ((m->temperature >= ONBOARD_LEAST_TEMPERATURE) && (m->temperature <= ONBOARD_MOST_TEMPERATURE))) {
         ready |= READY_TEMPERATURE;
     }
+    if (m->estimator.state.rejected == 0) {
+        ready |= READY_AGREEMENT;
+    }
     return ready;
 }
 
@@ -351,11 +353,19 @@ static uint8_t refusal_of(uint32_t ready)
     return refusal;
 }
 
+/* Is it time to project the next place? The tick that takes the mission is long enough without. */
+static bool may_plan(const onboard *m)
+{
+    const bool taken = (m->place == 0U) && m->watchdog.in.heard;
+
+    return !m->planned && m->local_plane.state.settled && (m->radio.mission.count > 0U) && !m->busy && !taken;
+}
+
 /* Answer a START that has come on this tick: begin the mission held, or refuse and forget it (rule 9). One that
  * repeats the START of the mission under way changes nothing. */
 static void begin(onboard *m)
 {
-    if (!m->planned && m->local_plane.state.settled && (m->radio.mission.count > 0U) && !m->busy && !m->laden) {
+    if (may_plan(m)) {
         plan(m);
     }
     if (m->asked) {
@@ -558,7 +568,6 @@ void onboard_tick(onboard *m)
     bool taken;
 
     m->busy = busy;
-    m->laden = false;
     m->watchdog.in.overridden = false;
     m->watchdog.in.heard = !busy && hear_operator(m);
     sampled = hear_imu(m);
@@ -569,7 +578,7 @@ void onboard_tick(onboard *m)
     begin(m);
     decide(m);
     m->reporting = m->reporting || m->watchdog.out.report;
-    if (m->reporting && (busy || m->laden) && (m->waited < LONGEST_WAIT)) {
+    if (m->reporting && (busy || m->watchdog.in.heard) && (m->waited < LONGEST_WAIT)) {
         m->waited++;
     } else if (m->reporting) {
         m->reporting = false;

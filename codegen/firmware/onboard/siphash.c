@@ -20,9 +20,15 @@ static void mix(siphash_word *word, const uint8_t *bytes)
     *word ^= ((siphash_word)half(&bytes[4]) << 32) | half(bytes);
 }
 
-static uint8_t byte_of(const siphash_word *word, uint8_t place)
+/* The exclusive or of four words, the lowest byte first. */
+static void fold(const siphash_word *v, uint8_t *bytes)
 {
-    return (uint8_t)((*word >> (8U * place)) & 0xFFU);
+    siphash_word word = v[0] ^ v[1] ^ v[2] ^ v[3];
+
+    for (uint8_t i = 0U; i < WORD; i++) {
+        bytes[i] = (uint8_t)(word & 0xFFU);
+        word >>= 8;
+    }
 }
 
 static siphash_word rotate(siphash_word word, uint8_t bits)
@@ -52,20 +58,30 @@ static void mix(siphash_word *word, const uint8_t *bytes)
     }
 }
 
-static uint8_t byte_of(const siphash_word *word, uint8_t place)
+static void fold(const siphash_word *v, uint8_t *bytes)
 {
-    return word->bytes[place];
+    for (uint8_t i = 0U; i < WORD; i++) {
+        bytes[i] = v[0].bytes[i] ^ v[1].bytes[i] ^ v[2].bytes[i] ^ v[3].bytes[i];
+    }
 }
 
 #endif
 
-/* Compression (2.2) of a word. */
-static void compress(siphash *h, const uint8_t *word)
+/* Compression (2.2) of so many words, on a copy that a processor can hold in its registers. */
+static void compress(siphash *h, const uint8_t *words, uint8_t count)
 {
-    mix(&h->v[3], word);
-    siphash_round(h->v);
-    siphash_round(h->v);
-    mix(&h->v[0], word);
+    const uint8_t *word = words;
+    siphash_word v[4];
+
+    (void)memcpy(v, h->v, sizeof(v));
+    for (uint8_t left = count; left > 0U; left--) {
+        mix(&v[3], word);
+        siphash_round(v);
+        siphash_round(v);
+        mix(&v[0], word);
+        word = &word[WORD];
+    }
+    (void)memcpy(h->v, v, sizeof(v));
 }
 
 void siphash_begin(siphash *h, const uint8_t *key)
@@ -87,17 +103,18 @@ void siphash_take(siphash *h, const uint8_t *bytes, uint8_t count)
 
     while (i < count) {
         const uint8_t place = h->count & LAST;
+        const uint8_t words = (uint8_t)(count - i) / WORD;
 
-        if ((place == 0U) && ((uint8_t)(count - i) >= WORD)) {
-            compress(h, &bytes[i]);
-            h->count = (uint8_t)(h->count + WORD);
-            i = (uint8_t)(i + WORD);
+        if ((place == 0U) && (words > 0U)) {
+            compress(h, &bytes[i], words);
+            h->count = (uint8_t)(h->count + (WORD * words));
+            i = (uint8_t)(i + (WORD * words));
         } else {
             h->m[place] = bytes[i];
             h->count = (uint8_t)(h->count + 1U);
             i++;
             if (place == LAST) {
-                compress(h, h->m);
+                compress(h, h->m, 1U);
             }
         }
     }
@@ -111,12 +128,10 @@ void siphash_end(siphash *h, uint8_t *tag)
         h->m[i] = 0U;
     }
     h->m[LAST] = h->count;
-    compress(h, h->m);
+    compress(h, h->m, 1U);
     mix(&h->v[2], end);
     for (uint8_t i = 0U; i < 4U; i++) {
         siphash_round(h->v);
     }
-    for (uint8_t i = 0U; i < SIPHASH_TAG; i++) {
-        tag[i] = byte_of(&h->v[0], i) ^ byte_of(&h->v[1], i) ^ byte_of(&h->v[2], i) ^ byte_of(&h->v[3], i);
-    }
+    fold(h->v, tag);
 }

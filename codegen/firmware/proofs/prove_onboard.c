@@ -90,7 +90,7 @@ void prove_begin(void)
     m.asked = nondet_bool();
     m.planned = nondet_bool();
     m.busy = nondet_bool();
-    m.laden = nondet_bool();
+    m.watchdog.in.heard = nondet_bool();
     m.controller.in.start = nondet_bool();
     m.watchdog.out.link_ok = nondet_bool();
     m.watchdog.out.imu_ok = nondet_bool();
@@ -124,6 +124,7 @@ void prove_begin(void)
         assert(m.watchdog.out.link_ok && m.watchdog.out.imu_ok && m.watchdog.out.estimate_ok);
         assert(m.local_plane.state.settled && m.planned && (m.controller.out.mode == CMEC_MODE_IDLE));
         assert(!m.watchdog.out.override_ok || (m.radio.override == 0U));
+        assert(m.estimator.state.rejected == 0);
         assert(m.estimator.out.heading_ok && (m.gps.fix.h_acc <= 7000U));
         assert((fabsf(m.controller.mission.waypoint_north[0] - m.estimator.out.north) > 4.9F) ||
                (fabsf(m.controller.mission.waypoint_east[0] - m.estimator.out.east) > 4.9F)); /* 7 m in all */

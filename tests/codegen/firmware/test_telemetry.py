@@ -71,6 +71,7 @@ def test_rule_8_each_bit_of_ready_has_a_macro_a_meaning_and_a_refusal_with_its_w
         Ready.FENCE: Refusal.OUTSIDE_FENCE, Ready.INSIDE: Refusal.ANIMAL_OUTSIDE,
         Ready.BUDGET: Refusal.WINDOW_SPENT,
         Ready.BATTERY: Refusal.LOW_BATTERY, Ready.TEMPERATURE: Refusal.BAD_TEMPERATURE,
+        Ready.AGREEMENT: Refusal.FIX_REJECTED,
     }  # fmt: skip
     # and header and log name them in words
     header = program()["telemetry.h"]

@@ -343,6 +343,25 @@ def test_rule_8_no_trial_begins_until_the_window_leaves_something(
     vest.processor.close()
 
 
+def test_rule_8_a_start_needs_a_last_fix_that_the_estimator_has_not_rejected(vest: Vest) -> None:
+    # given an animal at rest at home, and a fix 500 m away
+    vest.ticks(36)
+    vest.load(A)
+    vest.tick(fix=True, gps_north=500.0)
+    # when
+    for _ in range(6):
+        memory = vest.tick(Start(A.id), fix=False)
+    # then
+    assert vest.telemetry.rejected_fixes == 1
+    assert vest.telemetry.refusal == Refusal.FIX_REJECTED
+    assert Ready(vest.telemetry.ready).missing == (Ready.AGREEMENT,)
+    assert memory["controller.output.mode"] == Mode.IDLE
+    # and with a fix at home again
+    vest.tick(fix=True)
+    assert vest.ticks(6, Start(A.id))["controller.output.mode"] in RUNNING
+    assert (vest.telemetry.refusal, Ready(vest.telemetry.ready).missing) == (Refusal.NONE, (Ready.IDLE,))
+
+
 NOT_TOLD = -32768
 BATTERY, TEMPERATURE = (Ready.BATTERY,), (Ready.TEMPERATURE,)
 
@@ -433,8 +452,8 @@ def test_rule_8_a_start_without_a_mission_or_of_another_is_refused(vest: Vest) -
     assert Ready(vest.telemetry.ready).missing == (
         Ready.MISSION, Ready.REACH, Ready.LEGS, Ready.FIRST_LEG, Ready.PLANNED, Ready.FENCE, Ready.INSIDE,
     )  # fmt: skip
-    vest.tick(B)
-    vest.ticks(12, Start(A.id))
+    vest.tick(B, fix=False)
+    vest.ticks(12, Start(A.id), gps_north=20.0)
     assert vest.telemetry.refusal == Refusal.OTHER_MISSION
     assert Ready(vest.telemetry.ready).missing == ()
 
