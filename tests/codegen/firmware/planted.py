@@ -99,6 +99,12 @@ FAULTS = (
     Fault("onboard.c", "(m->battery_mv >= ONBOARD_LEAST_BATTERY_MV)", "true", "onboard.begin"),
     Fault("onboard.c", " && (m->temperature <= ONBOARD_MOST_TEMPERATURE)", "", "onboard.begin"),
     Fault(
+        "onboard.c",
+        "(m->estimator.state.rejected == 0)",
+        "(m->estimator.state.rejected <= 1)",
+        "onboard.begin",
+    ),
+    Fault(
         "onboard.c", "is_inside(m, m->estimator.out.north, m->estimator.out.east)", "true", "onboard.begin"
     ),
     # fixes out of range
