@@ -16,7 +16,7 @@ import typer
 
 from codegen.firmware.targets import SIMULATED, TARGETS, find_target
 from codegen.toolchains.compiler import PLATFORMS
-from harness.cosim.stepping import DURATION, Order
+from harness.cosim.stepping import DURATION, Loop, Order
 from harness.pil import SCENARIO
 from harness.recording import STREAMS
 from harness.replay import EVERY_S, OUTAGE_S
@@ -168,6 +168,10 @@ def run(
             help=f"pil: firmware on a processor ({', '.join(TARGETS)}) for estimator and controller",
         ),
     ] = None,
+    loop: Annotated[
+        Loop | None,
+        typer.Option(help="in C or in Python, with the same log; native by default, python with --onboard"),
+    ] = None,
     folder: Annotated[
         Path | None,
         typer.Option(
@@ -197,7 +201,7 @@ def run(
     from harness.trial.summary import show
 
     swaps = {"plant": plant, "controller": controller}
-    changes = Changes(order, fmi, swaps, settings or [], seed, onboard, estimator, ahrs)
+    changes = Changes(order, fmi, swaps, settings or [], seed, onboard, estimator, ahrs, loop)
     if seeds is not None and seed is not None:
         raise UsageError(f"--seed {seed} and --seeds {seeds}: expected one of both")
     with requested(target, changes) as request:

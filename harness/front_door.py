@@ -14,7 +14,7 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from harness.cosim.stepping import Order
+from harness.cosim.stepping import Loop, Order
 from harness.log.log import Log, read_log
 from harness.replay import EVERY_S, OUTAGE_S
 from harness.trial import DEFAULT, trial
@@ -216,6 +216,7 @@ def run_trial(
     order: Order | None = None,
     fmi: Literal[2, 3] | None = None,
     onboard: str | None = None,
+    loop: Loop | None = None,
     out: StrPath | None = None,
     progress: Progress | None = None,
 ) -> TrialResult:
@@ -245,6 +246,8 @@ def run_trial(
         order: of stepping; by default `sequential`.
         fmi: version of our FMUs; by default 2.
         onboard: `pil:host`, `pil:cortex-m4f` or `pil:rabbit4000` puts the firmware into the loop.
+        loop: `native`, the loop in C, or `python`, its reference with the same log; by default `native`,
+            with `onboard` `python`.
         out: the folder of the results; by default out/<scenario>-<seed>.
         progress: called with the trial's time [s] as it runs.
 
@@ -254,6 +257,7 @@ def run_trial(
     """
     _check_choice("order", order, get_args(Order))
     _check_choice("fmi", fmi, (2, 3))
+    _check_choice("loop", loop, get_args(Loop))
     paths = {"plant": plant, "controller": controller}
     for role, path in paths.items():
         if path is not None and not Path(path).is_file():
@@ -267,6 +271,7 @@ def run_trial(
         onboard=onboard,
         estimator=None if estimator is None else str(estimator),
         ahrs=ahrs,
+        loop=loop,
     )
     target = scenario if isinstance(scenario, Scenario) else str(scenario)
     with requested(target, changes) as request:

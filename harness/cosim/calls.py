@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol, Self
+from typing import Protocol, Self
 
 from harness.cosim.fmu import Call, FmuDescription, Quantity
 from harness.cosim.layout import Layout
@@ -43,6 +43,7 @@ class Calls:
         free: by component, set the inputs that no link feeds.
         ended: (components + 1) bytes; one becomes 1 when its component asks to end the simulation.
         time: s, of the tick; read by every step.
+        tick: `answer` and `advance`: where a walk is in it, its recorder says.
     """
 
     def __init__(
@@ -57,6 +58,7 @@ class Calls:
         for transfer in layout.transfers:
             if gather := layout.gather(transfer):
                 gathers[transfer.target].append(gather)
+                self._whose[id(gather)] = (transfer.target, "copy of its inputs")
             slot, places = transfer.place
             call = components[transfer.target].setting(transfer.quantities, layout.address(slot, places[0]))
             sets[transfer.target].append(self._named(call, transfer.target, "Set", transfer.quantities))
@@ -71,7 +73,7 @@ class Calls:
         steps = {}
         for index, (name, component) in enumerate(components.items()):
             steps[name] = component.stepping(self.time, wiring.step, ctypes.addressof(self.ended) + index)
-            self._whose[id(steps[name][1])] = (name, f"fmi{component.description.version}DoStep")
+            self._whose[id(steps[name])] = (name, f"fmi{component.description.version}DoStep")
         answering = [name for name in wiring.order if name not in wiring.plants]
         plants = [name for name in wiring.order if name in wiring.plants]
         self.answer: list[Call] = []
@@ -83,6 +85,7 @@ class Calls:
         # plants take each other's outputs at t_k: all get their inputs before any of them is stepped
         self.advance = [call for name in plants for call in sets[name]]
         self.advance += [call for name in plants for call in (steps[name], *gets[name])]
+        self.tick = [*self.answer, *self.advance]
         self.first = [call for name in wiring.order for call in gets[name]]
 
     def _named(self, call: Call, name: str, verb: str, quantities: Sequence[Quantity]) -> Call:
@@ -90,7 +93,7 @@ class Calls:
         version = self._components[name].description.version
         names = ", ".join(q.name for q in quantities[:3]) + (", ..." if len(quantities) > 3 else "")
         what = f"fmi{version}{verb}{quantities[0].access.fmi} of {names}"
-        self._whose[id(call[1])] = (name, what)
+        self._whose[id(call)] = (name, what)
         return call
 
     def carry_out(self, calls: Sequence[Call]) -> None:
@@ -99,15 +102,20 @@ class Calls:
         Raises:
             FmuError: a status other than ok or warning.
         """
-        for function, arguments in calls:
+        for call in calls:
+            function, arguments = call
             if status := function(*arguments):
-                self.fail(status, arguments)
+                self.fail(status, call)
 
-    def fail(self, status: int, arguments: tuple[Any, ...]) -> None:
-        """Accept a warning; for any other status raise an error that names the call with these arguments.
+    def whose(self, call: Call) -> tuple[str, str]:
+        """A call's component, and its function with the variables."""
+        return self._whose[id(call)]
+
+    def fail(self, status: int, call: Call) -> None:
+        """Accept a warning; for any other status raise an error that names the call.
 
         Raises:
             FmuError: naming component, function, status and time.
         """
-        name, what = self._whose[id(arguments)]
+        name, what = self.whose(call)
         self._components[name].check(status, what, self.time.value)

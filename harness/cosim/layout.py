@@ -8,9 +8,9 @@ the source replaces it before it is read. A row of the log is one copy of the bl
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,46 @@ REALS = ("float64", "float32")
 
 # memmove by its address, without argument types and as a function of nothing: no status, no checks
 copy = ctypes.PYFUNCTYPE(None)(ctypes.cast(ctypes.memmove, ctypes.c_void_p).value or 0)
+
+
+@dataclass(frozen=True, eq=False)
+class Cast:
+    """Makes values of one type values of another, as C does.
+
+    Attributes:
+        target: (n,), where they go.
+        source: (m,), where they come from; its places `picked` (n,).
+    """
+
+    target: npt.NDArray[Any]
+    source: npt.NDArray[Any]
+    picked: Places
+
+    def __call__(self) -> None:
+        self.target[:] = self.source[self.picked]
+
+
+@dataclass(frozen=True, eq=False)
+class Conversion(Cast):
+    """Gives factor (n,) * source + offset (n,). Whole numbers are rounded and stay within their type."""
+
+    factor: Array
+    offset: Array
+
+    def __call__(self) -> None:
+        values = self.source[self.picked] * self.factor + self.offset
+        if self.target.dtype.kind != "f":
+            values = np.clip(np.rint(values), *self.bounds)
+        self.target[:] = values
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """The least and the largest float64 that the target's type holds."""
+        if self.target.dtype.kind == "f":
+            return -math.inf, math.inf
+        whole = np.iinfo(self.target.dtype)
+        high = float(whole.max)
+        return float(whole.min), high if int(high) <= whole.max else math.nextafter(high, 0.0)
 
 
 @dataclass(eq=False)
@@ -162,10 +202,10 @@ class Layout:
             return copy, (ctypes.c_void_p(self.address(transfer.slot)), start, size)
         source, picked = self.view(transfer.source), np.array(transfer.picked)
         if not any(link.converts for link in transfer.links):
-            return partial(_cast, target, source, picked), ()
+            return Cast(target, source, picked), ()
         factor = np.array([link.factor for link in transfer.links])
         offset = np.array([link.offset for link in transfer.links])
-        return partial(_convert, target, source, picked, factor, offset), ()
+        return Conversion(target, source, picked, factor, offset), ()
 
     def columns(self, component: str) -> list[Quantity]:
         """What the rows of a component hold: its inputs, then its outputs."""
@@ -226,14 +266,3 @@ def _slots(component: str, quantities: Iterable[Quantity]) -> list[Slot]:
     for quantity in quantities:
         by_type.setdefault(quantity.access, []).append(quantity)
     return [Slot(component, access, members) for access, members in by_type.items()]
-
-
-def _cast(target: npt.NDArray[Any], source: npt.NDArray[Any], picked: Places) -> None:
-    target[:] = source[picked]
-
-
-def _convert(
-    target: npt.NDArray[Any], source: npt.NDArray[Any], picked: Places, factor: Array, offset: Array
-) -> None:
-    values = source[picked] * factor + offset
-    target[:] = values if target.dtype.kind == "f" else np.rint(values)

@@ -7,7 +7,7 @@ last. **Jacobi**: all inputs are exchanged, then all are stepped; every link del
 k holds the plants' outputs at t_k and the other components' answer to it.
 
 A tick is a list of C calls whose arguments are made once (`calls`) on one block of memory (`layout`); a walk
-makes them (`walk`).
+makes them (`walk`), in C or in Python, and leaves the rows in a recorder's memory (`recorder`).
 """
 
 from __future__ import annotations
@@ -24,10 +24,11 @@ import numpy.typing as npt
 
 from harness.cosim.calls import Calls, Instance
 from harness.cosim.fmu import FmuDescription, FmuError, FmuInstance, Quantity
-from harness.cosim.layout import REALS, Array, Layout, Slot
+from harness.cosim.layout import REALS, Array, Layout
+from harness.cosim.recorder import Memory, Recorder, recorder_size
 from harness.cosim.ssp import FmuSystem
-from harness.cosim.stepping import DURATION, Event, Order
-from harness.cosim.walk import ROWS, Pause, Walk, walk_of
+from harness.cosim.stepping import DURATION, Event, Loop, Order
+from harness.cosim.walk import MANY, Native, NativeWalk, NotNativeError, Pause, Walk, Watched
 from harness.cosim.wiring import Wiring, wire
 from harness.interrupts import held_interrupts, holdable_interrupts
 from models.errors import ParameterError, nearest
@@ -70,7 +71,10 @@ class Simulation:
         plants: components to be stepped last whatever they declare.
         labels: how errors call a component, where not `component file.fmu`.
         stand_ins: what runs in the place of a component's FMU.
-        native: let the loop in C make the calls where it can; Python's gives the same rows.
+        loop: `native`, the loop in C, or `python`, its reference, which gives the same bits.
+
+    Attributes:
+        notes: why the loop is Python's where `native` was asked for.
 
     Raises:
         WiringError: the links do not fit (see `wire`).
@@ -86,9 +90,8 @@ class Simulation:
         labels: Mapping[str, str] | None = None,
         *,
         stand_ins: Mapping[str, Instance] | None = None,
-        native: bool = True,
+        loop: Loop = "native",
     ) -> None:
-        self._native = native
         self._stack = ExitStack()
         try:
             self.components: dict[str, Instance] = {}
@@ -101,6 +104,8 @@ class Simulation:
             self._free = self._initialize(system, values or {})
             self._layout = Layout(system.links, self.fmus, self.wiring, order)
             self._calls = Calls(self.components, self._layout, self.wiring, order)
+            self.notes: list[str] = []
+            self._native = self._find_native() if loop == "native" else None
         except BaseException:
             self.close()
             raise
@@ -115,6 +120,15 @@ class Simulation:
         """Free all instances."""
         self._stack.close()
 
+    @property
+    def tick(self) -> list[tuple[str, str]]:
+        """Component and function of each call of a tick; a recorder's position counts them."""
+        return [self._calls.whose(call) for call in self._calls.tick]
+
+    def recorder_size(self, room: int) -> int:
+        """Bytes of memory in which `run` keeps so many rows."""
+        return recorder_size(len(self._layout.block), room)
+
     def columns(self, name: str) -> list[Quantity]:
         """What the rows of a component hold: its inputs, then its outputs."""
         return self._layout.columns(name)
@@ -127,6 +141,13 @@ class Simulation:
             for slot in layout.outputs
             if slot.component == name
         ]
+
+    def _find_native(self) -> Native | None:
+        try:
+            return Native(self._calls)
+        except NotNativeError as reason:
+            self.notes.append(f"the loop is Python's, a tenth as fast: {reason}")
+            return None
 
     def _initialize(self, system: FmuSystem, values: Values) -> dict[str, dict[str, float]]:
         """Bring all instances to time 0; the values of the free inputs by component."""
@@ -150,6 +171,7 @@ class Simulation:
         stop: Stop | None = None,
         record: Record | None = None,
         progress: Callable[[float], None] | None = None,
+        memory: Memory | None = None,
     ) -> Outcome:
         """Run from t = 0 until the stop condition holds or t = duration; both ends have a row.
 
@@ -161,6 +183,7 @@ class Simulation:
                 float64 in SI. It gets all rows that were finished, also when the run fails or Ctrl-C ends it,
                 which acts before or after a call.
             progress: called with the time [s] after each call of `record`.
+            memory: gets the position and the last rows (see `Recorder`), `recorder_size` bytes or more.
 
         Raises:
             FmuError: an FMU failed, or gave a value that is not finite.
@@ -169,46 +192,45 @@ class Simulation:
         step, calls = self.wiring.step, self._calls
         last = math.floor(duration / step + 1e-9)
         changes = self._schedule(events)
-        watched = self._find(stop) if stop else None
-        walk = (walk_of if self._native else Walk)(calls, self._layout, step, watched)
+        watched = self._find(stop) if stop else (np.zeros(1), frozenset[int]())
+        recorder = Recorder(len(self._layout.block), memory)
+        parts = (calls, self._layout, step, recorder, watched)
+        walk = Walk(*parts) if self._native is None else NativeWalk(*parts, native=self._native)
         calls.time.value = 0.0
         with held_interrupts():
             for name, values in self._free.items():
                 self._set(name, values)
             calls.carry_out(calls.first)
-        handed, batch = 0, BATCH
+        handed, batch, position = 0, BATCH, recorder.position
         reason: int | None = None
         with holdable_interrupts() as hold:
             walk.hold = hold
             started = clock()
             try:
-                while reason is None and (tick := handed + walk.done) <= last:
+                while reason is None and (tick := position.rows) <= last:
                     calls.time.value = tick * step
                     with hold:
                         for name, values in changes.pop(tick, {}).items():
                             self._set(name, values)
-                    pause = walk.run(tick, min(last + 1, handed + batch, *changes), last)
+                    full = handed + min(batch, recorder.room - handed % recorder.room)
+                    pause = walk.run(tick, min(last + 1, full, *changes), last)
                     if pause is Pause.NOT_FINITE:
                         self._report_not_finite()
-                    if pause is Pause.CHANGED:
-                        reason = self._stopped(stop, watched)
-                    if pause is not Pause.NONE and reason is None:
+                    if pause is Pause.ENDED:
                         self._report_ended()
-                        if handed + walk.done <= last:
-                            with hold:
-                                calls.carry_out(calls.advance)
-                    if walk.done == batch:
+                    if pause is Pause.STOPPED:
+                        reason = int(watched[0].item())
+                    if position.rows == full:
                         with hold:
-                            first, handed = handed, handed + batch
-                            walk.clear()
-                            self._hand_over(first, walk.rows[:batch], record, progress)
+                            first, handed = handed, full
+                            self._hand_over(first, recorder, record, progress)
                         ended = clock()
-                        batch = ROWS if ended - started < QUICK else BATCH
+                        batch = MANY if ended - started < QUICK else BATCH
                         started = ended
             finally:
                 with hold:
-                    self._hand_over(handed, walk.rows[: walk.done], record, progress)
-        ticks = handed + walk.done
+                    self._hand_over(handed, recorder, record, progress)
+        ticks = position.rows
         return Outcome(ticks, (ticks - 1) * step, reason)
 
     def _set(self, component: str, values: Mapping[str, float]) -> None:
@@ -238,21 +260,13 @@ class Simulation:
             by_component.setdefault(event.component, {})[event.variable] = event.value
         return changes
 
-    def _find(self, stop: Stop) -> tuple[Slot, int]:
-        """Where the output lies that a stop condition is about."""
+    def _find(self, stop: Stop) -> Watched:
+        """The output that a stop condition is about, where it lies, and the condition's values."""
         for slot in self._layout.outputs:
             for index, quantity in enumerate(slot.quantities):
                 if (slot.component, quantity.name) == (stop.component, stop.variable):
-                    return slot, index
+                    return self._layout.view(slot)[index : index + 1], stop.values
         raise ParameterError(f"there is no output {stop.component}.{stop.variable} to stop by")
-
-    def _stopped(self, stop: Stop | None, watched: tuple[Slot, int] | None) -> int | None:
-        """The value that ends the run, if the output that is watched has it."""
-        if stop is None or watched is None:
-            return None
-        slot, index = watched
-        value = int(self._layout.view(slot)[index])
-        return value if value in stop.values else None
 
     def _report_not_finite(self) -> None:
         order, plants = self.wiring.order, self.wiring.plants
@@ -267,24 +281,24 @@ class Simulation:
                     )
 
     def _report_ended(self) -> None:
-        if b"\1" not in self._calls.ended.raw:
-            return
-        index = self._calls.ended.raw.index(1)
+        index = next(i for i, ended in enumerate(self._calls.ended.raw) if ended)
         label = list(self.components.values())[index].label
         raise FmuError(f"{label}: asks to end the simulation at t = {self._calls.time.value:.10g} s")
 
     def _hand_over(
         self,
         first: int,
-        rows: npt.NDArray[np.uint8],
+        recorder: Recorder,
         record: Record | None,
         progress: Callable[[float], None] | None,
     ) -> None:
-        """Give rows, the first of them of tick `first`, to `record`."""
-        if not len(rows):
+        """Give the rows from tick `first` on, which lie together, to `record`."""
+        count = recorder.position.rows - first
+        if not count:
             return
-        times = np.arange(first, first + len(rows), dtype=np.float64) * self.wiring.step
+        times = np.arange(first, first + count, dtype=np.float64) * self.wiring.step
         if record is not None:
-            record(times, self._layout.values(rows))
+            at = first % recorder.room
+            record(times, self._layout.values(recorder.rows[at : at + count]))
         if progress is not None:
             progress(float(times[-1]))

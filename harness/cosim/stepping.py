@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Order = Literal["sequential", "jacobi"]
+Loop = Literal["native", "python"]  # what makes the calls of a tick
 DURATION = 300.0  # s, after which a trial is cut
 
 

@@ -1,7 +1,8 @@
-/* Ticks of a co-simulation: C calls that were prepared in Python, one after the other.
-   walk.py fills these structures, and its class Walk is the reference: both give the same rows. */
+/* Ticks of a co-simulation: calls that were prepared in Python, one after the other.
+   walk.py fills these structures, and its class Walk is the reference: both give the same bits. */
 #include <stdbool.h>
 #include <stddef.h>
+#include <stdint.h>
 #include <string.h>
 
 #if defined(_WIN32)
@@ -10,8 +11,9 @@
 #define EXPORT __attribute__((visibility("default")))
 #endif
 
-enum kind { COPY, ACCESS2, ACCESS3, STEP2, STEP3 };
-enum pause { NONE, FAILED, NOT_FINITE, CHANGED, ENDED };
+enum kind { COPY, CAST, CONVERT, ACCESS2, ACCESS3, STEP2, STEP3 };
+enum type { FLOAT64, FLOAT32, INT8, INT16, INT32, INT64, UINT8, UINT16, UINT32, UINT64 };
+enum pause { NONE, FAILED, NOT_FINITE, STOPPED, ENDED };
 enum { OK, WARNING };
 
 typedef int (*access2)(void *, const void *, size_t, void *);
@@ -19,65 +21,164 @@ typedef int (*access3)(void *, const void *, size_t, void *, size_t);
 typedef int (*step2)(void *, double, double, int);
 typedef int (*step3)(void *, double, double, bool, bool *, bool *, bool *, double *);
 
+typedef struct { /* of one value: to = factor * from + offset, whole numbers rounded and within low .. high */
+    int from_type, to_type;
+    const void *from;
+    void *to;
+    double factor, offset, low, high;
+} conversion;
+
 typedef struct {
     int kind;
     void (*function)(void);
     void *to;         /* the instance, or where to copy */
-    const void *from; /* the value references, or what to copy */
-    size_t count;     /* of values, or of bytes */
+    const void *from; /* the value references, what to copy, or the conversions */
+    size_t count;     /* of values, bytes or conversions */
     void *values;
+    double step; /* s */
     bool *event, *ended, *early; /* what an FMI 3 step answers */
     double *reached;
 } call;
 
 typedef struct {
-    const call *answer, *advance; /* up to the row of a tick, and after it */
-    size_t answers, advances;
-    double *time; /* s, which the steps read */
-    double step;  /* s */
+    const call *calls;
+    size_t count;
+} list;
+
+typedef struct { /* in memory of the caller, which another process may read */
+    int64_t tick;
+    int64_t call; /* its place among all calls of a tick; -1 between calls */
+    int64_t rows; /* that are finished: row k is that of tick k */
+} position;
+
+typedef struct {
+    list answer, advance; /* up to the row of a tick, and after it */
+    double *time;         /* s, of the tick; Python reads it too */
+    double step;          /* s, from tick to tick */
     const unsigned char *block; /* a row is a copy of it */
     size_t size;
-    unsigned char *rows;
-    long *done; /* rows that are finished */
+    position *position;
+    unsigned char *rows; /* a ring: row k lies at k modulo room */
+    int64_t room;
     const double *doubles; /* real outputs, which must be finite */
     const float *singles;
     size_t double_count, single_count;
-    const unsigned char *watched; /* a change of it is reported */
-    unsigned char *before;
-    size_t watched_size;
-    int is_known; /* is there a value before? */
+    const void *watched; /* an output that ends the run when it has one of the stop values */
+    int watched_type;
+    const double *stops;
+    size_t stop_count;
     const unsigned char *ended; /* a byte for each component */
     size_t ended_count;
-    /* what a pause is about */
-    int is_answer; /* which list has the call that failed, */
-    size_t failed; /* its place in there, */
-    int status;    /* and what it answered */
+    int status; /* what a call answered that failed */
 } walk;
 
-static int make(const call *c, const walk *w)
+static double real(const void *from, int type)
 {
+    switch (type) {
+    case FLOAT64: return *(const double *)from;
+    case FLOAT32: return (double)*(const float *)from;
+    case INT8: return *(const int8_t *)from;
+    case INT16: return *(const int16_t *)from;
+    case INT32: return *(const int32_t *)from;
+    case INT64: return (double)*(const int64_t *)from;
+    case UINT8: return *(const uint8_t *)from;
+    case UINT16: return *(const uint16_t *)from;
+    case UINT32: return *(const uint32_t *)from;
+    default: return (double)*(const uint64_t *)from;
+    }
+}
+
+static uint64_t whole(const void *from, int type) /* modulo 2^64 */
+{
+    switch (type) {
+    case INT8: return (uint64_t)*(const int8_t *)from;
+    case INT16: return (uint64_t)*(const int16_t *)from;
+    case INT32: return (uint64_t)*(const int32_t *)from;
+    case UINT8: return *(const uint8_t *)from;
+    case UINT16: return *(const uint16_t *)from;
+    case UINT32: return *(const uint32_t *)from;
+    default: return *(const uint64_t *)from;
+    }
+}
+
+static void put_whole(void *to, int type, uint64_t x)
+{
+    switch (type) {
+    case INT8: case UINT8: *(uint8_t *)to = (uint8_t)x; break;
+    case INT16: case UINT16: *(uint16_t *)to = (uint16_t)x; break;
+    case INT32: case UINT32: *(uint32_t *)to = (uint32_t)x; break;
+    default: *(uint64_t *)to = x;
+    }
+}
+
+static double rounded(double x) /* to the nearest whole number, halves to the even one */
+{
+    const double grain = x < 0.0 ? -0x1p52 : 0x1p52; /* from there on all numbers are whole */
+    return x > -0x1p52 && x < 0x1p52 ? (x + grain) - grain : x;
+}
+
+static void put_real(const conversion *c, double x)
+{
+    if (c->to_type == FLOAT64) {
+        *(double *)c->to = x;
+    } else if (c->to_type == FLOAT32) {
+        *(float *)c->to = (float)x;
+    } else {
+        x = rounded(x);
+        x = x < c->low ? c->low : x > c->high ? c->high : x;
+        put_whole(c->to, c->to_type, x < 0.0 ? (uint64_t)(int64_t)x : (uint64_t)x);
+    }
+}
+
+static void cast(const conversion *c)
+{
+    if (c->to_type == FLOAT64 || c->to_type == FLOAT32)
+        put_real(c, real(c->from, c->from_type));
+    else
+        put_whole(c->to, c->to_type, whole(c->from, c->from_type));
+}
+
+static int make(const call *c, double time)
+{
+    const conversion *first = c->from;
     switch (c->kind) {
     case ACCESS2: return ((access2)c->function)(c->to, c->from, c->count, c->values);
     case ACCESS3: return ((access3)c->function)(c->to, c->from, c->count, c->values, c->count);
-    case STEP2: return ((step2)c->function)(c->to, *w->time, w->step, 1);
+    case STEP2: return ((step2)c->function)(c->to, time, c->step, 1);
     case STEP3:
-        return ((step3)c->function)(c->to, *w->time, w->step, true, c->event, c->ended, c->early, c->reached);
+        return ((step3)c->function)(c->to, time, c->step, true, c->event, c->ended, c->early, c->reached);
+    case CAST:
+        for (size_t i = 0; i < c->count; i++)
+            cast(&first[i]);
+        return OK;
+    case CONVERT:
+        for (size_t i = 0; i < c->count; i++)
+            put_real(&first[i], real(first[i].from, first[i].from_type) * first[i].factor + first[i].offset);
+        return OK;
     default: memcpy(c->to, c->from, c->count); return OK;
     }
 }
 
-static bool carry_out(walk *w, const call *calls, size_t count)
+static bool carry_out(walk *w, const list *list, size_t before)
 {
-    for (const call *c = calls; c < calls + count; c++) {
-        int status = make(c, w);
+    for (size_t i = 0; i < list->count; i++) {
+        w->position->call = (int64_t)(before + i);
+        int status = make(&list->calls[i], *w->time);
         if (status != OK && status != WARNING) {
-            w->is_answer = calls == w->answer;
-            w->failed = (size_t)(c - calls);
             w->status = status;
             return false;
         }
     }
+    w->position->call = -1;
     return true;
+}
+
+static bool is_stopped(const walk *w)
+{
+    for (size_t i = 0; i < w->stop_count; i++)
+        if (real(w->watched, w->watched_type) == w->stops[i])
+            return true;
+    return false;
 }
 
 static bool are_finite(const walk *w)
@@ -91,25 +192,23 @@ static bool are_finite(const walk *w)
 }
 
 /* Ticks from `tick` up to `end`, each with a row; after the last tick of the run nothing advances. */
-EXPORT int run(walk *w, long tick, long end, long last)
+EXPORT int run(walk *w, int64_t tick, int64_t end, int64_t last)
 {
     for (; tick < end; tick++) {
+        w->position->tick = tick;
         *w->time = (double)tick * w->step;
-        if (!carry_out(w, w->answer, w->answers))
+        if (!carry_out(w, &w->answer, 0))
             return FAILED;
-        memcpy(w->rows + (size_t)*w->done * w->size, w->block, w->size);
-        ++*w->done;
+        memcpy(w->rows + (size_t)(tick % w->room) * w->size, w->block, w->size);
+        __atomic_store_n(&w->position->rows, tick + 1, __ATOMIC_RELEASE); /* not before the row itself */
         if (!are_finite(w))
             return NOT_FINITE;
-        if (w->watched_size && !(w->is_known && memcmp(w->watched, w->before, w->watched_size) == 0)) {
-            w->is_known = 1;
-            memcpy(w->before, w->watched, w->watched_size);
-            return CHANGED;
-        }
+        if (is_stopped(w))
+            return STOPPED;
         for (size_t i = 0; i < w->ended_count; i++)
             if (w->ended[i])
                 return ENDED;
-        if (tick < last && !carry_out(w, w->advance, w->advances))
+        if (tick < last && !carry_out(w, &w->advance, w->answer.count))
             return FAILED;
     }
     return NONE;

@@ -1,8 +1,8 @@
 """Ticks one after the other: the calls of each, and its row.
 
 `Walk` makes the calls from Python and is the reference. `NativeWalk` has a small C loop (`walk.c`) make them,
-with the same rows. It needs all of them to be functions of C; a link that converts and a stand-in for an FMU
-are Python.
+with the same bits. It needs all of them to be functions of C or what `layout` makes; a stand-in for an FMU
+is Python.
 """
 
 from __future__ import annotations
@@ -17,63 +17,58 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from codegen.cache import stored
 from codegen.toolchains.compiler import FLAGS, CompileError, build_library, compiler_version, this_platform
 from harness.cosim.calls import Calls
 from harness.cosim.fmu import Call, Function
-from harness.cosim.layout import Layout, Slot, copy
+from harness.cosim.layout import Cast, Conversion, Layout, copy
+from harness.cosim.recorder import Recorder
 
-ROWS = 100  # there is room for
+MANY = 100  # ticks at once, at most
 PATIENCE = 0.02  # s of C calls after which Ctrl-C should have its turn
+Watched = tuple[npt.NDArray[Any], frozenset[int]]
 
 
 class Pause(IntEnum):
-    """Why a walk comes back: all its ticks are done, or the last row's tick needs attention."""
+    """Why a walk comes back: all its ticks are done, or the last row's tick is the last of the run."""
 
     NONE = 0
     FAILED = 1
     NOT_FINITE = 2
-    CHANGED = 3  # the output that is watched, also on the first tick; the plants have not advanced
+    STOPPED = 3  # the stop condition holds
     ENDED = 4
+
+
+class NotNativeError(Exception):
+    """The loop in C cannot make these calls; the text says why."""
 
 
 class Walk:
     """Ticks in Python.
 
     Args:
-        watched: the place of an output, a change of which is reported.
+        recorder: gets the rows, and where the walk is.
+        watched: an output, (1,), where it lies, and the values with which it ends the run.
 
     Attributes:
-        rows: (ROWS, bytes) copies of the block.
         hold: within it Ctrl-C waits; FMUs call Python back when they log.
     """
 
-    def __init__(self, calls: Calls, layout: Layout, step: float, watched: tuple[Slot, int] | None) -> None:
-        self.calls, self.step = calls, step
-        self.rows = np.zeros((ROWS, len(layout.block)), dtype=np.uint8)
-        self._done = ctypes.c_long(0)
+    def __init__(
+        self, calls: Calls, layout: Layout, step: float, recorder: Recorder, watched: Watched
+    ) -> None:
+        self.calls, self.step, self.recorder = calls, step, recorder
         self.hold: AbstractContextManager[object] = nullcontext()
         self.reals = layout.reals()
-        slot, index = watched or (None, 0)
-        start = slot.offset + index * slot.size if slot else 0
-        self.watched = layout.block[start : start + (slot.size if slot else 0)]
-        self._before: bytes | None = None if watched else b""
+        self.watched, self.stops = watched
         block, size = ctypes.c_void_p(layout.block.ctypes.data), ctypes.c_size_t(len(layout.block))
-        self._saves = [(ctypes.c_void_p(row.ctypes.data), block, size) for row in self.rows]
+        self._saves = [(ctypes.c_void_p(row.ctypes.data), block, size) for row in recorder.rows]
 
-    @property
-    def done(self) -> int:
-        """How many rows are finished."""
-        return self._done.value
-
-    def clear(self) -> None:
-        """Make room for rows."""
-        self._done.value = 0
-
-    @np.errstate(invalid="ignore")  # the test for finite values multiplies those that are not
+    @np.errstate(invalid="ignore", over="ignore")  # values that are not finite are reported, not warned of
     def run(self, tick: int, end: int, last: int) -> Pause:
-        """Ticks from `tick` up to `end`, at most as many as there is room for rows.
+        """Ticks from `tick` up to `end`, each with a row.
 
         Args:
             last: the last tick of the run, after which nothing advances.
@@ -81,32 +76,49 @@ class Walk:
         Raises:
             FmuError: a call failed.
         """
-        calls = self.calls
-        answer, advance, fail = calls.answer, calls.advance, calls.fail
+        calls, position, saves = self.calls, self.recorder.position, self._saves
+        numbered = list(enumerate(calls.tick))
+        answer, advance = numbered[: len(calls.answer)], numbered[len(calls.answer) :]
+        watched, stops = self.watched.item, self.stops
         now, ended, none_ended = calls.time, calls.ended, bytes(len(calls.ended))
         tests: list[tuple[Any, Any]] = [(reals.dot, np.zeros_like(reals)) for reals in self.reals]
         for moment in range(tick, end):
+            position.tick = moment
             now.value = moment * self.step
             with self.hold:
-                for function, arguments in answer:
+                for position.call, (function, arguments) in answer:
                     if status := function(*arguments):
-                        fail(status, arguments)
-            copy(*self._saves[self.done])
-            self._done.value += 1
+                        calls.fail(status, calls.tick[position.call])
+                position.call = -1
+            copy(*saves[moment % len(saves)])
+            position.rows = moment + 1
             for dot, zeros in tests:
                 if dot(zeros) != 0.0:  # 0 for all finite numbers, NaN otherwise
                     return Pause.NOT_FINITE
-            if self._before != b"" and self._before != (value := self.watched.tobytes()):
-                self._before = value
-                return Pause.CHANGED
+            if stops and watched() in stops:
+                return Pause.STOPPED
             if ended.raw != none_ended:
                 return Pause.ENDED
             if moment < last:
                 with self.hold:
-                    for function, arguments in advance:
+                    for position.call, (function, arguments) in advance:
                         if status := function(*arguments):
-                            fail(status, arguments)
+                            calls.fail(status, calls.tick[position.call])
+                    position.call = -1
         return Pause.NONE
+
+
+class _Conversion(ctypes.Structure):
+    _fields_ = [
+        ("from_type", ctypes.c_int),
+        ("to_type", ctypes.c_int),
+        ("from_", ctypes.c_void_p),
+        ("to", ctypes.c_void_p),
+        ("factor", ctypes.c_double),
+        ("offset", ctypes.c_double),
+        ("low", ctypes.c_double),
+        ("high", ctypes.c_double),
+    ]
 
 
 class _Call(ctypes.Structure):
@@ -117,6 +129,7 @@ class _Call(ctypes.Structure):
         ("from_", ctypes.c_void_p),
         ("count", ctypes.c_size_t),
         ("values", ctypes.c_void_p),
+        ("step", ctypes.c_double),
         ("event", ctypes.c_void_p),
         ("ended", ctypes.c_void_p),
         ("early", ctypes.c_void_p),
@@ -124,96 +137,143 @@ class _Call(ctypes.Structure):
     ]
 
 
+class _List(ctypes.Structure):
+    _fields_ = [("calls", ctypes.POINTER(_Call)), ("count", ctypes.c_size_t)]
+
+
 class _Walk(ctypes.Structure):
     _fields_ = [
-        ("answer", ctypes.POINTER(_Call)),
-        ("advance", ctypes.POINTER(_Call)),
-        ("answers", ctypes.c_size_t),
-        ("advances", ctypes.c_size_t),
+        ("answer", _List),
+        ("advance", _List),
         ("time", ctypes.c_void_p),
         ("step", ctypes.c_double),
         ("block", ctypes.c_void_p),
         ("size", ctypes.c_size_t),
+        ("position", ctypes.c_void_p),
         ("rows", ctypes.c_void_p),
-        ("done", ctypes.c_void_p),
+        ("room", ctypes.c_int64),
         ("doubles", ctypes.c_void_p),
         ("singles", ctypes.c_void_p),
         ("double_count", ctypes.c_size_t),
         ("single_count", ctypes.c_size_t),
         ("watched", ctypes.c_void_p),
-        ("before", ctypes.c_void_p),
-        ("watched_size", ctypes.c_size_t),
-        ("is_known", ctypes.c_int),
+        ("watched_type", ctypes.c_int),
+        ("stops", ctypes.c_void_p),
+        ("stop_count", ctypes.c_size_t),
         ("ended", ctypes.c_void_p),
         ("ended_count", ctypes.c_size_t),
-        ("is_answer", ctypes.c_int),
-        ("failed", ctypes.c_size_t),
         ("status", ctypes.c_int),
     ]
 
 
+_COPY, _CAST, _CONVERT, _ACCESS2, _ACCESS3, _STEP2, _STEP3 = range(7)  # `enum kind`
 _KINDS = {
-    (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p): 1,
-    (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p, ctypes.c_size_t): 2,
-    (ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int): 3,
-    (ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_bool, *[ctypes.c_void_p] * 4): 4,
+    (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p): _ACCESS2,
+    (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p, ctypes.c_size_t): _ACCESS3,
+    (ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int): _STEP2,
+    (ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_bool, *[ctypes.c_void_p] * 4): _STEP3,
 }
+_TYPES = ("float64", "float32", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64")
 
 
-def _prepared(call: Call) -> _Call | None:
-    """The call for C; None if it is not a C function that the loop knows."""
-    function, arguments = call
-    values = [argument.value or 0 for argument in arguments if hasattr(argument, "value")]
-    if function is copy:
-        to, source, count = values
-        return _Call(0, None, to, source, count)
-    kind = _KINDS.get(tuple(type(argument) for argument in arguments))
-    if kind is None or not isinstance(function, Function):
-        return None
-    address = ctypes.cast(function, ctypes.c_void_p)
-    if kind in (1, 2):
-        return _Call(kind, address, *values[:4])
-    return _Call(kind, address, values[0], None, 0, None, *values[4:])
+class Native:
+    """The loop in C, and a tick's calls prepared for it.
+
+    Raises:
+        NotNativeError: it cannot make these calls, or cannot be compiled here.
+    """
+
+    def __init__(self, calls: Calls) -> None:
+        self._keep: list[Any] = []  # what C holds addresses of
+        self.answer, self.advance = self._list(calls, calls.answer), self._list(calls, calls.advance)
+        library = _library()
+        if isinstance(library, str):
+            raise NotNativeError(library)
+        self.run = library.run
+        self.run.argtypes = [ctypes.c_void_p, *[ctypes.c_int64] * 3]
+
+    def _list(self, calls: Calls, part: Sequence[Call]) -> _List:
+        prepared = [self._prepared(call) for call in part]
+        python = [calls.whose(call)[0] for call, c in zip(part, prepared, strict=True) if c is None]
+        if python:
+            raise NotNativeError(f"{', '.join(dict.fromkeys(python))}: called in Python, not in C")
+        array = (_Call * len(part))(*filter(None, prepared))
+        self._keep.append(array)
+        return _List(array, len(part))
+
+    def _prepared(self, call: Call) -> _Call | None:
+        """The call for C; None if the loop there does not know it."""
+        function, arguments = call
+        if isinstance(function, Cast):
+            conversions = _conversions(function)
+            self._keep.append(conversions)
+            kind = _CONVERT if isinstance(function, Conversion) else _CAST
+            return _Call(kind, from_=ctypes.addressof(conversions), count=len(conversions))
+        values = [argument.value or 0 for argument in arguments if hasattr(argument, "value")]
+        if function is copy:
+            to, source, count = values
+            return _Call(_COPY, to=to, from_=source, count=count)
+        kind = _KINDS.get(tuple(type(argument) for argument in arguments), -1)
+        if kind == -1 or not isinstance(function, Function):
+            return None
+        address = ctypes.cast(function, ctypes.c_void_p)
+        if kind in (_ACCESS2, _ACCESS3):
+            return _Call(kind, address, *values[:4])
+        instance, _, step, _, *answers = values
+        return _Call(kind, address, instance, None, 0, None, step, *answers)
+
+
+def _conversions(cast: Cast) -> ctypes.Array[_Conversion]:
+    """A conversion for each value."""
+    count, source, target = len(cast.picked), cast.source, cast.target
+    types = (_TYPES.index(source.dtype.name), _TYPES.index(target.dtype.name))
+    places = (
+        (source.ctypes.data + cast.picked * source.itemsize).tolist(),
+        (target.ctypes.data + np.arange(count) * target.itemsize).tolist(),
+    )
+    scales, bounds = ([1.0] * count, [0.0] * count), (0.0, 0.0)
+    if isinstance(cast, Conversion):
+        scales, bounds = (cast.factor.tolist(), cast.offset.tolist()), cast.bounds
+    rows = zip(*places, *scales, strict=True)
+    return (_Conversion * count)(*(_Conversion(*types, *row, *bounds) for row in rows))
 
 
 class NativeWalk(Walk):
-    """Ticks in C. Made by `walk_of`."""
+    """Ticks in C."""
 
     def __init__(
         self,
         calls: Calls,
         layout: Layout,
         step: float,
-        watched: tuple[Slot, int] | None,
+        recorder: Recorder,
+        watched: Watched,
         *,
-        library: ctypes.CDLL,
-        prepared: tuple[Sequence[_Call], Sequence[_Call]],
+        native: Native,
     ) -> None:
-        super().__init__(calls, layout, step, watched)
-        self._run = library.run
-        self._run.argtypes = [ctypes.c_void_p, *[ctypes.c_long] * 3]
-        answer, advance = ((_Call * len(part))(*part) for part in prepared)
+        super().__init__(calls, layout, step, recorder, watched)
+        self._native = native
         of_type = {reals.dtype.name: reals for reals in self.reals}
         doubles, singles = of_type.get("float64", np.zeros(0)), of_type.get("float32", np.zeros(0))
-        self._last = np.zeros_like(self.watched)
+        self._stops = np.array(sorted(self.stops), dtype=np.float64)
         self._walk = _Walk(
-            answer=answer,
-            advance=advance,
-            answers=len(answer),
-            advances=len(advance),
+            answer=native.answer,
+            advance=native.advance,
             time=ctypes.addressof(calls.time),
             step=step,
             block=layout.block.ctypes.data,
             size=len(layout.block),
-            rows=self.rows.ctypes.data,
-            done=ctypes.addressof(self._done),
+            position=ctypes.addressof(recorder.position),
+            rows=recorder.rows.ctypes.data,
+            room=recorder.room,
             doubles=doubles.ctypes.data,
             singles=singles.ctypes.data,
             double_count=len(doubles),
             single_count=len(singles),
             watched=self.watched.ctypes.data,
-            before=self._last.ctypes.data,
-            watched_size=len(self.watched),
+            watched_type=_TYPES.index(self.watched.dtype.name),
+            stops=self._stops.ctypes.data,
+            stop_count=len(self._stops),
             ended=ctypes.addressof(calls.ended),
             ended_count=len(calls.ended),
         )
@@ -221,45 +281,32 @@ class NativeWalk(Walk):
 
     def run(self, tick: int, end: int, last: int) -> Pause:
         """As `Walk.run`."""
-        walk = self._walk
         while tick < end:
             some = min(end, tick + self._few)
             started = time.perf_counter()
             with self.hold:
-                pause = Pause(self._run(ctypes.byref(walk), tick, some, last))
+                pause = Pause(self._native.run(ctypes.byref(self._walk), tick, some, last))
             if pause is Pause.FAILED:
-                calls = self.calls.answer if walk.is_answer else self.calls.advance
-                self.calls.fail(walk.status, calls[walk.failed][1])
+                self.calls.fail(self._walk.status, self.calls.tick[self.recorder.position.call])
             if pause is not Pause.NONE:
                 return pause
             tick = some
             elapsed = time.perf_counter() - started
-            self._few = max(1, self._few // 2) if elapsed > PATIENCE else min(ROWS, 2 * self._few)
+            self._few = max(1, self._few // 2) if elapsed > PATIENCE else min(MANY, 2 * self._few)
         return Pause.NONE
 
 
-def walk_of(calls: Calls, layout: Layout, step: float, watched: tuple[Slot, int] | None) -> Walk:
-    """The fastest walk that these calls allow."""
-    answer, advance = map(_prepared, calls.answer), map(_prepared, calls.advance)
-    prepared = ([c for c in answer if c], [c for c in advance if c])
-    whole = len(prepared[0]) == len(calls.answer) and len(prepared[1]) == len(calls.advance)
-    library = _library() if whole else None
-    if library is None:
-        return Walk(calls, layout, step, watched)
-    return NativeWalk(calls, layout, step, watched, library=library, prepared=prepared)
-
-
 @cache
-def _library() -> ctypes.CDLL | None:
-    """The C loop, compiled once for each user; None if this machine cannot compile it."""
+def _library() -> ctypes.CDLL | str:
+    """The C loop, compiled once for each user; why not, if this machine cannot compile it."""
     source = Path(__file__).with_name("walk.c")
-    asked = (source.read_bytes(), compiler_version(), this_platform(), FLAGS)
     try:
+        asked = (source.read_bytes(), compiler_version(), this_platform(), FLAGS)
         path = stored(
             "cosim/walk.so",
             asked,
             lambda path: build_library(source.parent, [source.name], path, what=source.stem, flags=FLAGS),
         )
         return ctypes.CDLL(str(path))
-    except (CompileError, OSError):
-        return None
+    except (CompileError, OSError) as reason:
+        return " ".join(str(reason).split())

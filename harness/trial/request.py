@@ -13,7 +13,7 @@ from codegen.firmware.targets import TARGETS
 from codegen.scratch import Scratch
 from fmus.folder import build_folder, is_current
 from harness.cosim.archive import naming
-from harness.cosim.stepping import Order
+from harness.cosim.stepping import Loop, Order
 from harness.files import nearest_file
 from harness.onboard import ROLES
 from harness.trial import DEFAULT
@@ -40,6 +40,7 @@ class Request:
         broken: why that log is not whole; "" if it is.
         onboard: the processor whose firmware takes the place of estimator, controller and command module; ""
             runs their FMUs.
+        loop: what makes the calls of a tick; both give the same log.
     """
 
     scenario: Scenario
@@ -50,6 +51,7 @@ class Request:
     log: Path | None = None
     broken: str = ""
     onboard: str = ""
+    loop: Loop = "native"
 
     @property
     def ssp(self) -> Path:
@@ -81,6 +83,7 @@ class Changes:
     Attributes:
         estimator: the name of one of ours, or the path of an FMU.
         ahrs: put our AHRS between sensors and estimator.
+        loop: by default `native`; with firmware on board `python`, from where the processor is called.
     """
 
     order: Order | None = None
@@ -91,6 +94,7 @@ class Changes:
     onboard: str | None = None
     estimator: str | None = None
     ahrs: bool = False
+    loop: Loop | None = None
 
 
 @contextmanager
@@ -124,6 +128,7 @@ def requested(target: str | Scenario, changes: Changes) -> Iterator[Request]:
                 order=changes.order or request.order,
                 swaps={**request.swaps, **swaps},
                 onboard=onboard,
+                loop=changes.loop or ("python" if onboard else "native"),
             )
         )
 
@@ -270,6 +275,8 @@ def _checked(request: Request) -> Request:
             raise UsageError(f"{option}: the firmware takes the place of the {taken}; leave --{taken} out")
         if request.order != "sequential":
             raise UsageError(f"{option}: the firmware answers within a tick; expected --order sequential")
+        if request.loop != "python":
+            raise UsageError(f"{option}: the processor is called from Python; expected --loop python")
         if request.scenario.system not in with_estimator():
             raise UsageError(
                 f'{option}: system "{request.scenario.system}" lacks our sensors and estimator; '

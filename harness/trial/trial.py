@@ -61,11 +61,11 @@ def run(
         raise UsageError(f"--out {out}: holds the log that is read, {request.log}; choose another folder")
     make_folder(out)
     with alone_in(out):
-        real_time_factor = _simulate(request, ready, out, progress, start)
+        real_time_factor, notes = _simulate(request, ready, out, progress, start)
         log = read_log(out / LOG)
         late = late_notes(request.scenario, ready.interfaces, ready.values, float(log.time[-1]))
         late += refusal_notes(log) + radio_notes(log)
-        return _report(log, out, real_time_factor, (*request.notes, *ready.notes, *late))
+        return _report(log, out, real_time_factor, (*request.notes, *ready.notes, *notes, *late))
 
 
 def replaced(request: Request, ready: Prepared, out: Path) -> str:
@@ -131,8 +131,8 @@ def _simulate(
     out: Path,
     progress: Callable[[float], None] | None,
     start: OpenProcessor,
-) -> float:
-    """Run the trial and write its log; trial time over elapsed time."""
+) -> tuple[float, list[str]]:
+    """Run the trial and write its log; trial time over elapsed time, and notes."""
     scenario = request.scenario
     with ExitStack() as stack:
         onboard = open_onboard(request, ready, start) if request.onboard else None
@@ -142,7 +142,12 @@ def _simulate(
             stand_ins = onboard.stand_ins(ready.fmus)
         simulation = stack.enter_context(
             Simulation(
-                ready.system, ready.plan.values, request.order, plants=ready.plants, stand_ins=stand_ins
+                ready.system,
+                ready.plan.values,
+                request.order,
+                plants=ready.plants,
+                stand_ins=stand_ins,
+                loop=request.loop,
             )
         )
         if onboard is not None:
@@ -167,7 +172,7 @@ def _simulate(
                 progress=progress,
             )
             elapsed = time.perf_counter() - started
-    return (outcome.ticks - 1) * simulation.wiring.step / elapsed
+    return (outcome.ticks - 1) * simulation.wiring.step / elapsed, simulation.notes
 
 
 def stop_of(simulation: Simulation) -> Stop | None:

@@ -6,7 +6,7 @@ import sys
 import tempfile
 import zipfile
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import fmpy
 import numpy as np
@@ -17,6 +17,7 @@ from codegen.toolchains.compiler import build_library, find_platform, this_platf
 from harness.cosim.fmu import FmuError, FmuInstance, describe
 from harness.cosim.loop import Array, Simulation
 from harness.cosim.ssp import FmuComponent, FmuSystem, open_ssp
+from harness.cosim.stepping import Loop
 from models.errors import CanineError
 from models.kit.declaration import Type
 from tests.harness.cosim.tiny_fmu import V, tiny_fmu
@@ -368,10 +369,10 @@ def test_a_temporary_folder_that_runs_no_programs_is_said(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("version", [2, 3])
-@pytest.mark.parametrize("native", [True, False])
+@pytest.mark.parametrize("loop", get_args(Loop))
 @pytest.mark.parametrize("where", ["start", "step"])
 def test_a_signal_before_an_fmu_logs_is_not_lost(
-    tmp_path: Path, version: int, native: bool, where: str, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, version: int, loop: Loop, where: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # given an FMU in which SIGINT arrives just before it calls the logger, which is Python
     dropped: list[object] = []
@@ -382,7 +383,7 @@ def test_a_signal_before_an_fmu_logs_is_not_lost(
     path = tiny_fmu(tmp_path / "dog.fmu", GAIN, step, version=version, start=start)
     ticks: list[float] = []
     # when
-    with pytest.raises(KeyboardInterrupt), Simulation(alone(path), native=native) as simulation:
+    with pytest.raises(KeyboardInterrupt), Simulation(alone(path), loop=loop) as simulation:
         simulation.run(record=lambda t, v: ticks.extend(t))
     # then it is raised at the end of that call, and no tick before it is lost
     assert dropped == []

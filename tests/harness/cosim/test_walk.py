@@ -1,19 +1,28 @@
 """The loop in C against its reference in Python: the same rows, errors and ends."""
 
+import ctypes
+import math
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import product
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from codegen.toolchains.compiler import CompileError
 from harness.cosim import walk
 from harness.cosim.fmu import FmuError
+from harness.cosim.layout import Cast, Conversion
 from harness.cosim.loop import Array, Outcome, Simulation, Stop
+from harness.cosim.recorder import Recorder
 from harness.cosim.ssp import FmuComponent, FmuSystem, ScaledLink
-from harness.cosim.stepping import Event, Order
+from harness.cosim.stepping import Event, Loop, Order
+from harness.cosim.walk import Native, NativeWalk, Walk
 from tests.harness.cosim.tiny_fmu import V, tiny_fmu
 
 # plant: x+ = 0.7 x + u, and its single precision twin; controller: y = -x / 3 + offset, n counts
@@ -24,9 +33,14 @@ EVENTS = (Event(0.1, "controller", "offset", 0.5), Event(1.0, "controller", "off
 
 
 def toy(
-    folder: Path, *, plant: str = "", controller: str = "", links: tuple[ScaledLink, ...] = LINKS
+    folder: Path,
+    *,
+    plant: str = "",
+    controller: str = "",
+    links: tuple[ScaledLink, ...] = LINKS,
+    variables: Sequence[V] = PLANT,
 ) -> FmuSystem:
-    """The closed loop; `plant` and `controller` are more C for their steps."""
+    """The closed loop; `plant` and `controller` are more C for their steps, `variables` the plant's."""
     paths = {
         "controller": tiny_fmu(
             folder / "controller.fmu",
@@ -35,7 +49,7 @@ def toy(
         ),
         "plant": tiny_fmu(
             folder / "plant.fmu",
-            PLANT,
+            variables,
             f"v[1] = 0.7 * v[1] + v[0]; v[2] = v[1] / 2; {plant}",
             version=3,
             depends=False,
@@ -48,7 +62,7 @@ def toy(
 Run = tuple[Outcome | str, list[float], dict[str, Array]]
 
 
-def run(system: FmuSystem, *, native: bool, order: Order = "sequential", stop: Stop | None = None) -> Run:
+def run(system: FmuSystem, *, loop: Loop, order: Order = "sequential", stop: Stop | None = None) -> Run:
     """How it ended, and all rows."""
     times: list[float] = []
     rows: dict[str, list[Array]] = {name: [] for name in system.components}
@@ -58,7 +72,7 @@ def run(system: FmuSystem, *, native: bool, order: Order = "sequential", stop: S
         for name, part in values.items():
             rows[name].append(part)
 
-    with Simulation(system, {}, order, native=native) as simulation:
+    with Simulation(system, {}, order, loop=loop) as simulation:
         try:
             end: Outcome | str = simulation.run(EVENTS, duration=2.4, stop=stop, record=record)
         except FmuError as error:
@@ -68,8 +82,8 @@ def run(system: FmuSystem, *, native: bool, order: Order = "sequential", stop: S
 
 def assert_same(system: FmuSystem, *, order: Order = "sequential", stop: Stop | None = None) -> Run:
     """Both loops give the same; what they give."""
-    reference = run(system, native=False, order=order, stop=stop)
-    native = run(system, native=True, order=order, stop=stop)
+    reference = run(system, loop="python", order=order, stop=stop)
+    native = run(system, loop="native", order=order, stop=stop)
     assert native[:2] == reference[:2]
     assert {n: v.tobytes() for n, v in native[2].items()} == {n: v.tobytes() for n, v in reference[2].items()}
     return native
@@ -82,7 +96,7 @@ def only_c(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise AssertionError("the loop in Python")
 
-    monkeypatch.setattr(walk.Walk, "run", refuse)
+    monkeypatch.setattr(Walk, "run", refuse)
 
 
 @pytest.mark.parametrize("order", ["sequential", "jacobi"])
@@ -96,15 +110,114 @@ def test_both_loops_give_the_same_rows(tmp_path: Path, order: Order) -> None:
 
 @pytest.mark.usefixtures("only_c")
 def test_functions_of_c_are_called_from_c(tmp_path: Path) -> None:
-    assert run(toy(tmp_path), native=True)[0] == Outcome(61, 60 * 0.04, None)
+    assert run(toy(tmp_path), loop="native")[0] == Outcome(61, 60 * 0.04, None)
     with pytest.raises(AssertionError, match="the loop in Python"):
-        run(toy(tmp_path), native=False)
+        run(toy(tmp_path), loop="python")
 
 
-def test_a_conversion_on_the_way_is_made_in_python(tmp_path: Path, only_c: None) -> None:
-    links = (ScaledLink("plant", "x", "controller", "x", 2.0), LINKS[1])
-    with pytest.raises(AssertionError, match="the loop in Python"):
-        run(toy(tmp_path, links=links), native=True)
+@pytest.mark.usefixtures("only_c")
+def test_a_conversion_on_the_way_is_made_in_c(tmp_path: Path) -> None:
+    # given a controller that takes 2 x + 1 of the plant, and its double precision half in single precision
+    links = (ScaledLink("plant", "x", "controller", "x", 2.0, 1.0), LINKS[1])
+    # when
+    _, _, rows = run(toy(tmp_path, links=links), loop="native")
+    # then
+    x = rows["plant"][:, 1]
+    assert rows["controller"][:, 0].tolist() == (2.0 * x + 1.0).tolist()
+
+
+CONVERTED = (
+    ScaledLink("plant", "half", "controller", "x", -1 / 3, 0.1),
+    ScaledLink("controller", "y", "plant", "u", 0.7),
+)
+# n is an int32, which the plant takes as an int64, and as a Boolean of a byte
+CAST_PLANT = [*PLANT, V("n", "input", "Int64"), V("odd", "input", "Boolean"), V("y", "input", "Float32")]
+CAST = (
+    ScaledLink("plant", "half", "controller", "x"),
+    ScaledLink("controller", "y", "plant", "u"),
+    ScaledLink("controller", "n", "plant", "n"),
+    ScaledLink("controller", "odd", "plant", "odd"),
+    ScaledLink("controller", "y", "plant", "y"),
+)
+
+
+@pytest.mark.parametrize("order", ["sequential", "jacobi"])
+@pytest.mark.parametrize("links", [CONVERTED, CAST])
+def test_both_loops_convert_to_the_same_bits(
+    tmp_path: Path, order: Order, links: tuple[ScaledLink, ...]
+) -> None:
+    plant = CAST_PLANT if links is CAST else PLANT
+    end, times, _ = assert_same(toy(tmp_path, links=links, variables=plant), order=order)
+    assert end == Outcome(61, 60 * 0.04, None)
+    assert len(times) == 61
+
+
+REALS = [0.0, -0.0, 0.1, -2.5, 3.5, 1e-50, 1e300, -1e300, math.inf, math.nan]
+TYPES = ("int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64")
+
+
+def carried(function: Cast, loop: type[Walk]) -> list[Any]:
+    """The target after one tick that makes only this."""
+    function.target[:] = 77
+    alone = SimpleNamespace(
+        answer=[(function, ())], advance=[], tick=[(function, ())],
+        time=ctypes.c_double(), ended=(ctypes.c_char * 1)(),
+    )  # fmt: skip
+    nothing = SimpleNamespace(block=np.zeros(8, dtype=np.uint8), reals=list)
+    options = {} if loop is Walk else {"native": Native(cast(Any, alone))}
+    stop = (np.zeros(1), frozenset[int]())
+    loop(cast(Any, alone), cast(Any, nothing), 0.04, Recorder(8), stop, **options).run(0, 1, 0)
+    return [value.tobytes() for value in function.target]
+
+
+def extremes(kind: str) -> npt.NDArray[Any]:
+    """The numbers at which a type's conversion might go wrong."""
+    if kind in ("float64", "float32"):
+        with np.errstate(over="ignore"):
+            return np.array(REALS).astype(kind)
+    low, high = int(np.iinfo(kind).min), int(np.iinfo(kind).max)
+    return np.array([low, low + 1, 0, 1, 7, 100, high // 2 + 1, high - 1, high], dtype=kind)
+
+
+@pytest.mark.parametrize(
+    ("source", "target"), [*product(TYPES, TYPES), *product(("float64", "float32"), repeat=2)]
+)
+def test_both_loops_carry_the_extremes_of_every_type_alike(source: str, target: str) -> None:
+    values = extremes(source)
+    picked = np.arange(len(values))[::-1].copy()
+    goal = np.zeros(len(values), dtype=target)
+    with np.errstate(over="ignore"):
+        expected = [value.tobytes() for value in values[picked].astype(target)]
+    assert carried(Cast(goal, values, picked), NativeWalk) == expected
+    assert carried(Cast(goal, values, picked), Walk) == expected
+    for factor, offset in [(1.0, 0.0), (-1.0, 0.5), (0.5, 0.0), (1e3, -1e-3), (1e300, 0.0)]:
+        scale = np.full(len(values), factor), np.full(len(values), offset)
+        conversion = Conversion(goal, values, picked, *scale)
+        assert carried(conversion, NativeWalk) == carried(conversion, Walk)
+
+
+@pytest.mark.parametrize("loop", [Walk, NativeWalk])
+@pytest.mark.parametrize(
+    ("target", "expected"),
+    [
+        ("int8", [2, 4, -2, 127, -128, 127]),
+        ("uint8", [2, 4, 0, 129, 0, 255]),
+        # the largest double below 2^63 and 2^64
+        ("int64", [2, 4, -2, 129, -200, 2**63 - 1024]),
+        ("uint64", [2, 4, 0, 129, 0, 2**64 - 2048]),
+    ],
+)
+def test_a_converted_whole_number_is_rounded_to_even_and_stays_within_its_type(
+    loop: type[Walk], target: str, expected: list[int]
+) -> None:
+    # given 2.5, 3.5, -2.5, 129, -200 and 1e20
+    source = np.array([5, 7, -5, 258, -400, 10**6], dtype=np.int32)
+    goal = np.zeros(6, dtype=target)
+    factor = np.array([0.5] * 5 + [1e14])
+    # when
+    carried(Conversion(goal, source, np.arange(6), factor, np.zeros(6)), loop)
+    # then
+    assert goal.tolist() == expected
 
 
 @pytest.mark.parametrize("count", [1, 24, 25, 26, 50])
@@ -123,6 +236,15 @@ def test_both_loops_stop_on_the_same_tick(tmp_path: Path, count: int) -> None:
         ("", "if (t > 0.97) v[2] = NAN;", 'output "y" is nan at t = 1 s; expected a finite number', 26),
         ("if (t > 0.97) v[2] = 1 / 0.0;", "", 'output "half" is inf at t = 1.04 s; expected a finite', 27),
         ("v[31] = t > 0.39;", "", "plant.fmu: asks to end the simulation at t = 0.44 s", 12),
+        ("if (t > 0.39) return 2;", "", "plant.fmu: fmi3DoStep returned discard at t = 0.4 s", 11),
+        ("", "if (t > 0.39) return 4;", "controller.fmu: fmi2DoStep returned fatal at t = 0.4 s", 10),
+        ("", "if (t > 0.39) return 5;", "controller.fmu: fmi2DoStep returned pending at t = 0.4 s", 10),
+        ("if (t > 0.39) return -7;", "", "fmi3DoStep returned the illegal status -7 at t = 0.4 s", 11),
+        ("v[27] = 3 * (t > 0.39);", "", "plant.fmu: fmi3GetFloat64 of x returned error at t = 0.4 s", 11),
+        ("v[28] = 3 * (t > 0.39);", "", "plant.fmu: fmi3SetFloat64 of u returned error at t = 0.44 s", 12),
+        ("", "v[27] = 3 * (t > 0.39);", "fmi2GetReal of y returned error at t = 0.4 s", 10),
+        ("", "v[28] = 3 * (t > 0.39);", "fmi2SetReal of x returned error at t = 0.44 s", 11),
+        ('if (t > 0.39) { say("it bites"); return 3; }', "", 't = 0.4 s; it says: "it bites"', 11),
     ],
 )  # fmt: skip
 def test_a_fault_has_the_same_words_and_keeps_the_same_rows(
@@ -134,8 +256,11 @@ def test_a_fault_has_the_same_words_and_keeps_the_same_rows(
     assert len(times) == ticks
 
 
-def test_a_warning_is_accepted(tmp_path: Path) -> None:
-    end, times, _ = assert_same(toy(tmp_path, plant="if (t > 0.39) return 1;"))
+@pytest.mark.parametrize(
+    "plant", ["if (t > 0.39) return 1;", "v[27] = v[28] = 1;", "v[29] = 1;", "v[30] = 1;"]
+)
+def test_a_warning_an_event_and_an_early_return_are_accepted(tmp_path: Path, plant: str) -> None:
+    end, times, _ = assert_same(toy(tmp_path, plant=plant))
     assert isinstance(end, Outcome)
     assert len(times) == 61
 
@@ -179,14 +304,14 @@ def test_a_damaged_loop_is_compiled_anew(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setattr("codegen.cache.cache_folder", lambda: tmp_path)
     walk._library.cache_clear()
     try:
-        assert walk._library()
+        assert isinstance(walk._library(), ctypes.CDLL)
         (library,) = (tmp_path / "cosim").glob("*.so")
         whole = library.read_bytes()
         library.unlink()  # this process still runs it
         library.write_bytes(whole[: len(whole) // 2])
         walk._library.cache_clear()
         # when
-        end, times, _ = run(toy(tmp_path), native=True)
+        end, times, _ = run(toy(tmp_path), loop="native")
     finally:
         walk._library.cache_clear()
     # then the loop in C ran
@@ -200,13 +325,16 @@ def test_without_a_compiler_the_loop_is_pythons(tmp_path: Path, monkeypatch: pyt
         raise CompileError("no compiler for this machine")
 
     system = toy(tmp_path)
-    expected = run(system, native=True)
+    expected = run(system, loop="native")
     monkeypatch.setattr(walk, "build_library", refuse)
     monkeypatch.setattr("codegen.cache.cache_folder", lambda: tmp_path)
     walk._library.cache_clear()
     try:
-        without = run(system, native=True)
-        assert walk._library() is None
+        without = run(system, loop="native")
+        with Simulation(system) as simulation:
+            notes = simulation.notes
     finally:
         walk._library.cache_clear()
+    # then it says so, and the rows are the same
+    assert notes == ["the loop is Python's, a tenth as fast: no compiler for this machine"]
     assert without[:2] == expected[:2]

@@ -53,7 +53,8 @@ void *fmi3InstantiateCoSimulation(const char *n, const char *g, const char *r,
   tiny *m = &pool[used++ %% 8]; double *v = m->v; (void)v; %(start)s return m; }
 int fmi3DoStep(void *c, double t, double h, _Bool n, _Bool *e, _Bool *x, _Bool *y, double *z) {
   int status = step(c, t, h);
-  (void)n; *e = 0; *x = ((tiny *)c)->v[31] != 0; *y = 0; *z = t + h; return status; }
+  const double *v = ((tiny *)c)->v; (void)n;
+  *e = v[29] != 0; *x = v[31] != 0; *y = v[30] != 0; *z = t + h - v[30]; return status; }
 void fmi3FreeInstance(void *c) { (void)c; }
 """
 SAID = {
@@ -91,8 +92,9 @@ def tiny_fmu(
     """Build an FMU.
 
     Args:
-        step: C that is run on each step: `v[i]`, `t`, `h`, `say("...")`, `return <status>`; in version 3
-            `v[31] = 1` asks to end the simulation.
+        step: C that is run on each step: `v[i]`, `t`, `h`, `say("...")`, `return <status>`; `v[27]` is the
+            status that a get call returns, `v[28]` a set call; in version 3 `v[29] = 1` asks for an event,
+            `v[30] = 1` returns 1 s early, `v[31] = 1` asks to end the simulation.
         start: C that is run when it is instantiated.
         depends: its outputs depend on its inputs.
     """
@@ -104,11 +106,13 @@ def tiny_fmu(
     unused = "" if version == 2 else " (void)k;"
     for fmi, c in ACCESS[version].items():
         for verb, body in (
-            ("Get", f"x[i] = ({c})((tiny *)m)->v[r[i]]"),
-            ("Set", "((tiny *)m)->v[r[i]] = (double)x[i]"),
+            ("Get", f"x[i] = ({c})v[r[i]]"),
+            ("Set", "v[r[i]] = (double)x[i]"),
         ):
+            status = 27 if verb == "Get" else 28
             api += f"int fmi{version}{verb}{fmi}(void *m, const unsigned *r, size_t n, {c} *x{count}) "
-            api += f"{{{unused} for (size_t i = 0; i < n; i++) {body}; return 0; }}\n"
+            api += f"{{{unused} double *v = ((tiny *)m)->v; for (size_t i = 0; i < n; i++) {body}; "
+            api += f"return (int)v[{status}]; }}\n"
     written = {
         word.split("(")[0].split()[-1].lstrip("*")
         for word in api.splitlines()
