@@ -196,7 +196,7 @@ class Native:
         prepared = [self._prepared(call) for call in part]
         python = [calls.whose(call)[0] for call, c in zip(part, prepared, strict=True) if c is None]
         if python:
-            raise NotNativeError(f"{', '.join(dict.fromkeys(python))}: called in Python, not in C")
+            raise NotNativeError(f"Python answers for {', '.join(dict.fromkeys(python))}")
         array = (_Call * len(part))(*filter(None, prepared))
         self._keep.append(array)
         return _List(array, len(part))

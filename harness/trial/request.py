@@ -40,7 +40,8 @@ class Request:
         broken: why that log is not whole; "" if it is.
         onboard: the processor whose firmware takes the place of estimator, controller and command module; ""
             runs their FMUs.
-        loop: what makes the calls of a tick; both give the same log.
+        loop: what makes the calls of a tick; both give the same log. None: `native`; with firmware on board
+            `python`, from where the processor is called.
     """
 
     scenario: Scenario
@@ -51,7 +52,7 @@ class Request:
     log: Path | None = None
     broken: str = ""
     onboard: str = ""
-    loop: Loop = "native"
+    loop: Loop | None = None
 
     @property
     def ssp(self) -> Path:
@@ -83,7 +84,6 @@ class Changes:
     Attributes:
         estimator: the name of one of ours, or the path of an FMU.
         ahrs: put our AHRS between sensors and estimator.
-        loop: by default `native`; with firmware on board `python`, from where the processor is called.
     """
 
     order: Order | None = None
@@ -128,7 +128,7 @@ def requested(target: str | Scenario, changes: Changes) -> Iterator[Request]:
                 order=changes.order or request.order,
                 swaps={**request.swaps, **swaps},
                 onboard=onboard,
-                loop=changes.loop or ("python" if onboard else "native"),
+                loop=changes.loop,
             )
         )
 
@@ -275,7 +275,7 @@ def _checked(request: Request) -> Request:
             raise UsageError(f"{option}: the firmware takes the place of the {taken}; leave --{taken} out")
         if request.order != "sequential":
             raise UsageError(f"{option}: the firmware answers within a tick; expected --order sequential")
-        if request.loop != "python":
+        if request.loop == "native":
             raise UsageError(f"{option}: the processor is called from Python; expected --loop python")
         if request.scenario.system not in with_estimator():
             raise UsageError(

@@ -147,7 +147,7 @@ def _simulate(
                 request.order,
                 plants=ready.plants,
                 stand_ins=stand_ins,
-                loop=request.loop,
+                loop=request.loop or ("python" if request.onboard else "native"),
             )
         )
         if onboard is not None:

@@ -5,6 +5,7 @@ import math
 import signal
 import time
 from collections.abc import Iterator, Sequence
+from functools import partial
 from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,7 +17,7 @@ import pytest
 
 from codegen.toolchains.compiler import CompileError
 from harness.cosim import walk
-from harness.cosim.fmu import FmuError
+from harness.cosim.fmu import Call, FmuError, FmuInstance
 from harness.cosim.layout import Cast, Conversion
 from harness.cosim.loop import Array, Outcome, Simulation, Stop
 from harness.cosim.recorder import Recorder
@@ -222,7 +223,7 @@ def test_a_converted_whole_number_is_rounded_to_even_and_stays_within_its_type(
 
 @pytest.mark.parametrize("count", [1, 24, 25, 26, 50])
 def test_both_loops_stop_on_the_same_tick(tmp_path: Path, count: int) -> None:
-    stop = Stop("controller", "n", frozenset({count, 60}))
+    stop = Stop("controller", "n", frozenset({-1, count}))
     end, times, _ = assert_same(toy(tmp_path), stop=stop)
     assert end == Outcome(count, (count - 1) * 0.04, count)
     assert len(times) == count
@@ -318,6 +319,22 @@ def test_a_damaged_loop_is_compiled_anew(tmp_path: Path, monkeypatch: pytest.Mon
     assert end == Outcome(61, 60 * 0.04, None)
     assert len(times) == 61
     assert library.read_bytes() == whole
+
+
+class InPython(FmuInstance):
+    """An FMU whose steps are called by Python."""
+
+    def stepping(self, time: ctypes.c_double, step: float, ended: int) -> Call:
+        function, arguments = super().stepping(time, step, ended)
+        return partial(function), arguments
+
+
+def test_a_stand_in_that_python_answers_for_is_named(tmp_path: Path) -> None:
+    system = toy(tmp_path)
+    plant = InPython("plant", system.components["plant"].fmu)
+    with Simulation(system, stand_ins={"plant": cast(Any, plant)}) as simulation:
+        assert simulation.notes == ["the loop is Python's, a tenth as fast: Python answers for plant"]
+        assert simulation.run(duration=2.4) == Outcome(61, 60 * 0.04, None)
 
 
 def test_without_a_compiler_the_loop_is_pythons(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

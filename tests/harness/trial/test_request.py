@@ -156,20 +156,14 @@ def test_onboard_fmu_takes_the_firmware_of_a_log_out_again(tmp_path: Path) -> No
         assert request.onboard == ""
 
 
-def test_the_loop_is_native_unless_a_processor_is_called_from_python() -> None:
-    with requested("two_waypoint", NOTHING) as request:
+def test_a_processor_is_not_called_from_the_loop_in_c() -> None:
+    with requested("two_waypoint", Changes(loop="native")) as request:
         assert request.loop == "native"
-    with requested("two_waypoint", Changes(loop="python")) as request:
-        assert request.loop == "python"
-    with requested("two_waypoint", Changes(onboard="pil:host")) as request:
-        assert request.loop == "python"
-    with (
-        pytest.raises(
-            UsageError,
-            match="--onboard pil:host: the processor is called from Python; expected --loop python",
-        ),
-        requested("two_waypoint", Changes(onboard="pil:host", loop="native")),
-    ):
+    with requested("two_waypoint", Changes(onboard="pil:host", loop="python")) as request:
+        assert (request.onboard, request.loop) == ("host", "python")
+    text = "--onboard pil:host: the processor is called from Python; expected --loop python"
+    changes = Changes(onboard="pil:host", loop="native")
+    with pytest.raises(UsageError, match=text), requested("two_waypoint", changes):
         pass
 
 
