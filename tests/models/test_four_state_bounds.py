@@ -1,4 +1,4 @@
-"""The estimator's ties and axes, one by one: each has a mutant that only its test notices."""
+"""The estimator's ties, axes and counts, one by one: each test notices mutants that the longer ones miss."""
 
 from __future__ import annotations
 
