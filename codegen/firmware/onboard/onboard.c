@@ -36,8 +36,7 @@
  * there are none. */
 static bool next_bytes(port_source source, scanner_input *input, uint8_t *blocks)
 {
-    input->count = 0U;
-    if (*blocks > 0U) {
+    if (*blocks > 0U) { /* else the input is used up */
         *blocks = (uint8_t)(*blocks - 1U);
         input->count = port_receive(source, &input->bytes);
     }
@@ -169,8 +168,8 @@ static bool hear_receiver(onboard *m)
     return fixed;
 }
 
-/* The inertial unit's samples; of several in one tick, the last. Returns whether there was one. */
-static bool hear_imu(onboard *m)
+/* The inertial unit's samples; of several in one tick, the last. */
+static void hear_imu(onboard *m)
 {
     scanner_input input = {NULL, 0U};
     uint8_t blocks = ONBOARD_BLOCKS;
@@ -182,7 +181,6 @@ static bool hear_imu(onboard *m)
         }
     }
     navigation_take_sample(m, sampled);
-    return sampled;
 }
 
 /* Is a waypoint farther away than the capture radius? */
@@ -258,10 +256,8 @@ static void plan(onboard *m)
     }
     m->place = (uint8_t)(m->place + 1U);
     m->planned = m->place == (corners + 1U + held->count);
-    if (m->planned) {
-        m->controller.mission.waypoint_count = (int16_t)held->count;
-        m->controller.mission.fence_count = (int16_t)corners;
-    }
+    m->controller.mission.waypoint_count = (int16_t)held->count;
+    m->controller.mission.fence_count = (int16_t)corners;
 }
 
 /* The operator's command that is in force, 0 for none. */
@@ -291,7 +287,7 @@ static uint32_t readiness(const onboard *m)
     }
     if (m->local_plane.state.settled) {
         ready |= READY_FIX;
-        if ((0.001f * (float)m->gps.fix.h_acc) <= CMEC_CAPTURE_RADIUS) {
+        if ((float)m->gps.fix.h_acc <= (1000.0f * CMEC_CAPTURE_RADIUS)) {
             ready |= READY_ACCURACY;
         }
     }
@@ -564,15 +560,12 @@ void onboard_tick(onboard *m)
 {
     const bool fixed = hear_receiver(m);
     const bool busy = fixed && !m->busy; /* a fix takes long: the radio waits for one tick */
-    bool sampled;
-    bool taken;
 
     m->busy = busy;
     m->watchdog.in.overridden = false;
     m->watchdog.in.heard = !busy && hear_operator(m);
-    sampled = hear_imu(m);
-    taken = navigation_step(m);
-    m->watchdog.in.sampled = sampled && taken;
+    hear_imu(m);
+    m->watchdog.in.sampled = navigation_step(m); /* no sample is one that is refused */
     m->watchdog.in.valid = m->estimator.out.valid;
     watchdog_step(&m->watchdog);
     begin(m);

@@ -84,7 +84,7 @@ FAULTS = (
     Fault("onboard.c", "if (m->watchdog.out.estimate_ok) {", "{", "onboard.begin"),
     Fault("onboard.c", "if (m->estimator.out.heading_ok) {", "{", "onboard.begin"),
     Fault(
-        "onboard.c", "if ((0.001f * (float)m->gps.fix.h_acc) <= CMEC_CAPTURE_RADIUS) {", "{", "onboard.begin"
+        "onboard.c", "if ((float)m->gps.fix.h_acc <= (1000.0f * CMEC_CAPTURE_RADIUS)) {", "{", "onboard.begin"
     ),
     Fault("onboard.c", "leaves(m, VIBRATION, CMEC_WINDOW_VIBRATION) &&", "", "onboard.begin"),
     Fault("onboard.c", " && leaves(m, TONE, CMEC_WINDOW_TONE)", "", "onboard.begin"),

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import Any
 
+from codegen.firmware.image import Image
 from codegen.firmware.key import SIMULATION_KEY
 from codegen.firmware.navigation import DEFAULT, Navigation
 from codegen.firmware.telemetry import FIELDS, Telemetry
@@ -12,10 +14,12 @@ from harness.log.geodesy import TangentPlane
 from harness.onboard.instruments import InertialUnit, Receiver
 from harness.onboard.memory import Memory
 from harness.onboard.processors import Cost, Processor, Received, open_processor
+from harness.onboard.processors.host import Host
 from harness.onboard.radio import Decoder, Heartbeat, Mission, Position, Start
 from harness.onboard.tones import commands
 from models.commands import Command
 from tests.harness.onboard.frames import encode
+from tests.harness.onboard.inside import inside
 
 PLANE = TangentPlane(math.radians(32.6), math.radians(-85.49))
 COMMANDS = commands({})  # by tone and vibrators
@@ -26,6 +30,14 @@ NO_TELEMETRY = Telemetry(*[0] * len(FIELDS))
 def place(north: float, east: float) -> Position:
     latitude, longitude = PLANE.from_plane(north, east)
     return Position(math.degrees(latitude), math.degrees(longitude))
+
+
+@cache
+def program() -> Image:
+    """The program on this machine, made once."""
+    processor = open_processor("host")
+    processor.close()
+    return processor.image
 
 
 class Vest:
@@ -39,19 +51,25 @@ class Vest:
         costs: of each tick, on a simulated processor.
         telemetry: the last.
         counter: of the last message.
-        fix: the bytes of the receiver's last fix.
-        frozen: the receiver repeats them.
+        receiver: what gives the fixes.
+        fix: the bytes of its last one.
+        frozen: it repeats them.
         played: the commands, as the tones and vibrators of each tick tell them.
     """
 
     def __init__(self, processor: Processor | None = None, navigation: Navigation = DEFAULT) -> None:
-        self.processor, self.decoder = processor or open_processor("host"), Decoder(SIMULATION_KEY)
+        self.processor, self.decoder = processor or Host(program()), Decoder(SIMULATION_KEY)
         self.navigation = navigation
         self.costs: list[Cost | None] = []
         self.k = self.counter = self.told = 0
         self.telemetry = NO_TELEMETRY
-        self.fix, self.frozen = b"", False
+        self.receiver, self.fix, self.frozen = Receiver(PLANE), b"", False
         self.played: list[Command] = []
+
+    @property
+    def inside(self) -> Any:
+        """`vest` of onboard.h: what a program counts in days, a test sets."""
+        return inside(self.processor._library)  # type: ignore[attr-defined]
 
     def tick(self, *messages: Any, fix: bool | None = None, **sensed: float) -> Memory:
         """One tick: messages (or bytes) in one piece; a fix on each sixth tick unless `fix` says so."""
@@ -67,7 +85,7 @@ class Vest:
         signals |= sensed
         due = self.k % 6 == 5 if fix is None else fix
         if due and not self.frozen:
-            self.fix = Receiver(PLANE).fix(0.04 * self.k, signals)
+            self.fix = self.receiver.fix(0.04 * self.k, signals)
         reply = self.processor.tick(
             Received(
                 self.fix if due else b"",
@@ -95,9 +113,10 @@ class Vest:
 
     def load(self, mission: Mission) -> Memory:
         """Give a mission, and wait until all of its places are projected."""
-        memory = self.tick(mission, fix=False)
-        while not memory["planned"]:
+        self.tick(mission, fix=False)
+        for _ in range(len(mission.fence) + 1 + len(mission.waypoints)):
             memory = self.tick(fix=False)
+        assert memory["planned"]
         return memory
 
     def begin(self, mission: Mission) -> Memory:
