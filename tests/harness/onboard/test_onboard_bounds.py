@@ -10,14 +10,15 @@ from pathlib import Path
 
 import pytest
 
-from codegen.firmware.bundle import library
+from codegen.firmware.bundle import library, processor_in_the_loop
 from codegen.firmware.image import host_image
 from codegen.firmware.targets import find_target
 from codegen.firmware.telemetry import Flag, Ready, Refusal, Telemetry
 from codegen.toolchains.library import load_library
 from harness.onboard.instruments import Receiver
 from harness.onboard.memory import Memory
-from harness.onboard.radio import Abort, Heartbeat, Mission, Position, Start
+from harness.onboard.processors.host import Host
+from harness.onboard.radio import Abort, Decoder, Heartbeat, Mission, Position, Start
 from models.estimator import SPEED
 from models.four_state import EAST, NORTH
 from models.modes import Anomaly, Mode
@@ -297,6 +298,8 @@ def told(vest: Vest) -> Telemetry:
         ((900_000_000, 5), (900_000_000, 5)),
         ((900_000_001, 5), (899_999_999, -1_799_999_995)),
         ((900_000_001, -5), (899_999_999, 1_799_999_995)),
+        ((900_000_001, 1_000_000_000), (899_999_999, -800_000_000)),
+        ((900_000_001, -1_000_000_000), (899_999_999, 800_000_000)),
         ((-900_000_000, 5), (-900_000_000, 5)),
         ((-900_000_001, 5), (-899_999_999, -1_799_999_995)),
         ((0, 1_800_000_000), (0, 1_800_000_000)),
@@ -335,6 +338,9 @@ def test_telemetry_tells_what_the_budget_leaves_of_issues_vibration_and_tones(ve
     # then 5 issues, 500 ticks of 0.04 s and 4999 are left, in whole tenths of a second
     got = told(vest)
     assert (got.issues_left, got.vibration_left, got.tone_left) == (5, 200, 1999)
+    state.spent[:] = (7, 597, 5997)
+    got = told(vest)
+    assert (got.issues_left, got.vibration_left, got.tone_left) == (1, 1, 1)
     # and never less than none
     state.spent[:] = (9, 601, 6001)
     got = told(vest)
@@ -370,6 +376,15 @@ def test_rule_8_a_start_needs_something_of_each_stimulus_left_in_the_window(
     assert Ready(told(vest).ready).missing == ()
 
 
+def test_rule_8_courses_that_contradict_the_heading_are_told(vest: Vest) -> None:
+    # given an animal that looks to the north and walks south at 1.2 m/s for more than 3 s
+    vest.ticks(12)
+    for k in range(120):
+        vest.ticks(1, gps_north=-0.048 * k, gps_speed=1.2, gps_course=math.pi)
+    # then
+    assert Ready.HEADING in Ready(told(vest).ready).missing
+
+
 @pytest.mark.parametrize("limit", ["window_issues", "window_vibration", "window_tone"])
 def test_rule_8_a_window_that_allows_none_leaves_none(vest: Vest, limit: str) -> None:
     vest.ticks(60)
@@ -385,10 +400,12 @@ def test_rule_9_the_last_anomaly_of_a_trial_is_told_until_the_next_one_begins(ve
     vest.begin(A)
     for _ in range(60):
         vest.tick()
+    assert vest.telemetry.anomaly == Anomaly.LOST_LINK
     # when the operator is heard again, and ends it
     vest.ticks(6)
     vest.tick(Abort())
     vest.ticks(60)
+    assert vest.telemetry.anomaly == Anomaly.NONE
     assert vest.telemetry.last_anomaly == Anomaly.LOST_LINK
     # then it is told until there is another trial
     vest.ticks(6, Start(A.id))
@@ -508,3 +525,11 @@ def test_telemetry_that_is_due_with_a_fix_comes_a_tick_later(vest: Vest) -> None
             before = vest.telemetry
             came.append(k)
     assert came == [6, 10]
+
+
+def test_a_program_without_a_key_says_that_it_is_insecure() -> None:
+    files = library(key=None) | processor_in_the_loop()
+    vest = Vest(Host(host_image(find_target("host"), files)))
+    vest.decoder = Decoder(None)
+    assert Flag.INSECURE in Flag(told(vest).flags)
+    vest.processor.close()
