@@ -211,7 +211,7 @@ def test_the_program_begins_with_nothing_whatever_its_memory_held(vest: Vest) ->
     assert list(again.values) == list(begun.values)
     for word in ("time_ms", "asked", "refusal", "last_anomaly", "planned", "place", "route", "pause", "busy"):
         assert begun[word] == 0
-    for word in ("laden", "reporting", "waited", "battery_mv", "temperature", "radio.mission.count"):
+    for word in ("reporting", "waited", "battery_mv", "temperature", "radio.mission.count"):
         assert begun[word] == 0
     assert begun["radio.session"] == 1
     assert begun["watchdog.state.link_limit"] == 50
