@@ -175,7 +175,8 @@ TRAILS: dict[str, tuple[tuple[str, str, str], ...]] = {
         ("recover", "models/estimator.py", "begins anew at the first, or after many rejected ones"),
     ),
     "A row reaches the log": (
-        ("Simulation", "harness/cosim/loop.py", "steps the components and hands their rows over"),
+        ("NativeWalk", "harness/cosim/walk.py", "has a loop in C make the calls of each tick"),
+        ("Simulation", "harness/cosim/loop.py", "hands the rows over by the batch"),
         ("LogRows", "harness/trial/contents.py", "arranges them by component"),
         ("LogWriter", "harness/log/writer.py", "writes them to the file"),
     ),

@@ -120,3 +120,14 @@ def test_a_dog_made_elsewhere_is_led_alike_and_fails_alike(
     assert walks == [NativeWalk.__name__, Walk.__name__]
     assert ends[0] == ends[1]
     assert text in str(ends[0][1])
+
+
+def test_a_trial_without_the_loop_in_c_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # given a machine that cannot compile it
+    monkeypatch.setattr("harness.cosim.walk._library", lambda: "no compiler for this machine")
+    request = Request(replace(load("two_waypoint"), duration=2.0))
+    build_missing(request)
+    # when, then
+    note = "the loop is Python's, a tenth as fast: no compiler for this machine"
+    assert run(request, tmp_path, "native")[1]["notes"] == [note]
+    assert run(request, tmp_path, "python")[1]["notes"] == []
