@@ -65,6 +65,6 @@ TARGETS = (
     Target(f"{ONBOARD}/ubx.c", DRIVERS),
     Target(f"{ONBOARD}/mt.c", DRIVERS),
     Target(f"{ONBOARD}/link.c", RADIO),
-    Target(f"{ONBOARD}/siphash.c", RADIO),
+    Target(f"{ONBOARD}/siphash.c", (*DRIVERS, "-k", "siphash")),
     Target(f"{ONBOARD}/onboard.c", (BOUNDS, ORDERS, "-k", "not until_the_window")),
 )

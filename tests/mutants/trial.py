@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import Phase, settings
 
 from tests.mutants.targets import PROJECT
 
@@ -128,7 +129,12 @@ class Copy:
 
 
 def prepare(cache: Path) -> None:
-    """Import what all tests import, once; keep what they build out of the user's cache."""
+    """Import what all tests import, once; keep what they build out of the user's cache.
+
+    An example that fails a test is not made smaller, since nobody reads it.
+    """
+    settings.register_profile("trial", phases=(Phase.explicit, Phase.reuse, Phase.generate))
+    settings.load_profile("trial")
     for name in IMPORTED:
         importlib.import_module(name)
     os.environ["ZIG_GLOBAL_CACHE_DIR"] = str(cache)

@@ -202,7 +202,7 @@ static const uint8_t *get_positions(link_position *to, uint8_t count, const uint
 /* A mission is taken whole or not at all: all of it is checked before anything is changed. */
 static bool take_mission(radio_link *m, const uint8_t *payload, uint8_t length)
 {
-    const uint8_t corners = (length > ID) ? payload[ID] : 0U;
+    const uint8_t corners = payload[ID]; /* of a payload without: a byte of the tag, and no place is there */
     const uint8_t end = (length >= PLACES) ? (uint8_t)(length - PLACES) : 0U;
     const uint8_t places = (uint8_t)(end / POSITION);
     bool valid = !m->locked && ((end % POSITION) == 0U) && (places >= (corners + 2U)) &&

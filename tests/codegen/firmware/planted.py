@@ -66,7 +66,7 @@ FAULTS = (
     Fault("link.c", "&bytes[POSITION * i]", "&bytes[0]", "link.message"),
     Fault("link.c", "(corners >= MIN_CORNERS)", "true", "link.message"),
     Fault("link.c", "(corners <= LINK_MAX_CORNERS)", "true", "link.message"),
-    Fault("link.c", "(length > ID) ? payload[ID] : 0U", "0U", "link.message"),
+    Fault("link.c", "corners = payload[ID];", "corners = 0U;", "link.message"),
     # rule 11: a tag that is not judged, in part or at all; a counter or an age that does not matter
     Fault("link.c", "return different == 0U;", "return true;", "link.accept"),
     Fault("link.c", "different |= (uint8_t)(got[i]", "different = (uint8_t)(got[i]", "link.accept"),

@@ -13,6 +13,7 @@ from harness.onboard import radio
 from tests.codegen.firmware.onboard_drivers import (
     FRAME,
     GOOD,
+    HEARTBEAT,
     MISSION,
     POSLLH,
     Driver,
@@ -24,7 +25,7 @@ from tests.codegen.firmware.onboard_drivers import (
     sol,
     velned,
 )
-from tests.harness.onboard.frames import SESSION, encode
+from tests.harness.onboard.frames import SESSION, encode, raw_frame, with_crc
 
 U32 = 2**32 - 1
 
@@ -151,7 +152,64 @@ def test_a_mission_at_all_ends_of_the_earth_is_taken(c: ctypes.CDLL) -> None:
     assert link.state.mission.count == 4
 
 
+@pytest.mark.parametrize(("corners", "count"), [(0, 1), (0, 16), (3, 1), (3, 16), (7, 1), (7, 16)])
+def test_a_mission_of_the_fewest_and_of_the_most_places_is_taken(
+    c: ctypes.CDLL, corners: int, count: int
+) -> None:
+    # given corners at 1, 2, ... east, home at 10, and waypoints at 11, 12, ... [1e-7 deg]
+    places = [*range(1, 1 + corners), 10, *range(11, 11 + count)]
+    payload = struct.pack(">HB", 0xBEEF, corners) + b"".join(struct.pack(">ii", -5, east) for east in places)
+    link = Driver(c, "link", SESSION)
+    assert list(link.receive(raw_frame(MISSION, payload))) == [MISSION]
+    # then each is where it belongs
+    held = link.state.mission
+    assert (held.id, held.corners, held.count) == (0xBEEF, corners, count)
+    positions = [*held.fence[:corners], held.home, *held.waypoints[:count]]
+    assert [(p.latitude, p.longitude) for p in positions] == [(-5, east) for east in places]
+
+
+@pytest.mark.parametrize("length", range(244, 256))
+def test_a_header_that_claims_more_than_the_longest_mission_begins_no_frame(
+    c: ctypes.CDLL, length: int
+) -> None:
+    # given the bytes that such a frame would have modulo 256, 6 to 17, with a right CRC
+    size = (8 + length + 10) % 256
+    link = Driver(c, "link", SESSION)
+    # when they come, then they are no frame, not even a damaged one
+    assert list(link.receive(with_crc(bytes([4, length]) + bytes(size - 6)) + bytes(20))) == []
+    scanner = link.state.scanner
+    assert (scanner.frames, scanner.errors, scanner.skipped) == (0, 0, size + 20)
+
+
+def test_a_silence_gives_up_a_frame_that_lost_its_end_and_finds_the_one_behind_it(c: ctypes.CDLL) -> None:
+    # given the header of a MISSION of 138 bytes, and a HEARTBEAT that seems to be in it
+    link = Driver(c, "link", SESSION)
+    assert list(link.receive(b"\xa5\x5a\x01\x8a" + encode(radio.Heartbeat(7), 1))) == []
+    # when the radio has been silent
+    c.link_idle(ctypes.byref(link.state))
+    # then the HEARTBEAT is found, and the header skipped
+    assert list(link.receive_block(b"")) == [HEARTBEAT]
+    assert (link.state.nonce, link.state.scanner.skipped, link.state.scanner.count) == (7, 4, 0)
+
+
 def test_frames_of_all_drivers_are_taken(c: ctypes.CDLL) -> None:
     """What the tests above change is taken as it is."""
     assert list(Driver(c, "mt", False).receive(damaged(3, 50))) == [True]
     assert list(Driver(c, "ubx").receive(GOOD["ubx"][1] + pvt(2))) != []
+
+
+# siphash
+
+
+@pytest.mark.parametrize("key", [bytes(16), bytes(range(16)), b"\xff" * 16])
+def test_siphash_begins_with_the_papers_words_and_with_no_byte_of_a_message(
+    c: ctypes.CDLL, key: bytes
+) -> None:
+    state = ctypes.create_string_buffer(b"\xaa" * 64, 64)
+    c.siphash_begin(state, key)
+    # v0 to v3 of the paper's 2.1
+    k0, k1 = struct.unpack("<2Q", key)
+    constants = 0x736F6D6570736575, 0x646F72616E646F6D, 0x6C7967656E657261, 0x7465646279746573
+    words = struct.pack("<4Q", *(a ^ k for a, k in zip(constants, (k0, k1, k0, k1), strict=True)))
+    # then the bytes of the word to be filled and their number are 0; what follows the state is as before
+    assert state.raw == words + bytes(16) + b"\xaa" * 16

@@ -279,7 +279,6 @@ def test_a_stream_cut_into_any_blocks_gives_the_same_frames(
         start += size
     # then they give the same frames, values and counts
     assert at_once == in_blocks
-    assert whole.frames(b"") == cut.frames(b"")
     assert whole.accounted == cut.accounted
 
 
@@ -325,7 +324,7 @@ def random_bytes(seed: int, count: int) -> bytes:
         # In 1e7 places a header stands by chance; its checksum is right in 1 of 65536 (mt: 256):
         ("ubx", 4e7 / 2**48),  # B5 62 01, one of four messages, its length 0: six bytes
         ("mt", 1e7 / 2**32),  # FA FF 32 32: four bytes
-        ("link", 1e7 / 2**16 * 139 / 256),  # A5 5A, any type, 0 to 138: 83 headers, 0.001 frames
+        ("link", 1e7 / 2**16 * 196 / 256),  # A5 5A, any type, 0 to 195: 117 headers, 0.002 frames
     ],
 )
 def test_ten_million_random_bytes_hold_no_frame(c: ctypes.CDLL, name: str, expected_errors: float) -> None:
@@ -827,8 +826,8 @@ def test_rule_11_a_program_without_a_key_takes_any_tag_but_no_frame_twice(tmp_pa
     assert list(link.receive(frame)) == [HEARTBEAT]
     assert list(link.receive(frame)) == []
     assert judged(link) == (0, 0, 1)
-    # and its telemetry has a tag of zeros
-    written = ctypes.create_string_buffer(radio.Decoder.SIZE)
+    # and its telemetry has a tag of zeros, whatever its memory held
+    written = ctypes.create_string_buffer(b"\xaa" * radio.Decoder.SIZE, radio.Decoder.SIZE)
     link.c.link_write_telemetry(ctypes.byref(link.state), written, ctypes.byref(STRUCTS["telemetry"]()))
     assert written.raw[-10:-2] == bytes(8)
 
@@ -837,12 +836,14 @@ def test_rule_11_a_program_without_a_key_takes_any_tag_but_no_frame_twice(tmp_pa
 
 
 def siphash_of(c: ctypes.CDLL, key: bytes, *parts: bytes) -> bytes:
-    state, tag = ctypes.create_string_buffer(64), ctypes.create_string_buffer(8)
+    """The tag of a message in parts, from memory that held something; no byte behind the tag is written."""
+    state, tag = ctypes.create_string_buffer(b"\xaa" * 64, 64), ctypes.create_string_buffer(b"\xaa" * 16, 16)
     c.siphash_begin(state, key)
     for part in parts:
         c.siphash_take(state, part, len(part))
     c.siphash_end(state, tag)
-    return tag.raw
+    assert tag.raw[8:] == b"\xaa" * 8
+    return tag.raw[:8]
 
 
 def test_siphash_gives_the_papers_vectors(machine: ctypes.CDLL) -> None:
