@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import math
 import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
 
@@ -16,6 +14,8 @@ import typer
 
 from codegen.firmware.targets import SIMULATED, TARGETS, find_target
 from codegen.toolchains.compiler import PLATFORMS
+from harness import log_commands
+from harness.console import err, json_of, out, print_note, say_where, short
 from harness.cosim.stepping import DURATION, Loop, Order
 from harness.pil import SCENARIO
 from harness.recording import STREAMS
@@ -26,8 +26,6 @@ from models.errors import CanineError, UsageError
 from models.kit.random import MAX_SEED
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from harness.cosim.fmu import FmuDescription
     from harness.replay.comparison import Comparison
     from harness.trial.request import Request
@@ -143,7 +141,7 @@ def build(
 
     with _telling("building") as done:
         paths = build_all(platforms=[*(platform or []), *(more or [])], done=done)
-    typer.echo(f"{len(paths)} files in {_short(build_folder())}")
+    typer.echo(f"{len(paths)} files in {short(build_folder())}")
 
 
 @app.command()
@@ -213,10 +211,10 @@ def run(
         with prepared(request) as ready:
             notes = (*request.notes, *ready.notes)
             for note in notes:
-                _note(note)
+                print_note(note)
             place = folder or request.default_folder
             if folder is None and (others := trial.replaced(request, ready, place)):
-                _note(others)
+                print_note(others)
             duration = request.scenario.duration
             with _bar("trial [s]", duration, quiet=as_json or duration < LONG_S) as progress:
                 try:
@@ -224,12 +222,12 @@ def run(
                 except KeyboardInterrupt as interrupt:
                     _ended(interrupt, _kept(place))
             for note in summary["notes"][len(notes) :]:
-                _note(note)
+                print_note(note)
     if as_json:
-        typer.echo(_as_json(summary))
+        typer.echo(json_of(summary))
     else:
         show(summary, out())
-        _say_where(place)
+        say_where(place)
 
 
 def _run_seeds(request: Request, seeds: str, folder: Path | None, as_json: bool) -> None:
@@ -241,7 +239,7 @@ def _run_seeds(request: Request, seeds: str, folder: Path | None, as_json: bool)
     summaries = []
     with (
         _bar("trials", len(chosen), quiet=as_json) as progress,
-        closing(run_seeds(request, chosen, place, _note)) as trials,
+        closing(run_seeds(request, chosen, place, print_note)) as trials,
     ):
         try:
             for summary in trials:
@@ -252,10 +250,10 @@ def _run_seeds(request: Request, seeds: str, folder: Path | None, as_json: bool)
             done = f"{len(summaries)} of {len(chosen)} trials are done"
             _ended(interrupt, f"{done}: {place / SEEDS}" if summaries else done)
     if as_json:
-        typer.echo(_as_json(summaries))
+        typer.echo(json_of(summaries))
     else:
         show(summaries, out())
-        typer.echo(f"{_short(place)}/: {SEEDS}, and a folder for each seed")
+        typer.echo(f"{short(place)}/: {SEEDS}, and a folder for each seed")
 
 
 @app.command()
@@ -299,14 +297,14 @@ def firmware(
             "that obeys whoever has such a radio"
         )
     processor = find_target(target)
-    secret = read(key, _note) if key else None
+    secret = read(key, print_note) if key else None
     navigation, values = firmware_of(parameters, settings or [], estimator, ahrs=ahrs)
     paths = bundle.write(processor, folder, values, navigation, constants=constants, key=secret)
-    typer.echo(f"{len(paths)} files for {processor.processor} in {_short(folder)}: see README.md there")
+    typer.echo(f"{len(paths)} files for {processor.processor} in {short(folder)}: see README.md there")
     if secret is None:
-        _note("INSECURE: whoever has such a radio can command this vest; its telemetry says so")
+        print_note("INSECURE: whoever has such a radio can command this vest; its telemetry says so")
     if not values.get("controller", {}).get("guarded"):
-        _note(
+        print_note(
             "WITHOUT LIMITS: cmec.guarded is off, so most rules of models/SAFETY.md do not hold. Not for an "
             'animal: leave out the scenario\'s reading, or write reading = "guarded"'
         )
@@ -330,7 +328,7 @@ def keygen(
     from codegen.firmware.key import write_new
 
     write_new(file)
-    typer.echo(f"{_short(file)}: a new radio key. Whoever can read it can command the vest")
+    typer.echo(f"{short(file)}: a new radio key. Whoever can read it can command the vest")
 
 
 @app.command("pil")
@@ -370,12 +368,12 @@ def processor_in_the_loop(
         except KeyboardInterrupt as interrupt:
             _ended(interrupt, _kept(place))
     for note in result["trial"]["notes"]:
-        _note(note)
+        print_note(note)
     if as_json:
-        typer.echo(_as_json(result))
+        typer.echo(json_of(result))
     else:
         compare.show(result, out())
-        _say_where(place)
+        say_where(place)
 
 
 @app.command("prove")
@@ -408,7 +406,7 @@ def prove_rules(
             if not as_json:
                 typer.echo(verdict.text())
     if as_json:
-        typer.echo(_as_json([verdict.facts() for verdict in verdicts]))
+        typer.echo(json_of([verdict.facts() for verdict in verdicts]))
     if failed := [v.proof.name for v in verdicts if v.failed]:
         raise CanineError(f"{len(failed)} of {len(verdicts)} proofs fail: {', '.join(failed)}")
 
@@ -444,7 +442,7 @@ def wiring(
     if as_json:
         links = [{"link": str(link), "ticks": ticks} for link, ticks in order_and_delays.delays]
         written = {"order": order_and_delays.order, "step_s": order_and_delays.step, "links": links}
-        typer.echo(_as_json(written))
+        typer.echo(json_of(written))
         return
     rows = [("link", "delay")]
     for link, ticks in order_and_delays.delays:
@@ -478,7 +476,7 @@ def check(
 
         results = recordings.check_all(fmu)
         if as_json:
-            typer.echo(_as_json(results))
+            typer.echo(json_of(results))
         else:
             recordings.show_all(results, out())
         recordings.raise_problems(fmu, results)
@@ -497,11 +495,11 @@ def check(
         place = find_role(role)
     description = describe(fmu)
     for warning in description.warnings:
-        _note(f"{fmu.name}: {warning}")
+        print_note(f"{fmu.name}: {warning}")
     if role is not None:
         result = fit(description, place, read_adapter(fmu, place))
         for note in result.notes:
-            _note(note)
+            print_note(note)
         if result.problems:
             raise CanineError("\n".join(result.problems))
     _try_out(description, role or "fmu")
@@ -566,23 +564,23 @@ def replay_recording(
         return
     source = open_source(recording, attitude)
     if source.broken:
-        _note(f"{recording}: the log is not whole, {source.broken}")
+        print_note(f"{recording}: the log is not whole, {source.broken}")
     for note in (*source.notes, *comparison.notes(source)):
-        _note(f"{recording}: {note}")
+        print_note(f"{recording}: {note}")
     chosen = source.outages(outage, every)
     with _bar("outages", len(chosen.windows), quiet=as_json) as progress:
         replayed = replay.replay(source, comparison, chosen, progress)
     for note in replayed.notes:
-        _note(f"{recording}: {note}")
+        print_note(f"{recording}: {note}")
     place = folder or source.folder
     if others := replaced(place / "outages.json", replay.identity(source, comparison, chosen)):
-        _note(f"{place}: has another replay, which this replaces ({others})")
+        print_note(f"{place}: has another replay, which this replaces ({others})")
     result = replay.report(source, comparison, chosen, replayed, place)
     if as_json:
-        typer.echo(_as_json(result))
+        typer.echo(json_of(result))
     else:
         replay.show(result, out())
-        _say_where(place)
+        say_where(place)
 
 
 def _replay_all(
@@ -605,14 +603,15 @@ def _replay_all(
             if progress:
                 progress(len(results))
     if as_json:
-        typer.echo(_as_json(results))
+        typer.echo(json_of(results))
     else:
         several.show(results, out())
     several.require_one(path, results)
     if failed := [result["recording"] for result in results if result["problem"]]:
-        _note(f"{path}: {len(failed)} of {len(results)} recordings cannot be replayed: {', '.join(failed)}")
+        some = f"{len(failed)} of {len(results)} recordings"
+        print_note(f"{path}: {some} cannot be replayed: {', '.join(failed)}")
     if not as_json:
-        typer.echo(f"{_short(place)}/: a folder for each recording")
+        typer.echo(f"{short(place)}/: a folder for each recording")
 
 
 @app.command("sweep")
@@ -691,13 +690,13 @@ def sweep_parameters(
     tls.check_use(dask, certificates)
     planned = sweep.plan_sweep(
         target, thresholds=thresholds, vary=vary or [], trials=trials, system=system, reading=reading,
-        seed=seed, settings=settings or [], estimator=estimator, ahrs=ahrs, note=_note,
+        seed=seed, settings=settings or [], estimator=estimator, ahrs=ahrs, note=print_note,
     )  # fmt: skip
     place = folder or sweep.default_folder(planned)
     with _bar("trials", planned.job.total, quiet=as_json) as progress:
         try:
             table, result = sweep.run(
-                planned, place, dask, certificates=certificates, progress=progress, note=_note
+                planned, place, dask, certificates=certificates, progress=progress, note=print_note
             )
         except KeyboardInterrupt as interrupt:
             kept = (place / journal.JOURNAL).exists()
@@ -708,10 +707,10 @@ def sweep_parameters(
                 else "nothing is done",
             )
     if as_json:
-        typer.echo(_as_json(result))
+        typer.echo(json_of(result))
     else:
         sweep.show(planned, table, result, out())
-        _say_where(place)
+        say_where(place)
 
 
 @app.command("fit")
@@ -743,12 +742,12 @@ def fit_animal(
         reading = statistics.read_tracks(paths, source, progress)
     result = statistics.estimate(reading, None if turned is None else math.radians(turned))
     place = folder or report.FOLDER
-    report.report(result, place, _note)
+    report.report(result, place, print_note)
     if as_json:
-        typer.echo(_as_json(result))
+        typer.echo(json_of(result))
     else:
         report.show(result, out())
-        _say_where(place)
+        say_where(place)
 
 
 @app.command()
@@ -796,12 +795,12 @@ def study(
     with _bar("percent", 100, quiet=as_json) as progress:
         result = run_study(name, Options(seeds, sensor_set, recording), progress)
     place = folder or Path("out", f"study-{name}")
-    report(name, result, place, _note)
+    report(name, result, place, print_note)
     if as_json:
-        typer.echo(_as_json(result))
+        typer.echo(json_of(result))
     else:
         find_study(name).show(result, out())
-        _say_where(place)
+        say_where(place)
 
 
 @app.command("tune")
@@ -835,49 +834,19 @@ def tune_estimator(
     block = find_estimator(estimator)
     source = open_source(recording)
     for note in source.notes:
-        _note(f"{recording}: {note}")
+        print_note(f"{recording}: {note}")
     with _bar("percent", 100, quiet=as_json) as progress:
         result = tune(source, block, hold or [], progress)
     place = folder or report.default_folder(source.name)
-    report.report(result, place, _note)
+    report.report(result, place, print_note)
     if as_json:
-        typer.echo(_as_json(result))
+        typer.echo(json_of(result))
     else:
         report.show(result, out())
-        _say_where(place)
+        say_where(place)
 
 
-@app.command("export")
-def export_log(
-    log: Annotated[str, typer.Argument(metavar="LOG.mcap")],
-    *,
-    to: Annotated[Literal["csv", "parquet"], typer.Option(help="the format")],
-    folder: Annotated[
-        Path | None,
-        typer.Option("--out", file_okay=False, help="by default a folder csv or parquet beside it"),
-    ] = None,
-) -> None:
-    """Write a log's signals for other tools: a file for each component, and units.json.
-
-    \b
-    canine export out/demo/trial.mcap --to csv
-    canine export out/demo/trial.mcap --to parquet --out data
-
-    The first column is `time` in s. NaN, Infinity and -Infinity stand in a CSV by these names. Parquet needs
-    the extra guided-canine[parquet].
-    """
-    from harness.log.export import export
-    from harness.log.log import read_log
-    from harness.trial.scenario import shipped
-
-    if log.endswith(".toml") or (log in shipped() and not Path(log).exists()):
-        raise UsageError(f"export {log}: expected a log; `canine run {log}` writes one, trial.mcap")
-    content = read_log(Path(log))
-    if content.broken:
-        _note(f"{log}: the log is not whole, {content.broken}")
-    place = folder or Path(log).parent / to
-    export(content, to, place)
-    _say_where(place)
+app.command("export")(log_commands.export_log)
 
 
 @app.command("scenarios")
@@ -897,7 +866,7 @@ def list_scenarios(
             | {"about": about(name)}
             for name, s in scenarios.items()
         ]
-        typer.echo(_as_json(entries))
+        typer.echo(json_of(entries))
         return
     table = new_table()
     for heading in ("\nscenario", "waypoints\nafter the start", "\nsystem", "\nwhat it is"):
@@ -923,7 +892,7 @@ def list_parameters(
 
     rows = parameters.parameters_of(BLOCKS if block is None else [find_block(block)])
     if as_json:
-        typer.echo(_as_json(parameters.as_json(rows)))
+        typer.echo(json_of(parameters.as_json(rows)))
     else:
         parameters.show(rows, out())
 
@@ -956,34 +925,7 @@ def c_of_block(
     place = folder or Path("out/c")
     make_folder(place)
     for path in write_files(files, place):
-        typer.echo(_short(path))
-
-
-@cache
-def out() -> Console:
-    """Standard output, with tables and colours on a terminal."""
-    from harness.terminal import console_of
-
-    return console_of()
-
-
-@cache
-def err() -> Console:
-    """Standard error, for notes and progress."""
-    from harness.terminal import console_of
-
-    return console_of(stderr=True)
-
-
-def _as_json(value: object) -> str:
-    """A result as JSON; letters are escaped only where standard output cannot show them all."""
-    is_unicode = (sys.stdout.encoding or "").lower().startswith("utf")
-    return json.dumps(value, indent=2, ensure_ascii=not is_unicode)
-
-
-def _note(text: str) -> None:
-    """Print what a user should know, as it is: nothing in it is markup."""
-    err().print(f"note: {text}", style="dim", soft_wrap=True, markup=False)
+        typer.echo(short(path))
 
 
 def _try_out(description: FmuDescription, name: str) -> None:
@@ -1010,15 +952,6 @@ def _ended(interrupt: KeyboardInterrupt, what: str) -> NoReturn:
     number = interrupt.args[0] if interrupt.args else signal.SIGINT
     err().print(f"canine: ended by {name_of(number)}; {what}", soft_wrap=True, markup=False)
     sys.exit(128 + number)
-
-
-def _say_where(folder: Path) -> None:
-    """Where the results lie: what there is, by name."""
-    typer.echo(f"{_short(folder)}/: {', '.join(sorted(p.name for p in folder.iterdir() if p.is_file()))}")
-
-
-def _short(path: Path) -> str:
-    return str(path.relative_to(Path.cwd())) if path.is_relative_to(Path.cwd()) else str(path)
 
 
 @contextmanager
