@@ -281,7 +281,7 @@ def test_rule_8_home_is_inside_a_fence_if_an_odd_number_of_its_edges_is_north_of
     assert (Ready.FENCE not in Ready(told(vest).ready).missing) == inside
 
 
-# the telemetry: what a program counts in days or walks to the pole for is set
+# the telemetry; counts that take days, and places at the poles, are set in memory
 
 
 def told(vest: Vest) -> Telemetry:

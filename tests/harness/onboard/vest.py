@@ -68,7 +68,7 @@ class Vest:
 
     @property
     def inside(self) -> Any:
-        """`vest` of onboard.h: what a program counts in days, a test sets."""
+        """`vest` of onboard.h, to read and to change."""
         return inside(self.processor._library)  # type: ignore[attr-defined]
 
     def tick(self, *messages: Any, fix: bool | None = None, **sensed: float) -> Memory:
