@@ -536,6 +536,9 @@ def show(sweep: Sweep, table: Sequence[Point], result: Mapping[str, Any], consol
         )
     print_table(printed, console)
     if step > 1:
-        console.print(f"1 in {step} of {len(table)} points", style="dim")
+        console.print(f"1 row of every {step}; all {len(table)} are in {CSV}", style="dim")
+    if len(table) == 1:
+        console.print("one point: nothing to compare")
+        return
     for key in ("success", "time", "both", "pareto"):
         console.print(escape(result[key]["text"]), soft_wrap=True)

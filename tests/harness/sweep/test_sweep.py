@@ -301,6 +301,30 @@ def test_the_command_leaves_table_picture_and_recommendation(
     assert json.loads(text) == result
 
 
+@pytest.mark.usefixtures("runner")
+def test_a_table_too_long_for_the_terminal_says_where_the_other_rows_are(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    # given 27 points, of which the terminal shows 13 at most
+    _, text, _ = canine(capsys, "two", "--thresholds", "20:46", "--trials", 4, "--out", tmp_path)
+    # then every third is shown, and so it says
+    lines = [line.split()[0] for line in text.splitlines() if line.endswith(" 0  ")]
+    assert lines == [str(degrees) for degrees in range(20, 47, 3)]
+    assert "1 row of every 3; all 27 are in sweep.csv\n" in text
+
+
+@pytest.mark.usefixtures("runner")
+def test_a_single_point_says_once_that_there_is_nothing_to_compare(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    _, text, _ = canine(capsys, "two", "--thresholds", "20", "--trials", 4, "--out", tmp_path)
+    assert text.count("nothing to compare") == 1
+    assert "Pareto" not in text
+    # and the file has each criterion as before
+    advice = json.loads((tmp_path / "recommendation.json").read_text())
+    assert advice["success"]["text"].startswith("best success rate: one point")
+
+
 def test_a_sweep_over_two_parameters_draws_maps(
     runner: Runner, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
