@@ -151,7 +151,7 @@ def _fence(scenario: Scenario, interface: Interface, values: Mapping[str, float]
         places = [("the start", scenario.start[:2])]
         places += [(f"waypoint {i}", place) for i, place in enumerate(scenario.waypoints, start=1)]
         yield from (
-            f"{name} is outside the fence: the animal is stopped there"
+            f"{name} is outside the fence: the animal may be stopped; on board a START is refused"
             for name, place in places
             if not encloses(scenario.fence, place)
         )

@@ -109,8 +109,8 @@ STOP = Setting("controller.override", "STOP", 10.0)
                 LEG, fence=FENCE, reading="guarded", start=(-10.0, 0.0, 0.0), waypoints=((30, 0), (30, 25))
             ),
             [
-                "the start is outside the fence: the animal is stopped there",
-                "waypoint 2 is outside the fence: the animal is stopped there",
+                "the start is outside the fence: the animal may be stopped; on board a START is refused",
+                "waypoint 2 is outside the fence: the animal may be stopped; on board a START is refused",
             ],
         ),
         (
