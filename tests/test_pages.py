@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
 import pytest
+
+from codegen.firmware.bundle import COSTS
 
 PROJECT = Path(__file__).resolve().parents[1]
 FLOORS = ("models", "codegen", "fmus", "harness")
@@ -35,3 +38,17 @@ def test_files_that_a_page_names_are_there(page: Path) -> None:
         n.removeprefix("sources/") for n in names if n.rpartition("/")[2] not in MADE
     ]  # sources/ of an FMU
     assert [name for name in named if not any(file.endswith(f"/{name}") for file in FILES)] == []
+
+
+def test_pages_state_the_ticks_and_the_worst_tick_of_the_trials_on_board() -> None:
+    # given what the default program was measured to cost on each processor
+    costs = json.loads(COSTS.read_text())
+    rabbit, cortex = costs["rabbit4000"]["four_state"], costs["cortex-m4f"]["four_state"]
+    worst = max(rabbit[kind]["worst_ms_by_wait_states"][0] for kind in ("with_fix", "without_fix"))
+    # then README and the page of results say the same
+    readme = " ".join((PROJECT / "README.md").read_text().split())
+    page = " ".join((PROJECT / "harness" / "results" / "onboard.md").read_text().split())
+    assert f"The worst tick takes {worst:.1f} of 40 ms on the Rabbit." in readme
+    for text in (readme, page):
+        assert f"{rabbit['ticks']:,} ticks on the Rabbit 4000" in text
+        assert f"{cortex['ticks']:,} on the Cortex-M4F" in text
