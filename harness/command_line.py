@@ -111,13 +111,15 @@ def canine(
     canine firmware --target cortex-m4f --key vest.key --out fw     the onboard program's sources
     canine pil --target cortex-m4f                runs them on the simulated processor, bit by bit
     canine export out/demo/trial.mcap --to csv    a log as files that other tools read
+    canine compare out/demo out/again             do two logs agree, and where do they differ first
+    canine recover out/demo/trial.mcap            a log that was cut is made whole
     canine scenarios                              the trials that come with the project
     canine parameters cmec                        what a scenario can set: unit, range, default, meaning
     canine c cmec --precision float               the C of a block
 
     --debug anywhere shows where an error comes from.
-    Exit status: 0 done (also when the dog failed its trial), 1 a fault in what was run, 2 wrong usage,
-    130 ended by Ctrl-C.
+    Exit status: 0 done (also when the dog failed its trial), 1 a fault in what was run, or logs that differ,
+    2 wrong usage, 130 ended by Ctrl-C.
     """
 
 
@@ -846,6 +848,8 @@ def tune_estimator(
         say_where(place)
 
 
+app.command("compare")(log_commands.compare_logs)
+app.command("recover")(log_commands.recover_log)
 app.command("export")(log_commands.export_log)
 
 

@@ -63,15 +63,24 @@ def differences(held: Mapping[str, Any], new: Mapping[str, Any], within: str = "
     Args:
         within: what both are part of, with a point at its end.
     """
+    for name, before, now in changes(held, new, within):
+        yield f"{name}: {in_words(before)}, now {in_words(now)}"
+
+
+def changes(
+    held: Mapping[str, Any], new: Mapping[str, Any], within: str = ""
+) -> Iterator[tuple[str, Any, Any]]:
+    """The properties that differ, those of a mapping one by one: name, value before (None if none), now."""
     for key in {**new, **held}:
         before, now, name = held.get(key), new.get(key), f"{within}{key}"
         if isinstance(before, Mapping | None) and isinstance(now, Mapping | None):
-            yield from differences(before or {}, now or {}, f"{name}.")
+            yield from changes(before or {}, now or {}, f"{name}.")
         elif before != now:
-            yield f"{name}: {_in_words(before)}, now {_in_words(now)}"
+            yield name, before, now
 
 
-def _in_words(value: object) -> str:
+def in_words(value: object) -> str:
+    """A property's value as it is named in a note, cut if it is long."""
     if value is None:
         return "none"
     text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)

@@ -15,7 +15,9 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from harness.cosim.stepping import Loop, Order
-from harness.log.log import Log, read_log
+from harness.log.compare import LogComparison, Tolerances, compare
+from harness.log.log import Log, log_of, read_log
+from harness.log.recover import Recovery, recover
 from harness.replay import EVERY_S, OUTAGE_S
 from harness.trial import DEFAULT, trial
 from harness.trial.prepare import prepared
@@ -26,14 +28,18 @@ from models.readings import READINGS
 
 __all__ = [
     "Log",
+    "LogComparison",
+    "Recovery",
     "ReplayResult",
     "Scenario",
     "Setting",
     "StudyResult",
     "SweepResult",
     "TrialResult",
+    "compare_logs",
     "load_scenario",
     "open_log",
+    "recover_log",
     "run_replay",
     "run_study",
     "run_sweep",
@@ -499,6 +505,64 @@ def open_log(path: StrPath) -> Log:
         LogError: it cannot be read.
     """
     return read_log(Path(path))
+
+
+def compare_logs(
+    a: StrPath,
+    b: StrPath,
+    *,
+    tolerance: float | None = None,
+    tolerances: Mapping[str, float] | None = None,
+    values_only: bool = False,
+) -> LogComparison:
+    """Compare two logs, or the logs in two folders of runs.
+
+    >>> from harness import compare_logs, run_trial
+    >>> one, two = (run_trial("two_waypoint", seed=seed, out=f"out/seed-{seed}") for seed in (1, 2))
+    >>> comparison = compare_logs(one.folder, two.folder, tolerance=1e-9)
+    >>> comparison.agree, comparison.first.signal
+    (False, 'sensors.heading')
+    >>> compare_logs(one.log_path, one.log_path).agree
+    True
+
+    Args:
+        tolerance: largest difference that still agrees, in the signal's unit (angles in rad, by the shorter
+            way round); by default values must have the same bits.
+        tolerances: the same for one signal, `{"estimator.north": 0.01}`, or all of a component.
+        values_only: metadata, units and attachments may differ.
+
+    Raises:
+        UsageError: a tolerance is not a number from 0 on, or for a signal that neither log has.
+        LogError: a log cannot be read.
+    """
+    logs = read_log(log_of(Path(a))), read_log(log_of(Path(b)))
+    return compare(*logs, Tolerances(tolerance, tolerances or {}), values_only=values_only)
+
+
+def recover_log(path: StrPath, out: StrPath | None = None) -> Recovery:
+    """Make a log whole that was cut, in a new file; one that is whole is not written anew.
+
+    >>> from pathlib import Path
+    >>> from harness import open_log, recover_log, run_trial
+    >>> whole = run_trial("two_waypoint", out="out/whole").log_path
+    >>> recover_log(whole).out is None
+    True
+    >>> _ = Path("out/cut.mcap").write_bytes(whole.read_bytes()[:400_000])
+    >>> recovery = recover_log("out/cut.mcap")
+    >>> recovery.out.as_posix(), recovery.is_complete
+    ('out/cut-recovered.mcap', False)
+    >>> len(open_log(recovery.out).time) == recovery.messages["/plant"]
+    True
+
+    Args:
+        path: the log, or the folder of its run.
+        out: the new file; by default <log>-recovered.mcap beside the log.
+
+    Raises:
+        UsageError: there is something at `out` already.
+        LogError: the log cannot be read or has no tick, or the file cannot be written.
+    """
+    return recover(log_of(Path(path)), None if out is None else Path(out))
 
 
 def load_scenario(target: StrPath) -> Scenario:

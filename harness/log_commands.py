@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from harness.console import print_note, say_where
+from harness.console import json_of, out, print_note, say_where, short
 from models.errors import UsageError
 
 
@@ -41,3 +41,85 @@ def export_log(
     place = folder or Path(log).parent / to
     export(content, to, place)
     say_where(place)
+
+
+def compare_logs(
+    a: Annotated[Path, typer.Argument(metavar="A")],
+    b: Annotated[Path, typer.Argument(metavar="B")],
+    *,
+    tolerance: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ABS|signal=ABS",
+            help="largest difference that still agrees, in the signal's unit as in the log (angles in rad): "
+            "for all signals, a component's, or one",
+        ),
+    ] = None,
+    values_only: Annotated[
+        bool, typer.Option("--values-only", help="metadata, units and attachments may differ")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="print the result as JSON")] = False,
+) -> None:
+    """Compare two logs, or the logs in two folders of runs: do they agree, and where do they differ first?
+
+    \b
+    canine compare out/demo/trial.mcap out/again/trial.mcap
+    canine compare out/demo out/again --tolerance 1e-9
+    canine compare out/demo out/again --tolerance 1e-9 --tolerance estimator.north=0.01 --tolerance plant=0
+    canine compare out/demo out/again --values-only
+
+    Rows are compared at the times that both have. Without a tolerance values must have the same bits: 0.0 is
+    not -0.0, NaN is NaN. With one, an angle (in rad or deg, unless its name ends in _sd) differs by the
+    shorter way round, and NaN differs from every number. What comes after the end of a log that was cut does
+    not count. Exit status: 0 they agree, 1 they differ.
+    """
+    from harness.log import comparison_table
+    from harness.log.compare import Tolerances, compare
+    from harness.log.log import log_of, read_log
+
+    tolerances = Tolerances.parse(tolerance or [])
+    logs = read_log(log_of(a)), read_log(log_of(b))
+    result = compare(*logs, tolerances, values_only=values_only)
+    if as_json:
+        typer.echo(json_of(result.facts()))
+    else:
+        comparison_table.show(result, out())
+    for log in logs:
+        if log.broken:
+            print_note(f"{log.path}: the log is not whole, {log.broken}; what is after that does not count")
+    if not result.agree:
+        raise typer.Exit(1)
+
+
+def recover_log(
+    log: Annotated[Path, typer.Argument(metavar="LOG.mcap")],
+    *,
+    file: Annotated[
+        Path | None,
+        typer.Option("--out", dir_okay=False, metavar="FILE", help="by default <log>-recovered.mcap"),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print what was recovered as JSON")] = False,
+) -> None:
+    """Make a log whole that was cut: its process was killed, or its disk was full. The log itself stays.
+
+    \b
+    canine recover out/demo/trial.mcap
+    canine recover out/demo --out out/demo.mcap
+
+    The new file has everything that was written whole, and its metadata say that it was recovered. Of a log
+    that is damaged elsewhere it has what stands before the damage. A log that is whole is not written anew.
+    """
+    from harness.log.log import log_of, read_log
+    from harness.log.recover import recover
+    from harness.trial.summary import show, summarize
+
+    recovery = recover(log_of(log), file)
+    summary = summarize(recovery.log if recovery.out is None else read_log(recovery.out))
+    if as_json:
+        typer.echo(json_of(recovery.facts() | {"summary": summary}))
+        return
+    for line in recovery.words():
+        typer.echo(line)
+    if recovery.out is not None:
+        show(summary, out())
+        typer.echo(short(recovery.out))

@@ -37,7 +37,7 @@ class DamageError(Exception):
 
 
 RECORD = struct.Struct("<BQ")  # opcode, length of the content
-_MESSAGE = struct.Struct("<HxxxxQxxxxxxxx")  # channel, (sequence,) log time, (publish time)
+MESSAGE = struct.Struct("<HxxxxQxxxxxxxx")  # channel, (sequence,) log time, (publish time)
 # what mcap's records and the decompressors raise for bytes that they cannot read
 UNREADABLE = (McapError, zstandard.ZstdError, RuntimeError, ValueError, OverflowError, struct.error)
 
@@ -139,12 +139,19 @@ _NOT_FINITE = ("NaN", "Infinity", "-Infinity")
 
 
 class Contents:
-    """What a log holds, as far as it is read."""
+    """What a log holds, as far as it is read.
+
+    Attributes:
+        end: the place in the file after the last record that was read.
+        is_complete: did the data come to the end that their writer set?
+    """
 
     def __init__(self, size: int) -> None:
         self.metadata: dict[str, dict[str, str]] = {}
         self.attachments: dict[str, bytes] = {}
         self.topics: dict[str, Topic] = {}  # by component
+        self.end = 0
+        self.is_complete = False
         self._schemas: dict[int, records.Schema] = {}
         self._channels: dict[int, records.Channel] = {}
         self._topics: dict[int, Topic | None] = {}  # by channel; None for those of the viewers
@@ -205,14 +212,14 @@ class Contents:
         )
 
     def _take_message(self, data: bytes, start: int, end: int) -> None:
-        channel, time = _MESSAGE.unpack_from(data, start)
+        channel, time = MESSAGE.unpack_from(data, start)
         if channel not in self._topics:
             raise DamageError(f"a message of channel {channel}, which is missing")
         if topic := self._topics[channel]:
             if end - start > MAX_ROW:
                 raise DamageError(f"a row of {end - start} bytes; at most {MAX_ROW} are read")
             topic.moments.append(time)
-            topic.messages.append(data[start + _MESSAGE.size : end])
+            topic.messages.append(data[start + MESSAGE.size : end])
 
     def _take_chunk(self, chunk: records.Chunk) -> None:
         """Keep a chunk's records; its thousands of messages are not made objects one by one."""

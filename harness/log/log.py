@@ -33,6 +33,7 @@ from models.errors import CanineError, UsageError, nearest, printable
 if TYPE_CHECKING:
     import pandas
 
+FILE = "trial.mcap"  # in the folder of a run
 PROFILE = "guided-canine"  # in the header of every log: what tells ours from others
 FORMAT = "2"  # "1" had no checksums of metadata and file; it is read too
 OWN_RECORD = "log"  # metadata of the log itself: format and origin
@@ -53,7 +54,8 @@ class NoLogError(LogError, UsageError):
 class Log:
     """A run that was read back: `values[component]` is (ticks, signals), `time` (ticks,) in s.
 
-    `log["plant.north"]` is one signal, (ticks,). `broken` says why the run is not whole, and is "" if it is.
+    `log["plant.north"]` is one signal, (ticks,). `broken` says why the run is not whole, and is "" if it is;
+    `damage` is "" too if a fault or the user ended the run and the file itself is whole.
     """
 
     path: Path
@@ -64,6 +66,7 @@ class Log:
     values: dict[str, Array]
     origin: tuple[float, float] = (0.0, 0.0)
     broken: str = ""
+    damage: str = ""
     _columns: dict[str, tuple[str, int]] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -156,6 +159,11 @@ def checksums(records: Mapping[str, Mapping[str, str]], attachments: Mapping[str
     return {name: f"{zlib.crc32(data):08x}" for name, data in content.items()}
 
 
+def log_of(path: Path) -> Path:
+    """The log that a path names: itself, or the one in the folder of a run."""
+    return path / FILE if path.is_dir() else path
+
+
 def read_log(path: Path) -> Log:
     """Read a log; of one that was cut short or damaged, everything up to there, and `broken` says so.
 
@@ -173,7 +181,7 @@ def read_log(path: Path) -> Log:
         with path.open("rb") as file:
             size = path.stat().st_size
             contents = Contents(size)
-            broken = _read(path, file, size, contents)
+            damage = read_records(path, file, size, contents)
     except (FileNotFoundError, NotADirectoryError, IsADirectoryError, PermissionError) as error:
         inside = sorted(path.glob("*.mcap")) if path.is_dir() else []
         hint = f'; did you mean "{inside[0]}"?' if inside else "" if path.exists() else nearest_file(path)
@@ -182,27 +190,27 @@ def read_log(path: Path) -> Log:
         raise LogError(f"log {path}: cannot be read ({error.strerror})") from error
     try:
         contents.decode()  # messages outside chunks
-    except DamageError as damage:
-        broken = f"the file is damaged ({damage})"
+    except DamageError as what:
+        damage = f"the file is damaged ({what})"
     ticks, complete = contents.ticks()
     if not complete:
         counts = ", ".join(
             f"{len(topic.times)} of {printable(name):.80}" for name, topic in contents.topics.items()
         )
-        broken = broken or f"the file is damaged (not all components have the same ticks: {counts})"
+        damage = damage or f"the file is damaged (not all components have the same ticks: {counts})"
     if not ticks:
-        what = broken or "it was closed"
-        raise LogError(f"log {path}: no tick to read, {what} before the first; run the trial again")
+        when = damage or "it was closed"
+        raise LogError(f"log {path}: no tick to read, {when} before the first; run the trial again")
     origin = 0.0, 0.0
     own = _checked_head(path, contents)
     try:
         origin = float(own.get("latitude", 0)), float(own.get("longitude", 0))
     except ValueError:
-        broken = broken or "the file is damaged (its origin is not a number)"
+        damage = damage or "the file is damaged (its origin is not a number)"
     time = np.array(ticks, dtype=np.float64) / SECOND
-    if broken:
-        broken += f"; its ticks up to {time[-1]:g} s are kept"
-    broken = broken or printable(contents.metadata.pop(END_RECORD, {}).get("reason", ""))
+    if damage:
+        damage += f"; its ticks up to {time[-1]:g} s are kept"
+    reason = printable(contents.metadata.pop(END_RECORD, {}).get("reason", ""))
     topics = list(contents.topics.values())
     return Log(
         path,
@@ -212,12 +220,15 @@ def read_log(path: Path) -> Log:
         time,
         {topic.channel.component: np.concatenate(topic.values)[: len(ticks)] for topic in topics},
         origin,
-        broken,
+        damage or reason,
+        damage,
     )
 
 
-def _read(path: Path, file: IO[bytes], size: int, contents: Contents) -> str:
+def read_records(path: Path, file: IO[bytes], size: int, contents: Contents) -> str:
     """Read a file's records into `contents`; why they are not all, "" if they are.
+
+    `contents.end` is then the place after the last record that is whole.
 
     Raises:
         LogError: the file is not one of ours.
@@ -256,8 +267,10 @@ def _read(path: Path, file: IO[bytes], size: int, contents: Contents) -> str:
         except DamageError as damage:
             return f"the file is damaged at byte {at} ({damage})"
         at += len(head) + length
+        contents.end = at
         checksum = 0 if opcode == Opcode.DATA_END else zlib.crc32(content, zlib.crc32(head, checksum))
         ends += opcode == Opcode.DATA_END
+        contents.is_complete |= opcode == Opcode.DATA_END
         if opcode == Opcode.FOOTER:
             break
     rest = file.read(len(MCAP0_MAGIC) + 1)

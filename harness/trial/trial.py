@@ -14,7 +14,7 @@ from codegen.firmware.navigation import Navigation
 from codegen.firmware.targets import find_target
 from harness.cosim.loop import Simulation, Stop
 from harness.files import differences, make_folder, write_whole
-from harness.log.log import Log, LogError, read_log
+from harness.log.log import FILE, Log, LogError, read_log
 from harness.log.writer import LogWriter
 from harness.onboard.processors import Processor, open_processor
 from harness.onboard.stand_in import Onboard
@@ -31,7 +31,7 @@ from models.errors import UsageError
 from models.kit.link import Values
 from models.system import find_system
 
-LOG, SUMMARY, PAGE, PICTURE = "trial.mcap", "summary.json", "trial.html", "trial.png"
+LOG, SUMMARY, PAGE, PICTURE = FILE, "summary.json", "trial.html", "trial.png"
 OpenProcessor = Callable[[str, Values, Navigation], Processor]
 
 

@@ -1,4 +1,4 @@
-"""The commands beside trials, sweeps and replays: exports, lists, the C of a block, the version."""
+"""The commands beside trials, sweeps, replays and logs: lists, the C of a block, the version."""
 
 import json
 import tomllib
@@ -95,49 +95,6 @@ def test_trials_with_seeds_name_the_trials_that_they_replace(
     assert error == f"{begin} (parameters.cmec.dead_time: none, now 2)\n"
 
 
-@pytest.mark.parametrize("to", ["csv", "parquet"])
-def test_a_log_is_exported_beside_itself_or_where_it_is_told(
-    to: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    # given
-    canine(capsys, *RUN, "--out", tmp_path)
-    log = read_log(tmp_path / "trial.mcap")
-    # when
-    status, text, errors = canine(capsys, "export", tmp_path / "trial.mcap", "--to", to)
-    canine(capsys, "export", tmp_path / "trial.mcap", "--to", to, "--out", tmp_path / "data")
-    # then
-    names = {*(f"{channel.component}.{to}" for channel in log.channels), "units.json"}
-    assert (status, errors) == (0, "")
-    assert text == f"{tmp_path}/{to}/: {', '.join(sorted(names))}\n"
-    assert {path.name for path in (tmp_path / "data").iterdir()} == names
-    if to == "csv":
-        lines = (tmp_path / "csv" / "plant.csv").read_text().splitlines()
-        assert lines[0].split(",")[0] == "time"
-        assert [float(line.split(",")[0]) for line in lines[1:]] == log.time.tolist()
-
-
-def test_the_export_of_a_scenario_says_to_run_it_first(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    for scenario in ("three_waypoint", str(tmp_path / "my.toml")):
-        status, _, errors = canine(capsys, "export", scenario, "--to", "csv")
-        assert status == 2
-        assert f"expected a log; `canine run {scenario}` writes one" in errors
-
-
-def test_the_export_of_a_cut_log_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    # given the first nine tenths of a log
-    canine(capsys, *RUN, "--out", tmp_path)
-    log = tmp_path / "trial.mcap"
-    log.write_bytes(log.read_bytes()[: log.stat().st_size * 9 // 10])
-    # when
-    status, _, errors = canine(capsys, "export", log, "--to", "csv")
-    # then
-    assert status == 0
-    assert f"note: {log}: the log is not whole, the file ends early" in errors.replace("\n", "")
-    assert len((tmp_path / "csv" / "plant.csv").read_text().splitlines()) == len(read_log(log).time) + 1
-
-
 def test_the_c_of_a_block_is_what_the_generator_gives(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -185,7 +142,7 @@ def test_an_estimator_does_not_fit_a_system_without_one(
 
 
 def test_help_of_each_command_shows_how_to_call_it(capsys: pytest.CaptureFixture[str]) -> None:
-    for command in ("export", "parameters", "c"):
+    for command in ("export", "compare", "recover", "parameters", "c"):
         status, text, _ = canine(capsys, command, "--help")
         assert status == 0
         assert f"\n  canine {command} " in text

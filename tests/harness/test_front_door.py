@@ -52,8 +52,10 @@ def test_the_example_of_the_page_runs_as_printed(tmp_path: Path, monkeypatch: py
 def test_every_function_has_an_example() -> None:
     functions = {name for name in harness.__all__ if not isinstance(getattr(harness, name), type)}
     assert functions == {
+        "compare_logs",
         "load_scenario",
         "open_log",
+        "recover_log",
         "run_replay",
         "run_study",
         "run_sweep",

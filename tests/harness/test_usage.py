@@ -15,7 +15,7 @@ from tests.harness.command import canine
     ("command_line", "line"),
     [
         ("rnu", 'there is no command "rnu"; did you mean "run"?'),
-        ("bark", 'there is no command "bark"; known: build, c, check, export, '),
+        ("bark", 'there is no command "bark"; known: build, c, check, compare, '),
         ("--bark", 'there is no option "--bark"; known: --help, --version'),
         ("run --sed 3", 'run has no option "--sed"; did you mean "--seed"?'),
         ("run -x", 'run has no option "-x"; known: --ahrs, '),
@@ -41,6 +41,8 @@ from tests.harness.command import canine
         ("run --out dog.fmu", '--out: "dog.fmu" is a file; expected a folder'),
         ("check", "check lacks X.fmu|RECORDING, as in `canine check dog.fmu --role plant`"),
         ("check none/dog.fmu", 'there is no "none/dog.fmu"; there is no folder "none"'),
+        ("compare a", "compare lacks B, as in `canine compare out/demo/trial.mcap out/again/trial.mcap`"),
+        ("recover dog.mcap --out folder", '--out: "folder" is a folder; expected a file'),
         ("c", "c lacks BLOCK, as in `canine c cmec`"),
         ("replay folder --outage 0", '--outage is "0"; expected a number from 1 to 600, s without GPS'),
         (
@@ -119,6 +121,9 @@ def test_a_command_line_without_a_command_shows_the_help(capsys: pytest.CaptureF
         "fit none",
         "export none.mcap --to csv",
         "export . --to csv",
+        "compare none.mcap none.mcap",
+        "compare none none",
+        "recover none.mcap",
         "firmware --insecure --target host --out fw --parameters none.toml",
         "pil none.toml --target cortex-m4f",
     ],
@@ -170,7 +175,14 @@ def test_a_folder_that_cannot_be_written_is_wrong_usage_in_every_command(
 
 @pytest.mark.parametrize(
     "command_line",
-    ["run damaged.mcap", "replay damaged.mcap", "fit damaged.mcap", "export damaged.mcap --to csv"],
+    [
+        "run damaged.mcap",
+        "replay damaged.mcap",
+        "fit damaged.mcap",
+        "export damaged.mcap --to csv",
+        "compare damaged.mcap damaged.mcap",
+        "recover damaged.mcap",
+    ],
 )
 def test_a_damaged_log_is_a_fault_in_every_command(
     command_line: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
