@@ -1,7 +1,8 @@
 """A log that was cut or damaged is made whole: what stands before, in an MCAP file with its end and index.
 
 The chunks stay as they are, so a file that was cut after its last tick gets back the bytes that it had. A
-chunk of which only a part was written is lost: it unpacks as one block, and one checksum covers it.
+chunk of which only a part was written is lost: its checksum covers the whole, and nothing tells whether the
+part is right.
 """
 
 from __future__ import annotations
