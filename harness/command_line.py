@@ -42,7 +42,12 @@ app = typer.Typer(
 )
 
 
-Fmu = Annotated[Path | None, typer.Option(exists=True, dir_okay=False, metavar="X.fmu")]
+Plant = Annotated[
+    str | None, typer.Option(metavar="NAME|X.fmu", help="one of ours, such as differential_drive, or an FMU")
+]
+Controller = Annotated[
+    str | None, typer.Option(metavar="NAME|X.fmu", help="one of ours, such as quarter_turn, or an FMU")
+]
 Estimator = Annotated[
     str | None, typer.Option(metavar="NAME|X.fmu", help="one of ours, such as six_state, or an FMU")
 ]
@@ -155,9 +160,9 @@ def run(
     seeds: Annotated[
         str | None, typer.Option(metavar="a:b", help="a trial with each seed from a to b: a table")
     ] = None,
-    plant: Fmu = None,
+    plant: Plant = None,
     estimator: Estimator = None,
-    controller: Fmu = None,
+    controller: Controller = None,
     ahrs: Ahrs = False,
     order: Stepping = None,
     fmi: Fmi = None,
@@ -190,6 +195,7 @@ def run(
     canine run my.toml --plant dog.fmu --order jacobi --fmi 3 --out out/dog
     canine run out/three_waypoint-1/trial.mcap    that trial again: the same log
     canine run --estimator canine_tracker         another estimator of ours
+    canine run --controller quarter_turn --plant differential_drive   and another controller, another plant
     canine run --onboard pil:cortex-m4f           the firmware in the loop, fed with its instruments' bytes
     canine run two_waypoint --seeds 1:20          twenty trials: a folder each, a table, seeds.csv
 
@@ -419,9 +425,9 @@ def wiring(
     *,
     order: Stepping = None,
     fmi: Fmi = None,
-    plant: Fmu = None,
+    plant: Plant = None,
     estimator: Estimator = None,
-    controller: Fmu = None,
+    controller: Controller = None,
     ahrs: Ahrs = False,
     as_json: Annotated[bool, typer.Option("--json", help="print it as JSON")] = False,
 ) -> None:

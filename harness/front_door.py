@@ -245,8 +245,8 @@ def run_trial(
         scenario: a `Scenario`, the name of a shipped one, or the path of a .toml, an .ssp, or a log.
         seed: the trial's number; by default the scenario's.
         parameters: values over the scenario's, by `block.name`; angles in degrees.
-        plant, estimator, controller: FMUs that take the places of ours; a mapping file may be beside each.
-            The estimator may be one of ours by its name, such as "six_state".
+        plant, estimator, controller: what takes the places of ours: another one of ours by its name, such as
+            "six_state", or an FMU; a mapping file may be beside it.
         ahrs: put our AHRS between sensors and estimator; canine_tracker then leads less often
             (`canine study leading`).
         order: of stepping; by default `sequential`.
@@ -264,14 +264,10 @@ def run_trial(
     _check_choice("order", order, get_args(Order))
     _check_choice("fmi", fmi, (2, 3))
     _check_choice("loop", loop, get_args(Loop))
-    paths = {"plant": plant, "controller": controller}
-    for role, path in paths.items():
-        if path is not None and not Path(path).is_file():
-            raise UsageError(f'{role} is "{path}"; expected the path of an FMU')
     changes = Changes(
         order=order,
         fmi=None if fmi is None else str(fmi),
-        swaps={role: Path(path) for role, path in paths.items() if path is not None},
+        swaps={"plant": plant, "controller": controller},
         settings=_settings(parameters),
         seed=seed,
         onboard=onboard,

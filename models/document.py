@@ -11,6 +11,7 @@ from models.cmec import Cmec
 from models.kit.block import Block
 from models.kit.declaration import Parameter, Type, Variable
 from models.kit.tracing import Table
+from models.leader import Leader
 from models.readings import READINGS
 from models.seven_state import TUNINGS, SevenState
 from models.system import BLOCKS
@@ -48,6 +49,8 @@ estimate. The animal is *at rest* when the stop command has lasted DELAYTHRESH a
 These are the rows of `decide`. In each mode the first row that holds is carried out; if none holds, the mode
 stays. |h| is the size of h, and h'' in force is at most h' with `limit_stop_deviation`.
 """
+AS_CMEC = """These are the rows of `decide`. The words are those of [cmec](#cmec).
+"""
 ARROWS = """All changes of the mode: those of `decide` with the anomalies that they may report,
 the others with the update that makes them.
 """
@@ -60,6 +63,8 @@ def readme() -> str:
         parts += [_block(block), _tick(block)]
         if block is Cmec:
             parts += [CONDITIONS, _rows(block), ARROWS, _diagram(block)]
+        if issubclass(block, Leader):
+            parts += [AS_CMEC, _rows(block), ARROWS, _diagram(block)]
         if block is SevenState:
             parts.append(_tunings())
     return "\n".join([*parts, _readings()])
@@ -150,8 +155,11 @@ def _diagram(block: type[Block]) -> str:
         else:
             for source, target in phase.edges:
                 arrows[source, target, phase.name] = {phase.name}
+    entered = {target for _, target, _ in arrows}  # the others' modes are not this machine's
     lines = ["```mermaid", "stateDiagram-v2"]
     for (source, target, _), labels in sorted(arrows.items()):
+        if source not in entered:
+            continue
         label = ", ".join(sorted(filter(None, labels)))
         lines.append(f"    {modes(source).name} --> {modes(target).name}" + (f": {label}" if label else ""))
     return "\n".join([*lines, "```", ""])

@@ -80,6 +80,11 @@ TERMS: dict[str, tuple[Term, ...]] = {
             "course", "where it moves", (("gps_course", "models/sensors.py"), ("course", "models/plant.py"))
         ),
         Term("slip", "course less heading", (("side_slip", "models/plant.py"),)),
+        Term(
+            "wheel slip",
+            "of a robot's wheel: 1 less its ground speed over its rim speed",
+            (("wheel_slip", "models/differential_drive.py"),),
+        ),
         Term("bearing", "where another place lies", (("bearing", "models/plant.py"),)),
         Term(
             "deviation",

@@ -12,6 +12,7 @@ from models.canine_ahrs import CanineAhrs
 from models.canine_tracker import CanineTracker
 from models.cmec import Cmec
 from models.command_module import CommandModule
+from models.differential_drive import DifferentialDrive
 from models.errors import UsageError, WiringError, nearest
 from models.estimator import Estimator
 from models.four_state import FourState
@@ -21,6 +22,8 @@ from models.kit.link import Link
 from models.local_plane import LocalPlane
 from models.pedestrian import Pedestrian
 from models.profile import Profile
+from models.proportional import Proportional
+from models.quarter_turn import QuarterTurn
 from models.recorded import Recorded
 from models.sensors import Sensors
 from models.seven_state import SevenState
@@ -148,9 +151,13 @@ def full_system(
     return System("_".join(("full", *between)), components, by_name(components, links))
 
 
-def trial_simulator(plant: type[Block] = Canine) -> System:
+def trial_simulator(plant: type[Block] = Canine, controller: type[Block] = Cmec) -> System:
     """The trial simulator of Chapter 5 (CTS): the plant's true state goes into the controller."""
-    components: dict[str, type[Block]] = {"controller": Cmec, "command_module": CommandModule, "plant": plant}
+    components: dict[str, type[Block]] = {
+        "controller": controller,
+        "command_module": CommandModule,
+        "plant": plant,
+    }
     links = {"controller": "plant", "command_module": "controller", "plant": "controller"}
     return System("cts", components, by_name(components, links))
 
@@ -159,6 +166,10 @@ ESTIMATORS: dict[str, type[Estimator]] = {
     block.title(): block for block in (FourState, SixState, SevenState, TwoBias, CanineTracker)
 }
 ESTIMATOR = FourState.title()  # by default
+CONTROLLERS: dict[str, type[Block]] = {block.title(): block for block in (Cmec, QuarterTurn, Proportional)}
+PLANTS: dict[str, type[Block]] = {
+    block.title(): block for block in (Canine, Pedestrian, DifferentialDrive, Profile)
+}
 SYSTEMS: dict[str, System] = {
     "full": full_system(),
     "full_ahrs": full_system(ahrs=CanineAhrs),
@@ -169,9 +180,9 @@ BLOCKS: tuple[type[Block], ...] = tuple(
         [
             *(block for system in SYSTEMS.values() for block in system.components.values()),
             *ESTIMATORS.values(),
-            Pedestrian,
+            *CONTROLLERS.values(),
+            *PLANTS.values(),
             CanineAhrs,
-            Profile,
             Recorded,
             LocalPlane,  # these two work beside the estimator and the controller on board
             Watchdog,

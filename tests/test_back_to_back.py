@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any
 
@@ -12,7 +14,7 @@ import pytest
 from harness.cosim.loop import Simulation
 from harness.trial import trial
 from harness.trial.prepare import prepared
-from harness.trial.request import Request, build_missing
+from harness.trial.request import OURS, Changes, build_missing, requested
 from harness.trial.scenario import Scenario, load
 from models.interconnect import interconnect
 from models.kit.timing import TICK
@@ -28,15 +30,21 @@ CASES: dict[
     },
     "right_45": {"reading": "literal", "seed": 3},
     "two_waypoint": {"system": "cts", "seed": 11, "parameters": {"cmec.moving_deviation": 15}},
+    "right_90": {"swaps": {"controller": "quarter_turn", "plant": "differential_drive"}},
+    "left_45": {"swaps": {"controller": "proportional", "plant": "differential_drive"}, "seed": 2},
 }
 
 
-def run_fmus(scenario: Scenario, fmi: int) -> tuple[dict[str, np.ndarray], dict[str, dict[str, float]]]:
+def run_fmus(
+    scenario: Scenario, fmi: int, swaps: Mapping[str, str]
+) -> tuple[dict[str, np.ndarray], dict[str, dict[str, float]]]:
     """Every output by `component_variable`, (ticks,), and the parameters that were set."""
-    request = Request(scenario, fmi=fmi)
-    build_missing(request)
     blocks = []
-    with prepared(request) as ready, Simulation(ready.system, ready.plan.values) as simulation:
+    with ExitStack() as stack:
+        request = stack.enter_context(requested(scenario, Changes(fmi=str(fmi), swaps=swaps)))
+        build_missing(request)
+        ready = stack.enter_context(prepared(request))
+        simulation = stack.enter_context(Simulation(ready.system, ready.plan.values, plants=ready.plants))
         columns = {name: [q.name for q in simulation.columns(name)] for name in simulation.components}
         simulation.run(
             ready.plan.events,
@@ -57,12 +65,16 @@ def run_fmus(scenario: Scenario, fmi: int) -> tuple[dict[str, np.ndarray], dict[
 @pytest.mark.parametrize("name", CASES)
 def test_model_and_fmus_answer_a_whole_trial_with_the_same_bits(name: str) -> None:
     # given a trial
-    scenario = replace(load(name), **CASES[name])
+    changes = dict(CASES[name])
+    swaps = changes.pop("swaps", {})
+    scenario = replace(load(name), **changes)
     # when its FMUs run it, and then the models do, composed by control.interconnect
-    fmi2, values = run_fmus(scenario, 2)
-    fmi3, _ = run_fmus(scenario, 3)
+    fmi2, values = run_fmus(scenario, 2, swaps)
+    fmi3, _ = run_fmus(scenario, 3, swaps)
     ticks = len(fmi2["plant_north"])
     system = SYSTEMS[scenario.system]
+    swapped = {role: OURS[role][block] for role, block in swaps.items()}
+    system = replace(system, components=system.components | swapped)
     started = {"controller_start": 1.0, "controller_link_ok": 1.0, "controller_valid": 1.0}
     parameters = {
         n: {k: v for k, v in values.get(n, {}).items() if k in block.flat_names("parameter")}

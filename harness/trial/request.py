@@ -21,9 +21,10 @@ from harness.trial.scenario import Scenario, ScenarioError, checked, load, parse
 from models.canine_ahrs import CanineAhrs
 from models.errors import UsageError, nearest, printable
 from models.readings import ON_BOARD, READING
-from models.system import ESTIMATOR, ESTIMATORS, SYSTEMS, find_estimator, find_system
+from models.system import CONTROLLERS, ESTIMATOR, ESTIMATORS, PLANTS, SYSTEMS, find_estimator, find_system
 
 PACKAGE = "system.ssp"  # a log's attachment
+OURS = {"plant": PLANTS, "controller": CONTROLLERS}  # what takes a role's place by name
 
 
 @dataclass(frozen=True)
@@ -82,13 +83,14 @@ class Changes:
     """Overrides of what the target states; None or empty keeps the target's value.
 
     Attributes:
+        swaps: by role (plant, controller), the name of one of ours, or the path of an FMU.
         estimator: the name of one of ours, or the path of an FMU.
         ahrs: put our AHRS between sensors and estimator.
     """
 
     order: Order | None = None
     fmi: str | None = None
-    swaps: Mapping[str, Path | None] = field(default_factory=dict)
+    swaps: Mapping[str, str | Path | None] = field(default_factory=dict)
     settings: Sequence[str] = ()
     seed: int | None = None
     onboard: str | None = None
@@ -117,7 +119,7 @@ def requested(target: str | Scenario, changes: Changes) -> Iterator[Request]:
         if changes.fmi:
             request = replace(request, fmi=int(changes.fmi), package=None)
         request = _with_ahrs(_with_estimator(request, changes.estimator), changes.ahrs)
-        swaps = {role: path for role, path in changes.swaps.items() if path is not None}
+        swaps = {role: _fmu(request, role, fmu) for role, fmu in changes.swaps.items() if fmu is not None}
         onboard = request.onboard if changes.onboard is None else _processor(changes.onboard)
         scenario = request.scenario.override(changes.settings, changes.seed)
         reading = scenario.reading or (ON_BOARD if onboard else READING)
@@ -195,6 +197,25 @@ def _of_log(path: Path, folder: Path) -> Request:
         path,
         log.broken,
         run.get("onboard", ""),
+    )
+
+
+def _fmu(request: Request, role: str, fmu: str | Path) -> Path:
+    """The FMU that takes a role's place: one of ours by its name, or the one at a path.
+
+    Raises:
+        UsageError: it is neither.
+    """
+    path, ours = Path(str(fmu)), OURS.get(role, {})
+    if str(fmu) in ours:
+        return build_folder() / f"fmi{request.fmi}" / f"{fmu}.fmu"
+    if os.path.isfile(path):  # unlike Path's, it raises nothing
+        return path
+    if path.suffix == ".fmu":
+        raise UsageError(f'there is no FMU "{fmu}"{nearest_file(path)}')
+    raise UsageError(
+        f'there is no {role} "{fmu}"; expected the path of an FMU, or the name of one of ours'
+        f"{nearest(str(fmu), ours)}"
     )
 
 

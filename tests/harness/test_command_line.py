@@ -173,4 +173,4 @@ def test_a_name_too_long_for_a_file_is_refused(
 ) -> None:
     status, _, error = canine(capsys, *command, "x" * 300)
     assert status == 2
-    assert 'there is no "xxx' in error
+    assert 'there is no "xxx' in error or 'there is no plant "xxx' in error

@@ -175,7 +175,12 @@ def test_a_trial_that_does_not_exist_or_does_not_fit_is_refused(tmp_path: Path) 
         ("run_trial", {"seed": 1.5}, "seed is 1.5; expected a whole number from 0 to 2147483647"),
         ("run_trial", {"order": "x"}, "order is 'x'; expected one of 'sequential', 'jacobi'"),
         ("run_trial", {"fmi": 4}, "fmi is 4; expected one of 2, 3"),
-        ("run_trial", {"plant": "x.fmu"}, 'plant is "x.fmu"; expected the path of an FMU'),
+        ("run_trial", {"plant": "x.fmu"}, 'there is no FMU "x.fmu"'),
+        (
+            "run_trial",
+            {"plant": "robot"},
+            'there is no plant "robot"; expected the path of an FMU, or the name',
+        ),
         ("run_trial", {"parameters": ["a"]}, "parameters is ['a']; expected a mapping"),
         ("run_sweep", {"reading": "x"}, "reading is 'x'; expected one of 'calibrated', 'literal'"),
         ("run_sweep", {"trials": "5"}, "trials is '5'; expected a whole number"),
@@ -243,6 +248,21 @@ def test_an_estimator_made_elsewhere_takes_the_place_of_ours(tmp_path: Path) -> 
     # then
     assert (own.log["estimator.north"] == swapped.log["estimator.north"]).all()
     assert swapped.log.metadata["swaps"] == {"estimator": "estimator.fmu"}
+
+
+def test_other_blocks_of_ours_take_a_place_by_name(tmp_path: Path) -> None:
+    # given the straight way, along which nobody needs a turn
+    result = harness.run_trial(
+        "two_waypoint", controller="quarter_turn", plant="differential_drive", fmi=3, out=tmp_path,
+        parameters={"quarter_turn.turn_deviation": 80, "differential_drive.wheel_slip_deviation": 0},
+    )  # fmt: skip
+    # then the robot goes there and back, by its own drive: 1.5 m/s less 5 % slip
+    assert result.outcome == "success"
+    assert result.log["plant.speed"].max() == pytest.approx(1.425)
+    assert result.log.metadata["roles"]["controller"] == "quarter_turn"
+    # and its log runs again
+    again = harness.run_trial(tmp_path / "trial.mcap", out=tmp_path / "again")
+    assert (again.log["controller.command"] == result.log["controller.command"]).all()
 
 
 def test_a_log_that_does_not_exist_is_named(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""A trial of the controller whose inputs are set by hand."""
+"""A trial of a controller whose inputs are set by hand, or by a plant."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 
 from models.cmec import Cmec
 from models.commands import Command, Status
+from models.kit.block import Block
 from models.kit.model import Model
 from models.modes import Anomaly, Mode
 
@@ -18,8 +19,8 @@ FAR = {"waypoint_north[1]": 1000.0}
 class Trial:
     """A controller whose inputs are set by hand; the first waypoint lies far north by default."""
 
-    def __init__(self, **parameters: Any) -> None:
-        self.model = Model(Cmec, FAR | parameters.pop("route", {}) | parameters)
+    def __init__(self, block: type[Block] = Cmec, /, **parameters: Any) -> None:
+        self.model = Model(block, FAR | parameters.pop("route", {}) | parameters)
         self.model.initialize()
         self.model["start"] = 1
         self.model["speed"] = 5
@@ -57,3 +58,13 @@ class Trial:
     @property
     def status(self) -> Status:
         return Status(int(self.model["status"]))
+
+
+def led(controller: Model, plant: Model, ticks: int) -> None:
+    """So many ticks of a controller that sees a plant's true motion, and of the plant that obeys it."""
+    for _ in range(ticks):
+        for name in ("north", "east", "speed", "heading"):
+            controller[name] = plant[name]
+        controller.step()
+        plant["command"] = controller["command"]
+        plant.step()

@@ -22,6 +22,7 @@ from codegen.toolchains.compiler import CompileError, build_library
 from models.canine import Canine
 from models.cmec import Cmec
 from models.command_module import CommandModule
+from models.differential_drive import DifferentialDrive
 from models.errors import CanineError, ParameterError, WiringError
 from models.four_state import FourState
 from models.kit.block import Block, triggered
@@ -29,6 +30,8 @@ from models.kit.declaration import Input, Integer, Output, Parameter, State
 from models.kit.link import Link
 from models.kit.model import Model
 from models.pedestrian import Pedestrian
+from models.proportional import Proportional
+from models.quarter_turn import QuarterTurn
 from models.sensors import Sensors
 from models.system import SYSTEMS, System, by_name, trial_simulator
 
@@ -237,10 +240,15 @@ def compare(
 MOTION = ("plant.north", "plant.east", "plant.speed", "plant.heading")
 
 
-def test_trials_of_a_pedestrian_are_those_of_python() -> None:
-    (tick,) = compare(
-        trial_simulator(Pedestrian), VALUES, ["controller.status", *MOTION], 7500, stop=STOP, seeds=[1]
-    )
+@pytest.mark.parametrize(
+    ("plant", "controller"),
+    [(Pedestrian, Cmec), (DifferentialDrive, QuarterTurn), (DifferentialDrive, Proportional)],
+)
+def test_trials_of_other_plants_and_controllers_are_those_of_python(
+    plant: type[Block], controller: type[Block]
+) -> None:
+    system = trial_simulator(plant, controller)
+    (tick,) = compare(system, VALUES, ["controller.status", *MOTION], 7500, stop=STOP, seeds=[1])
     assert 500 < tick < 7500
 
 

@@ -23,6 +23,7 @@ import pytest
 from models.canine import Canine
 from models.cmec import Cmec
 from models.command_module import CommandModule
+from models.differential_drive import DifferentialDrive
 from models.four_state import FourState
 from models.kit.block import Block
 from models.kit.declaration import SUBSTREAMS, Type, flatten
@@ -31,6 +32,8 @@ from models.kit.random import start_state
 from models.local_plane import LocalPlane
 from models.modes import Mode
 from models.pedestrian import Pedestrian
+from models.proportional import Proportional
+from models.quarter_turn import QuarterTurn
 from models.sensors import Sensors
 from models.system import BLOCKS, System, full_system, trial_simulator
 from tests.codegen.blocks.float32 import Lanes
@@ -142,6 +145,11 @@ TRIALS: dict[str, tuple[System, dict[str, dict[str, float]]]] = {
         },
     ),
     "pedestrian": (trial_simulator(Pedestrian), {"controller": LEFT}),
+    "quarter_turn": (trial_simulator(DifferentialDrive, QuarterTurn), {"controller": LEFT}),
+    "proportional": (
+        trial_simulator(DifferentialDrive, Proportional),
+        {"controller": RIGHT, "plant": {"seed": 2, "wheel_slip_deviation": 0.01}},
+    ),
 }
 
 
@@ -233,10 +241,12 @@ def test_the_compared_trials_run_every_triggered_update(reference: Reference) ->
     # given the trials above, when their triggers are recorded
     for name in TRIALS:
         reference(name)
-    # then each has fired (else they show nothing), but for three that no plain trial needs
+    # then each has fired (else they show nothing), but for those that no plain trial needs
     blocks = {block for system, _ in TRIALS.values() for block in system.components.values()}
     triggers = {f"{b.title()}.{p.name}" for b in blocks for p in b.program().tick if p.guard is not None}
-    assert triggers - reference.fired == {"cmec.end", "cmec.interrupt", "cmec.recall"}
+    controllers = ("cmec", "quarter_turn", "proportional")
+    seldom = {f"{controller}.{name}" for controller in controllers for name in ("end", "interrupt")}
+    assert triggers - reference.fired == seldom | {"cmec.recall"}
 
 
 @pytest.fixture(scope="session")
@@ -262,7 +272,7 @@ def casadi_c(tmp_path_factory: pytest.TempPathFactory) -> Callable[[type[Block]]
     return make
 
 
-@pytest.mark.parametrize("name", ["full-1", "full-3", "cts-5", "pedestrian"])
+@pytest.mark.parametrize("name", ["full-1", "full-3", "cts-5", "pedestrian", "quarter_turn", "proportional"])
 def test_whole_trial_in_casadis_own_c_has_the_same_bits(
     name: str, casadi_c: Any, reference: Reference
 ) -> None:

@@ -137,12 +137,19 @@ def test_a_log_that_states_what_no_trial_could_is_refused(
 def test_changes_override_the_target_and_keep_what_they_do_not_name(tmp_path: Path) -> None:
     # given
     dog = tmp_path / "dog.fmu"
+    dog.touch()
     changes = Changes("jacobi", "3", {"plant": dog, "controller": None}, ["cmec.max_turns=3"], 5)
     # when
     with requested("two_waypoint", changes) as request:
         # then
         scenario = replace(load("two_waypoint"), seed=5, parameters={"cmec.max_turns": 3})
         assert request == Request(scenario, "jacobi", 3, {"plant": dog})
+
+
+def test_a_block_of_ours_takes_a_role_by_its_name_in_the_fmi_version_of_the_trial() -> None:
+    swaps = {"plant": "pedestrian", "controller": "quarter_turn"}
+    with requested("two_waypoint", Changes(fmi="3", swaps=swaps)) as request:
+        assert request.swaps == {role: build_folder() / f"fmi3/{name}.fmu" for role, name in swaps.items()}
 
 
 def test_results_go_by_default_into_a_folder_of_scenario_and_seed() -> None:
@@ -168,6 +175,7 @@ def test_a_processor_is_not_called_from_the_loop_in_c() -> None:
 
 
 def test_the_firmware_takes_the_place_of_the_estimator_too(tmp_path: Path) -> None:
+    (tmp_path / "ekf.fmu").touch()
     changes = Changes(onboard="pil:host", swaps={"estimator": tmp_path / "ekf.fmu"})
     with (
         pytest.raises(UsageError, match="firmware is made of our own estimators; expected one of four_state"),
