@@ -177,6 +177,34 @@ def test_the_cortex_bundle_builds_with_zig_too(tmp_path: Path) -> None:
     assert elf_sizes(tmp_path / "onboard.elf")[0] > 10_000
 
 
+@pytest.mark.parametrize("target", TARGETS)
+def test_what_is_built_with_a_key_is_its_owners_alone_to_read(
+    target: str, made: Make, tmp_path: Path
+) -> None:
+    # given a bundle with a key that was built before, and objects of the key that everybody may read
+    settings = variables(target)
+    for path in made(target).iterdir():
+        shutil.copy2(path, tmp_path)
+    (tmp_path / PROGRAM[target]).unlink()
+    sources = bundle.bundle(TARGETS[target]).keys() | {bundle.SUMS}
+    for path in tmp_path.glob("key.*"):
+        if path.name not in sources:
+            path.chmod(0o644)
+    (tmp_path / bundle.KEY_FILE).touch()
+
+    # when it is made by a user whose new files everybody may read
+    mask = os.umask(0o022)
+    try:
+        run_make(tmp_path, *settings)
+    finally:
+        os.umask(mask)
+
+    # then nobody else may read what was made, and the sources are as before
+    made_files = [path for path in tmp_path.iterdir() if path.name not in sources]
+    assert {PROGRAM[target], "key.rel" if target == "rabbit4000" else "key.o"} <= {p.name for p in made_files}
+    assert [path.name for path in made_files if path.stat().st_mode & 0o077] == []
+
+
 def test_what_a_constant_decides_builds_for_the_rabbit(tmp_path: Path) -> None:
     # given an AHRS whose magnetometer is switched off by a constant
     settings = rabbit_tools()
