@@ -288,6 +288,7 @@ def firmware(
     \b
     canine firmware --target cortex-m4f --key vest.key --out firmware
     canine firmware --target rabbit4000 --key vest.key --parameters my.toml --constants --out firmware
+                                                  my.toml without a reading, or with "guarded": with limits
     canine firmware --target host --insecure --set cmec.moving_deviation=37 --out firmware
     canine firmware --target cortex-m4f --key vest.key --estimator canine_tracker --ahrs --out firmware
 
@@ -306,7 +307,7 @@ def firmware(
         )
     processor = find_target(target)
     secret = read(key, print_note) if key else None
-    navigation, values = firmware_of(parameters, settings or [], estimator, ahrs=ahrs)
+    navigation, values = firmware_of(parameters, settings or [], estimator, ahrs=ahrs, note=print_note)
     paths = bundle.write(processor, folder, values, navigation, constants=constants, key=secret)
     typer.echo(f"{len(paths)} files for {processor.processor} in {short(folder)}: see README.md there")
     if secret is None:
@@ -889,6 +890,10 @@ def list_scenarios(
 @app.command("parameters")
 def list_parameters(
     block: Annotated[str | None, typer.Argument(metavar="[BLOCK]", help="by default all")] = None,
+    *,
+    reading: Annotated[
+        Literal["calibrated", "literal", "guarded"], typer.Option(help="whose defaults are listed")
+    ] = "calibrated",
     as_json: Annotated[bool, typer.Option("--json", help="print them as JSON")] = False,
 ) -> None:
     """List the parameters that a scenario or --set can set: unit, range, default, meaning; angles in deg.
@@ -896,15 +901,23 @@ def list_parameters(
     \b
     canine parameters
     canine parameters cmec
+    canine parameters cmec --reading guarded      the defaults of firmware, with limits
     """
     from harness.trial import parameters
+    from models.readings import ON_BOARD
     from models.system import BLOCKS, find_block
 
-    rows = parameters.parameters_of(BLOCKS if block is None else [find_block(block)])
+    blocks = BLOCKS if block is None else [find_block(block)]
+    rows, on_board = (parameters.parameters_of(blocks, name) for name in (reading, ON_BOARD))
     if as_json:
         typer.echo(json_of(parameters.as_json(rows)))
     else:
         parameters.show(rows, out())
+        if others := sum(row != other for row, other in zip(rows, on_board, strict=True)):
+            print_note(
+                f"defaults of the reading {reading}; {others} are others in {ON_BOARD}, the reading of "
+                f"firmware: --reading {ON_BOARD}"
+            )
 
 
 @app.command("c")

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
@@ -60,6 +61,15 @@ def _guarded(block: type[Block]) -> dict[str, float]:
     """A block's parameters in the reading ON_BOARD."""
     owner = f"{block.title()}."
     return {a.removeprefix(owner): v for a, v in READINGS[ON_BOARD].items() if a.startswith(owner)}
+
+
+def _chosen(values: Values | None, blocks: Mapping[str, type[Block]]) -> Values:
+    """The values of all parameters: those given over start values; without any, the reading ON_BOARD."""
+    return {
+        member: {n: v.start[0] for n, v in settable(block).items()}
+        | (_guarded(block) if values is None else dict(values.get(member, {})))
+        for member, block in blocks.items()
+    }
 
 
 def program(navigation: Navigation = DEFAULT) -> dict[str, str]:
@@ -120,11 +130,7 @@ def library(
     """
     files: dict[str, str] = {}
     blocks = navigation.blocks
-    chosen = {
-        member: {n: v.start[0] for n, v in settable(block).items()}
-        | (_guarded(block) if values is None else dict(values.get(member, {})))
-        for member, block in blocks.items()
-    }
+    chosen = _chosen(values, blocks)
     for member, block in blocks.items():
         files |= generate(
             block,
@@ -141,7 +147,10 @@ def library(
         files[f"{estimator}.c"] = (
             TEMPLATES.get_template("banked.c.jinja").render(functions=functions) + files[f"{estimator}.c"]
         )
-    context = {"tables": [] if constants else list(_tables(blocks, chosen))}
+    context = {
+        "tables": [] if constants else list(_tables(blocks, chosen)),
+        "guarded": chosen["controller"]["guarded"],
+    }
     files["parameters.c"] = TEMPLATES.get_template("parameters.c.jinja").render(context)
     return files
 
@@ -194,6 +203,7 @@ def bundle(
     for source in sorted((SOURCES / target.folder).iterdir()):
         if not source.name.startswith("pil"):
             files[source.name] = source.read_text()
+    chosen = _chosen(values, navigation.blocks)
     context = (
         SHARED
         | READINESS
@@ -206,6 +216,8 @@ def bundle(
             "navigation": navigation,
             "default": DEFAULT,
             "estimators": ESTIMATORS,
+            "guarded": chosen["controller"]["guarded"],
+            "confronted": chosen["estimator"]["heading_limit"] <= math.pi,  # above it nothing contradicts
             "costs": json.loads(COSTS.read_text()).get(target.name, {}).get(navigation.name),
         }
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from codegen.firmware.bundle import settable
@@ -35,7 +35,12 @@ def navigation_of(system: System) -> Navigation:
 
 
 def firmware_of(
-    scenario: str, settings: Sequence[str], estimator: str | None = None, *, ahrs: bool = False
+    scenario: str,
+    settings: Sequence[str],
+    estimator: str | None = None,
+    *,
+    ahrs: bool = False,
+    note: Callable[[str], None] = lambda text: None,
 ) -> tuple[Navigation, Values]:
     """The firmware's estimator, and its parameters (SI) by component and flat name.
 
@@ -45,6 +50,7 @@ def firmware_of(
         settings: `block.name=value` over it.
         estimator: its name; None for the scenario's.
         ahrs: with the AHRS before it, even if the scenario has none.
+        note: is told if the scenario has a mission, which the firmware gets by radio instead.
 
     Raises:
         ScenarioError: it cannot be read, or a parameter does not exist or is out of its range.
@@ -52,6 +58,8 @@ def firmware_of(
             sound alike.
     """
     written = load(scenario, mission=False) if scenario else Scenario("--set")
+    if mission := [name for name in ("waypoints", "fence") if getattr(written, name)]:
+        note(f"{scenario}: {' and '.join(mission)} are not built in; the operator's MISSION sends them")
     written = replace(written, reading=written.reading or ON_BOARD)
     name = "full_ahrs" if ahrs or written.system == "full_ahrs" else "full"
     system = find_system(name, estimator or written.estimator)

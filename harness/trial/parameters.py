@@ -14,6 +14,7 @@ from harness.terminal import new_table, print_table
 from harness.trial.plan import is_angular
 from models.kit.block import Block
 from models.kit.declaration import Type, Variable
+from models.readings import READING, READINGS
 
 Number = bool | int | float
 
@@ -28,7 +29,7 @@ class ParameterRow:
         unit: "" for a number without one.
         size: of a vector; None for a scalar.
         min, max: None where there is no limit.
-        default: of a vector, the one value of all elements, or the list of them.
+        default: in the reading asked for; of a vector, the one value of all elements, or the list of them.
         choices: the named values of an enumeration.
     """
 
@@ -43,16 +44,18 @@ class ParameterRow:
     meaning: str
 
 
-def parameters_of(blocks: Sequence[type[Block]]) -> list[ParameterRow]:
-    """The parameters of blocks, in the order of their declarations."""
-    return [_row(block, variable) for block in blocks for variable in block.group("parameter")]
+def parameters_of(blocks: Sequence[type[Block]], reading: str = READING) -> list[ParameterRow]:
+    """The parameters of blocks, in the order of their declarations, with the defaults of one of READINGS."""
+    return [_row(block, variable, reading) for block in blocks for variable in block.group("parameter")]
 
 
-def _row(block: type[Block], variable: Variable) -> ParameterRow:
+def _row(block: type[Block], variable: Variable, reading: str) -> ParameterRow:
     unit = variable.unit.replace("rad", "deg") if is_angular(variable) else variable.unit
-    starts = [_written(variable, value) for value in variable.start]
+    name = f"{block.title()}.{variable.name}"
+    start = (READINGS[reading][name],) if name in READINGS[reading] else variable.start
+    starts = [_written(variable, value) for value in start]
     return ParameterRow(
-        f"{block.title()}.{variable.name}",
+        name,
         variable.type.value,
         "" if unit == "1" else unit,
         variable.size,

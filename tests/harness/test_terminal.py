@@ -167,7 +167,8 @@ def test_a_terminal_is_as_wide_as_it_says(tmp_path: Path) -> None:
     ours, theirs = pty.openpty()
     # when
     subprocess.run(
-        [sys.executable, "-c", RUN, "parameters", "cmec"], cwd=tmp_path, stdout=theirs, stderr=theirs,
+        [sys.executable, "-c", RUN, "parameters", "cmec", "--reading", "guarded"], cwd=tmp_path,
+        stdout=theirs, stderr=theirs,
         env=os.environ | {"COLUMNS": "40", "LINES": "25", "TERM": "dumb"}, check=True,
     )  # fmt: skip
     os.close(theirs)

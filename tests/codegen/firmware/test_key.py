@@ -166,18 +166,54 @@ def test_a_bundle_without_a_key_says_so(tmp_path: Path, capsys: pytest.CaptureFi
     assert "INSECURE" in (folder / "README.md").read_text()
 
 
+@pytest.mark.parametrize("constants", [[], ["--constants"]], ids=["fields", "constants"])
 @pytest.mark.parametrize(
     ("reading", "limits"), [('reading = "calibrated"', False), ('reading = "guarded"', True), ("", True)]
 )
 def test_a_bundle_of_a_reading_without_limits_says_so(
-    reading: str, limits: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    constants: list[str], reading: str, limits: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scenario = tmp_path / "my.toml"
     scenario.write_text(f"{reading}\n")
-    options = ["--target", "host", "--insecure", "--out", str(tmp_path / "fw")]
+    options = ["--target", "host", "--insecure", "--out", str(tmp_path / "fw"), *constants]
     assert main.run(["firmware", *options, "--parameters", str(scenario)]) == 0
     assert ("WITHOUT LIMITS" in "".join(capsys.readouterr())) is not limits
-    assert f"guarded = {str(limits).lower()}" in (tmp_path / "fw" / "parameters.c").read_text()
+    # and so do its README, at the top, and the comment of its parameters
+    readme, parameters, header = (
+        (tmp_path / "fw" / name).read_text() for name in ("README.md", "parameters.c", "cmec.h")
+    )
+    assert readme.split("\n\n")[1].startswith("**WITHOUT LIMITS: not for an animal.**") is not limits
+    assert ("WITHOUT LIMITS" in parameters) is not limits
+    stated = (
+        f"#define CMEC_GUARDED {str(limits).lower()}" if constants else f"guarded = {str(limits).lower()}"
+    )
+    assert stated in (header if constants else parameters)
+    # and what no limit does is no answer to a failure
+    for failure in ("a limit of the safety rules is reached", "courses contradict the heading"):
+        assert (f"| {failure} |" in readme) is limits
+
+
+@pytest.mark.parametrize(
+    ("mission", "what"),
+    [
+        ("waypoints = [[20, 0]]", "waypoints are"),
+        ("waypoints = [[20, 0]]\nfence = [[-9, -9], [30, -9], [30, 9]]", "waypoints and fence are"),
+        ("", None),
+    ],
+)
+def test_a_scenarios_mission_that_is_not_built_in_is_noted(
+    mission: str, what: str | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # given a scenario with a mission or without
+    scenario = tmp_path / "park.toml"
+    scenario.write_text(f"{mission}\n")
+    # when its parameters are built in
+    options = ["--target", "host", "--insecure", "--out", str(tmp_path / "fw")]
+    assert main.run(["firmware", *options, "--parameters", str(scenario)]) == 0
+    # then a note says what is not
+    notes = [line for line in capsys.readouterr().err.splitlines() if "built in" in line]
+    expected = f"note: {scenario}: {what} not built in; the operator's MISSION sends them"
+    assert notes == ([expected] if what else [])
 
 
 def test_the_default_bundle_has_the_limits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -70,6 +70,35 @@ def test_the_list_of_one_block_as_a_table_and_as_json(capsys: pytest.CaptureFixt
     }  # fmt: skip
 
 
+def test_the_list_has_the_defaults_of_the_reading_that_is_asked_for(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    # given limits that firmware has (rules 2 to 4 of SAFETY.md), and the angle that the text states
+    expected = {
+        "calibrated": (1.0, 1e6, False, 5.0),
+        "guarded": (5.0, 0.3, True, 5.0),
+        "literal": (1.0, 1e6, False, 20.0),
+    }
+    names = ("progress_distance", "rest_speed_sd", "guarded", "turn_end_deviation")
+    for reading, values in expected.items():
+        # when they are listed
+        _, text, _ = canine(capsys, "parameters", "cmec", "--reading", reading, "--json")
+        defaults = {row["name"]: row["default"] for row in json.loads(text)}
+        # then the list has them
+        assert tuple(defaults[f"cmec.{name}"] for name in names) == values
+
+
+def test_a_list_without_the_limits_of_firmware_says_how_many_differ(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    # progress_distance, rest_speed_sd, guarded and reset_turns
+    note = "note: defaults of the reading calibrated; 4 are others in guarded, the reading of firmware"
+    assert note in canine(capsys, "parameters", "cmec")[2]
+    # and nothing is said where none does
+    assert canine(capsys, "parameters", "cmec", "--reading", "guarded")[2] == ""
+    assert canine(capsys, "parameters", "canine")[2] == ""
+
+
 def test_without_a_block_all_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     rows = json.loads(canine(capsys, "parameters", "--json")[1])
     assert {row["name"].partition(".")[0] for row in rows} == {
