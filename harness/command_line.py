@@ -16,12 +16,13 @@ from codegen.firmware.targets import SIMULATED, TARGETS, find_target
 from codegen.toolchains.compiler import PLATFORMS
 from harness import log_commands
 from harness.console import err, json_of, out, print_note, say_where, short
-from harness.cosim.stepping import DURATION, Loop, Order
+from harness.cosim.stepping import DURATION, GIB, Event, Limits, Loop, Order
 from harness.pil import SCENARIO
 from harness.recording import STREAMS
 from harness.replay import EVERY_S, OUTAGE_S
 from harness.studies import STUDIES
 from harness.trial import DEFAULT
+from models.commands import Command
 from models.errors import CanineError, UsageError
 from models.kit.random import MAX_SEED
 
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from harness.trial.request import Request
 
 LONG_S = 60.0  # s of trial time, from which on a run shows its progress
-TRY_OUT_S = 1.0  # s for which an FMU that is checked is run alone
+TRY_OUT_S = 60.0  # s for which an FMU that is checked is run alone
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -177,6 +178,12 @@ def run(
         Loop | None,
         typer.Option(help="in C or in Python, with the same log; native by default, python with --onboard"),
     ] = None,
+    call_limit: Annotated[
+        float, typer.Option(min=0.1, max=3600, help="s that one call of an FMU made elsewhere may take")
+    ] = Limits.call,
+    memory_limit: Annotated[
+        float, typer.Option(min=0.2, max=1024, help="GB that all FMUs may take, if one was made elsewhere")
+    ] = Limits.memory / GIB,
     folder: Annotated[
         Path | None,
         typer.Option(
@@ -207,7 +214,8 @@ def run(
     from harness.trial.summary import show
 
     swaps = {"plant": plant, "controller": controller}
-    changes = Changes(order, fmi, swaps, settings or [], seed, onboard, estimator, ahrs, loop)
+    limits = Limits(call=call_limit, memory=int(memory_limit * GIB))
+    changes = Changes(order, fmi, swaps, settings or [], seed, onboard, estimator, ahrs, loop, limits)
     if seeds is not None and seed is not None:
         raise UsageError(f"--seed {seed} and --seeds {seeds}: expected one of both")
     with requested(target, changes) as request:
@@ -223,10 +231,12 @@ def run(
             place = folder or request.default_folder
             if folder is None and (others := trial.replaced(request, ready, place)):
                 print_note(others)
-            duration = request.scenario.duration
+            duration, fault = request.scenario.duration, None
             with _bar("trial [s]", duration, quiet=as_json or duration < LONG_S) as progress:
                 try:
                     summary = trial.run(request, ready, place, progress)
+                except trial.EndedByFaultError as error:
+                    summary, fault = error.summary, error
                 except KeyboardInterrupt as interrupt:
                     _ended(interrupt, _kept(place))
             for note in summary["notes"][len(notes) :]:
@@ -236,6 +246,8 @@ def run(
     else:
         show(summary, out())
         say_where(place)
+    if fault is not None:
+        raise fault
 
 
 def _run_seeds(request: Request, seeds: str, folder: Path | None, as_json: bool) -> None:
@@ -952,13 +964,19 @@ def c_of_block(
 
 
 def _try_out(description: FmuDescription, name: str) -> None:
-    """Step it alone for a while, inputs at their start values."""
-    from harness.cosim.loop import Simulation
+    """Step it alone in a worker for a while, with each command in turn if it takes commands."""
     from harness.cosim.ssp import FmuComponent, FmuSystem
+    from harness.cosim.worker.contained import Contained
 
     alone = FmuSystem(name, {name: FmuComponent(name, description.path)}, ())
-    with Simulation(alone) as simulation:
-        simulation.run(duration=TRY_OUT_S)
+    commands = list(Command) if "command" in description.inputs else []
+    events = [Event(TRY_OUT_S * k / len(commands), name, "command", c) for k, c in enumerate(commands)]
+    with Contained(alone, {name: description}) as simulation:
+        simulation.run(events, duration=TRY_OUT_S)
+    for note in simulation.notes:
+        print_note(note)
+    for variable, reason in description.refused.items():
+        print_note(f"{description.path.name}: {variable} {reason}; it is not exchanged")
 
 
 def _kept(folder: Path) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol, Self
 
 from harness.cosim.fmu import Call, FmuDescription, Quantity
@@ -11,12 +11,25 @@ from harness.cosim.layout import Layout
 from harness.cosim.stepping import Order
 from harness.cosim.wiring import Wiring
 
+ASKS = 3  # bytes in which a component's step says what it asks for: to end, an event, to return early
+ENDED, EVENT, EARLY = range(ASKS)
+Reached = tuple[ctypes.c_double, int]  # the time that a step reached, s; the byte that becomes 1 if too early
+Mark = Callable[[str, str], None]
+
+
+def unmarked(component: str, what: str) -> None:
+    """Nobody is told which call outside of the loop is being made."""
+
 
 class Instance(Protocol):
-    """What the loop asks of a component: an instance of an FMU, or what stands in for one."""
+    """What the loop asks of a component: an instance of an FMU, or what stands in for one.
+
+    `reached` is the time [s] that its last step reached; None if its steps do not tell.
+    """
 
     label: str
     description: FmuDescription
+    reached: ctypes.c_double | None
 
     def __enter__(self) -> Self: ...
 
@@ -41,18 +54,24 @@ class Calls:
         answer: everything up to the row of a tick: all components but the plants.
         advance: what follows the row: the plants step to the next tick.
         free: by component, set the inputs that no link feeds.
-        ended: (components + 1) bytes; one becomes 1 when its component asks to end the simulation.
+        ended: `ASKS` bytes for each component; one becomes 1 when its step asks for what this loop lacks.
+        reached: the times that steps reached, of `answer` and of `advance`.
         time: s, of the tick; read by every step.
         tick: `answer` and `advance`: where a walk is in it, its recorder says.
     """
 
     def __init__(
-        self, components: Mapping[str, Instance], layout: Layout, wiring: Wiring, order: Order
+        self,
+        components: Mapping[str, Instance],
+        layout: Layout,
+        wiring: Wiring,
+        order: Order,
+        mark: Mark = unmarked,
     ) -> None:
-        self._components = components
+        self._components, self._mark = components, mark
         self._whose: dict[int, tuple[str, str]] = {}
         self.time = ctypes.c_double(0.0)
-        self.ended = (ctypes.c_char * (len(components) + 1))()
+        self.ended = (ctypes.c_char * (ASKS * len(components) + 1))()
         gathers: dict[str, list[Call]] = {name: [] for name in components}
         sets: dict[str, list[Call]] = {name: [] for name in components}
         for transfer in layout.transfers:
@@ -71,8 +90,12 @@ class Calls:
             call = components[slot.component].setting(slot.quantities, layout.address(slot))
             self.free[slot.component].append(self._named(call, slot.component, "Set", slot.quantities))
         steps = {}
+        self.reached: tuple[list[Reached], list[Reached]] = ([], [])
         for index, (name, component) in enumerate(components.items()):
-            steps[name] = component.stepping(self.time, wiring.step, ctypes.addressof(self.ended) + index)
+            asks = ASKS * index
+            steps[name] = component.stepping(self.time, wiring.step, ctypes.addressof(self.ended) + asks)
+            if component.reached is not None:
+                self.reached[name in wiring.plants].append((component.reached, asks + EARLY))
             self._whose[id(steps[name])] = (name, f"fmi{component.description.version}DoStep")
         answering = [name for name in wiring.order if name not in wiring.plants]
         plants = [name for name in wiring.order if name in wiring.plants]
@@ -103,9 +126,11 @@ class Calls:
             FmuError: a status other than ok or warning.
         """
         for call in calls:
+            self._mark(*self.whose(call))
             function, arguments = call
             if status := function(*arguments):
                 self.fail(status, call)
+        self._mark("", "")
 
     def whose(self, call: Call) -> tuple[str, str]:
         """A call's component, and its function with the variables."""

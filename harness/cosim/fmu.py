@@ -66,8 +66,31 @@ FMI3_TYPES = {
 }
 
 
+@dataclass(frozen=True)
+class Fault:
+    """What an FMU did wrong while it ran.
+
+    Attributes:
+        kind: `status`, `not finite`, `ended`, `event`, `early`; in a worker also `crash`, `exit`, `hang`,
+            `memory`.
+        component, fmu: its place in the system, and its file; "" if no call was being made.
+        call: the function, or the output; "" if no call was being made.
+        time: s.
+    """
+
+    kind: str
+    component: str
+    fmu: str
+    call: str
+    time: float
+
+
 class FmuError(CanineError):
-    """An FMU cannot be loaded, or went wrong while it ran."""
+    """An FMU cannot be loaded, or went wrong while it ran: then with its `fault`."""
+
+    def __init__(self, text: str, fault: Fault | None = None) -> None:
+        super().__init__(text)
+        self.fault = fault
 
 
 @dataclass(frozen=True)
@@ -369,13 +392,21 @@ class FmuInstance:
         name: its name, unique among the instances of the process.
         path: the .fmu file.
         label: how errors call it; by default `name file.fmu`.
+        mark: told which call is being made, outside of the loop, and `"", ""` when it is over.
 
     Raises:
         FmuError, ArchiveError, XmlError: it cannot be unpacked, read, loaded or instantiated.
     """
 
-    def __init__(self, name: str, path: Path, label: str = "") -> None:
-        self.name = name
+    def __init__(
+        self,
+        name: str,
+        path: Path,
+        label: str = "",
+        mark: Callable[[str, str], None] = lambda component, what: None,
+    ) -> None:
+        self.name, self._mark = name, mark
+        self.reached: ctypes.c_double | None = None
         self.label = label or f"{name} {path.name}"
         self._scratch = Scratch()
         self._slave: Any = None
@@ -406,6 +437,7 @@ class FmuInstance:
             "modelIdentifier": description.fmpy.coSimulation.modelIdentifier,
             "instanceName": self.name,
         }
+        self._mark(self.name, f"load and fmi{description.version}Instantiate")
         try:
             with chdir(Path.cwd()):  # fmpy stays in the folder of a library that it cannot load
                 if description.version == 2:
@@ -419,6 +451,7 @@ class FmuInstance:
             raise FmuError(f"{self.label}: cannot be instantiated: {text}{self._last_message()}") from None
         self._handle = ctypes.c_void_p(self._slave.component)
         self._quieten()
+        self._mark("", "")
 
     def _why_not_loaded(self) -> str:
         """What is wrong with the binary; empty if the system loads it."""
@@ -491,18 +524,18 @@ class FmuInstance:
     def stepping(self, time: ctypes.c_double, step: float, ended: int) -> Call:
         """The call that steps from `time` (read at each call) by `step`, both in s.
 
-        `ended`: address of a byte that becomes 1 when an FMI 3 instance asks to end the simulation.
+        `ended`: address of three bytes. One becomes 1 when an FMI 3 instance asks to end the simulation or
+        for an event, or returns early.
         """
         size = ctypes.c_double(step)
         if self.description.version == 2:
             return self._function("fmi2DoStep"), (self._handle, time, size, ctypes.c_int(1))
-        ignored, reached = (ctypes.c_bool * 2)(), ctypes.c_double()
-        self._keep += [ignored, reached]
-        event, early = (ctypes.c_void_p(ctypes.addressof(ignored) + i) for i in range(2))
-        reached_address = ctypes.c_void_p(ctypes.addressof(reached))
+        self.reached = ctypes.c_double(math.nan)  # as long as it does not tell
+        end, event, early = (ctypes.c_void_p(ended + i) for i in range(3))
+        reached = ctypes.c_void_p(ctypes.addressof(self.reached))
         return self._function("fmi3DoStep"), (
             *(self._handle, time, size, ctypes.c_bool(True)),
-            *(event, ctypes.c_void_p(ended), early, reached_address),
+            *(event, end, early, reached),
         )
 
     def set_values(self, values: Mapping[str, float], time: float = 0.0) -> None:
@@ -542,8 +575,10 @@ class FmuInstance:
     def call(self, call: Call, what: str, time: float) -> None:
         """Make one call; `check` its status."""
         function, arguments = call
+        self._mark(self.name, what)
         if status := function(*arguments):
             self.check(status, what, time)
+        self._mark("", "")
 
     def check(self, status: int, what: str, time: float) -> None:
         """Accept a warning; for a worse status raise an error with the FMU's last message.
@@ -555,7 +590,10 @@ class FmuInstance:
             return
         self._dead = self._dead or status == FATAL
         name = STATUS[status] if 0 <= status < len(STATUS) else f"the illegal status {status}"
-        raise FmuError(f"{self.label}: {what} returned {name} at t = {time:.10g} s{self._last_message()}")
+        raise FmuError(
+            f"{self.label}: {what} returned {name} at t = {time:.10g} s{self._last_message()}",
+            Fault("status", self.name, self.description.path.name, what, time),
+        )
 
     def close(self) -> None:
         """End and free the instance, unload its library, remove its files."""
@@ -566,9 +604,13 @@ class FmuInstance:
         slave, self._slave = self._slave, None
         if slave is not None and slave.component and not self._dead:
             # an instance after an error may refuse to end; it is freed all the same
+            version = self.description.version
             with suppress(Exception):
+                self._mark(self.name, f"fmi{version}Terminate")
                 slave.terminate()
             with suppress(Exception):
+                self._mark(self.name, f"fmi{version}FreeInstance")
                 slave.freeInstance()
+            self._mark("", "")
         _messages.pop(self.name, None)
         self._scratch.close()

@@ -22,13 +22,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from harness.cosim.calls import Calls, Instance
-from harness.cosim.fmu import FmuDescription, FmuError, FmuInstance, Quantity
+from harness.cosim.calls import ASKS, EARLY, ENDED, EVENT, Calls, Instance, Mark, unmarked
+from harness.cosim.fmu import Fault, FmuDescription, FmuError, FmuInstance, Quantity
 from harness.cosim.layout import REALS, Array, Layout
 from harness.cosim.recorder import Memory, Recorder, recorder_size
 from harness.cosim.ssp import FmuSystem
 from harness.cosim.stepping import DURATION, Event, Loop, Order
-from harness.cosim.walk import MANY, Native, NativeWalk, NotNativeError, Pause, Walk, Watched
+from harness.cosim.walk import MANY, Guard, Native, NativeWalk, NotNativeError, Pause, Walk, Watched
 from harness.cosim.wiring import Wiring, wire
 from harness.interrupts import held_interrupts, holdable_interrupts
 from models.errors import ParameterError, nearest
@@ -72,6 +72,8 @@ class Simulation:
         labels: how errors call a component, where not `component file.fmu`.
         stand_ins: what runs in the place of a component's FMU.
         loop: `native`, the loop in C, or `python`, its reference, which gives the same bits.
+        mark: told which call is being made, outside of the loop.
+        guard: what restores how sums are rounded behind each call of the loop.
 
     Attributes:
         notes: why the loop is Python's where `native` was asked for.
@@ -91,19 +93,22 @@ class Simulation:
         *,
         stand_ins: Mapping[str, Instance] | None = None,
         loop: Loop = "native",
+        mark: Mark = unmarked,
+        guard: Guard | None = None,
     ) -> None:
+        self._guard = guard
         self._stack = ExitStack()
         try:
             self.components: dict[str, Instance] = {}
             for name, part in system.components.items():
                 stand_in = (stand_ins or {}).get(name)
-                component = stand_in or FmuInstance(name, part.fmu, (labels or {}).get(name, ""))
+                component = stand_in or FmuInstance(name, part.fmu, (labels or {}).get(name, ""), mark)
                 self.components[name] = self._stack.enter_context(component)
             self.fmus: dict[str, FmuDescription] = {n: c.description for n, c in self.components.items()}
             self.wiring: Wiring = wire(system, self.fmus, order, plants)
             self._free = self._initialize(system, values or {})
             self._layout = Layout(system.links, self.fmus, self.wiring, order)
-            self._calls = Calls(self.components, self._layout, self.wiring, order)
+            self._calls = Calls(self.components, self._layout, self.wiring, order, mark)
             self.notes: list[str] = []
             self._native = self._find_native() if loop == "native" else None
         except BaseException:
@@ -194,8 +199,9 @@ class Simulation:
         changes = self._schedule(events)
         watched = self._find(stop) if stop else (np.zeros(1), frozenset[int]())
         recorder = Recorder(len(self._layout.block), memory)
-        parts = (calls, self._layout, step, recorder, watched)
-        walk = Walk(*parts) if self._native is None else NativeWalk(*parts, native=self._native)
+        parts, guard = (calls, self._layout, step, recorder, watched), self._guard
+        native = self._native
+        walk = NativeWalk(*parts, native=native, guard=guard) if native else Walk(*parts, guard=guard)
         calls.time.value = 0.0
         with held_interrupts():
             for name, values in self._free.items():
@@ -275,15 +281,27 @@ class Simulation:
         for slot in sorted(slots, key=lambda s: (s.component not in plants, order.index(s.component))):
             for quantity, value in zip(slot.quantities, self._layout.view(slot), strict=True):
                 if not math.isfinite(value):
-                    raise FmuError(
-                        f'{self.components[slot.component].label}: output "{quantity.name}" is {value} '
-                        f"at t = {self._calls.time.value:.10g} s; expected a finite number"
+                    raise self._fault(
+                        "not finite",
+                        slot.component,
+                        f'output "{quantity.name}"',
+                        f'output "{quantity.name}" is {value}{{}}; expected a finite number',
                     )
 
     def _report_ended(self) -> None:
-        index = next(i for i, ended in enumerate(self._calls.ended.raw) if ended)
-        label = list(self.components.values())[index].label
-        raise FmuError(f"{label}: asks to end the simulation at t = {self._calls.time.value:.10g} s")
+        index, ask = divmod(next(i for i, ended in enumerate(self._calls.ended.raw) if ended), ASKS)
+        name = list(self.components)[index]
+        kind, text = {
+            ENDED: ("ended", "asks to end the simulation{}"),
+            EVENT: ("event", "asks for an event{}, which this loop does not have; export it without events"),
+            EARLY: ("early", "fmi3DoStep returned early{}, though it may not; expected a whole step"),
+        }[ask]
+        raise self._fault(kind, name, "fmi3DoStep", text)
+
+    def _fault(self, kind: str, component: str, call: str, text: str) -> FmuError:
+        time, fmu = self._calls.time.value, self.fmus[component].path.name
+        full = f"{self.components[component].label}: {text.format(f' at t = {time:.10g} s')}"
+        return FmuError(full, Fault(kind, component, fmu, call, time))
 
     def _hand_over(
         self,

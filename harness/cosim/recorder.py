@@ -21,12 +21,15 @@ class Position(ctypes.Structure):
         tick: the tick.
         call: the place in `Calls.tick` of the call that is being made; -1 between calls.
         rows: that are finished; row k is that of tick k.
+        restored: how often a call had changed how sums are rounded; `restorer`: the last of these calls.
     """
 
-    _fields_ = [("tick", ctypes.c_int64), ("call", ctypes.c_int64), ("rows", ctypes.c_int64)]
+    _fields_ = [(name, ctypes.c_int64) for name in ("tick", "call", "rows", "restored", "restorer")]
     tick: int
     call: int
     rows: int
+    restored: int
+    restorer: int
 
 
 def recorder_size(row_size: int, room: int = ROOM) -> int:
@@ -55,7 +58,8 @@ class Recorder:
                 f"the memory has {len(buffer)} bytes; expected {recorder_size(row_size, 1)} or more for a row"
             )
         self.position = Position.from_buffer(buffer)
-        self.position.tick, self.position.call, self.position.rows = 0, -1, 0
+        ctypes.memset(ctypes.addressof(self.position), 0, start)
+        self.position.call = -1
         self.rows: npt.NDArray[np.uint8] = np.frombuffer(buffer, np.uint8, room * row_size, start)
         self.rows = self.rows.reshape(room, row_size)
 

@@ -8,6 +8,7 @@ from typing import Literal
 Order = Literal["sequential", "jacobi"]
 Loop = Literal["native", "python"]  # what makes the calls of a tick
 DURATION = 300.0  # s, after which a trial is cut
+GIB = 2**30  # bytes
 
 
 @dataclass(frozen=True)
@@ -18,3 +19,19 @@ class Event:
     component: str
     variable: str
     value: float
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What FMUs that others built may take; the worker that they run in is ended beyond.
+
+    Attributes:
+        call: s for one call in the loop.
+        start: s for one call before the first tick, loading included; `free`: for one after the last.
+        memory: bytes in use.
+    """
+
+    call: float = 10.0
+    start: float = 60.0
+    free: float = 5.0
+    memory: int = 2 * GIB

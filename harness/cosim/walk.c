@@ -1,5 +1,6 @@
 /* Ticks of a co-simulation: calls that were prepared in Python, one after the other.
    walk.py fills these structures, and its class Walk is the reference: both give the same bits. */
+#include <fenv.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -15,6 +16,7 @@ enum kind { COPY, CAST, CONVERT, ACCESS2, ACCESS3, STEP2, STEP3 };
 enum type { FLOAT64, FLOAT32, INT8, INT16, INT32, INT64, UINT8, UINT16, UINT32, UINT64 };
 enum pause { NONE, FAILED, NOT_FINITE, STOPPED, ENDED };
 enum { OK, WARNING };
+#define NEARLY 0.999999 /* of a step: it was made */
 
 typedef int (*access2)(void *, const void *, size_t, void *);
 typedef int (*access3)(void *, const void *, size_t, void *, size_t);
@@ -49,6 +51,8 @@ typedef struct { /* in memory of the caller, which another process may read */
     int64_t tick;
     int64_t call; /* its place among all calls of a tick; -1 between calls */
     int64_t rows; /* that are finished: row k is that of tick k */
+    int64_t restored; /* how often a call had changed how sums are rounded */
+    int64_t restorer; /* the last of these calls */
 } position;
 
 typedef struct {
@@ -69,8 +73,40 @@ typedef struct {
     size_t stop_count;
     const unsigned char *ended; /* a byte for each component */
     size_t ended_count;
+    int is_guarded; /* restore `mode` behind each call */
+    uint32_t mode;
     int status; /* what a call answered that failed */
 } walk;
+
+/* How sums are rounded, and whether the smallest become 0. */
+EXPORT uint32_t floating_mode(void)
+{
+#if defined(__x86_64__) || defined(_M_X64)
+    return __builtin_ia32_stmxcsr() & 0xFFC0U; /* all but the flags of what happened */
+#elif defined(__aarch64__)
+    uint64_t control;
+    __asm__ volatile("mrs %0, fpcr" : "=r"(control));
+    return (uint32_t)control;
+#else
+    return (uint32_t)fegetround();
+#endif
+}
+
+/* Bring back a mode; true if it was another. */
+EXPORT int restore_mode(uint32_t mode)
+{
+    if (floating_mode() == mode)
+        return false;
+#if defined(__x86_64__) || defined(_M_X64)
+    fesetround(FE_TONEAREST); /* of the old unit too, which long doubles use */
+    __builtin_ia32_ldmxcsr(mode);
+#elif defined(__aarch64__)
+    __asm__ volatile("msr fpcr, %0" : : "r"((uint64_t)mode));
+#else
+    fesetround((int)mode);
+#endif
+    return true;
+}
 
 static double real(const void *from, int type)
 {
@@ -145,8 +181,12 @@ static int make(const call *c, double time)
     case ACCESS2: return ((access2)c->function)(c->to, c->from, c->count, c->values);
     case ACCESS3: return ((access3)c->function)(c->to, c->from, c->count, c->values, c->count);
     case STEP2: return ((step2)c->function)(c->to, time, c->step, 1);
-    case STEP3:
-        return ((step3)c->function)(c->to, time, c->step, true, c->event, c->ended, c->early, c->reached);
+    case STEP3: {
+        int status = ((step3)c->function)(c->to, time, c->step, true, c->event, c->ended, c->early, c->reached);
+        if (*c->reached < time + c->step * NEARLY)
+            *c->early = true;
+        return status;
+    }
     case CAST:
         for (size_t i = 0; i < c->count; i++)
             cast(&first[i]);
@@ -164,6 +204,10 @@ static bool carry_out(walk *w, const list *list, size_t before)
     for (size_t i = 0; i < list->count; i++) {
         w->position->call = (int64_t)(before + i);
         int status = make(&list->calls[i], *w->time);
+        if (w->is_guarded && restore_mode(w->mode)) {
+            w->position->restored++;
+            w->position->restorer = (int64_t)(before + i);
+        }
         if (status != OK && status != WARNING) {
             w->status = status;
             return false;

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from codegen.cache import stored
 from codegen.toolchains.compiler import FLAGS, CompileError, build_library, compiler_version, this_platform
-from harness.cosim.calls import Calls
+from harness.cosim.calls import Calls, Reached
 from harness.cosim.fmu import Call, Function
 from harness.cosim.layout import Cast, Conversion, Layout, copy
 from harness.cosim.recorder import Recorder
@@ -29,6 +29,7 @@ from harness.cosim.recorder import Recorder
 MANY = 100  # ticks at once, at most
 PATIENCE = 0.02  # s of C calls after which Ctrl-C should have its turn
 Watched = tuple[npt.NDArray[Any], frozenset[int]]
+NEARLY = 0.999999  # of a step: it was made
 
 
 class Pause(IntEnum):
@@ -50,6 +51,7 @@ class Walk:
 
     Args:
         recorder: gets the rows, and where the walk is.
+        guard: restores how sums are rounded behind each call.
         watched: an output, (1,), where it lies, and the values with which it ends the run.
 
     Attributes:
@@ -57,9 +59,16 @@ class Walk:
     """
 
     def __init__(
-        self, calls: Calls, layout: Layout, step: float, recorder: Recorder, watched: Watched
+        self,
+        calls: Calls,
+        layout: Layout,
+        step: float,
+        recorder: Recorder,
+        watched: Watched,
+        *,
+        guard: Guard | None = None,
     ) -> None:
-        self.calls, self.step, self.recorder = calls, step, recorder
+        self.calls, self.step, self.recorder, self.guard = calls, step, recorder, guard
         self.hold: AbstractContextManager[object] = nullcontext()
         self.reals = layout.reals()
         self.watched, self.stops = watched
@@ -79,6 +88,7 @@ class Walk:
         calls, position, saves = self.calls, self.recorder.position, self._saves
         numbered = list(enumerate(calls.tick))
         answer, advance = numbered[: len(calls.answer)], numbered[len(calls.answer) :]
+        answered, advanced = calls.reached
         watched, stops = self.watched.item, self.stops
         now, ended, none_ended = calls.time, calls.ended, bytes(len(calls.ended))
         tests: list[tuple[Any, Any]] = [(reals.dot, np.zeros_like(reals)) for reals in self.reals]
@@ -86,10 +96,7 @@ class Walk:
             position.tick = moment
             now.value = moment * self.step
             with self.hold:
-                for position.call, (function, arguments) in answer:
-                    if status := function(*arguments):
-                        calls.fail(status, calls.tick[position.call])
-                position.call = -1
+                self._carry_out(answer, answered)
             copy(*saves[moment % len(saves)])
             position.rows = moment + 1
             for dot, zeros in tests:
@@ -101,11 +108,21 @@ class Walk:
                 return Pause.ENDED
             if moment < last:
                 with self.hold:
-                    for position.call, (function, arguments) in advance:
-                        if status := function(*arguments):
-                            calls.fail(status, calls.tick[position.call])
-                    position.call = -1
+                    self._carry_out(advance, advanced)
         return Pause.NONE
+
+    def _carry_out(self, numbered: Sequence[tuple[int, Call]], reached: Sequence[Reached]) -> None:
+        calls, position, guard = self.calls, self.recorder.position, self.guard
+        for position.call, (function, arguments) in numbered:
+            status = function(*arguments)
+            if guard is not None and guard():
+                position.restored, position.restorer = position.restored + 1, position.call
+            if status:
+                calls.fail(status, calls.tick[position.call])
+        position.call = -1
+        for at, place in reached:
+            if at.value < calls.time.value + self.step * NEARLY:
+                calls.ended[place] = b"\1"
 
 
 class _Conversion(ctypes.Structure):
@@ -162,6 +179,8 @@ class _Walk(ctypes.Structure):
         ("stop_count", ctypes.c_size_t),
         ("ended", ctypes.c_void_p),
         ("ended_count", ctypes.c_size_t),
+        ("is_guarded", ctypes.c_int),
+        ("mode", ctypes.c_uint32),
         ("status", ctypes.c_int),
     ]
 
@@ -250,8 +269,9 @@ class NativeWalk(Walk):
         watched: Watched,
         *,
         native: Native,
+        guard: Guard | None = None,
     ) -> None:
-        super().__init__(calls, layout, step, recorder, watched)
+        super().__init__(calls, layout, step, recorder, watched, guard=guard)
         self._native = native
         of_type = {reals.dtype.name: reals for reals in self.reals}
         doubles, singles = of_type.get("float64", np.zeros(0)), of_type.get("float32", np.zeros(0))
@@ -276,6 +296,8 @@ class NativeWalk(Walk):
             stop_count=len(self._stops),
             ended=ctypes.addressof(calls.ended),
             ended_count=len(calls.ended),
+            is_guarded=guard is not None,
+            mode=0 if guard is None else guard.mode,
         )
         self._few = 1  # ticks at a time, so that Ctrl-C is heard between slow steps
 
@@ -294,6 +316,27 @@ class NativeWalk(Walk):
             elapsed = time.perf_counter() - started
             self._few = max(1, self._few // 2) if elapsed > PATIENCE else min(MANY, 2 * self._few)
         return Pause.NONE
+
+
+class Guard:
+    """How sums are rounded, and whether the smallest become 0, as it is now; a call of it restores that.
+
+    Raises:
+        NotNativeError: the functions that do it cannot be compiled here.
+    """
+
+    def __init__(self) -> None:
+        library = _library()
+        if isinstance(library, str):
+            raise NotNativeError(library)
+        library.floating_mode.restype = ctypes.c_uint32
+        library.restore_mode.argtypes = [ctypes.c_uint32]
+        self._restore = library.restore_mode
+        self.mode: int = library.floating_mode()
+
+    def __call__(self) -> bool:
+        """Restore it; had it been changed?"""
+        return bool(self._restore(self.mode))
 
 
 @cache

@@ -9,6 +9,7 @@ On board, north = east = 0 is the first fix. Outputs are shifted here: zero is t
 
 from __future__ import annotations
 
+import ctypes
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import count
@@ -177,6 +178,8 @@ class Onboard:
 
 class StandIn:
     """A component of the loop that the onboard computer replaces: the first of them makes its tick."""
+
+    reached: ctypes.c_double | None = None  # its steps do not tell
 
     def __init__(self, onboard: Onboard, name: str, description: FmuDescription) -> None:
         self.onboard, self.name, self.description = onboard, name, description

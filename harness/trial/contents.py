@@ -14,9 +14,10 @@ from harness.cosim.fmu import Quantity
 from harness.cosim.loop import Array, Simulation
 from harness.cosim.rename import Rename
 from harness.cosim.roles import Role, find_role
+from harness.cosim.worker.contained import Contained
 from harness.log.channel import Channel
 from harness.log.writer import LogWriter
-from harness.onboard.stand_in import Onboard
+from harness.trial.instances import Telemetry
 from harness.trial.plan import values_of
 from harness.trial.prepare import Prepared
 from harness.trial.request import PACKAGE, Request
@@ -27,7 +28,9 @@ VERSIONED = ("guided-canine", "fmpy", "casadi", "numpy")
 class LogRows:
     """A simulation's rows for the log; outputs of a swapped component by its role's names, in its units."""
 
-    def __init__(self, simulation: Simulation, ready: Prepared, onboard: Onboard | None) -> None:
+    def __init__(
+        self, simulation: Simulation | Contained, ready: Prepared, onboard: Telemetry | None
+    ) -> None:
         self.channels: list[Channel] = []
         self.onboard = onboard
         self.scales: dict[str, tuple[Array, Array]] = {}

@@ -13,7 +13,7 @@ from codegen.firmware.targets import TARGETS
 from codegen.scratch import Scratch
 from fmus.folder import build_folder, is_current
 from harness.cosim.archive import naming
-from harness.cosim.stepping import Loop, Order
+from harness.cosim.stepping import Limits, Loop, Order
 from harness.files import nearest_file
 from harness.onboard import ROLES
 from harness.trial import DEFAULT
@@ -43,6 +43,7 @@ class Request:
             runs their FMUs.
         loop: what makes the calls of a tick; both give the same log. None: `native`; with firmware on board
             `python`, from where the processor is called.
+        limits: for FMUs that others built.
     """
 
     scenario: Scenario
@@ -54,13 +55,16 @@ class Request:
     broken: str = ""
     onboard: str = ""
     loop: Loop | None = None
+    limits: Limits = field(default_factory=Limits)
 
     @property
     def ssp(self) -> Path:
         """The package that is run."""
-        package = self.package or self.scenario.package
-        if package is not None:
-            return package
+        return self.package or self.scenario.package or self.own_package
+
+    @property
+    def own_package(self) -> Path:
+        """Our own of the scenario's system."""
         system = find_system(self.scenario.system, self.scenario.estimator)
         return build_folder() / f"{system.name}.fmi{self.fmi}.ssp"
 
@@ -97,6 +101,7 @@ class Changes:
     estimator: str | None = None
     ahrs: bool = False
     loop: Loop | None = None
+    limits: Limits = field(default_factory=Limits)
 
 
 @contextmanager
@@ -131,6 +136,7 @@ def requested(target: str | Scenario, changes: Changes) -> Iterator[Request]:
                 swaps={**request.swaps, **swaps},
                 onboard=onboard,
                 loop=changes.loop,
+                limits=changes.limits,
             )
         )
 

@@ -64,8 +64,8 @@ def summarize(log: Log, real_time_factor: float | None = None, notes: Sequence[s
     - `outcome` follows from the last `status` of the controller: `success`, `failed` or `stopped`. Otherwise
       it is `timeout`, or `stopped` if the log is broken: something else ended the run. A run without a
       controller times out.
-    - `stopped_by` says in words which safety rule stopped it (models/SAFETY.md), or that the operator did;
-      None unless the controller's status is STOPPED.
+    - `stopped_by` says in words which safety rule stopped it (models/SAFETY.md), that the operator did, or
+      what else ended the run; None if nothing did.
     - `estimator` names what estimated, with what gave it its attitude; None without an estimator.
     - `time_s` is when the controller took that status, or the end of the run.
     - `anomalies` counts the ticks that reported each kind, by name: the controller's, then the estimator's.
@@ -121,10 +121,11 @@ def _since(log: Log) -> int:
 def stopped_by(log: Log) -> str | None:
     """What stopped the trial, in words: the anomaly of the tick on which the controller stopped.
 
-    One that ends no trial, such as an invalid estimate, came then by chance: the operator stopped it.
+    One that ends no trial, such as an invalid estimate, came then by chance: the operator stopped it. If the
+    log is not whole, the reason for that.
     """
     if "controller.status" not in log or log["controller.status"][-1] != Status.STOPPED:
-        return None
+        return log.broken if log.broken and _outcome(log)[0] == "stopped" else None
     code = log["controller.anomaly"][_since(log)] if "controller.anomaly" in log else Anomaly.NONE
     known = {int(anomaly): STOPPED_BY.get(anomaly, STOPPED_BY[Anomaly.NONE]) for anomaly in Anomaly}
     return known.get(code, named(Anomaly, code))

@@ -7,20 +7,20 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from codegen.firmware.navigation import Navigation
-from codegen.firmware.targets import find_target
+from harness.cosim.fmu import FmuError
 from harness.cosim.loop import Simulation, Stop
+from harness.cosim.worker.contained import Contained
 from harness.files import differences, make_folder, write_whole
 from harness.log.log import FILE, Log, LogError, read_log
 from harness.log.writer import LogWriter
-from harness.onboard.processors import Processor, open_processor
-from harness.onboard.stand_in import Onboard
+from harness.onboard.processors import open_processor
 from harness.toml_file import parse_toml
 from harness.trial.contents import LogRows, attachments, metadata
-from harness.trial.firmware import firmware_values, navigation_of
+from harness.trial.instances import OpenProcessor, open_simulation
 from harness.trial.notes import late_notes, radio_notes, refusal_notes
 from harness.trial.plots import trial_png
 from harness.trial.prepare import Prepared
@@ -28,11 +28,16 @@ from harness.trial.request import Request
 from harness.trial.summary import summarize, write_page, write_summary
 from models.commands import ENDS
 from models.errors import UsageError
-from models.kit.link import Values
-from models.system import find_system
 
 LOG, SUMMARY, PAGE, PICTURE = FILE, "summary.json", "trial.html", "trial.png"
-OpenProcessor = Callable[[str, Values, Navigation], Processor]
+
+
+class EndedByFaultError(FmuError):
+    """An FMU ended the trial; `summary` is what was written of it."""
+
+    def __init__(self, text: str, summary: dict[str, Any]) -> None:
+        super().__init__(text)
+        self.summary = summary
 
 
 def run(
@@ -44,8 +49,9 @@ def run(
 ) -> dict[str, Any]:
     """Run a trial and write log, summary, page and picture; the summary.
 
-    An error, or the user, may end the trial early: the log is kept up to there, and nothing else is written.
-    An earlier trial's files stay until the new log is opened; a log without a tick is removed.
+    An FMU that goes wrong ends the trial: log, summary, page and picture tell of it up to there. Another
+    error, or the user, may end it too: then only the log is kept. An earlier trial's files stay until the new
+    log is opened; a log without a tick is removed.
 
     Args:
         out: the folder, made if need be.
@@ -61,11 +67,22 @@ def run(
         raise UsageError(f"--out {out}: holds the log that is read, {request.log}; choose another folder")
     make_folder(out)
     with alone_in(out):
-        real_time_factor, notes = _simulate(request, ready, out, progress, start)
+        notes: list[str] = []
+        factor: float | None = None
+        fault: FmuError | None = None
+        try:
+            factor = _simulate(request, ready, out, start, notes, progress=progress)
+        except FmuError as error:
+            if error.fault is None or not (out / LOG).exists():
+                raise
+            fault = error
         log = read_log(out / LOG)
         late = late_notes(request.scenario, ready.interfaces, ready.values, float(log.time[-1]))
         late += refusal_notes(log) + radio_notes(log)
-        return _report(log, out, real_time_factor, (*request.notes, *ready.notes, *notes, *late))
+        summary = _report(log, out, factor, (*request.notes, *ready.notes, *notes, *late), fault)
+        if fault is not None:
+            raise EndedByFaultError(str(fault), summary) from fault
+        return summary
 
 
 def replaced(request: Request, ready: Prepared, out: Path) -> str:
@@ -108,50 +125,19 @@ def alone_in(folder: Path) -> Iterator[None]:
         os.close(handle)
 
 
-def open_onboard(request: Request, ready: Prepared, start: OpenProcessor) -> Onboard:
-    """The onboard computer with the scenario's parameters in its firmware."""
-    navigation = navigation_of(find_system(request.scenario.system, request.scenario.estimator))
-    processor = start(request.onboard, firmware_values(ready.values, navigation), navigation)
-    try:
-        return Onboard(
-            processor,
-            request.scenario.origin,
-            ready.values,
-            pvt=find_target(request.onboard).pvt,
-            navigation=navigation,
-        )
-    except BaseException:
-        processor.close()
-        raise
-
-
 def _simulate(
     request: Request,
     ready: Prepared,
     out: Path,
-    progress: Callable[[float], None] | None,
     start: OpenProcessor,
-) -> tuple[float, list[str]]:
-    """Run the trial and write its log; trial time over elapsed time, and notes."""
+    notes: list[str],
+    *,
+    progress: Callable[[float], None] | None,
+) -> float:
+    """Run the trial and write its log; trial time over elapsed time. `notes` gets what came up."""
     scenario = request.scenario
     with ExitStack() as stack:
-        onboard = open_onboard(request, ready, start) if request.onboard else None
-        stand_ins = {}
-        if onboard is not None:
-            stack.callback(onboard.close)
-            stand_ins = onboard.stand_ins(ready.fmus)
-        simulation = stack.enter_context(
-            Simulation(
-                ready.system,
-                ready.plan.values,
-                request.order,
-                plants=ready.plants,
-                stand_ins=stand_ins,
-                loop=request.loop or ("python" if request.onboard else "native"),
-            )
-        )
-        if onboard is not None:
-            onboard.connect(simulation.outputs("sensors"))
+        simulation, onboard = open_simulation(request, ready, start, stack, notes)
         rows = LogRows(simulation, ready, onboard)
         for name in (SUMMARY, PAGE, PICTURE):  # an earlier trial's: they would not belong to this log
             with suppress(FileNotFoundError):
@@ -172,18 +158,22 @@ def _simulate(
                 progress=progress,
             )
             elapsed = time.perf_counter() - started
-    return (outcome.ticks - 1) * simulation.wiring.step / elapsed, simulation.notes
+    return (outcome.ticks - 1) * simulation.wiring.step / elapsed
 
 
-def stop_of(simulation: Simulation) -> Stop | None:
+def stop_of(simulation: Simulation | Contained) -> Stop | None:
     """What ends a trial before its duration: the status of its controller, if it has one."""
     controller = simulation.fmus.get("controller")
     return Stop("controller", "status", ENDS) if controller and "status" in controller.outputs else None
 
 
-def _report(log: Log, out: Path, real_time_factor: float, notes: Sequence[str]) -> dict[str, Any]:
+def _report(
+    log: Log, out: Path, real_time_factor: float | None, notes: Sequence[str], error: FmuError | None
+) -> dict[str, Any]:
     """Write page, picture and summary of a log; the summary."""
-    summary = summarize(log, round(real_time_factor, 1), notes)
+    summary = summarize(log, real_time_factor and round(real_time_factor, 1), notes)
+    if error is not None and error.fault is not None:
+        summary["fault"] = {"text": str(error), **asdict(error.fault)}
     if "plant.north" in log and "plant.east" in log:
         picture = trial_png(log)
         write_whole(out / PICTURE, picture)

@@ -81,7 +81,7 @@ def test_a_dog_made_elsewhere_runs_and_is_logged_by_the_roles_names(
     assert (tmp_path / "again" / "trial.mcap").read_bytes() == (tmp_path / "trial.mcap").read_bytes()
 
 
-def test_a_fault_ends_with_its_name_status_1_and_the_log_up_to_it(
+def test_a_fault_ends_with_its_name_status_1_and_all_files_up_to_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # given a dog whose speed is not a number from the step at 1 s on
@@ -90,12 +90,12 @@ def test_a_fault_ends_with_its_name_status_1_and_the_log_up_to_it(
     (tmp_path / "summary.json").write_text("of an earlier trial")
     # when
     status, text, error = canine(capsys, "run", "two_waypoint", "--plant", dog, "--out", tmp_path)
-    # then
-    assert (status, text) == (1, "")
-    assert error.splitlines()[-1] == (
-        'canine: plant dog.fmu: output "v" is nan at t = 1.04 s; expected a finite number'
-    )
-    assert not (tmp_path / "summary.json").exists()
+    # then the table, the last line and the summary say so
+    words = 'plant dog.fmu: output "v" is nan at t = 1.04 s; expected a finite number'
+    assert status == 1
+    assert f"stopped by            {words}" in text
+    assert error.splitlines()[-1] == f"canine: {words}"
+    assert json.loads((tmp_path / "summary.json").read_text())["fault"]["text"] == words
     log = read_log(tmp_path / "trial.mcap")
     assert log.time[-1] == pytest.approx(1.04)
     assert "is nan at t = 1.04 s" in log.broken

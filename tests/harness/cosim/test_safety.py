@@ -21,7 +21,7 @@ import pytest
 from harness.cosim.loop import Simulation
 from harness.onboard.processors import open_processor
 from harness.onboard.tones import commands
-from harness.trial import trial
+from harness.trial.instances import open_onboard
 from harness.trial.prepare import prepared
 from harness.trial.request import Request, build_missing
 from harness.trial.scenario import Scenario, Setting
@@ -98,7 +98,7 @@ def run(
     build_missing(request)
     rows: list[Mapping[str, npt.NDArray[np.float64]]] = []
     with prepared(request) as ready:
-        board = trial.open_onboard(request, ready, open_processor) if onboard else None
+        board = open_onboard(request, ready, open_processor) if onboard else None
         stand_ins = board.stand_ins(ready.fmus) if board else {}
         with Simulation(
             ready.system, ready.plan.values, plants=ready.plants, stand_ins=stand_ins

@@ -162,10 +162,10 @@ def carried(function: Cast, loop: type[Walk]) -> list[Any]:
     function.target[:] = 77
     alone = SimpleNamespace(
         answer=[(function, ())], advance=[], tick=[(function, ())],
-        time=ctypes.c_double(), ended=(ctypes.c_char * 1)(),
+        time=ctypes.c_double(), ended=(ctypes.c_char * 1)(), reached=([], []),
     )  # fmt: skip
     nothing = SimpleNamespace(block=np.zeros(8, dtype=np.uint8), reals=list)
-    options = {} if loop is Walk else {"native": Native(cast(Any, alone))}
+    options: dict[str, Any] = {} if loop is Walk else {"native": Native(cast(Any, alone))}
     stop = (np.zeros(1), frozenset[int]())
     loop(cast(Any, alone), cast(Any, nothing), 0.04, Recorder(8), stop, **options).run(0, 1, 0)
     return [value.tobytes() for value in function.target]
@@ -257,13 +257,33 @@ def test_a_fault_has_the_same_words_and_keeps_the_same_rows(
     assert len(times) == ticks
 
 
-@pytest.mark.parametrize(
-    "plant", ["if (t > 0.39) return 1;", "v[27] = v[28] = 1;", "v[29] = 1;", "v[30] = 1;"]
-)
-def test_a_warning_an_event_and_an_early_return_are_accepted(tmp_path: Path, plant: str) -> None:
+@pytest.mark.parametrize("plant", ["if (t > 0.39) return 1;", "v[27] = v[28] = 1;"])
+def test_a_warning_is_accepted(tmp_path: Path, plant: str) -> None:
     end, times, _ = assert_same(toy(tmp_path, plant=plant))
     assert isinstance(end, Outcome)
     assert len(times) == 61
+
+
+@pytest.mark.parametrize(
+    ("plant", "text"),
+    [
+        ("v[29] = 1;", "asks for an event at t = 0.44 s"),
+        ("v[30] = 1;", "fmi3DoStep returned early at t = 0.44 s"),
+        ("v[26] = 1e-6;", "fmi3DoStep returned early at t = 0.44 s"),
+    ],
+)
+def test_an_event_and_a_step_that_is_not_made_whole_are_refused(
+    tmp_path: Path, plant: str, text: str
+) -> None:
+    end, times, _ = assert_same(toy(tmp_path, plant=f"if (t > 0.39) {plant}"))
+    assert isinstance(end, str)
+    assert text in end
+    assert len(times) == 12
+
+
+def test_a_step_that_reaches_its_end_but_for_rounding_is_accepted(tmp_path: Path) -> None:
+    end, _, _ = assert_same(toy(tmp_path, plant="v[26] = 1e-9;"))
+    assert isinstance(end, Outcome)
 
 
 @pytest.fixture

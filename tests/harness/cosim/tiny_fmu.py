@@ -41,7 +41,7 @@ void *fmi2Instantiate(const char *n, int k, const char *g, const char *r, const 
   (void)n; (void)k; (void)g; (void)r; (void)a; (void)b; log_ = *(logger *const *)f ? *(const logger *)f : 0;
   tiny *m = &pool[used++ %% 8]; double *v = m->v; (void)v; %(start)s return m; }
 int fmi2DoStep(void *c, double t, double h, int n) { (void)n; return step(c, t, h); }
-void fmi2FreeInstance(void *c) { (void)c; }
+void fmi2FreeInstance(void *c) { (void)c; %(free)s }
 """
 API3 = """
 typedef void (*logger)(void *, int, const char *, const char *);
@@ -54,8 +54,8 @@ void *fmi3InstantiateCoSimulation(const char *n, const char *g, const char *r,
 int fmi3DoStep(void *c, double t, double h, _Bool n, _Bool *e, _Bool *x, _Bool *y, double *z) {
   int status = step(c, t, h);
   const double *v = ((tiny *)c)->v; (void)n;
-  *e = v[29] != 0; *x = v[31] != 0; *y = v[30] != 0; *z = t + h - v[30]; return status; }
-void fmi3FreeInstance(void *c) { (void)c; }
+  *e = v[29] != 0; *x = v[31] != 0; *y = v[30] != 0; *z = t + h - v[30] - v[26]; return status; }
+void fmi3FreeInstance(void *c) { (void)c; %(free)s }
 """
 SAID = {
     2: 'static void say(const char *text) { log_(0, "plant", 3, "error", text); }',
@@ -85,6 +85,7 @@ def tiny_fmu(
     *,
     version: int = 2,
     start: str = "",
+    free: str = "",
     depends: bool = True,
     step_size: float | None = None,
     fixed: bool = False,
@@ -94,14 +95,15 @@ def tiny_fmu(
     Args:
         step: C that is run on each step: `v[i]`, `t`, `h`, `say("...")`, `return <status>`; `v[27]` is the
             status that a get call returns, `v[28]` a set call; in version 3 `v[29] = 1` asks for an event,
-            `v[30] = 1` returns 1 s early, `v[31] = 1` asks to end the simulation.
-        start: C that is run when it is instantiated.
+            `v[30] = 1` returns 1 s early, `v[31] = 1` asks to end the simulation; `v[26]` s are missing
+            from what it says it reached.
+        start: C that is run when it is instantiated; `free`: when it is freed.
         depends: its outputs depend on its inputs.
     """
     work = path.parent / f".{path.stem}"
     work.mkdir(parents=True, exist_ok=True)
     slave = fmpy.fmi2.FMU2Slave if version == 2 else fmpy.fmi3.FMU3Slave
-    api = (API2 if version == 2 else API3) % {"start": start}
+    api = (API2 if version == 2 else API3) % {"start": start, "free": free}
     count = "" if version == 2 else ", size_t k"
     unused = "" if version == 2 else " (void)k;"
     for fmi, c in ACCESS[version].items():

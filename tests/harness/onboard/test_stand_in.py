@@ -30,6 +30,7 @@ from harness.onboard.processors import Processor, ProcessorError, Reply, open_pr
 from harness.onboard.radio import Decoder, Link, Mission, Position, Seal, encode
 from harness.onboard.stand_in import Onboard, StandIn
 from harness.trial import trial
+from harness.trial.instances import open_onboard
 from harness.trial.prepare import Prepared, prepared
 from harness.trial.request import Changes, Request, build_missing, requested
 from harness.trial.scenario import Scenario, load
@@ -838,7 +839,7 @@ def through_bytes(scenario: Scenario, pvt: bool = False) -> Flight:
     boards: list[Onboard] = []
 
     def on_board(ready: Prepared) -> Mapping[str, Any]:
-        boards.append(trial.open_onboard(Request(scenario, onboard="host"), ready, open_processor))
+        boards.append(open_onboard(Request(scenario, onboard="host"), ready, open_processor))
         boards[0].receiver = replace(boards[0].receiver, pvt=pvt)
         return boards[0].stand_ins(ready.fmus)
 

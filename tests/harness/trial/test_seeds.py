@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from harness.trial import trial
+from harness.trial import instances, trial
 from harness.trial.seeds import csv_of, parse_seeds
 from models.errors import UsageError
 from tests.harness.command import canine
@@ -97,7 +97,7 @@ def test_ctrl_c_before_the_new_log_is_opened_keeps_an_earlier_runs_trial(
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(trial, "Simulation", interrupted)
+    monkeypatch.setattr(instances, "Simulation", interrupted)
     # when
     status, _, _ = canine(capsys, *RUN, "--seeds", "1:9", "--out", tmp_path)
     alone, _, errors = canine(capsys, *RUN, "--seed", 1, "--out", tmp_path / "1")
@@ -136,7 +136,15 @@ def test_a_fault_ends_the_trials_with_its_name_and_keeps_its_log(
     assert 'canine: plant dog.fmu: output "speed" is nan at t = 1.04 s' in errors
     assert errors.count("has no parameter") == 1  # the note, once for all trials
     assert seeds_in(tmp_path / "out" / "seeds.csv") == ["1"]
-    assert [p.name for p in (tmp_path / "out" / "2").iterdir()] == ["trial.mcap"]
+    written = {"trial.mcap", "summary.json", "trial.html", "trial.png"}
+    assert {p.name for p in (tmp_path / "out" / "2").iterdir()} == written
+    summary = json.loads((tmp_path / "out" / "2" / "summary.json").read_text())
+    assert (summary["outcome"], summary["time_s"], summary["fault"]["kind"]) == (
+        "stopped",
+        1.04,
+        "not finite",
+    )
+    assert 'output "speed" is nan' in summary["stopped_by"]
     assert not (tmp_path / "out" / "3").exists()
 
 

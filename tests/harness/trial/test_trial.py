@@ -11,8 +11,9 @@ from harness.cosim.loop import Simulation, Stop
 from harness.cosim.ssp import FmuComponent, FmuSystem, StartValue
 from harness.log.log import read_log
 from harness.onboard import stand_in
-from harness.trial import trial
+from harness.trial import instances, trial
 from harness.trial.contents import VERSIONED, attachments, metadata
+from harness.trial.instances import open_onboard
 from harness.trial.plan import Plan
 from harness.trial.prepare import Prepared, prepared
 from harness.trial.request import Request, build_missing
@@ -173,11 +174,11 @@ def test_a_processor_is_closed_if_the_onboard_computer_cannot_be_made(
         raise UsageError("refused")
 
     processor = Processor()
-    monkeypatch.setattr(trial, "Onboard", refuse)
+    monkeypatch.setattr(instances, "Onboard", refuse)
     request = Request(SHORT, onboard="host")
     build_missing(request)
     # when
     with prepared(request) as ready, pytest.raises(UsageError, match="refused"):
-        trial.open_onboard(request, ready, lambda target, values, navigation: processor)  # type: ignore
+        open_onboard(request, ready, lambda target, values, navigation: processor)  # type: ignore
     # then
     assert processor.closed

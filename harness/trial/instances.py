@@ -1,0 +1,172 @@
+"""The instances of a trial: our own FMUs in this process, others' in a worker; the computer on board."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Protocol, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from codegen.firmware.navigation import Navigation
+from codegen.firmware.targets import find_target
+from fmus.folder import build_folder
+from harness.cosim.loop import Simulation
+from harness.cosim.worker.contained import Contained
+from harness.cosim.worker.shared import Companion
+from harness.log.channel import Channel
+from harness.onboard.processors import Processor, open_processor
+from harness.onboard.stand_in import Onboard
+from harness.trial.firmware import firmware_values, navigation_of
+from harness.trial.prepare import Prepared
+from harness.trial.request import Request
+from models.kit.link import Values
+from models.system import SYSTEMS, find_system
+
+OpenProcessor = Callable[[str, Values, Navigation], Processor]
+Kind = TypeVar("Kind", bound=Onboard)
+
+
+class Telemetry(Protocol):
+    """Rows of the radio's telemetry, for the log."""
+
+    def channel(self) -> Channel: ...
+
+    def row(self, time: float) -> list[float]: ...
+
+
+class OnboardInWorker(Onboard):
+    """The onboard computer in the worker: it leaves its rows where the parent takes them."""
+
+    width = len(Onboard.channel().names)
+    rows: npt.NDArray[np.float64]
+
+    def connect_to(self, simulation: Simulation, rows: npt.NDArray[np.float64]) -> None:
+        """Read the simulation's sensors; leave the row of tick k in `rows[k % len(rows)]`."""
+        self.connect(simulation.outputs("sensors"))
+        self.rows = rows
+
+    def make_tick(self, time: float) -> None:
+        """One tick of the loop, and its row."""
+        super().make_tick(time)
+        self.rows[(self.tick - 1) % len(self.rows)] = self.row(time)
+
+
+class RowsOfWorker:
+    """The rows of an onboard computer that runs in the worker."""
+
+    channel = staticmethod(Onboard.channel)
+
+    def __init__(self, simulation: Contained) -> None:
+        self._simulation = simulation
+
+    def row(self, time: float) -> list[float]:
+        """As `Onboard.row`."""
+        rows = self._simulation.companion
+        row: list[float] = rows[round(time / self._simulation.wiring.step) % len(rows)].tolist()
+        return row
+
+
+def open_simulation(
+    request: Request, ready: Prepared, start: OpenProcessor, stack: ExitStack, notes: list[str]
+) -> tuple[Simulation | Contained, Telemetry | None]:
+    """The trial's instances at time 0, and its telemetry with firmware on board; the stack frees them.
+
+    Args:
+        start: opens the processor of `request.onboard`, given the firmware's parameters.
+        notes: gets what the user should know, at the end.
+
+    Raises:
+        CanineError: an FMU, or the firmware, cannot be started.
+    """
+    loop = request.loop or ("python" if request.onboard else "native")
+    if is_foreign(request):
+        companion: Callable[[], Companion] | None = None
+        width = 0
+        if request.onboard:
+            companion = partial(_open, OnboardInWorker, _firmware(request, ready), open_processor)
+            width = OnboardInWorker.width
+        contained = Contained(
+            ready.system,
+            ready.fmus,
+            ready.plan.values,
+            request.order,
+            ready.plants,
+            companion=companion,
+            width=width,
+            loop=loop,
+            limits=request.limits,
+        )
+        stack.callback(lambda: notes.extend(contained.notes))
+        stack.enter_context(contained)
+        return contained, RowsOfWorker(contained) if request.onboard else None
+    onboard = None
+    if request.onboard:
+        onboard = open_onboard(request, ready, start)
+        stack.callback(onboard.close)
+    simulation = Simulation(
+        ready.system,
+        ready.plan.values,
+        request.order,
+        plants=ready.plants,
+        stand_ins=onboard.stand_ins(ready.fmus) if onboard else None,
+        loop=loop,
+    )
+    stack.callback(lambda: notes.extend(simulation.notes))
+    stack.enter_context(simulation)
+    if onboard is not None:
+        onboard.connect(simulation.outputs("sensors"))
+    return simulation, onboard
+
+
+def is_foreign(request: Request) -> bool:
+    """Does the trial run an FMU that we did not build?"""
+    own = build_folder().resolve()
+    swapped = any(own not in path.resolve().parents for path in request.swaps.values())
+    return swapped or not _is_own_package(request, own)
+
+
+def _is_own_package(request: Request, own: Path) -> bool:
+    """Is the package one of ours, or a copy of it, as a log holds it?"""
+    package = request.ssp.resolve()
+    if own in package.parents:
+        return True
+    if request.scenario.system not in SYSTEMS or not package.is_file():
+        return False
+    copied = request.own_package
+    return copied.is_file() and package.read_bytes() == copied.read_bytes()
+
+
+def open_onboard(request: Request, ready: Prepared, start: OpenProcessor) -> Onboard:
+    """The onboard computer with the scenario's parameters in its firmware."""
+    return _open(Onboard, _firmware(request, ready), start)
+
+
+@dataclass(frozen=True)
+class _Firmware:
+    """What the onboard computer needs: processor, estimator, origin in degrees, all values of the trial."""
+
+    target: str
+    navigation: Navigation
+    origin: tuple[float, float]
+    values: Mapping[str, Mapping[str, float]]
+
+
+def _firmware(request: Request, ready: Prepared) -> _Firmware:
+    navigation = navigation_of(find_system(request.scenario.system, request.scenario.estimator))
+    return _Firmware(request.onboard, navigation, request.scenario.origin, ready.values)
+
+
+def _open(kind: type[Kind], firmware: _Firmware, start: OpenProcessor) -> Kind:
+    values, navigation, target = firmware.values, firmware.navigation, firmware.target
+    processor = start(target, firmware_values(values, navigation), navigation)
+    try:
+        pvt = find_target(target).pvt
+        return kind(processor, firmware.origin, values, pvt=pvt, navigation=navigation)
+    except BaseException:
+        processor.close()
+        raise

@@ -1,0 +1,262 @@
+"""FMUs that go wrong, in the worker: a fault that names them, all rows up to it, and nothing left behind."""
+
+import os
+import re
+import signal
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from harness.cosim.fmu import Fault, FmuError, describe
+from harness.cosim.loop import Simulation
+from harness.cosim.ssp import FmuComponent, FmuSystem, ScaledLink, StartValue
+from harness.cosim.stepping import Event, Limits
+from harness.cosim.worker.contained import Contained
+from models.errors import ParameterError, WiringError
+from tests.harness.cosim.tiny_fmu import V, tiny_fmu
+
+COUNTS = [V("n"), V("x", "input", start="0"), V("p", "parameter", start="1")]
+LIMITS = Limits(call=2.0, start=20.0, free=2.0, memory=400 * 2**20)
+DIES_AT = 10  # the tick, of 0.04 s
+LATE = "if (t > 0.39) "  # on that tick and later
+
+
+def toy(folder: Path, *, version: int = 2, step: str = "", start: str = "", free: str = "") -> FmuSystem:
+    """A plant that counts and then does `step`, and a component beside it that sums up what it counts."""
+    tiny_fmu(
+        folder / "bad.fmu",
+        COUNTS,
+        f"v[0] += v[2]; {step}",
+        version=version,
+        start=f"v[2] = 1; {start}",
+        free=free,
+        depends=False,
+    )
+    tiny_fmu(folder / "sum.fmu", COUNTS, "v[0] += v[1] / 3;", version=version)
+    return FmuSystem(
+        "toy",
+        {
+            "plant": FmuComponent("plant", folder / "bad.fmu"),
+            "sum": FmuComponent("sum", folder / "sum.fmu", values={"p": StartValue(2.0)}),
+        },
+        (ScaledLink("plant", "n", "sum", "x"),),
+    )
+
+
+@dataclass
+class Run:
+    """What came of a run: the rows of `plant.n`, the notes, the error."""
+
+    rows: list[float]
+    notes: list[str]
+    error: FmuError | None
+
+
+def run(system: FmuSystem, limits: Limits = LIMITS, duration: float = 1.0) -> Run:
+    """Run it, and see that nothing is left of the worker."""
+    rows: list[float] = []
+    error, contained = None, None
+
+    def record(times: np.ndarray, values: Mapping[str, np.ndarray]) -> None:
+        assert np.array_equal(times, 0.04 * np.arange(len(rows), len(rows) + len(times)))
+        rows.extend(values["plant"][:, -1].tolist())
+
+    fmus = {name: describe(part.fmu) for name, part in system.components.items()}
+    try:
+        with Contained(system, fmus, limits=limits) as contained:
+            contained.run(duration=duration, record=record)
+    except FmuError as raised:
+        error = raised
+    if contained is not None:
+        with pytest.raises(ProcessLookupError):
+            os.killpg(contained._process.pid, 0)
+        assert not contained._folder.exists()
+    return Run(rows, contained.notes if contained else [], error)
+
+
+ENDS = {
+    "exit(0)": ("extern void exit(int); exit(0);", "exit", "ended the process.*, with exit status 0"),
+    "_exit(0)": ("extern void _exit(int); _exit(0);", "exit", "ended the process.*, with exit status 0"),
+    "a segfault": ("*(volatile int *)8 = 1;", "crash", "ended the process.*: segmentation fault"),
+    "abort": ("extern void abort(void); abort();", "crash", "ended the process.*: aborted"),
+    "a stack overflow": (
+        "volatile char big[100000]; big[0] = 1; step(m, t, h); big[1] = 1;",
+        "crash",
+        "ended the process.*: segmentation fault",
+    ),
+    "an endless loop": ("for (volatile int i = 0;; i++) { }", "hang", "did not come back within 2 s"),
+    "a long sleep, deaf to signals": (
+        "extern void *signal(int, void *); extern unsigned sleep(unsigned); signal(2, (void *)1);"
+        "signal(15, (void *)1); for (;;) sleep(100);",
+        "hang",
+        "did not come back within 2 s",
+    ),
+    "much memory": (
+        "extern void *malloc(unsigned long); extern void *memset(void *, int, unsigned long);"
+        "static void *volatile kept; for (;;) kept = memset(malloc(1 << 24), 1, 1 << 24);",
+        "memory",
+        r"took 0\.\d+ GB of memory.*; the limit is 0\.391 GB",
+    ),
+    "an error": ("return 3;", "status", "returned error"),
+    "fatal": ("return 4;", "status", "returned fatal"),
+    "discard": ("return 2;", "status", "returned discard"),
+    "pending": ("return 5;", "status", "returned pending"),
+    "no status": ("return 77;", "status", "returned the illegal status 77"),
+}
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("name", ENDS)
+def test_a_step_that_goes_wrong_is_named_with_all_rows_before_it(
+    tmp_path: Path, name: str, version: int
+) -> None:
+    step, kind, text = ENDS[name]
+    # when
+    result = run(toy(tmp_path, version=version, step=f"{LATE}{{ {step} }}"))
+    # then
+    assert result.rows == [*range(DIES_AT + 1)]
+    assert result.error is not None
+    call = f"fmi{version}DoStep"
+    assert result.error.fault == Fault(kind, "plant", "bad.fmu", call, 0.4)
+    assert re.fullmatch(rf"plant bad\.fmu: {call} {text}( at t = 0\.4 s)?", str(result.error))
+    assert "at t = 0.4 s" in str(result.error)
+
+
+@pytest.mark.parametrize("value", ["0.0 / 0.0", "1.0 / 0.0"])
+def test_an_output_that_is_not_finite_is_named(tmp_path: Path, value: str) -> None:
+    result = run(toy(tmp_path, step=f"{LATE}v[0] = {value};"))
+    assert result.error is not None
+    assert result.error.fault is not None
+    assert (result.error.fault.kind, result.error.fault.call) == ("not finite", 'output "n"')
+    assert len(result.rows) == DIES_AT + 2
+
+
+@pytest.mark.parametrize(
+    ("where", "call"),
+    [
+        ({"start": "*(volatile int *)8 = 1;"}, "load and fmi2Instantiate"),
+        ({"start": "extern void exit(int); exit(0);"}, "load and fmi2Instantiate"),
+        ({"free": "*(volatile int *)8 = 1;"}, "fmi2FreeInstance"),
+        ({"free": "for (volatile int i = 0;; i++) { }"}, "fmi2FreeInstance"),
+    ],
+)
+def test_a_fault_before_the_first_tick_or_after_the_last_is_named(
+    tmp_path: Path, where: dict[str, str], call: str
+) -> None:
+    result = run(toy(tmp_path, start=where.get("start", ""), free=where.get("free", "")))
+    assert result.error is not None
+    assert result.error.fault is not None
+    assert (result.error.fault.component, result.error.fault.call) == ("plant", call)
+    assert len(result.rows) == (26 if "free" in where else 0)
+
+
+@pytest.mark.parametrize(
+    ("ask", "text"),
+    [
+        (31, "asks to end the simulation at t = 0.44 s"),
+        (29, "asks for an event at t = 0.44 s"),
+        (30, "fmi3DoStep returned early at t = 0.44 s"),
+    ],
+)
+def test_what_an_fmi_3_step_asks_for_is_refused(tmp_path: Path, ask: int, text: str) -> None:
+    result = run(toy(tmp_path, version=3, step=f"{LATE}v[{ask}] = 1;"))
+    assert result.error is not None
+    assert text in str(result.error)
+
+
+def test_a_step_that_says_it_reached_less_than_its_end_is_refused(tmp_path: Path) -> None:
+    result = run(toy(tmp_path, version=3, step=f"{LATE}v[26] = 0.01;"))
+    assert result.error is not None
+    assert "fmi3DoStep returned early at t = 0.44 s" in str(result.error)
+
+
+def test_what_an_fmu_prints_is_a_note_and_its_folder_and_files_are_its_own(tmp_path: Path) -> None:
+    # given a plant that prints, goes elsewhere and closes the standard streams
+    step = "extern int printf(const char *, ...), fflush(void *), chdir(const char *), close(int); fflush(0);"
+    step += 'printf("t %g\\n", t); fflush(0); chdir("/"); if (t > 0.35) { close(0); close(1); close(2); }'
+    here = Path.cwd()
+    # when
+    result = run(toy(tmp_path, step=step))
+    # then the run goes on
+    assert result.error is None
+    assert result.rows == [*range(26)]
+    assert Path.cwd() == here
+    assert (
+        "an FMU wrote to stdout: t 0 | t 0.04 | t 0.08 | t 0.12 | t 0.16 (and 5 lines more)" in result.notes
+    )
+
+
+def test_an_fmu_that_closes_all_files_is_found_out(tmp_path: Path) -> None:
+    result = run(toy(tmp_path, step=f"extern int close(int); {LATE}for (int i = 0; i < 99; i++) close(i);"))
+    assert result.error is not None
+    assert "an FMU closed files of the process that are not its own" in str(result.error)
+    assert result.rows[:11] == [*range(11)]
+
+
+@pytest.mark.parametrize("when", ["step", "start"])
+def test_rounding_that_an_fmu_changes_is_restored_before_another_one_is_called(
+    tmp_path: Path, when: str
+) -> None:
+    # given a plant that has sums rounded down, before a component that sums thirds
+    change = "extern int fesetround(int); fesetround(0x400);"
+    system = toy(tmp_path / "bad", start=change) if when == "start" else toy(tmp_path / "bad", step=change)
+    expected, sums = [], []
+    with Simulation(toy(tmp_path / "good")) as simulation:
+        simulation.run(duration=20, record=lambda _, values: expected.append(values["sum"].copy()))
+    # when
+    fmus = {name: describe(part.fmu) for name, part in system.components.items()}
+    with Contained(system, fmus, limits=LIMITS) as contained:
+        contained.run(duration=20, record=lambda _, values: sums.append(values["sum"].copy()))
+    # then every bit of the sums is as without it, and it is told
+    assert np.array_equal(np.concatenate(sums), np.concatenate(expected))
+    call = "fmi2DoStep" if when == "step" else "load and fmi2Instantiate"
+    assert [note for note in contained.notes if note.startswith(f"plant bad.fmu: {call} changed how sums")]
+
+
+def test_rows_of_a_long_run_are_all_handed_over_though_the_parent_is_slow(tmp_path: Path) -> None:
+    rows: list[float] = []
+
+    def slow(_: np.ndarray, values: Mapping[str, np.ndarray]) -> None:
+        rows.extend(values["plant"][:, -1].tolist())
+        time.sleep(0.002)
+
+    system = toy(tmp_path)
+    fmus = {name: describe(part.fmu) for name, part in system.components.items()}
+    with Contained(system, fmus, limits=LIMITS) as contained:
+        outcome = contained.run([Event(200.0, "plant", "x", 1.0)], duration=400, record=slow)
+    assert rows == [*range(10_001)]
+    assert (outcome.ticks, outcome.stopped_by) == (10_001, None)
+
+
+def test_errors_that_are_no_fault_of_an_fmu_are_raised_as_without_a_worker(tmp_path: Path) -> None:
+    system = toy(tmp_path)
+    fmus = {name: describe(part.fmu) for name, part in system.components.items()}
+    with pytest.raises(ParameterError, match=r"input sum\.x is connected"):
+        Contained(system, fmus, {"sum": {"x": 1.0}}, limits=LIMITS)
+    with pytest.raises(WiringError, match="is fed twice"):
+        Contained(replace(system, links=system.links * 2), fmus, limits=LIMITS)
+    with (
+        Contained(system, fmus, limits=LIMITS) as contained,
+        pytest.raises(ParameterError, match=r"sum\.x is connected"),
+    ):
+        contained.run([Event(0.0, "sum", "x", 1.0)], duration=0.2)
+
+
+def test_ctrl_c_ends_a_worker_whose_fmu_never_comes_back(tmp_path: Path) -> None:
+    # given a plant that hangs, and much patience
+    rows: list[float] = []
+    system = toy(tmp_path, step=f"{LATE}for (volatile int i = 0;; i++) {{ }}")
+    fmus = {name: describe(part.fmu) for name, part in system.components.items()}
+    with Contained(system, fmus, limits=replace(LIMITS, call=1000.0)) as contained:
+        threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()
+        with pytest.raises(KeyboardInterrupt):
+            contained.run(duration=1, record=lambda _, values: rows.extend(values["plant"][:, -1].tolist()))
+    # then its rows are there, and it is gone
+    assert rows == [*range(DIES_AT + 1)]
+    with pytest.raises(ProcessLookupError):
+        os.killpg(contained._process.pid, 0)
