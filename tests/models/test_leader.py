@@ -27,6 +27,21 @@ def test_it_has_the_variables_of_the_role(block: type[Block]) -> None:
 
 
 @each
+def test_a_trial_begins_with_its_start_signal_once_nothing_beats_the_table(block: type[Block]) -> None:
+    trial = Trial(block)
+    assert trial.tick(5, h=0, start=0) == Command.NONE
+    for name, off, on, command in (
+        ("valid", 0, 1, Command.STOP),
+        ("link_ok", 0, 1, Command.STOP),
+        ("override", Command.LEFT, 0, Command.LEFT),
+    ):
+        assert trial.tick(5, start=1, **{name: off}) == command
+        assert trial.mode == Mode.IDLE
+        trial.tick(start=0, **{name: on})
+    assert trial.tick(start=1) == Command.FORWARD
+
+
+@each
 @pytest.mark.parametrize(
     ("name", "value"),
     [
@@ -47,9 +62,9 @@ def test_a_bad_input_stops_the_animal_and_is_reported(block: type[Block], name: 
     assert trial.tick(3, h=0) == Command.FORWARD
     # when an input is no number, or out of its range
     assert trial.tick(2, **{name: value}) == Command.STOP
-    # then it is stopped, the anomaly is reported once, and all outputs are numbers
+    # then it is stopped, the anomaly is reported once, and h is 0
     assert trial.anomalies == [(3, Anomaly.BAD_INPUT)]
-    assert np.isfinite(trial.model.output).all()
+    assert trial.model["deviation"] == 0
 
 
 @each
@@ -114,6 +129,35 @@ def test_a_mission_goes_by_its_waypoints_and_home(block: type[Block]) -> None:
     assert trial.tick(north=7.1) == Command.RECALL
     assert trial.tick(north=7.0) == Command.NONE
     assert trial.status == Status.SUCCESS
+
+
+@each
+def test_while_something_else_beats_the_table_it_does_not_decide(block: type[Block]) -> None:
+    # given an animal that is called home
+    trial = Trial(block)
+    trial.tick(h=0)
+    trial.tick(north=1000, speed=0)
+    trial.until(Command.RECALL)
+    # when it comes home while the estimate is invalid
+    assert trial.tick(north=0, valid=0) == Command.STOP
+    # then the trial is not over before the estimate is valid again
+    assert trial.status == Status.RUNNING
+    trial.tick(valid=1)
+    assert trial.mode == Mode.SUCCESS
+
+
+@each
+def test_a_waypoint_that_is_reached_in_a_turn_begins_a_stop(block: type[Block]) -> None:
+    for h, command in ((80, Command.RIGHT), (-80, Command.LEFT)):
+        # given an animal that has been turned for some ticks
+        trial = Trial(block)
+        trial.tick(h=h, speed=0)
+        trial.until(command)
+        trial.tick(5)
+        # when it is at its waypoint, then it is stopped for 1.5 s, and called home
+        assert trial.tick(north=994) == Command.STOP
+        assert trial.mode == Mode.STOP_AT_WAYPOINT
+        assert trial.until(Command.RECALL) == 38
 
 
 @each

@@ -6,7 +6,7 @@ import pytest
 
 from models.commands import Command, Status
 from models.kit.model import Model
-from models.modes import Anomaly, Mode
+from models.modes import Anomaly
 from models.pedestrian import Pedestrian
 from models.proportional import Proportional
 from tests.models.leading import DEG, Trial, led
@@ -113,10 +113,18 @@ def test_from_a_waypoint_the_animal_turns_before_it_goes() -> None:
     assert trial.until(Command.FORWARD) == 25
 
 
-def test_a_waypoint_that_is_reached_ends_a_turn() -> None:
-    trial = turning(45)
-    assert trial.tick(north=994) == Command.STOP
-    assert trial.mode == Mode.STOP_AT_WAYPOINT
+def test_a_turn_of_exactly_the_least_time_is_told() -> None:
+    # given 45 deg of a band of 90 deg, so half a second, and no shorter turn than that
+    trial = Trial(Proportional, least_turn=0.5)
+    trial.tick(h=45, speed=0)
+    assert trial.until(Command.RIGHT) == FORWARD_TICKS
+    # then it is told from a stop too
+    stopped = Trial(Proportional, least_turn=0.5)
+    stopped.tick(h=45, speed=0, valid=0)
+    stopped.tick(valid=1)
+    stopped.tick(valid=0)
+    assert stopped.until(Command.RIGHT, valid=1) == 38  # of stop_hold
+    assert Command.FORWARD not in stopped.commands[-38:]
 
 
 def test_maxturn_can_be_set() -> None:

@@ -60,11 +60,18 @@ def test_the_heading_of_a_slow_animal_is_not_known() -> None:
     assert trial.model["deviation"] == pytest.approx(120 * DEG)
 
 
-def test_a_course_of_an_invalid_estimate_is_not_taken() -> None:
+@pytest.mark.parametrize(
+    ("name", "bad", "good"),
+    [("valid", 0, 1), ("north", math.nan, 0), ("speed", 50.1, 0), ("speed", math.inf, 0)],
+)
+def test_a_course_of_a_bad_estimate_is_not_taken(name: str, bad: float, good: float) -> None:
+    # given a heading that comes with something bad
     trial = Trial(QuarterTurn)
     trial.tick(h=0)
-    trial.tick(5, h=120, valid=0)
-    trial.tick(speed=0, valid=1)
+    trial.tick(5, h=120, **{name: bad})
+    # when the estimate is good again, of an animal that stands
+    trial.tick(**{name: good, "speed": 0})
+    # then the course is that from before
     assert trial.model["deviation"] == 0
 
 
@@ -84,16 +91,26 @@ def test_the_animal_is_stopped_from_the_threshold_on(h: float, command: Command)
         assert trial.tick(h=side * h) == command
 
 
-def test_who_has_to_turn_back_is_turned_twice() -> None:
+def test_a_deviation_of_exactly_the_threshold_is_too_much() -> None:
+    for side in (-1, 1):
+        trial = Trial(QuarterTurn, turn_deviation=50 * DEG)
+        trial.tick(h=0)
+        assert trial.tick(h=side * 50) == Command.STOP
+        # and so it is behind the stop
+        assert trial.until(Command.RIGHT if side > 0 else Command.LEFT, speed=0) == STOP_TICKS
+
+
+@pytest.mark.parametrize(("side", "command"), [(1, Command.RIGHT), (-1, Command.LEFT)])
+def test_who_has_to_turn_back_is_turned_twice(side: int, command: Command) -> None:
     # given a deviation of 170 deg: after 90 of them 80 are left, above the threshold of 60
-    trial = stopped(170)
-    trial.until(Command.RIGHT)
+    trial = stopped(side * 170)
+    trial.until(command)
     assert trial.until(Command.STOP) == TURN_TICKS
-    assert trial.until(Command.RIGHT) == STOP_TICKS
+    assert trial.until(command) == STOP_TICKS
     # then after the second turn -10 are left
     assert trial.until(Command.FORWARD) == TURN_TICKS
     trial.tick()
-    assert trial.model["deviation"] == pytest.approx(-10 * DEG)
+    assert trial.model["deviation"] == pytest.approx(side * -10 * DEG)
     assert trial.model["directional_commands"] == 2
 
 
