@@ -92,9 +92,9 @@ def test_stated_cost_is_within_the_processors_memory_and_time(target: str) -> No
 
 def test_our_estimator_with_the_ahrs_keeps_within_its_share_of_a_tick() -> None:
     costs = json.loads(COSTS.read_text())
-    # given 6,000 instructions on the Cortex-M4F; signed frames come on ticks without a fix
+    # given 6,000 instructions on the Cortex-M4F, and 2,000 more for signed frames, on ticks without a fix
     assert costs["cortex-m4f"][OURS]["with_fix"]["instructions"]["worst"] <= 6_000
-    assert costs["cortex-m4f"][OURS]["without_fix"]["instructions"]["worst"] <= 9_000
+    assert costs["cortex-m4f"][OURS]["without_fix"]["instructions"]["worst"] <= 8_000
     for ticks in ("with_fix", "without_fix"):  # and 12 ms on the Rabbit without wait states
         assert costs["rabbit4000"][OURS][ticks]["worst_ms_by_wait_states"][0] <= 12
 
