@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 
 from models.kit import casadi as ca
-from models.kit.block import Row, before, table, triggered
+from models.kit.block import Row, before, moves, table, triggered
 from models.kit.declaration import Parameter, State
 from models.kit.geometry import LONGEST, all_of, where, wrap
 from models.kit.timing import TICK
@@ -24,9 +24,10 @@ class QuarterTurn(Leader):
     The text has three facts of it. It led by GPS with the remote control's commands (1.1). The animal turned
     by about 90 degrees on LEFT and RIGHT (2.2.1, 4.2.2.2). It did not know the heading of an animal that
     stands or is slow (4.2.3). Assumed here: the rest is as in the CMEC; the course is known from
-    `course_speed` on, and at the start, where the handler points the animal (4.2.1); below that speed it is
-    the last one, turned by the turns told since; nothing ends a turn but its time; no dead period and no
-    anomaly but that of MAXTURN.
+    `course_speed` on, except while a turn is told, and at the start, where the handler points the animal
+    (4.2.1); else it is the last one, turned by 90 degrees as a turn comes to its end. A turn lasts its
+    time, whatever the heading; one that is cut short, at a waypoint or by an interruption, changes no course.
+    No dead period, and no anomaly except that of MAXTURN.
     """
 
     source = "Miller 2010, 1.1, 2.2.1, 4.2.2.2, 4.2.3 on its reference [48], eq. 4.1-4.4"
@@ -50,6 +51,7 @@ class QuarterTurn(Leader):
         "in IDLE, `start` is on, not blocked",
         seldom=True,
     )
+    @moves({Mode.IDLE: Mode.FORWARD})
     def begin(m) -> None:
         """Latch the mission; the first command is forward, and the animal faces as it was pointed (4.2.1)."""
         Leader.begin(m)
@@ -57,9 +59,11 @@ class QuarterTurn(Leader):
 
     @before("answer")
     def hold_course(m) -> None:
-        """The deviation from the course while the animal moves, and from the last one else (4.2.3)."""
+        """The deviation from the course, measured while the animal moves and no turn is told (4.2.3)."""
         placed = m.within("north", "east", "heading")
-        known = all_of(placed, m.valid, m.within("speed"), m.speed >= m.course_speed)
+        moves_on = all_of(m.within("speed"), m.speed >= m.course_speed)
+        # `decide` adds a turn as it ends: what the animal has made of it by then would count twice
+        known = all_of(placed, m.valid, moves_on, m.now != Mode.LEFT, m.now != Mode.RIGHT)
         m.course = where(known, wrap(m.heading), m.course)
         m.deviation = where(placed, wrap(m.deviation + m.heading - m.course), 0)  # eq. 4.4
 

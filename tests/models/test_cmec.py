@@ -25,11 +25,13 @@ from hypothesis import strategies as st
 
 from models.cmec import MAX_WAYPOINTS, Cmec
 from models.commands import Command, Status
+from models.kit.block import Block
 from models.kit.declaration import Type
 from models.kit.model import Model
 from models.kit.tracing import GROUPS, Update
 from models.modes import LEADING, Anomaly, Mode
 from models.readings import READINGS
+from models.system import CONTROLLERS
 from tests.models.leading import DEG, Trial
 
 ROUTE = {
@@ -617,10 +619,12 @@ def test_a_trial_does_not_begin_while_the_controller_is_blocked() -> None:
     assert trial.tick(valid=1) == Command.FORWARD
 
 
-def random_columns(kind: str, count: int, generator: np.random.Generator) -> np.ndarray[Any, Any]:
+def random_columns(
+    block: type[Block], kind: str, count: int, generator: np.random.Generator
+) -> np.ndarray[Any, Any]:
     """Values of all variables of a kind, one column for each of `count` draws."""
     rows = []
-    for variable in (v for v in Cmec.group(kind) for _ in range(v.width)):
+    for variable in (v for v in block.group(kind) for _ in range(v.width)):
         if variable.type is Type.REAL:
             rows.append(generator.uniform(variable.min or 0, 10, count))
         else:
@@ -630,19 +634,26 @@ def random_columns(kind: str, count: int, generator: np.random.Generator) -> np.
 
 
 @pytest.mark.parametrize(
-    "update",
-    [phase for phase in Cmec.program().tick if isinstance(phase, Update) and "now" in phase.writes],
-    ids=lambda update: update.name,
+    ("block", "update"),
+    [
+        pytest.param(block, phase, id=f"{name}-{phase.name}")
+        for name, block in CONTROLLERS.items()
+        for phase in block.program().tick
+        if isinstance(phase, Update) and "now" in phase.writes
+    ],
 )
-def test_an_update_that_moves_the_mode_names_exactly_the_transitions_that_it_makes(update: Update) -> None:
+def test_an_update_that_moves_the_mode_names_exactly_the_transitions_that_it_makes(
+    block: type[Block], update: Update
+) -> None:
     # given 3,000 random states, inputs and parameters in each mode
     generator = np.random.default_rng(1)
-    now, led = (Cmec.flat_names("state").index(name) for name in ("now", "led"))
+    states = block.flat_names("state")
     made = set()
     for mode in Mode:
-        arguments = [random_columns(kind, 3000, generator) for kind in GROUPS]
-        arguments[0][now] = mode
-        arguments[0][led] = mode in LEADING  # as `attend` leaves it
+        arguments = [random_columns(block, kind, 3000, generator) for kind in GROUPS]
+        arguments[0][states.index("now")] = mode
+        if "led" in states:
+            arguments[0][states.index("led")] = mode in LEADING  # as `attend` leaves it
         # when the update runs where its guard holds
         holds = np.array(update.guard(*arguments)).ravel().astype(bool)
         results = np.array(update.function(*arguments))[update.writes.index("now"), holds]

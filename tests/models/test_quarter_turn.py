@@ -51,6 +51,37 @@ def test_a_turn_is_believed_until_the_animal_moves() -> None:
     assert trial.model["deviation"] == pytest.approx(90 * DEG)
 
 
+@pytest.mark.parametrize(("side", "command"), [(1, Command.RIGHT), (-1, Command.LEFT)])
+@pytest.mark.parametrize("speed", [0.5, 1.0, 5.0])
+def test_a_turn_made_while_moving_counts_once(side: int, command: Command, speed: float) -> None:
+    # given a turn of 90 degrees, which an animal that moves has made by 30 ticks
+    trial = stopped(side * 90)
+    trial.until(command)
+    trial.tick(10, h=side * 60, speed=speed)
+    trial.tick(20, h=0)
+    # then it goes forward as the turn ends
+    assert trial.until(Command.FORWARD) == TURN_TICKS - 30
+    # and no deviation is left, whether it then stands or moves
+    for then in (0, speed):
+        assert trial.tick(speed=then) == Command.FORWARD
+        assert trial.model["deviation"] == pytest.approx(0, abs=1e-12)
+    assert trial.model["directional_commands"] == 1
+
+
+@pytest.mark.parametrize("cut_short", [{"override": Command.STOP}, {"link_ok": 0}])
+def test_a_turn_that_is_cut_short_leaves_the_last_course(cut_short: dict[str, float]) -> None:
+    # given an animal that is interrupted 10 ticks into its turn by 90 degrees, and stands
+    trial = stopped(90)
+    trial.until(Command.RIGHT)
+    trial.tick(10, h=60, speed=2)
+    trial.tick(speed=0, **cut_short)
+    # then the course is that from before the turn
+    assert trial.model["deviation"] == pytest.approx(90 * DEG)
+    # and the measured one as soon as it moves
+    trial.tick(speed=2)
+    assert trial.model["deviation"] == pytest.approx(60 * DEG)
+
+
 def test_the_heading_of_a_slow_animal_is_not_known() -> None:
     trial = Trial(QuarterTurn)
     trial.tick(h=0, speed=5)
