@@ -87,8 +87,8 @@ class SignalDifference:
     Attributes:
         tolerance: that held; None for bits.
         rows: in which it differs.
-        not_finite: of them, those without a difference that is a number: one value is NaN or infinite.
-        max: the largest absolute difference, of rows in which both are finite; None if there are none.
+        not_finite: of them, those in which a value is NaN or infinite.
+        max: the largest absolute difference, of those in which both are finite; None if there are none.
         tick, time_s: of that row, or of the first that differs if there is none; the tick is that of A.
         mean: absolute difference, over all rows in which both are finite; None if there are none.
     """
@@ -205,11 +205,11 @@ def compare(
         errors = _errors(of_a, of_b, signal.turn)
         differs = _differing(of_a, of_b, errors, tolerance)
         if differs.any():
-            row, worst = int(np.argmax(differs)), _worst(errors, differs)
+            finite = np.isfinite(of_a) & np.isfinite(of_b)
+            row, worst = int(np.argmax(differs)), _worst(errors, differs, finite)
             tick, of_worst = int(rows_a[row]), int(rows_a[worst])
             shown = signal.value(of_a[row]), signal.value(of_b[row])
             firsts.append(FirstDifference(signal.name, signal.unit, tick, float(a.time[tick]), *shown))
-            finite = np.isfinite(errors)
             differences.append(
                 SignalDifference(
                     signal.name,
@@ -291,10 +291,12 @@ def _require_known(tolerances: Tolerances, signals: Mapping[tuple[str, str], _Si
 
 
 def _errors(a: Array, b: Array, turn: float | None) -> Array:
-    """Absolute differences, (rows,); NaN or infinite where one of both is not finite."""
+    """Absolute differences, (rows,); 0 of the same infinity or two NaN, infinite or NaN of other such."""
     with np.errstate(invalid="ignore", over="ignore"):
         errors = np.abs(a - b)
         if turn is not None:
+            wide = np.isinf(errors)  # fmod is exact, and its difference does not overflow
+            errors[wide] = np.abs(np.fmod(a[wide], turn) - np.fmod(b[wide], turn))
             errors = np.minimum(errors % turn, turn - errors % turn)
     errors[(a == b) | (np.isnan(a) & np.isnan(b))] = 0.0
     return errors
@@ -310,9 +312,9 @@ def _differing(a: Array, b: Array, errors: Array, tolerance: float | None) -> np
     return differs
 
 
-def _worst(errors: Array, differs: npt.NDArray[np.bool_]) -> int:
-    """The row with the largest finite difference of those that differ, or the first of them if none is."""
-    measured = differs & np.isfinite(errors)
+def _worst(errors: Array, differs: npt.NDArray[np.bool_], finite: npt.NDArray[np.bool_]) -> int:
+    """The row with the largest difference of finite values that differ, or the first that differs."""
+    measured = differs & finite
     return int(np.argmax(np.where(measured, errors, -1.0) if measured.any() else differs))
 
 

@@ -112,6 +112,23 @@ def test_rows_without_a_number_are_counted_beside_the_largest_difference() -> No
     assert (north.rows, north.not_finite, north.max, north.tick, north.mean) == (1, 1, None, 1, 0.0)
 
 
+def test_rows_in_which_both_are_nan_or_the_same_infinity_do_not_lower_the_mean() -> None:
+    result = compare(log({"north": [NAN, INF, -INF, 1, 3]}), log({"north": [NAN, INF, -INF, 1, 5]}))
+    (north,) = result.signals
+    assert (north.rows, north.not_finite, north.max, north.mean) == (1, 0, 2.0, 1.0)
+
+
+def test_a_difference_of_finite_values_that_overflows_is_infinite_and_the_largest() -> None:
+    result = compare(log({"north": [0, 1.7e308]}), log({"north": [2, -1.7e308]}))
+    (north,) = result.signals
+    assert (north.rows, north.not_finite, north.max, north.tick, north.mean) == (2, 0, INF, 1, INF)
+    # and of angles it is the shorter way round: 3.4e308 modulo a turn, in whole numbers
+    (course,) = pair(1.7e308, -1.7e308, name="course").signals
+    beyond = 2 * int(1.7e308) % 360
+    assert course.max == min(beyond, 360 - beyond)
+    assert pair(1.7e308, -1.7e308, Tolerances(180), name="course").agree
+
+
 @pytest.mark.parametrize(
     ("name", "a", "b", "expected"),
     [
