@@ -106,7 +106,7 @@ def recover_log(
     canine recover out/demo/trial.mcap
     canine recover out/demo --out out/demo.mcap
 
-    The new file has everything that was written whole, and its metadata say that it was recovered. Of a log
+    The new file has all ticks that were written whole, and its metadata say that it was recovered. Of a log
     that is damaged elsewhere it has what stands before the damage. A log that is whole is not written anew.
     """
     from harness.log.log import log_of, read_log

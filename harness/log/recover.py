@@ -1,17 +1,18 @@
 """A log that was cut or damaged is made whole: what stands before, in an MCAP file with its end and index.
 
-The chunks stay as they are, so a file that was cut after its last tick gets back the bytes that it had. A
-chunk of which only a part was written is lost: its checksum covers the whole, and nothing tells whether the
-part is right.
+The new file has the same rows in the same chunks, so one that was cut after its last tick gets back the
+bytes that it had. A chunk of which only a part was written is lost: its checksum covers the whole, and
+nothing tells whether the part is right. Ticks that not all components have are left out.
 """
 
 from __future__ import annotations
 
+import os
 import struct
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
-from io import BytesIO
+from io import BufferedReader, BytesIO, FileIO
 from pathlib import Path
 from typing import IO, Any
 
@@ -41,6 +42,7 @@ class Recovery:
         messages: in that file, by topic.
         lost: what was written and could not be kept, in words.
         is_complete: does the file have all that the run logged?
+        not_written: the file that was asked for, of a log that is whole.
     """
 
     log: Log
@@ -48,6 +50,7 @@ class Recovery:
     messages: Mapping[str, int] | None = None
     lost: tuple[str, ...] = ()
     is_complete: bool = True
+    not_written: Path | None = None
 
     def words(self) -> list[str]:
         """What was recovered and what was lost, line by line."""
@@ -55,7 +58,8 @@ class Recovery:
         ticks = f"{len(log.time)} ticks up to {log.time[-1]:g} s"
         if self.out is None:
             ended = f"; its run ended early: {log.broken}" if log.broken else ""
-            return [f"{log.path}: the log is whole, {ticks}: nothing to recover{ended}"]
+            unwritten = f", {self.not_written} is not written" if self.not_written else ""
+            return [f"{log.path}: the log is whole, {ticks}: nothing to recover{unwritten}{ended}"]
         messages = ", ".join(f"{printable(topic)} {count}" for topic, count in (self.messages or {}).items())
         lost = [*self.lost, *([] if self.is_complete else ["what its run had not written yet, if anything"])]
         return [
@@ -93,30 +97,55 @@ def recover(path: Path, out: Path | None = None) -> Recovery:
 
     Raises:
         UsageError: there is something at `out` already, or its folder cannot be made.
-        LogError: as `read_log` does, or the file cannot be written.
+        LogError: as `read_log` does, or the log cannot be read again or the file cannot be written.
     """
     log = read_log(path)
     if not log.damage:
-        return Recovery(log)
+        return Recovery(log, not_written=out)
     place = default_out(path) if out is None else out
+    is_there = UsageError(f"--out {place}: is there already; choose another file, or remove that one")
     if place.exists():
-        raise UsageError(f"--out {place}: is there already; choose another file, or remove that one")
+        raise is_there
     make_folder(place.parent)
     try:
-        with Scratch(beside=place.parent) as folder:
+        with _open(path) as file, Scratch(beside=place.parent) as folder:
             part = folder / place.name
-            with path.open("rb") as file, part.open("xb") as new:
-                size = path.stat().st_size
+            with part.open("xb") as new:
+                size = os.fstat(file.fileno()).st_size
                 copy = _Copy(size, Container(new, PROFILE), log)
                 read_records(path, file, size, copy)
                 copy.finish()
                 lost = _lost(file, size, copy)
+            place.open("xb").close()  # takes the name, or fails if it was taken since
             part.replace(place)
+    except FileExistsError as error:
+        raise is_there from error
     except OSError as error:
         raise LogError(
             f"log {place}: cannot be written ({error.strerror}); make room, or choose another file with --out"
         ) from error
     return Recovery(log, place, copy.counts, lost, copy.has_all)
+
+
+class _Source(FileIO):
+    """A log to read, whose errors are not those of the file that is written meanwhile."""
+
+    def readinto(self, buffer: Any) -> int:
+        try:
+            return super().readinto(buffer)
+        except OSError as error:
+            raise _unreadable(self.name, error) from error
+
+
+def _open(path: Path) -> BufferedReader:
+    try:
+        return BufferedReader(_Source(path))
+    except OSError as error:
+        raise _unreadable(path, error) from error
+
+
+def _unreadable(path: Any, error: OSError) -> LogError:
+    return LogError(f"log {path}: cannot be read ({error.strerror})")
 
 
 class _Copy(Contents):

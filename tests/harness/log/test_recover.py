@@ -21,7 +21,7 @@ from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 
-from harness.log.log import Log, LogError, NoLogError, read_log
+from harness.log.log import Log, LogError, NoLogError, read_log, read_records
 from harness.log.recover import default_out, recover
 from models.errors import UsageError
 from tests.harness.log.test_damage import GOOD, about, crafted, is_prefix, packed, row
@@ -175,7 +175,9 @@ def test_a_log_that_is_whole_is_not_written_anew(whole: bytes, tmp_path: Path) -
     path.write_bytes(whole)
     recovery = recover(path, tmp_path / "b.mcap")
     assert recovery.out is None
-    assert recovery.words() == [f"{path}: the log is whole, 80 ticks up to 3.16 s: nothing to recover"]
+    whole_log = f"{path}: the log is whole, 80 ticks up to 3.16 s: nothing to recover"
+    assert recovery.words() == [f"{whole_log}, {tmp_path / 'b.mcap'} is not written"]
+    assert recover(path).words() == [whole_log]
     assert [p.name for p in tmp_path.iterdir()] == ["a.mcap"]
 
 
@@ -219,6 +221,47 @@ def test_nothing_that_is_there_is_written_over(whole: bytes, tmp_path: Path) -> 
             recover(path, taken)
     assert path.read_bytes() == whole[:-100]
     assert other.read_bytes() == default_out(path).read_bytes() == b"mine"
+
+
+def test_a_file_that_comes_while_the_log_is_recovered_is_not_written_over(
+    whole: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given somebody who makes the file after it was found missing
+    path, out = tmp_path / "cut.mcap", tmp_path / "out.mcap"
+    path.write_bytes(whole[:-100])
+
+    def meanwhile(*arguments: Any) -> str:
+        out.write_bytes(b"theirs")
+        return read_records(*arguments)
+
+    monkeypatch.setattr("harness.log.recover.read_records", meanwhile)
+    # then
+    with pytest.raises(UsageError, match="is there already; choose another file"):
+        recover(path, out)
+    assert out.read_bytes() == b"theirs"
+    assert sorted(tmp_path.iterdir()) == [path, out]
+
+
+@pytest.mark.parametrize(
+    ("source", "error"),
+    [("/proc/self/mem", "Input/output error"), ("/nowhere", "No such file or directory")],
+)
+def test_a_log_that_cannot_be_read_again_is_not_a_file_that_cannot_be_written(
+    source: str, error: str, whole: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given a log that was read once, and now gives an error
+    path = tmp_path / "cut.mcap"
+    path.write_bytes(whole[:-100])
+    log = read_log(path)
+    path.unlink()
+    path.symlink_to(source)
+    monkeypatch.setattr("harness.log.recover.read_log", lambda path: log)
+    monkeypatch.setattr("harness.log.recover.read_records", lambda path, file, size, copy: file.read(1))
+    # then
+    with pytest.raises(LogError) as caught:
+        recover(path)
+    assert str(caught.value) == f"log {path}: cannot be read ({error})"
+    assert [p.name for p in tmp_path.iterdir()] == ["cut.mcap"]
 
 
 def test_a_new_folder_is_made_and_one_that_cannot_be_is_refused(whole: bytes, tmp_path: Path) -> None:
