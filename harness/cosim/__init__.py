@@ -6,5 +6,6 @@ In: an SSP package or FMUs, start values, events. Out: rows of all inputs and ou
 an FMU and prepares calls of its functions. `roles` checks a foreign FMU against a role and puts it in the
 role's place. `wiring` checks the links and orders the components, `layout` gives every value its place in
 memory, `calls` lists the calls of a tick, `walk` makes them (from C: `walk.c`), `recorder` keeps the last
-rows and the call that is being made, `loop` runs a trial; `stepping` holds the options of stepping.
+rows and the call that is being made, `loop` runs a trial; `stepping` holds the options of stepping. `worker/`
+runs FMUs that others built in a process of their own.
 """
