@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from harness.trial.request import Request
 
 LONG_S = 60.0  # s of trial time, from which on a run shows its progress
-TRY_OUT_S = 60.0  # s for which an FMU that is checked is run alone
+TRY_OUT_S, MOST_TICKS = 60.0, 100_000  # s for which an FMU that is checked is run alone
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -182,7 +182,7 @@ def run(
         float, typer.Option(min=0.1, max=3600, help="s that one call of an FMU made elsewhere may take")
     ] = Limits.call,
     memory_limit: Annotated[
-        float, typer.Option(min=0.2, max=1024, help="GB that all FMUs may take, if one was made elsewhere")
+        float, typer.Option(min=0.5, max=1024, help="GiB that all FMUs may take, if one was made elsewhere")
     ] = Limits.memory / GIB,
     folder: Annotated[
         Path | None,
@@ -971,10 +971,13 @@ def _try_out(description: FmuDescription, name: str) -> None:
     alone = FmuSystem(name, {name: FmuComponent(name, description.path)}, ())
     commands = list(Command) if "command" in description.inputs else []
     events = [Event(TRY_OUT_S * k / len(commands), name, "command", c) for k, c in enumerate(commands)]
-    with Contained(alone, {name: description}) as simulation:
-        simulation.run(events, duration=TRY_OUT_S)
-    for note in simulation.notes:
-        print_note(note)
+    simulation = None
+    try:
+        with Contained(alone, {name: description}) as simulation:
+            simulation.run(events, duration=min(TRY_OUT_S, MOST_TICKS * simulation.wiring.step))
+    finally:
+        for note in simulation.notes if simulation else ():
+            print_note(note)
     for variable, reason in description.refused.items():
         print_note(f"{description.path.name}: {variable} {reason}; it is not exchanged")
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Protocol, Self
 
-from harness.cosim.fmu import Call, FmuDescription, Quantity
+from harness.cosim.fmu import Call, FmuDescription, Mark, Quantity, unmarked
 from harness.cosim.layout import Layout
 from harness.cosim.stepping import Order
 from harness.cosim.wiring import Wiring
@@ -14,11 +14,6 @@ from harness.cosim.wiring import Wiring
 ASKS = 3  # bytes in which a component's step says what it asks for: to end, an event, to return early
 ENDED, EVENT, EARLY = range(ASKS)
 Reached = tuple[ctypes.c_double, int]  # the time that a step reached, s; the byte that becomes 1 if too early
-Mark = Callable[[str, str], None]
-
-
-def unmarked(component: str, what: str) -> None:
-    """Nobody is told which call outside of the loop is being made."""
 
 
 class Instance(Protocol):

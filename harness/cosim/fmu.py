@@ -66,6 +66,13 @@ FMI3_TYPES = {
 }
 
 
+Mark = Callable[[str, str], None]
+
+
+def unmarked(component: str, what: str) -> None:
+    """Nobody is told which call outside of the loop is being made."""
+
+
 @dataclass(frozen=True)
 class Fault:
     """What an FMU did wrong while it ran.
@@ -403,7 +410,7 @@ class FmuInstance:
         name: str,
         path: Path,
         label: str = "",
-        mark: Callable[[str, str], None] = lambda component, what: None,
+        mark: Mark = unmarked,
     ) -> None:
         self.name, self._mark = name, mark
         self.reached: ctypes.c_double | None = None

@@ -157,7 +157,7 @@ class Layout:
         for slot in [*self.outputs, *self.inputs, *copies]:
             slot.offset = -(-end // slot.size) * slot.size
             end = slot.end
-        self.block = np.zeros(-(-end // 8) * 8, dtype=np.uint8)
+        self.block = np.zeros(max(8, -(-end // 8) * 8), dtype=np.uint8)
         self._columns = self._arrange()
 
     def _plan(self, links: Sequence[ScaledLink]) -> list[Transfer]:

@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from harness.cosim.calls import ASKS, EARLY, ENDED, EVENT, Calls, Instance, Mark, unmarked
-from harness.cosim.fmu import Fault, FmuDescription, FmuError, FmuInstance, Quantity
+from harness.cosim.calls import ASKS, EARLY, ENDED, EVENT, Calls, Instance
+from harness.cosim.fmu import Fault, FmuDescription, FmuError, FmuInstance, Mark, Quantity, unmarked
 from harness.cosim.layout import REALS, Array, Layout
 from harness.cosim.recorder import Memory, Recorder, recorder_size
 from harness.cosim.ssp import FmuSystem
@@ -126,7 +126,7 @@ class Simulation:
         self._stack.close()
 
     @property
-    def tick(self) -> list[tuple[str, str]]:
+    def call_names(self) -> list[tuple[str, str]]:
         """Component and function of each call of a tick; a recorder's position counts them."""
         return [self._calls.whose(call) for call in self._calls.tick]
 

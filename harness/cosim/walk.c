@@ -217,6 +217,14 @@ static bool carry_out(walk *w, const list *list, size_t before)
     return true;
 }
 
+static bool is_ended(const walk *w)
+{
+    for (size_t i = 0; i < w->ended_count; i++)
+        if (w->ended[i])
+            return true;
+    return false;
+}
+
 static bool is_stopped(const walk *w)
 {
     for (size_t i = 0; i < w->stop_count; i++)
@@ -247,13 +255,16 @@ EXPORT int run(walk *w, int64_t tick, int64_t end, int64_t last)
         __atomic_store_n(&w->position->rows, tick + 1, __ATOMIC_RELEASE); /* not before the row itself */
         if (!are_finite(w))
             return NOT_FINITE;
+        if (is_ended(w))
+            return ENDED;
         if (is_stopped(w))
             return STOPPED;
-        for (size_t i = 0; i < w->ended_count; i++)
-            if (w->ended[i])
+        if (tick < last) {
+            if (!carry_out(w, &w->advance, w->answer.count))
+                return FAILED;
+            if (is_ended(w))
                 return ENDED;
-        if (tick < last && !carry_out(w, &w->advance, w->answer.count))
-            return FAILED;
+        }
     }
     return NONE;
 }

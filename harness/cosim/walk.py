@@ -102,13 +102,15 @@ class Walk:
             for dot, zeros in tests:
                 if dot(zeros) != 0.0:  # 0 for all finite numbers, NaN otherwise
                     return Pause.NOT_FINITE
-            if stops and watched() in stops:
-                return Pause.STOPPED
             if ended.raw != none_ended:
                 return Pause.ENDED
+            if stops and watched() in stops:
+                return Pause.STOPPED
             if moment < last:
                 with self.hold:
                     self._carry_out(advance, advanced)
+                if ended.raw != none_ended:
+                    return Pause.ENDED
         return Pause.NONE
 
     def _carry_out(self, numbered: Sequence[tuple[int, Call]], reached: Sequence[Reached]) -> None:

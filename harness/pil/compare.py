@@ -24,6 +24,7 @@ from harness.pil import SCENARIO
 from harness.pil.printed_defuzzifier import printed_defuzzifier_clocks
 from harness.terminal import new_table, print_table
 from harness.trial import trial
+from harness.trial.instances import is_foreign
 from harness.trial.prepare import prepared
 from harness.trial.request import Changes, build_missing, requested
 from harness.trial.summary import write_summary
@@ -150,6 +151,11 @@ def run(
         return watched[-1]
 
     with requested(scenario, replace(changes, onboard=f"pil:{target}")) as request:
+        if is_foreign(request):
+            raise UsageError(
+                f"{scenario}: has an FMU that was not built here, beside which processors are not compared; "
+                f"`canine run {scenario} --onboard pil:{target}` runs it"
+            )
         build_missing(request, built)
         with prepared(request) as ready:
             place = out or default_folder(target, changes)

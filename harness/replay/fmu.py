@@ -9,7 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from harness.cosim.calls import ASKS
 from harness.cosim.fmu import FmuError, FmuInstance
+from harness.cosim.walk import NEARLY
 from harness.recording.attitude import TICK_S, Array
 from harness.recording.signals import SensorSignals
 
@@ -44,14 +46,20 @@ def run_fmu(
             table = np.zeros((ticks, len(group)), dtype=access.dtype)
             getters.append((component.getting(group, now.ctypes.data), now, table, f"get of {access.fmi}"))
             estimate |= {q.name: table[:, i] for i, q in enumerate(group)}
-        time, ended = ctypes.c_double(), ctypes.c_char()
-        step = component.stepping(time, TICK_S, ctypes.addressof(ended))
+        time, asked = ctypes.c_double(), (ctypes.c_char * ASKS)()
+        step = component.stepping(time, TICK_S, ctypes.addressof(asked))
         for tick in range(ticks):
             time.value = tick * TICK_S
             for call, now, table, what in setters:
                 now[:] = table[tick]
                 component.call(call, what, time.value)
             component.call(step, "doStep", time.value)
+            reached = component.reached
+            if any(asked.raw) or (reached is not None and reached.value < time.value + NEARLY * TICK_S):
+                raise FmuError(
+                    f"{path}: its step did not end at t = {time.value + TICK_S:.10g} s: it asks to end the "
+                    "simulation or for an event, or returned early"
+                )
             for call, now, table, what in getters:
                 component.call(call, what, time.value)
                 table[tick] = now

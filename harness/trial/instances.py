@@ -19,6 +19,7 @@ from harness.cosim.loop import Simulation
 from harness.cosim.worker.contained import Contained
 from harness.cosim.worker.shared import Companion
 from harness.log.channel import Channel
+from harness.onboard import ROLES
 from harness.onboard.processors import Processor, open_processor
 from harness.onboard.stand_in import Onboard
 from harness.trial.firmware import firmware_values, navigation_of
@@ -29,6 +30,7 @@ from models.system import SYSTEMS, find_system
 
 OpenProcessor = Callable[[str, Values, Navigation], Processor]
 Kind = TypeVar("Kind", bound=Onboard)
+ON_BOARD = ("ahrs", *ROLES)
 
 
 class Telemetry(Protocol):
@@ -86,8 +88,9 @@ def open_simulation(
     loop = request.loop or ("python" if request.onboard else "native")
     if is_foreign(request):
         companion: Callable[[], Companion] | None = None
-        width = 0
+        width, labels = 0, {}
         if request.onboard:
+            labels = {name: f"{name} on board" for name in ON_BOARD if name in ready.fmus}
             companion = partial(_open, OnboardInWorker, _firmware(request, ready), open_processor)
             width = OnboardInWorker.width
         contained = Contained(
@@ -96,6 +99,7 @@ def open_simulation(
             ready.plan.values,
             request.order,
             ready.plants,
+            labels=labels,
             companion=companion,
             width=width,
             loop=loop,
@@ -126,8 +130,16 @@ def open_simulation(
 def is_foreign(request: Request) -> bool:
     """Does the trial run an FMU that we did not build?"""
     own = build_folder().resolve()
-    swapped = any(own not in path.resolve().parents for path in request.swaps.values())
-    return swapped or not _is_own_package(request, own)
+    return not (all(_is_own(path, own) for path in request.swaps.values()) and _is_own_package(request, own))
+
+
+def _is_own(fmu: Path, own: Path) -> bool:
+    """Is an FMU one of ours, or a copy of it, as a log holds it?"""
+    if own in fmu.resolve().parents:
+        return True
+    size = fmu.stat().st_size
+    same = (path for path in own.glob("fmi*/*.fmu") if path.stat().st_size == size)
+    return any(path.read_bytes() == fmu.read_bytes() for path in same)
 
 
 def _is_own_package(request: Request, own: Path) -> bool:

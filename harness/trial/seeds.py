@@ -59,7 +59,7 @@ def run_seeds(
 
     Raises:
         UsageError: a folder cannot be made, or others write into it.
-        CanineError: a fault in what was run; the log of that trial is kept up to there.
+        CanineError: a fault in what was run; that trial's files, and its row, tell of it up to there.
         KeyboardInterrupt: the user ended it.
     """
     make_folder(out)
@@ -82,6 +82,9 @@ def run_seeds(
                         late = summaries[-1]["notes"][len(request.notes) + len(ready.notes) :]
                         for text in late:
                             note(f"seed {seed}: {text}")
+                    except trial.EndedByFaultError as error:
+                        summaries.append(error.summary)
+                        raise
                     except KeyboardInterrupt:
                         _remove(folder)
                         raise

@@ -7,12 +7,12 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from harness.cosim.fmu import FmuError
-from harness.cosim.loop import Simulation, Stop
+from harness.cosim.loop import Array, Simulation, Stop
 from harness.cosim.worker.contained import Contained
 from harness.files import differences, make_folder, write_whole
 from harness.log.log import FILE, Log, LogError, read_log
@@ -35,9 +35,23 @@ LOG, SUMMARY, PAGE, PICTURE = FILE, "summary.json", "trial.html", "trial.png"
 class EndedByFaultError(FmuError):
     """An FMU ended the trial; `summary` is what was written of it."""
 
-    def __init__(self, text: str, summary: dict[str, Any]) -> None:
-        super().__init__(text)
+    def __init__(self, error: FmuError, summary: dict[str, Any]) -> None:
+        super().__init__(str(error), error.fault)
         self.summary = summary
+
+
+@dataclass
+class Course:
+    """How a run goes.
+
+    Attributes:
+        is_logged: its log has been opened, and has a tick.
+        real_time_factor: trial time over elapsed time; None until it has ended.
+    """
+
+    notes: list[str] = field(default_factory=list)
+    is_logged: bool = False
+    real_time_factor: float | None = None
 
 
 def run(
@@ -67,21 +81,22 @@ def run(
         raise UsageError(f"--out {out}: holds the log that is read, {request.log}; choose another folder")
     make_folder(out)
     with alone_in(out):
-        notes: list[str] = []
-        factor: float | None = None
+        course = Course()
         fault: FmuError | None = None
         try:
-            factor = _simulate(request, ready, out, start, notes, progress=progress)
+            _simulate(request, ready, out, start, course, progress=progress)
         except FmuError as error:
-            if error.fault is None or not (out / LOG).exists():
+            if error.fault is None or not course.is_logged:
                 raise
             fault = error
         log = read_log(out / LOG)
         late = late_notes(request.scenario, ready.interfaces, ready.values, float(log.time[-1]))
         late += refusal_notes(log) + radio_notes(log)
-        summary = _report(log, out, factor, (*request.notes, *ready.notes, *notes, *late), fault)
+        summary = _report(
+            log, out, course.real_time_factor, (*request.notes, *ready.notes, *course.notes, *late), fault
+        )
         if fault is not None:
-            raise EndedByFaultError(str(fault), summary) from fault
+            raise EndedByFaultError(fault, summary) from fault
         return summary
 
 
@@ -130,14 +145,14 @@ def _simulate(
     ready: Prepared,
     out: Path,
     start: OpenProcessor,
-    notes: list[str],
+    course: Course,
     *,
     progress: Callable[[float], None] | None,
-) -> float:
-    """Run the trial and write its log; trial time over elapsed time. `notes` gets what came up."""
+) -> None:
+    """Run the trial and write its log; `course` tells how that goes, however it ends."""
     scenario = request.scenario
     with ExitStack() as stack:
-        simulation, onboard = open_simulation(request, ready, start, stack, notes)
+        simulation, onboard = open_simulation(request, ready, start, stack, course.notes)
         rows = LogRows(simulation, ready, onboard)
         for name in (SUMMARY, PAGE, PICTURE):  # an earlier trial's: they would not belong to this log
             with suppress(FileNotFoundError):
@@ -149,16 +164,21 @@ def _simulate(
             metadata=metadata(request, ready),
             attachments=attachments(request, ready),
         ) as log:
+
+            def record(times: Array, values: Mapping[str, Array]) -> None:
+                course.is_logged = True
+                rows.write(log, times, values)
+
             started = time.perf_counter()
             outcome = simulation.run(
                 ready.plan.events,
                 duration=scenario.duration,
                 stop=stop_of(simulation),
-                record=lambda times, values: rows.write(log, times, values),
+                record=record,
                 progress=progress,
             )
             elapsed = time.perf_counter() - started
-    return (outcome.ticks - 1) * simulation.wiring.step / elapsed
+    course.real_time_factor = (outcome.ticks - 1) * simulation.wiring.step / elapsed
 
 
 def stop_of(simulation: Simulation | Contained) -> Stop | None:

@@ -50,6 +50,7 @@ def main(connection: int, path: Path) -> None:
     """Run the parent's job, and tell what comes of it."""
     with suppress(OSError, AttributeError):  # the system ends this process when its parent ends, however
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    os.set_inheritable(connection, False)  # a process that an FMU starts must not keep it open
     channel = Channel(Connection(connection))
     job, row_size, width = channel.take()
     limit_memory(job.memory)
@@ -62,9 +63,20 @@ def main(connection: int, path: Path) -> None:
             channel.tell("done", outcome=asdict(outcome))
             channel.take()
         except CanineError as error:
+            flush()
             fault = error.fault if isinstance(error, FmuError) else None
             channel.tell("error", type=type(error).__name__, text=str(error), fault=fault and asdict(fault))
+        except Exception as error:  # ours, or no memory left
+            flush()
+            channel.tell("error", type="", text=f"the worker failed: {type(error).__name__}: {error}")
+    flush()
     channel.tell("closed")
+
+
+def flush() -> None:
+    """Send on what C code printed."""
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).fflush(None)
 
 
 def prepare(job: Job, memory: SharedMemory, channel: Channel, stack: ExitStack) -> WorkerSimulation:
@@ -96,7 +108,7 @@ def prepare(job: Job, memory: SharedMemory, channel: Channel, stack: ExitStack) 
     simulation.channel, simulation.flight = channel, flight
     if companion is not None:
         companion.connect_to(simulation, memory.companion)
-    channel.tell("ready", calls=simulation.tick, notes=simulation.notes)
+    channel.tell("ready", calls=simulation.call_names, notes=simulation.notes)
     return simulation
 
 

@@ -8,7 +8,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
@@ -20,16 +19,16 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.scratch import Scratch
+from harness.cosim.archive import ArchiveError, XmlError
 from harness.cosim.fmu import Fault, FmuDescription, FmuError, Quantity
 from harness.cosim.layout import Layout
 from harness.cosim.loop import Outcome, Record, Stop
-from harness.cosim.ssp import FmuSystem
-from harness.cosim.stepping import DURATION, Event, Limits, Loop, Order
+from harness.cosim.ssp import FmuSystem, SspError
+from harness.cosim.stepping import DURATION, GIB, Event, Limits, Loop, Order
 from harness.cosim.wiring import wire
-from harness.cosim.worker.shared import UNHEARD, Channel, Companion, Job, SharedMemory
+from harness.cosim.worker.shared import IN_WORKER, UNHEARD, Channel, Companion, Job, SharedMemory
 from harness.interrupts import holdable_interrupts
-from models import errors
-from models.errors import CanineError, printable
+from models.errors import CanineError, ParameterError, UsageError, WiringError, printable
 from models.kit.link import Values
 
 POLL = 0.05  # s
@@ -37,6 +36,10 @@ BUSY = 60.0  # s that the worker may take between calls
 ADDRESSES = 4  # times the memory limit: of addresses that are not used
 LINES, WIDTH = 5, 200  # of what an FMU prints, that are shown
 PAGE = os.sysconf("SC_PAGE_SIZE")
+ERRORS: dict[str, type[CanineError]] = {
+    kind.__name__: kind
+    for kind in (ArchiveError, ParameterError, SspError, UsageError, WiringError, XmlError)
+}
 
 
 class Printed:
@@ -44,7 +47,7 @@ class Printed:
 
     def __init__(self, stream: IO[bytes]) -> None:
         self._stream = stream
-        self.lines: deque[str] = deque(maxlen=LINES)
+        self.lines: list[str] = []
         self.count = 0
         self._thread = threading.Thread(target=self._read, daemon=True)
         self._thread.start()
@@ -59,7 +62,8 @@ class Printed:
     def close(self) -> None:
         """The worker has ended; a process that it left behind may still hold the stream."""
         self._thread.join(timeout=1.0)
-        self._stream.close() if not self._thread.is_alive() else None
+        if not self._thread.is_alive():
+            self._stream.close()
 
     def note(self, where: str) -> list[str]:
         """What the user should see of it."""
@@ -105,6 +109,8 @@ class Contained:
         self._calls: list[list[str]] = []  # of a tick: component and function
         self._restored: dict[str, int] = {}
         self._seen: tuple[object, ...] = ()
+        self._looked = 0.0
+        self._has_run = self._is_told = False  # of an error
         self._since = time.monotonic()
         self._limit = self.limits.start
         parts = {n: replace(p, fmu=p.fmu.resolve()) for n, p in system.components.items()}
@@ -123,7 +129,11 @@ class Contained:
             row_size = len(self._layout.block)
             with suppress(OSError):  # it has ended: that is found out when its answer is awaited
                 self._channel.give((job, row_size, width))
-            ready = self._await("ready")
+            try:
+                ready = self._await("ready")
+            except FmuError as error:
+                stack.close()
+                raise FmuError("; ".join([str(error), *self.notes]), error.fault) from None
             self._calls, self.notes = ready["calls"], ready["notes"]
             self._stack = stack.pop_all()
 
@@ -142,6 +152,7 @@ class Contained:
             "TMPDIR": str(folder),
             "PYTHONPATH": paths,
             "OPENBLAS_NUM_THREADS": "1",
+            IN_WORKER: "1",
         }
         command = [sys.executable, "-P", "-m", "harness.cosim.worker"]
         with theirs:
@@ -188,10 +199,8 @@ class Contained:
             printed.close()
             self.notes += printed.note(where)
         for where, times in self._restored.items():
-            again = f" (and {times - 1} times more)" if times > 1 else ""
-            self.notes.append(
-                f"{where} changed how sums are rounded, which other FMUs share{again}; it was restored"
-            )
+            last = f"{times} calls, the last of them {where}," if times > 1 else where
+            self.notes.append(f"{last} changed how sums are rounded, which FMUs share; it was restored")
 
     def columns(self, name: str) -> list[Quantity]:
         """What the rows of a component hold: its inputs, then its outputs."""
@@ -212,27 +221,29 @@ class Contained:
             FmuError: an FMU failed, ended the worker, or took too long or too much memory.
             ParameterError: the variable of an event is not a free input.
         """
+        if self._has_run:
+            raise RuntimeError("a simulation runs once")
+        self._has_run, self._handed, is_done = True, 0, False
         self._limit = self.limits.call
         with suppress(OSError):
             self._channel.give((tuple(events), duration, stop))
-        self._handed = 0
         position = self._memory.recorder.position
         with holdable_interrupts() as hold:
             try:
                 while True:
                     message = self._await("rows", "done")
-                    if message["kind"] == "done":
+                    if is_done := message["kind"] == "done":
                         break
                     with hold:
                         self._hand_over(message["rows"], record, progress)
             finally:
                 with hold:
-                    if self._process.poll() is None and sys.exc_info()[0] is not None:
-                        self._kill()
+                    if not is_done:
+                        self._end_early()
                     self._hand_over(position.rows, record, progress)
-        if position.restored:
-            name, what = self._calls[position.restorer]
-            self._count_restored(f"{self.components[name]}: {what}", position.restored)
+                if position.restored:
+                    name, what = self._calls[position.restorer]
+                    self._count_restored(f"{self.components[name]}: {what}", position.restored)
         return Outcome(**message["outcome"])
 
     def _hand_over(self, end: int, record: Record | None, progress: Callable[[float], None] | None) -> None:
@@ -242,9 +253,9 @@ class Contained:
             at = self._handed % recorder.room
             count = min(end - self._handed, recorder.room - at)
             times = np.arange(self._handed, self._handed + count, dtype=np.float64) * self.wiring.step
+            self._handed += count
             if record is not None:
                 record(times, self._layout.values(recorder.rows[at : at + count]))
-            self._handed += count
             self._memory.flight.taken = self._handed
             if progress is not None:
                 progress(float(times[-1]))
@@ -257,28 +268,32 @@ class Contained:
         Raises:
             CanineError: what the worker tells of, or has ended it.
         """
-        self._since, looked = time.monotonic(), 0.0
+        self._since = time.monotonic()
         while True:
+            has_ended = self._process.poll() is not None
             try:
                 message = self._channel.hear(POLL)
             except EOFError:
                 self._fail_as_it_ended()
+            if message is None and has_ended:  # another process that it left behind holds the connection
+                self._fail_as_it_ended()
+            if (now := time.monotonic()) > self._looked + POLL:
+                self._looked = now
+                self._look(now)
             if message is not None and message.get("kind") in kinds:
                 return message
             if message is not None and message.get("kind") == "error":
+                self._is_told = True
                 raise _error(message)
             if message is not None and message.get("kind") == "restored":
                 self._count_restored(self._label(message["where"]), 1)
-            if (now := time.monotonic()) > looked + POLL:
-                looked = now
-                self._look(now)
 
     def _count_restored(self, where: str, times: int) -> None:
         self._restored[where] = self._restored.get(where, 0) + times
 
     def _label(self, where: str) -> str:
         name, _, what = where.partition("\n")
-        return f"{self.components.get(name, name)}: {what}" if what else "an FMU"
+        return f"{self.components.get(name, name)}: {what}" if what else "the worker"
 
     def _look(self, now: float) -> None:
         """Is the worker still within its limits?
@@ -297,8 +312,8 @@ class Contained:
             self._fail("hang", f"did not come back within {limit:g} s{{}}")
         if (size := self._resident()) > self.limits.memory:
             self._kill()
-            limit_text = f"{self.limits.memory / 2**30:.3g} GB"
-            self._fail("memory", f"took {size / 2**30:.3g} GB of memory{{}}; the limit is {limit_text}")
+            limit_text = f"{self.limits.memory / GIB:.3g} GiB"
+            self._fail("memory", f"took {size / GIB:.3g} GiB of memory{{}}; the limit is {limit_text}")
 
     def _resident(self) -> int:
         """Bytes of memory that the worker has in use."""
@@ -317,6 +332,15 @@ class Contained:
             name, what = self._calls[position.call]
             return name, what
         return "", ""
+
+    def _end_early(self) -> None:
+        """End a worker whose run is not done; one that told why frees its instances first."""
+        if self._is_told and self._process.poll() is None:
+            self._limit = self.limits.free
+            with suppress(CanineError):
+                self._await("closed")
+        if self._process.poll() is None:
+            self._kill()
 
     def _kill(self) -> None:
         with suppress(ProcessLookupError, PermissionError):
@@ -347,7 +371,9 @@ class Contained:
         what = text.format(self._moment())
         fmu = self.fmus[component].path.name if component in self.fmus else ""
         where = (
-            f"{self.components.get(component, component)}: {call}" if component else "an FMU, between calls,"
+            f"{self.components.get(component, component)}: {call}"
+            if component
+            else "the worker, between calls,"
         )
         raise FmuError(f"{where} {what}", Fault(kind, component, fmu, call, self._time()))
 
@@ -360,8 +386,7 @@ class Contained:
 
 def _error(message: Mapping[str, Any]) -> CanineError:
     """The error that the worker tells of."""
-    text, fault = str(message.get("text")), message.get("fault")
+    text, fault = printable(message.get("text")), message.get("fault")
     if message.get("type") == "FmuError":
         return FmuError(text, Fault(**fault) if fault else None)
-    kind = getattr(errors, str(message.get("type")), CanineError)
-    return kind(text) if isinstance(kind, type) and issubclass(kind, CanineError) else CanineError(text)
+    return ERRORS.get(str(message.get("type")), CanineError)(text)

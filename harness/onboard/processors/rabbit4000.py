@@ -20,6 +20,7 @@ from codegen.firmware.rabbit4000 import rabbit4000_image
 from codegen.firmware.targets import Target
 from codegen.toolchains.compiler import NUMERICS, WARNINGS, build_library, compiler_version, this_platform
 from codegen.toolchains.sdcc import home
+from harness.cosim.worker.shared import IN_WORKER
 from harness.onboard.processors.processor import (
     COUNTS,
     MAX_BYTES,
@@ -70,7 +71,8 @@ class Console:
         try:
             self._process = subprocess.Popen(
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, bufsize=0,
-                start_new_session=True,  # Ctrl-C is for the harness
+                # Ctrl-C is for the harness; a worker has its own session, and ends with all that is in it
+                start_new_session=IN_WORKER not in os.environ,
                 env=os.environ | {"LD_PRELOAD": str(_wait_library())},
             )  # fmt: skip
         except OSError as reason:

@@ -46,14 +46,14 @@ def test_the_position_names_the_call_that_failed(tmp_path: Path, loop: Loop) -> 
         with pytest.raises(FmuError):
             simulation.run(memory=memory)
         position = Position.from_buffer(memory)
-        assert simulation.tick[position.call] == ("plant", "fmi3DoStep")
+        assert simulation.call_names[position.call] == ("plant", "fmi3DoStep")
         assert (position.tick, position.rows) == (10, 11)
 
 
 def test_another_process_sees_in_which_call_one_died(tmp_path: Path) -> None:
     # given a plant that crashes, in a process of its own
     with Simulation(toy(tmp_path, plant=DIES)) as simulation:
-        tick, size = simulation.tick, simulation.recorder_size(100)
+        tick, size = simulation.call_names, simulation.recorder_size(100)
     memory = SharedMemory(create=True, size=size)
     try:
         worker = get_context("spawn").Process(target=_run, args=(tmp_path, memory.name))

@@ -126,6 +126,23 @@ def test_only_what_others_built_runs_in_a_worker(tmp_path: Path) -> None:
     with requested("two_waypoint", Changes(swaps={"plant": own})) as request:
         assert not is_foreign(request)
     copy = tmp_path / "pedestrian.fmu"
+    copy.write_bytes(own.read_bytes())
+    with requested("two_waypoint", Changes(swaps={"plant": copy})) as request:
+        assert not is_foreign(request)
     copy.write_bytes(own.read_bytes() + b"x")
     with requested("two_waypoint", Changes(swaps={"plant": copy})) as request:
         assert is_foreign(request)
+
+
+def test_a_fault_before_the_first_tick_leaves_an_earlier_trial_as_it_was(tmp_path: Path) -> None:
+    # given the files of a trial
+    out = tmp_path / "out"
+    assert canine(tmp_path, "run", "two_waypoint", "--out", out).returncode == 0
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    # when another crashes as it is instantiated
+    dog = tiny_fmu(tmp_path / "dog.fmu", DOG, MOVES, start="*(volatile int *)8 = 1;")
+    ran = canine(tmp_path, "run", "two_waypoint", "--plant", dog, "--json", "--out", out)
+    # then
+    assert (ran.returncode, ran.stdout) == (1, "")
+    assert "load and fmi2Instantiate ended the process" in ran.stderr
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before

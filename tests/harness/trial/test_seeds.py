@@ -135,7 +135,7 @@ def test_a_fault_ends_the_trials_with_its_name_and_keeps_its_log(
     assert status == 1
     assert 'canine: plant dog.fmu: output "speed" is nan at t = 1.04 s' in errors
     assert errors.count("has no parameter") == 1  # the note, once for all trials
-    assert seeds_in(tmp_path / "out" / "seeds.csv") == ["1"]
+    assert seeds_in(tmp_path / "out" / "seeds.csv") == ["1", "2"]
     written = {"trial.mcap", "summary.json", "trial.html", "trial.png"}
     assert {p.name for p in (tmp_path / "out" / "2").iterdir()} == written
     summary = json.loads((tmp_path / "out" / "2" / "summary.json").read_text())
