@@ -217,12 +217,12 @@ def _fmu(request: Request, role: str, fmu: str | Path) -> Path:
         return build_folder() / f"fmi{request.fmi}" / f"{fmu}.fmu"
     if os.path.isfile(path):  # unlike Path's, it raises nothing
         return path
+    expected = "expected the path of an FMU, or the name of one of ours"
+    if os.path.isdir(path):
+        raise UsageError(f'"{fmu}" is a folder; {expected}')
     if path.suffix == ".fmu":
         raise UsageError(f'there is no FMU "{fmu}"{nearest_file(path)}')
-    raise UsageError(
-        f'there is no {role} "{fmu}"; expected the path of an FMU, or the name of one of ours'
-        f"{nearest(str(fmu), ours)}"
-    )
+    raise UsageError(f'there is no {role} "{fmu}"; {expected}{nearest(str(fmu), ours)}')
 
 
 def _with_estimator(request: Request, estimator: str | None) -> Request:
