@@ -76,7 +76,7 @@ def planted(module: Any, old: str, new: str) -> Iterator[type[Block]]:
             text = Path(str(specification.origin)).read_text()
             sys.modules[name] = made
             exec(
-                compile(text.replace(old, new) if name == module.__name__ else text, name, "exec"),
+                compile(text.replace(old, new) if name == module.__name__ else text, f"<{name}>", "exec"),
                 made.__dict__,
             )
         yield sys.modules[cmec.__name__].Cmec
