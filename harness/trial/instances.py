@@ -79,7 +79,7 @@ def open_simulation(
     """The trial's instances at time 0, and its telemetry with firmware on board; the stack frees them.
 
     Args:
-        start: opens the processor of `request.onboard`, given the firmware's parameters.
+        start: opens the processor of `request.onboard`, given the parameters; a worker opens its own.
         notes: gets what the user should know, at the end.
 
     Raises:

@@ -41,7 +41,7 @@ class EndedByFaultError(FmuError):
 
 
 @dataclass
-class Course:
+class RunState:
     """How a run goes.
 
     Attributes:
@@ -81,19 +81,19 @@ def run(
         raise UsageError(f"--out {out}: holds the log that is read, {request.log}; choose another folder")
     make_folder(out)
     with alone_in(out):
-        course = Course()
+        state = RunState()
         fault: FmuError | None = None
         try:
-            _simulate(request, ready, out, start, course, progress=progress)
+            _simulate(request, ready, out, start, state, progress=progress)
         except FmuError as error:
-            if error.fault is None or not course.is_logged:
+            if error.fault is None or not state.is_logged:
                 raise
             fault = error
         log = read_log(out / LOG)
         late = late_notes(request.scenario, ready.interfaces, ready.values, float(log.time[-1]))
         late += refusal_notes(log) + radio_notes(log)
         summary = _report(
-            log, out, course.real_time_factor, (*request.notes, *ready.notes, *course.notes, *late), fault
+            log, out, state.real_time_factor, (*request.notes, *ready.notes, *state.notes, *late), fault
         )
         if fault is not None:
             raise EndedByFaultError(fault, summary) from fault
@@ -145,14 +145,14 @@ def _simulate(
     ready: Prepared,
     out: Path,
     start: OpenProcessor,
-    course: Course,
+    state: RunState,
     *,
     progress: Callable[[float], None] | None,
 ) -> None:
-    """Run the trial and write its log; `course` tells how that goes, however it ends."""
+    """Run the trial and write its log; `state` tells how that goes, however it ends."""
     scenario = request.scenario
     with ExitStack() as stack:
-        simulation, onboard = open_simulation(request, ready, start, stack, course.notes)
+        simulation, onboard = open_simulation(request, ready, start, stack, state.notes)
         rows = LogRows(simulation, ready, onboard)
         for name in (SUMMARY, PAGE, PICTURE):  # an earlier trial's: they would not belong to this log
             with suppress(FileNotFoundError):
@@ -166,7 +166,7 @@ def _simulate(
         ) as log:
 
             def record(times: Array, values: Mapping[str, Array]) -> None:
-                course.is_logged = True
+                state.is_logged = True
                 rows.write(log, times, values)
 
             started = time.perf_counter()
@@ -178,7 +178,7 @@ def _simulate(
                 progress=progress,
             )
             elapsed = time.perf_counter() - started
-    course.real_time_factor = (outcome.ticks - 1) * simulation.wiring.step / elapsed
+    state.real_time_factor = (outcome.ticks - 1) * simulation.wiring.step / elapsed
 
 
 def stop_of(simulation: Simulation | Contained) -> Stop | None:

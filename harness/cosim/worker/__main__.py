@@ -52,9 +52,9 @@ def main(connection: int, path: Path) -> None:
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     os.set_inheritable(connection, False)  # a process that an FMU starts must not keep it open
     channel = Channel(Connection(connection))
-    job, row_size, width = channel.take()
+    job: Job = channel.take()
     limit_memory(job.memory)
-    memory = SharedMemory(path, row_size, width)
+    memory = SharedMemory(path, job.row_size, job.width)
     with ExitStack() as stack:
         try:
             simulation = prepare(job, memory, channel, stack)

@@ -122,13 +122,14 @@ class Contained:
             self.components,
             loop,
             ADDRESSES * self.limits.memory,
+            len(self._layout.block),
             companion,
+            width,
         )
         with ExitStack() as stack:
             self._open(stack, width)
-            row_size = len(self._layout.block)
             with suppress(OSError):  # it has ended: that is found out when its answer is awaited
-                self._channel.give((job, row_size, width))
+                self._channel.give(job)
             try:
                 ready = self._await("ready")
             except FmuError as error:
@@ -192,9 +193,7 @@ class Contained:
 
     def _end(self) -> None:
         """End the worker and all that it started; what it printed becomes notes."""
-        with suppress(ProcessLookupError, PermissionError):
-            os.killpg(self._process.pid, signal.SIGKILL)
-        self._process.wait()
+        self._kill()
         for where, printed in self._printed.items():
             printed.close()
             self.notes += printed.note(where)
@@ -339,10 +338,10 @@ class Contained:
             self._limit = self.limits.free
             with suppress(CanineError):
                 self._await("closed")
-        if self._process.poll() is None:
-            self._kill()
+        self._kill()
 
     def _kill(self) -> None:
+        """End the worker, and all of its session that lives on."""
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()

@@ -51,8 +51,9 @@ class Job:
     """What the worker runs; paths are absolute.
 
     Attributes:
-        companion: makes what runs beside the FMUs.
         memory: bytes of address space that the worker may have.
+        row_size: bytes of a row.
+        companion: makes what runs beside the FMUs; `width`: values in its rows.
     """
 
     system: FmuSystem
@@ -62,7 +63,9 @@ class Job:
     labels: Mapping[str, str]
     loop: Loop
     memory: int
+    row_size: int
     companion: Callable[[], Companion] | None = None
+    width: int = 0
 
 
 class Flight(ctypes.Structure):

@@ -127,8 +127,8 @@ def test_a_key_has_16_bytes_and_is_not_shown() -> None:
 def test_firmware_needs_a_key_or_says_that_it_has_none(
     file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], both: bool
 ) -> None:
-    given = ["--key", str(file), "--insecure"] if both else []
-    status = main.run(["firmware", "--target", "host", "--out", str(tmp_path / "fw"), *given])
+    options = ["--key", str(file), "--insecure"] if both else []
+    status = main.run(["firmware", "--target", "host", "--out", str(tmp_path / "fw"), *options])
     assert status == 2
     error = capsys.readouterr().err
     assert all(name in error for name in NAMES)

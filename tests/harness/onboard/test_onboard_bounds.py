@@ -165,14 +165,14 @@ def test_a_tick_reads_two_blocks_of_a_source_that_never_runs_dry(size: int) -> N
     memory = inside(program)
     program.onboard_init(ctypes.byref(memory))
     ctypes.c_uint16.in_dll(program, "block_size").value = size
-    given = (ctypes.c_uint32 * 3).in_dll(program, "blocks_given")
-    given[:] = [0, 0, 0]
+    blocks = (ctypes.c_uint32 * 3).in_dll(program, "blocks_given")
+    blocks[:] = [0, 0, 0]
     frame = encode(Heartbeat(9), 1)
     (ctypes.c_uint8 * 512).in_dll(program, "first_block")[: len(frame)] = list(frame)
     # when
     program.onboard_tick(ctypes.byref(memory))
     # then
-    assert list(given) == [2, 2, 2]
+    assert list(blocks) == [2, 2, 2]
     # and a message in the first block counts although the second has none
     assert memory.radio.nonce == (9 if size == 512 else 0)
     assert memory.watchdog.out.link_ok == (size == 512)

@@ -238,9 +238,9 @@ def test_telemetry_waits_for_missions_on_every_tick_for_two_ticks_and_no_longer(
     wait_for_answer(vest)
     # when missions come that cannot be started
     far = Mission(HOME, (place(2e5, 0),))
-    told = [k for k in range(1, 17) if answers(vest, far, Start(far.id))]
+    answered = [k for k in range(1, 17) if answers(vest, far, Start(far.id))]
     # then that of the fifth comes on the seventh, and so on
-    assert told == [7, 12]
+    assert answered == [7, 12]
     assert Flag.STARTED not in Flag(vest.telemetry.flags)
 
 
