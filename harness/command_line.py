@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 import math
-import signal
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from codegen.firmware.targets import SIMULATED, TARGETS, find_target
+from codegen.firmware.targets import TARGETS
 from codegen.toolchains.compiler import PLATFORMS
-from harness import log_commands
-from harness.console import err, json_of, out, print_note, say_where, short
-from harness.cosim.stepping import DURATION, GIB, Event, Limits, Loop, Order
-from harness.pil import SCENARIO
+from harness import firmware_commands, log_commands
+from harness.console import (
+    build_status,
+    end_interrupted,
+    json_of,
+    out,
+    print_note,
+    progress_bar,
+    say_where,
+    short,
+)
+from harness.cosim.stepping import GIB, Event, Limits, Loop, Order
+from harness.options import Seed, Settings
 from harness.recording import STREAMS
 from harness.replay import EVERY_S, OUTAGE_S
 from harness.studies import STUDIES
@@ -63,26 +69,6 @@ Ahrs = Annotated[
 Target = Annotated[str, typer.Argument(metavar="[SCENARIO.toml|SYSTEM.ssp|LOG.mcap]")]
 Stepping = Annotated[Order | None, typer.Option(help="of stepping; sequential by default")]
 Fmi = Annotated[Literal["2", "3"] | None, typer.Option(help="version of our FMUs; 2 by default")]
-
-
-Seed = Annotated[int | None, typer.Option(min=0, max=MAX_SEED, help="the trial's number")]
-Settings = Annotated[
-    list[str] | None, typer.Option("--set", metavar="block.name=value", help="a parameter; angles in deg")
-]
-Constants = Annotated[
-    bool, typer.Option("--constants", help="parameters are constants, not fields that can be set")
-]
-
-OnboardEstimator = Annotated[
-    str | None, typer.Option("--estimator", metavar="NAME", help="of ours; by default the scenario's")
-]
-OnboardAhrs = Annotated[
-    bool,
-    typer.Option(
-        "--ahrs",
-        help="attitude by canine_ahrs, not by the inertial unit itself; its gyroscopes must not saturate",
-    ),
-]
 
 
 def _print_version(asked: bool) -> None:
@@ -147,7 +133,7 @@ def build(
     from fmus.build import build_all
     from fmus.folder import build_folder
 
-    with _telling("building") as done:
+    with build_status("building") as done:
         paths = build_all(platforms=[*(platform or []), *(more or [])], done=done)
     typer.echo(f"{len(paths)} files in {short(build_folder())}")
 
@@ -219,7 +205,7 @@ def run(
     if seeds is not None and seed is not None:
         raise UsageError(f"--seed {seed} and --seeds {seeds}: expected one of both")
     with requested(target, changes) as request:
-        with _telling("building the FMUs") as done:
+        with build_status("building the FMUs") as done:
             build_missing(request, done)
         if seeds is not None:
             _run_seeds(request, seeds, folder, as_json)
@@ -232,13 +218,13 @@ def run(
             if folder is None and (others := trial.replaced(request, ready, place)):
                 print_note(others)
             duration, fault = request.scenario.duration, None
-            with _bar("trial [s]", duration, quiet=as_json or duration < LONG_S) as progress:
+            with progress_bar("trial [s]", duration, quiet=as_json or duration < LONG_S) as progress:
                 try:
                     summary = trial.run(request, ready, place, progress)
                 except trial.EndedByFaultError as error:
                     summary, fault = error.summary, error
                 except KeyboardInterrupt as interrupt:
-                    _ended(interrupt, _kept(place))
+                    end_interrupted(interrupt, trial.what_is_left(place))
             for note in summary["notes"][len(notes) :]:
                 print_note(note)
     if as_json:
@@ -258,7 +244,7 @@ def _run_seeds(request: Request, seeds: str, folder: Path | None, as_json: bool)
     place = folder or default_folder(request)
     summaries = []
     with (
-        _bar("trials", len(chosen), quiet=as_json) as progress,
+        progress_bar("trials", len(chosen), quiet=as_json) as progress,
         closing(run_seeds(request, chosen, place, print_note)) as trials,
     ):
         try:
@@ -268,7 +254,7 @@ def _run_seeds(request: Request, seeds: str, folder: Path | None, as_json: bool)
                     progress(len(summaries))
         except KeyboardInterrupt as interrupt:
             done = f"{len(summaries)} of {len(chosen)} trials are done"
-            _ended(interrupt, f"{done}: {place / SEEDS}" if summaries else done)
+            end_interrupted(interrupt, f"{done}: {place / SEEDS}" if summaries else done)
     if as_json:
         typer.echo(json_of(summaries))
     else:
@@ -276,160 +262,10 @@ def _run_seeds(request: Request, seeds: str, folder: Path | None, as_json: bool)
         typer.echo(f"{short(place)}/: {SEEDS}, and a folder for each seed")
 
 
-@app.command()
-def firmware(
-    target: Annotated[str, typer.Option(help=f"one of {', '.join(TARGETS)}")],
-    folder: Annotated[Path, typer.Option("--out", file_okay=False, metavar="DIR", help="where it is put")],
-    *,
-    key: Annotated[
-        Path | None, typer.Option("--key", metavar="FILE", help="the vest's radio key, by `canine keygen`")
-    ] = None,
-    insecure: Annotated[
-        bool, typer.Option("--insecure", help="without a key: whoever has such a radio can command the vest")
-    ] = False,
-    parameters: Annotated[
-        str, typer.Option(metavar="SCENARIO.toml", help="whose parameters it gets; start values by default")
-    ] = "",
-    settings: Settings = None,
-    constants: Constants = False,
-    estimator: OnboardEstimator = None,
-    ahrs: OnboardAhrs = False,
-) -> None:
-    """Write the sources of the onboard program for a processor: estimator, controller, drivers, main loop.
-
-    \b
-    canine firmware --target cortex-m4f --key vest.key --out firmware
-    canine firmware --target rabbit4000 --key vest.key --parameters my.toml --constants --out firmware
-                                                  my.toml without a reading, or with "guarded": with limits
-    canine firmware --target host --insecure --set cmec.moving_deviation=37 --out firmware
-    canine firmware --target cortex-m4f --key vest.key --estimator canine_tracker --ahrs --out firmware
-
-    Waypoints come by radio, not with the parameters. The key is written into key.c, which only its owner may
-    read.
-    """
-    from codegen.firmware import bundle
-    from codegen.firmware.key import read
-    from harness.trial.firmware import firmware_of
-
-    if (key is None) != insecure:
-        raise UsageError(
-            f"{'both --key and' if insecure else 'neither --key nor'} --insecure given, expected one: "
-            "--key FILE with the vest's radio key (`canine keygen` makes one), or --insecure for a program "
-            "that obeys whoever has such a radio"
-        )
-    processor = find_target(target)
-    secret = read(key, print_note) if key else None
-    navigation, values = firmware_of(parameters, settings or [], estimator, ahrs=ahrs, note=print_note)
-    paths = bundle.write(processor, folder, values, navigation, constants=constants, key=secret)
-    typer.echo(f"{len(paths)} files for {processor.processor} in {short(folder)}: see README.md there")
-    if secret is None:
-        print_note("INSECURE: whoever has such a radio can command this vest; its telemetry says so")
-    if not values.get("controller", {}).get("guarded"):
-        print_note(
-            "WITHOUT LIMITS: cmec.guarded is off, so most rules of models/SAFETY.md do not hold. Not for an "
-            'animal: leave out the scenario\'s reading, or write reading = "guarded"'
-        )
-
-
-@app.command()
-def keygen(
-    file: Annotated[Path, typer.Option("--out", dir_okay=False, metavar="FILE", help="a new file")] = Path(
-        "vest.key"
-    ),
-) -> None:
-    """Make a vest's radio key: 128 random bits, in a file that only its owner may read.
-
-    \b
-    canine keygen --out rex.key
-    canine firmware --target cortex-m4f --key rex.key --out firmware
-
-    Whoever has the file can command the vest: keep it off shared disks, out of repositories and mail. A vest
-    and its laptop have one key, another vest another. An existing file is not overwritten.
-    """
-    from codegen.firmware.key import write_new
-
-    write_new(file)
-    typer.echo(f"{short(file)}: a new radio key. Whoever can read it can command the vest")
-
-
-@app.command("pil")
-def processor_in_the_loop(
-    scenario: Annotated[str, typer.Argument(metavar="[SCENARIO.toml]")] = SCENARIO,
-    *,
-    target: Annotated[str, typer.Option(help=f"one of {', '.join(SIMULATED)}")],
-    seed: Seed = None,
-    settings: Settings = None,
-    constants: Constants = False,
-    estimator: OnboardEstimator = None,
-    ahrs: OnboardAhrs = False,
-    folder: Annotated[
-        Path | None, typer.Option("--out", file_okay=False, help="by default out/pil-<target>")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="print the report as JSON")] = False,
-) -> None:
-    """Run the firmware on a simulated processor and compare every tick with this machine's, bit by bit.
-
-    \b
-    canine pil --target cortex-m4f
-    canine pil three_waypoint --target rabbit4000 --seed 7
-    canine pil --target cortex-m4f --estimator canine_tracker --ahrs
-
-    It leaves pil.json with what a tick costs, and the trial's files as `canine run` does.
-    """
-    from harness.pil import compare
-    from harness.trial.request import Changes
-
-    changes = Changes(settings=settings or [], seed=seed, estimator=estimator, ahrs=ahrs)
-    place = folder or compare.default_folder(target, changes)
-    with _telling("building the FMUs") as done, _bar("trial [s]", DURATION, quiet=as_json) as progress:
-        try:
-            result = compare.run(
-                target, scenario, changes, place, constants=constants, built=done, progress=progress
-            )
-        except KeyboardInterrupt as interrupt:
-            _ended(interrupt, _kept(place))
-    for note in result["trial"]["notes"]:
-        print_note(note)
-    if as_json:
-        typer.echo(json_of(result))
-    else:
-        compare.show(result, out())
-        say_where(place)
-
-
-@app.command("prove")
-def prove_rules(
-    chosen: Annotated[list[str] | None, typer.Argument(metavar="[RULE|PROOF]...")] = None,
-    *,
-    as_json: Annotated[bool, typer.Option("--json", help="print the verdicts as JSON")] = False,
-) -> None:
-    """Prove what the C that ships does, whatever its inputs are: the safety rules, and what they rest on.
-
-    \b
-    canine prove 3                                rule 3 of models/SAFETY.md
-    canine prove watchdog cmec.aim                a unit of the C, or one proof
-    canine prove                                  all of them: minutes
-
-    The model checker CBMC does it; where it is missing it is fetched from Debian (30 MB). For any parameters,
-    and for what can be reached, the solver z3 does it on the controller's model: guided-canine[z3] has it.
-    """
-    from tempfile import TemporaryDirectory
-
-    from codegen.firmware import proving
-
-    proofs = proving.find(chosen or [])
-    verdicts = []
-    with TemporaryDirectory() as folder:
-        proving.write_sources(Path(folder))
-        for proof in proofs:
-            verdict = proving.prove(proof, Path(folder))
-            verdicts.append(verdict)
-            if not as_json:
-                typer.echo(verdict.text())
-    if as_json:
-        typer.echo(json_of([verdict.facts() for verdict in verdicts]))
-    if failed := [v.proof.name for v in verdicts if v.failed]:
-        raise CanineError(f"{len(failed)} of {len(verdicts)} proofs fail: {', '.join(failed)}")
+app.command("firmware")(firmware_commands.write_firmware)
+app.command("keygen")(firmware_commands.keygen)
+app.command("pil")(firmware_commands.processor_in_the_loop)
+app.command("prove")(firmware_commands.prove_rules)
 
 
 @app.command()
@@ -456,7 +292,7 @@ def wiring(
 
     swaps = {"plant": plant, "controller": controller}
     with requested(target, Changes(order, fmi, swaps, estimator=estimator, ahrs=ahrs)) as request:
-        with _telling("building the FMUs") as done:
+        with build_status("building the FMUs") as done:
             build_missing(request, done)
         with prepared(request) as ready:
             order_and_delays = wire(ready.system, ready.fmus, request.order, ready.plants)
@@ -589,7 +425,7 @@ def replay_recording(
     for note in (*source.notes, *comparison.notes(source)):
         print_note(f"{recording}: {note}")
     chosen = source.outages(outage, every)
-    with _bar("outages", len(chosen.windows), quiet=as_json) as progress:
+    with progress_bar("outages", len(chosen.windows), quiet=as_json) as progress:
         replayed = replay.replay(source, comparison, chosen, progress)
     for note in replayed.notes:
         print_note(f"{recording}: {note}")
@@ -618,7 +454,7 @@ def _replay_all(
     from harness.replay import several
 
     place, results = folder or several.default_folder(path), []
-    with _bar("recordings", len(paths), quiet=as_json) as progress:
+    with progress_bar("recordings", len(paths), quiet=as_json) as progress:
         for recording in paths:
             results.append(several.replay_one(path, recording, comparison, outage, place, attitude=attitude))
             if progress:
@@ -714,14 +550,14 @@ def sweep_parameters(
         seed=seed, settings=settings or [], estimator=estimator, ahrs=ahrs, note=print_note,
     )  # fmt: skip
     place = folder or sweep.default_folder(planned)
-    with _bar("trials", planned.job.total, quiet=as_json) as progress:
+    with progress_bar("trials", planned.job.total, quiet=as_json) as progress:
         try:
             table, result = sweep.run(
                 planned, place, dask, certificates=certificates, progress=progress, note=print_note
             )
         except KeyboardInterrupt as interrupt:
             kept = (place / journal.JOURNAL).exists()
-            _ended(
+            end_interrupted(
                 interrupt,
                 f"what is done is kept in {place}: the same command goes on there"
                 if kept
@@ -759,7 +595,7 @@ def fit_animal(
     from harness.fit import report
 
     paths = statistics.find_logs(logs)
-    with _bar("logs", len(paths), quiet=as_json) as progress:
+    with progress_bar("logs", len(paths), quiet=as_json) as progress:
         reading = statistics.read_tracks(paths, source, progress)
     result = statistics.estimate(reading, None if turned is None else math.radians(turned))
     place = folder or report.FOLDER
@@ -813,7 +649,7 @@ def study(
     if sensor_sets and len(sensor_sets) > 1:
         raise UsageError(f"--set {' --set '.join(sensor_sets)}: a study takes one set, or all without --set")
     sensor_set = sensor_sets[0] if sensor_sets else None
-    with _bar("percent", 100, quiet=as_json) as progress:
+    with progress_bar("percent", 100, quiet=as_json) as progress:
         result = run_study(name, Options(seeds, sensor_set, recording), progress)
     place = folder or Path("out", f"study-{name}")
     report(name, result, place, print_note)
@@ -856,7 +692,7 @@ def tune_estimator(
     source = open_source(recording)
     for note in source.notes:
         print_note(f"{recording}: {note}")
-    with _bar("percent", 100, quiet=as_json) as progress:
+    with progress_bar("percent", 100, quiet=as_json) as progress:
         result = tune(source, block, hold or [], progress)
     place = folder or report.default_folder(source.name)
     report.report(result, place, print_note)
@@ -980,45 +816,3 @@ def _try_out(description: FmuDescription, name: str) -> None:
             print_note(note)
     for variable, reason in description.refused.items():
         print_note(f"{description.path.name}: {variable} {reason}; it is not exchanged")
-
-
-def _kept(folder: Path) -> str:
-    """What is left of a trial that the user ended."""
-    from harness.trial import trial
-
-    return f"the log up to there is {folder / trial.LOG}" if trial.has_begun(folder) else "nothing was logged"
-
-
-def _ended(interrupt: KeyboardInterrupt, what: str) -> NoReturn:
-    """Say what is left of a command that the user ended, and leave."""
-    from harness.interrupts import name_of
-
-    number = interrupt.args[0] if interrupt.args else signal.SIGINT
-    err().print(f"canine: ended by {name_of(number)}; {what}", soft_wrap=True, markup=False)
-    sys.exit(128 + number)
-
-
-@contextmanager
-def _telling(what: str) -> Iterator[Callable[[Path], None]]:
-    """Say on a terminal which file is ready; the compiler takes some seconds for each."""
-    if not sys.stderr.isatty():
-        yield lambda path: None
-        return
-    with err().status(f"{what}...") as status:
-        yield lambda path: status.update(f"{what}... {path.parent.name}/{path.name}")
-
-
-@contextmanager
-def _bar(what: str, total: float, quiet: bool) -> Iterator[Callable[[float], None] | None]:
-    """A progress bar, on a terminal."""
-    if quiet or not sys.stderr.isatty():
-        yield None
-        return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    with Progress(
-        TextColumn(what), BarColumn(), TextColumn("{task.completed:.0f} of {task.total:.0f}"),
-        TimeElapsedColumn(), console=err(), transient=True,
-    ) as bar:  # fmt: skip
-        task = bar.add_task(what, total=total)
-        yield lambda done: bar.update(task, completed=done)

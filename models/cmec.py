@@ -151,11 +151,7 @@ class Cmec(Fenced):
     @moves({Mode.IDLE: Mode.FORWARD})
     def begin(m) -> None:
         """Latch the mission; the first command is forward."""
-        m.route_north, m.route_east, m.count = m.waypoint_north, m.waypoint_east, m.waypoint_count
-        m.base_north, m.base_east = m.home_north, m.home_east
-        m.target_north, m.target_east = m.waypoint_north[0], m.waypoint_east[0]
-        m.now, m.ticks = Mode.FORWARD, 0
-        m.reached = m.turns = m.issued = 0
+        m._latch()
         m.anomalies = ca.SX.zeros(len(Anomaly) - 1)
         m.issue_north, m.issue_east = m.north, m.east
 
@@ -295,6 +291,14 @@ class Cmec(Fenced):
         m.status = _choose(m.now, STATUSES, Status.RUNNING)
         m.waypoint = m.reached
         m.directional_commands = m.issued
+
+    def _latch(m) -> None:
+        """Take the mission as it is stated now, and begin with FORWARD towards its first waypoint."""
+        m.route_north, m.route_east, m.count = m.waypoint_north, m.waypoint_east, m.waypoint_count
+        m.base_north, m.base_east = m.home_north, m.home_east
+        m.target_north, m.target_east = m.waypoint_north[0], m.waypoint_east[0]
+        m.now, m.ticks = Mode.FORWARD, 0
+        m.reached = m.turns = m.issued = 0
 
     def _begun(m) -> SX:
         """Is a trial on, or over?"""

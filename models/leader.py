@@ -64,14 +64,11 @@ class Leader(Block):
     @moves({Mode.IDLE: Mode.FORWARD})
     def begin(m) -> None:
         """Latch the mission; the first command is forward."""
-        m.route_north, m.route_east, m.count = m.waypoint_north, m.waypoint_east, m.waypoint_count
-        m.base_north, m.base_east = m.home_north, m.home_east
-        m.target_north, m.target_east = m.waypoint_north[0], m.waypoint_east[0]
-        m.now, m.ticks = Mode.FORWARD, 0
-        m.reached = m.turns = m.issued = 0
+        m._latch()
 
     end, interrupt, advance, aim, answer = Cmec.end, Cmec.interrupt, Cmec.advance, Cmec.aim, Cmec.answer
 
+    _latch: Callable[..., None] = Cmec._latch
     _begun: Callable[..., SX] = Cmec._begun
     _blocked: Callable[..., SX] = Cmec._blocked
     _lasted: Callable[..., SX] = Cmec._lasted

@@ -71,8 +71,7 @@ typedef struct {
     int watched_type;
     const double *stops;
     size_t stop_count;
-    const unsigned char *ended; /* a byte for each component */
-    size_t ended_count;
+    int is_asked; /* a step asked for what the loop lacks: a byte of it says whose, and what */
     int is_guarded; /* restore `mode` behind each call */
     uint32_t mode;
     int status; /* what a call answered that failed */
@@ -174,8 +173,9 @@ static void cast(const conversion *c)
         put_whole(c->to, c->to_type, whole(c->from, c->from_type));
 }
 
-static int make(const call *c, double time)
+static int make(walk *w, const call *c)
 {
+    const double time = *w->time;
     const conversion *first = c->from;
     switch (c->kind) {
     case ACCESS2: return ((access2)c->function)(c->to, c->from, c->count, c->values);
@@ -185,6 +185,7 @@ static int make(const call *c, double time)
         int status = ((step3)c->function)(c->to, time, c->step, true, c->event, c->ended, c->early, c->reached);
         if (*c->reached < time + c->step * NEARLY)
             *c->early = true;
+        w->is_asked |= *c->event || *c->ended || *c->early;
         return status;
     }
     case CAST:
@@ -203,7 +204,7 @@ static bool carry_out(walk *w, const list *list, size_t before)
 {
     for (size_t i = 0; i < list->count; i++) {
         w->position->call = (int64_t)(before + i);
-        int status = make(&list->calls[i], *w->time);
+        int status = make(w, &list->calls[i]);
         if (w->is_guarded && restore_mode(w->mode)) {
             w->position->restored++;
             w->position->restorer = (int64_t)(before + i);
@@ -215,14 +216,6 @@ static bool carry_out(walk *w, const list *list, size_t before)
     }
     w->position->call = -1;
     return true;
-}
-
-static bool is_ended(const walk *w)
-{
-    for (size_t i = 0; i < w->ended_count; i++)
-        if (w->ended[i])
-            return true;
-    return false;
 }
 
 static bool is_stopped(const walk *w)
@@ -255,14 +248,14 @@ EXPORT int run(walk *w, int64_t tick, int64_t end, int64_t last)
         __atomic_store_n(&w->position->rows, tick + 1, __ATOMIC_RELEASE); /* not before the row itself */
         if (!are_finite(w))
             return NOT_FINITE;
-        if (is_ended(w))
+        if (w->is_asked)
             return ENDED;
         if (is_stopped(w))
             return STOPPED;
         if (tick < last) {
             if (!carry_out(w, &w->advance, w->answer.count))
                 return FAILED;
-            if (is_ended(w))
+            if (w->is_asked)
                 return ENDED;
         }
     }

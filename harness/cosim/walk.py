@@ -179,8 +179,7 @@ class _Walk(ctypes.Structure):
         ("watched_type", ctypes.c_int),
         ("stops", ctypes.c_void_p),
         ("stop_count", ctypes.c_size_t),
-        ("ended", ctypes.c_void_p),
-        ("ended_count", ctypes.c_size_t),
+        ("is_asked", ctypes.c_int),
         ("is_guarded", ctypes.c_int),
         ("mode", ctypes.c_uint32),
         ("status", ctypes.c_int),
@@ -296,8 +295,6 @@ class NativeWalk(Walk):
             watched_type=_TYPES.index(self.watched.dtype.name),
             stops=self._stops.ctypes.data,
             stop_count=len(self._stops),
-            ended=ctypes.addressof(calls.ended),
-            ended_count=len(calls.ended),
             is_guarded=guard is not None,
             mode=0 if guard is None else guard.mode,
         )

@@ -20,11 +20,16 @@ from harness.trial import DEFAULT
 from harness.trial.scenario import Scenario, ScenarioError, checked, load, parse, with_estimator
 from models.canine_ahrs import CanineAhrs
 from models.errors import UsageError, nearest, printable
+from models.kit.block import Block
 from models.readings import ON_BOARD, READING
 from models.system import CONTROLLERS, ESTIMATOR, ESTIMATORS, PLANTS, SYSTEMS, find_estimator, find_system
 
 PACKAGE = "system.ssp"  # a log's attachment
-OURS = {"plant": PLANTS, "controller": CONTROLLERS}  # what takes a role's place by name
+OURS: dict[str, Mapping[str, type[Block]]] = {  # what takes a role's place by name
+    "plant": PLANTS,
+    "controller": CONTROLLERS,
+    "estimator": ESTIMATORS,
+}
 
 
 @dataclass(frozen=True)
@@ -234,21 +239,10 @@ def _with_estimator(request: Request, estimator: str | None) -> Request:
     if estimator is None:
         return request
     scenario, swaps = request.scenario, dict(request.swaps)
-    if estimator not in ESTIMATORS:
-        path = Path(estimator)
-        if estimator == CanineAhrs.title():
-            find_estimator(estimator)  # raises an error that says what it is for
-        if path.suffix != ".fmu" and not path.is_file():
-            raise UsageError(
-                f"--estimator {estimator}: expected the path of an FMU, or the name of one of ours"
-                f"{nearest(estimator, ESTIMATORS)}"
-            )
-        if not path.is_file():
-            raise UsageError(f'there is no FMU "{path}"{nearest_file(path)}')
-        return replace(request, swaps=swaps | {"estimator": path})
-    if scenario.system not in SYSTEMS:
-        own = build_folder() / f"fmi{request.fmi}" / f"{estimator}.fmu"
-        return replace(request, swaps=swaps | {"estimator": own})
+    if estimator == CanineAhrs.title():
+        find_estimator(estimator)  # raises an error that says what it is for
+    if estimator not in ESTIMATORS or scenario.system not in SYSTEMS:
+        return replace(request, swaps=swaps | {"estimator": _fmu(request, "estimator", estimator)})
     if scenario.system not in with_estimator():
         raise UsageError(
             f'--estimator {estimator}: the system "{scenario.system}" has no estimator; '

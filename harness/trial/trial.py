@@ -124,6 +124,11 @@ def has_begun(out: Path) -> bool:
     return (out / LOG).exists() and not (out / SUMMARY).exists()
 
 
+def what_is_left(out: Path) -> str:
+    """What is left of a trial that the user ended, in words."""
+    return f"the log up to there is {out / LOG}" if has_begun(out) else "nothing was logged"
+
+
 @contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
     """Lock a folder, so that no other trial writes into it. The lock ends with the process at the latest."""

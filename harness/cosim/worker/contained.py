@@ -26,8 +26,8 @@ from harness.cosim.loop import Outcome, Record, Stop
 from harness.cosim.ssp import FmuSystem, SspError
 from harness.cosim.stepping import DURATION, GIB, Event, Limits, Loop, Order
 from harness.cosim.wiring import wire
-from harness.cosim.worker.shared import IN_WORKER, UNHEARD, Channel, Companion, Job, SharedMemory
-from harness.interrupts import holdable_interrupts
+from harness.cosim.worker.shared import UNHEARD, Channel, Companion, Job, SharedMemory
+from harness.interrupts import IN_WORKER, holdable_interrupts
 from models.errors import CanineError, ParameterError, UsageError, WiringError, printable
 from models.kit.link import Values
 

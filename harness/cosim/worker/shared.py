@@ -24,7 +24,6 @@ from harness.cosim.stepping import Loop, Order
 from models.kit.link import Values
 
 TEXT = 400  # bytes for the call that is being made
-IN_WORKER = "CANINE_WORKER"  # in the environment of a worker, whose processes stay in its session
 UNHEARD = 77  # exit status of a worker whose connection is lost
 ROWS, FEWEST_ROWS, MOST_BYTES = 4000, 200, 2**26  # rows that are kept for the parent, and their memory
 

@@ -20,7 +20,7 @@ from codegen.firmware.rabbit4000 import rabbit4000_image
 from codegen.firmware.targets import Target
 from codegen.toolchains.compiler import NUMERICS, WARNINGS, build_library, compiler_version, this_platform
 from codegen.toolchains.sdcc import home
-from harness.cosim.worker.shared import IN_WORKER
+from harness.interrupts import IN_WORKER
 from harness.onboard.processors.processor import (
     COUNTS,
     MAX_BYTES,
