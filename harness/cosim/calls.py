@@ -51,7 +51,7 @@ class Calls:
         free: by component, set the inputs that no link feeds.
         ended: `ASKS` bytes for each component; one becomes 1 when its step asks for what this loop lacks.
         reached: the times that steps reached, of `answer` and of `advance`.
-        time: s, of the tick; read by every step.
+        time: s, of the tick; `now`: the same for the FMUs, `start` later, which every step reads.
         tick: `answer` and `advance`: where a walk is in it, its recorder says.
     """
 
@@ -65,7 +65,8 @@ class Calls:
     ) -> None:
         self._components, self._mark = components, mark
         self._whose: dict[int, tuple[str, str]] = {}
-        self.time = ctypes.c_double(0.0)
+        self.start = wiring.start
+        self.time, self.now = ctypes.c_double(0.0), ctypes.c_double(self.start)
         self.ended = (ctypes.c_char * (ASKS * len(components) + 1))()
         gathers: dict[str, list[Call]] = {name: [] for name in components}
         sets: dict[str, list[Call]] = {name: [] for name in components}
@@ -88,7 +89,7 @@ class Calls:
         self.reached: tuple[list[Reached], list[Reached]] = ([], [])
         for index, (name, component) in enumerate(components.items()):
             asks = ASKS * index
-            steps[name] = component.stepping(self.time, wiring.step, ctypes.addressof(self.ended) + asks)
+            steps[name] = component.stepping(self.now, wiring.step, ctypes.addressof(self.ended) + asks)
             if component.reached is not None:
                 self.reached[name in wiring.plants].append((component.reached, asks + EARLY))
             self._whose[id(steps[name])] = (name, f"fmi{component.description.version}DoStep")
@@ -113,6 +114,10 @@ class Calls:
         what = f"fmi{version}{verb}{quantities[0].access.fmi} of {names}"
         self._whose[id(call)] = (name, what)
         return call
+
+    def set_time(self, time: float) -> None:
+        """Begin the tick at a time [s]."""
+        self.time.value, self.now.value = time, self.start + time
 
     def carry_out(self, calls: Sequence[Call]) -> None:
         """Make calls, one after the other.

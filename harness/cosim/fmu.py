@@ -400,6 +400,7 @@ class FmuInstance:
         path: the .fmu file.
         label: how errors call it; by default `name file.fmu`.
         mark: told which call is being made, outside of the loop, and `"", ""` when it is over.
+        start: s, the time that it begins at.
 
     Raises:
         FmuError, ArchiveError, XmlError: it cannot be unpacked, read, loaded or instantiated.
@@ -411,8 +412,9 @@ class FmuInstance:
         path: Path,
         label: str = "",
         mark: Mark = unmarked,
+        start: float = 0.0,
     ) -> None:
-        self.name, self._mark = name, mark
+        self.name, self._mark, self._start = name, mark, start
         self.reached: ctypes.c_double | None = None
         self.label = label or f"{name} {path.name}"
         self._scratch = Scratch()
@@ -554,7 +556,7 @@ class FmuInstance:
             self._keep.pop()
 
     def initialize(self, values: Mapping[str, float]) -> None:
-        """Set parameters and inputs, and bring the instance to time 0.
+        """Set parameters and inputs, and bring the instance to its start time.
 
         Raises:
             FmuError: a name that it lacks, or a status other than ok or warning.
@@ -564,14 +566,14 @@ class FmuInstance:
 
     def _initialize(self, values: Mapping[str, float]) -> None:
         self.set_values(values)
-        no, zero = ctypes.c_int(0), ctypes.c_double(0.0)
+        no, zero, start = ctypes.c_int(0), ctypes.c_double(0.0), ctypes.c_double(self._start)
         if self.description.version == 2:
-            experiment = (self._handle, no, zero, zero, no, zero)
+            experiment = (self._handle, no, zero, start, no, zero)
             self.call((self._function("fmi2SetupExperiment"), experiment), "fmi2SetupExperiment", 0.0)
             enter: tuple[Any, ...] = (self._handle,)
         else:
             off = ctypes.c_bool(False)
-            enter = (self._handle, off, zero, zero, off, zero)
+            enter = (self._handle, off, zero, start, off, zero)
         for name, arguments in (
             ("EnterInitializationMode", enter),
             ("ExitInitializationMode", (self._handle,)),

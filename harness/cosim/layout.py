@@ -70,6 +70,18 @@ class Conversion(Cast):
         return float(whole.min), high if int(high) <= whole.max else math.nextafter(high, 0.0)
 
 
+@dataclass(frozen=True, eq=False)
+class Replacement(Cast):
+    """Replaces whole numbers by the tables (n,) of the values; what a table lacks stays."""
+
+    tables: Sequence[Mapping[int, int]]
+
+    def __call__(self) -> None:
+        values = self.source[self.picked].astype(np.int64).tolist()
+        replaced = [table.get(value, value) for value, table in zip(values, self.tables, strict=True)]
+        self.target[:] = np.array(replaced, dtype=np.int64)
+
+
 @dataclass(eq=False)
 class Slot:
     """Consecutive values of one type in the block: `access.dtype` times the quantities of one component."""
@@ -163,11 +175,11 @@ class Layout:
     def _plan(self, links: Sequence[ScaledLink]) -> list[Transfer]:
         """One transfer for each source, target and type, in the order in which the source's values lie."""
         place = {(s.component, q.name): (s, i) for s in self.outputs for i, q in enumerate(s.quantities)}
-        transfers: dict[tuple[int, str, Access], Transfer] = {}
+        transfers: dict[tuple[int, str, Access, bool], Transfer] = {}
         for link in sorted(links, key=lambda k: place[k.source, k.source_variable][1]):
             slot, index = place[link.source, link.source_variable]
             quantity = self._fmus[link.target].inputs[link.target_variable]
-            key = (id(slot), link.target, quantity.access)
+            key = (id(slot), link.target, quantity.access, bool(link.table))
             transfer = transfers.setdefault(key, Transfer(slot, [], link.target, [], []))
             transfer.picked.append(index)
             transfer.quantities.append(quantity)
@@ -203,6 +215,8 @@ class Layout:
         source, picked = self.view(transfer.source), np.array(transfer.picked)
         if not any(link.converts for link in transfer.links):
             return Cast(target, source, picked), ()
+        if transfer.links[0].table:
+            return Replacement(target, source, picked, [dict(link.table) for link in transfer.links]), ()
         factor = np.array([link.factor for link in transfer.links])
         offset = np.array([link.offset for link in transfer.links])
         return Conversion(target, source, picked, factor, offset), ()

@@ -1,10 +1,11 @@
 """The co-simulation master: instances of FMUs stepped together, tick by tick.
 
-Time is tick * step, never summed. All components have one communication step. **Sequential**: within a tick
-every component gets its inputs and is stepped in data-flow order, so that it answers to what its sources
-answered in the same tick; plants, whose outputs do not depend on their inputs within a step, are stepped
-last. **Jacobi**: all inputs are exchanged, then all are stepped; every link delays one tick. The row of tick
-k holds the plants' outputs at t_k and the other components' answer to it.
+Time is tick * step, never summed; FMUs are given that after their package's start time. All components have
+one communication step. **Sequential**: within a tick every component gets its inputs and is stepped in
+data-flow order, so that it answers to what its sources answered in the same tick; plants, whose outputs do
+not depend on their inputs within a step, are stepped last. **Jacobi**: all inputs are exchanged, then all are
+stepped; every link delays one tick. The row of tick k holds the plants' outputs at t_k and the other
+components' answer to it.
 
 A tick is a list of C calls whose arguments are made once (`calls`) on one block of memory (`layout`); a walk
 makes them (`walk`), in C or in Python, and leaves the rows in a recorder's memory (`recorder`).
@@ -102,7 +103,8 @@ class Simulation:
             self.components: dict[str, Instance] = {}
             for name, part in system.components.items():
                 stand_in = (stand_ins or {}).get(name)
-                component = stand_in or FmuInstance(name, part.fmu, (labels or {}).get(name, ""), mark)
+                label = (labels or {}).get(name, "")
+                component = stand_in or FmuInstance(name, part.fmu, label, mark, system.start_time)
                 self.components[name] = self._stack.enter_context(component)
             self.fmus: dict[str, FmuDescription] = {n: c.description for n, c in self.components.items()}
             self.wiring: Wiring = wire(system, self.fmus, order, plants)
@@ -202,7 +204,7 @@ class Simulation:
         parts, guard = (calls, self._layout, step, recorder, watched), self._guard
         native = self._native
         walk = NativeWalk(*parts, native=native, guard=guard) if native else Walk(*parts, guard=guard)
-        calls.time.value = 0.0
+        calls.set_time(0.0)
         with held_interrupts():
             for name, values in self._free.items():
                 self._set(name, values)
@@ -214,7 +216,7 @@ class Simulation:
             started = clock()
             try:
                 while reason is None and (tick := position.rows) <= last:
-                    calls.time.value = tick * step
+                    calls.set_time(tick * step)
                     with hold:
                         for name, values in changes.pop(tick, {}).items():
                             self._set(name, values)

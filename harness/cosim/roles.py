@@ -368,6 +368,11 @@ _SENSED = dict(flatten(Sensors.group("output")))
 
 def _adapted(link: ScaledLink, source: Rename, target: Rename) -> ScaledLink:
     """The link by the FMU's names: the source's conversion, the link's own, then the target's."""
+    if link.table and any((end.factor, end.offset) != (1.0, 0.0) for end in (source, target)):
+        raise RoleError(
+            f"link {link}: the package replaces its whole numbers by a table; leave factor and offset out of "
+            "the mapping file"
+        )
     factor = target.factor * link.factor * source.factor
     offset = target.factor * (link.factor * source.offset + link.offset) + target.offset
     return replace(

@@ -63,24 +63,35 @@ class FmuComponent:
 
 @dataclass(frozen=True)
 class ScaledLink(Link):
-    """A link whose target gets factor * source + offset."""
+    """A link whose target gets factor * source + offset, or what a table has for the source's whole number.
+
+    Attributes:
+        table: pairs of a whole number and the one that replaces it; others stay.
+    """
 
     factor: float = 1.0
     offset: float = 0.0
+    table: tuple[tuple[int, int], ...] = ()
 
     @property
     def converts(self) -> bool:
         """Does the value change on the way?"""
-        return (self.factor, self.offset) != (1.0, 0.0)
+        return (self.factor, self.offset) != (1.0, 0.0) or bool(self.table)
 
 
 @dataclass(frozen=True)
 class FmuSystem:
-    """A wired system of FMUs: what the harness runs; `files` are its package's, by their names there."""
+    """A wired system of FMUs: what the harness runs.
+
+    Attributes:
+        start_time, stop_time: s, of the package's experiment; FMUs begin at the first.
+        files: the package's, by their names there.
+    """
 
     name: str
     components: dict[str, FmuComponent]
     links: tuple[ScaledLink, ...]
+    start_time: float = 0.0
     stop_time: float | None = None
     files: Mapping[str, Path] = field(default_factory=dict)
 
@@ -176,7 +187,7 @@ class _Reader:
         for target, value in self.bindings(parts.get("ParameterBindings"), "the system").items():
             for component_name, variable in through.get(target) or [self.address(target)]:
                 self.components[component_name].values[variable] = value
-        return FmuSystem(name, self.components, links, stop, self.files)
+        return FmuSystem(name, self.components, links, stop_time=stop, files=self.files)
 
     def address(self, name: str) -> tuple[str, str]:
         component, _, variable = name.partition(".")

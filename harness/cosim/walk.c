@@ -12,7 +12,7 @@
 #define EXPORT __attribute__((visibility("default")))
 #endif
 
-enum kind { COPY, CAST, CONVERT, ACCESS2, ACCESS3, STEP2, STEP3 };
+enum kind { COPY, CAST, CONVERT, REPLACE, ACCESS2, ACCESS3, STEP2, STEP3 };
 enum type { FLOAT64, FLOAT32, INT8, INT16, INT32, INT64, UINT8, UINT16, UINT32, UINT64 };
 enum pause { NONE, FAILED, NOT_FINITE, STOPPED, ENDED };
 enum { OK, WARNING };
@@ -28,6 +28,8 @@ typedef struct { /* of one value: to = factor * from + offset, whole numbers rou
     const void *from;
     void *to;
     double factor, offset, low, high;
+    const int64_t *table; /* whole numbers, each followed by the one that replaces it */
+    size_t entries;
 } conversion;
 
 typedef struct {
@@ -58,6 +60,8 @@ typedef struct { /* in memory of the caller, which another process may read */
 typedef struct {
     list answer, advance; /* up to the row of a tick, and after it */
     double *time;         /* s, of the tick; Python reads it too */
+    double *now;          /* s, the same for the FMUs: start + time */
+    double start;
     double step;          /* s, from tick to tick */
     const unsigned char *block; /* a row is a copy of it */
     size_t size;
@@ -173,9 +177,20 @@ static void cast(const conversion *c)
         put_whole(c->to, c->to_type, whole(c->from, c->from_type));
 }
 
+static void replace(const conversion *c)
+{
+    uint64_t x = whole(c->from, c->from_type);
+    for (size_t i = 0; i < c->entries; i++)
+        if ((uint64_t)c->table[2 * i] == x) {
+            x = (uint64_t)c->table[2 * i + 1];
+            break;
+        }
+    put_whole(c->to, c->to_type, x);
+}
+
 static int make(walk *w, const call *c)
 {
-    const double time = *w->time;
+    const double time = *w->now;
     const conversion *first = c->from;
     switch (c->kind) {
     case ACCESS2: return ((access2)c->function)(c->to, c->from, c->count, c->values);
@@ -195,6 +210,10 @@ static int make(walk *w, const call *c)
     case CONVERT:
         for (size_t i = 0; i < c->count; i++)
             put_real(&first[i], real(first[i].from, first[i].from_type) * first[i].factor + first[i].offset);
+        return OK;
+    case REPLACE:
+        for (size_t i = 0; i < c->count; i++)
+            replace(&first[i]);
         return OK;
     default: memcpy(c->to, c->from, c->count); return OK;
     }
@@ -242,6 +261,7 @@ EXPORT int run(walk *w, int64_t tick, int64_t end, int64_t last)
     for (; tick < end; tick++) {
         w->position->tick = tick;
         *w->time = (double)tick * w->step;
+        *w->now = w->start + *w->time;
         if (!carry_out(w, &w->answer, 0))
             return FAILED;
         memcpy(w->rows + (size_t)(tick % w->room) * w->size, w->block, w->size);

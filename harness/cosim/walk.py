@@ -23,7 +23,7 @@ from codegen.cache import stored
 from codegen.toolchains.compiler import FLAGS, CompileError, build_library, compiler_version, this_platform
 from harness.cosim.calls import Calls, Reached
 from harness.cosim.fmu import Call, Function
-from harness.cosim.layout import Cast, Conversion, Layout, copy
+from harness.cosim.layout import Cast, Conversion, Layout, Replacement, copy
 from harness.cosim.recorder import Recorder
 
 MANY = 100  # ticks at once, at most
@@ -90,11 +90,11 @@ class Walk:
         answer, advance = numbered[: len(calls.answer)], numbered[len(calls.answer) :]
         answered, advanced = calls.reached
         watched, stops = self.watched.item, self.stops
-        now, ended, none_ended = calls.time, calls.ended, bytes(len(calls.ended))
+        ended, none_ended = calls.ended, bytes(len(calls.ended))
         tests: list[tuple[Any, Any]] = [(reals.dot, np.zeros_like(reals)) for reals in self.reals]
         for moment in range(tick, end):
             position.tick = moment
-            now.value = moment * self.step
+            calls.set_time(moment * self.step)
             with self.hold:
                 self._carry_out(answer, answered)
             copy(*saves[moment % len(saves)])
@@ -123,7 +123,7 @@ class Walk:
                 calls.fail(status, calls.tick[position.call])
         position.call = -1
         for at, place in reached:
-            if at.value < calls.time.value + self.step * NEARLY:
+            if at.value < calls.now.value + self.step * NEARLY:
                 calls.ended[place] = b"\1"
 
 
@@ -137,6 +137,8 @@ class _Conversion(ctypes.Structure):
         ("offset", ctypes.c_double),
         ("low", ctypes.c_double),
         ("high", ctypes.c_double),
+        ("table", ctypes.c_void_p),
+        ("entries", ctypes.c_size_t),
     ]
 
 
@@ -165,6 +167,8 @@ class _Walk(ctypes.Structure):
         ("answer", _List),
         ("advance", _List),
         ("time", ctypes.c_void_p),
+        ("now", ctypes.c_void_p),
+        ("start", ctypes.c_double),
         ("step", ctypes.c_double),
         ("block", ctypes.c_void_p),
         ("size", ctypes.c_size_t),
@@ -186,7 +190,7 @@ class _Walk(ctypes.Structure):
     ]
 
 
-_COPY, _CAST, _CONVERT, _ACCESS2, _ACCESS3, _STEP2, _STEP3 = range(7)  # `enum kind`
+_COPY, _CAST, _CONVERT, _REPLACE, _ACCESS2, _ACCESS3, _STEP2, _STEP3 = range(8)  # `enum kind`
 _KINDS = {
     (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p): _ACCESS2,
     (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p, ctypes.c_size_t): _ACCESS3,
@@ -227,7 +231,15 @@ class Native:
         if isinstance(function, Cast):
             conversions = _conversions(function)
             self._keep.append(conversions)
-            kind = _CONVERT if isinstance(function, Conversion) else _CAST
+            kind = _CAST
+            if isinstance(function, Conversion):
+                kind = _CONVERT
+            elif isinstance(function, Replacement):
+                kind = _REPLACE
+                for conversion, table in zip(conversions, function.tables, strict=True):
+                    pairs = np.array([*table.items()], dtype=np.int64)
+                    self._keep.append(pairs)
+                    conversion.table, conversion.entries = pairs.ctypes.data, len(pairs)
             return _Call(kind, from_=ctypes.addressof(conversions), count=len(conversions))
         values = [argument.value or 0 for argument in arguments if hasattr(argument, "value")]
         if function is copy:
@@ -281,6 +293,8 @@ class NativeWalk(Walk):
             answer=native.answer,
             advance=native.advance,
             time=ctypes.addressof(calls.time),
+            now=ctypes.addressof(calls.now),
+            start=calls.start,
             step=step,
             block=layout.block.ctypes.data,
             size=len(layout.block),

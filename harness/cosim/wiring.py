@@ -14,6 +14,7 @@ from harness.cosim.fmu import FmuDescription, FmuError
 from harness.cosim.ssp import FmuSystem, ScaledLink, SspError
 from harness.cosim.stepping import Order
 from models.errors import WiringError
+from models.kit.declaration import Type
 from models.kit.timing import TICK
 
 STEP_TOLERANCE = 1e-6  # of the step
@@ -27,6 +28,7 @@ class Wiring:
         order: components in the order in which they are stepped, plants last.
         plants: those whose outputs do not depend on their inputs within a step.
         step: s, the communication step of all.
+        start: s, the time that the FMUs begin at.
         delays: for each link, how many ticks pass from the source's step to the target's that uses it.
         free: inputs that nothing feeds, by component.
     """
@@ -36,6 +38,7 @@ class Wiring:
     step: float
     delays: tuple[tuple[ScaledLink, int], ...]
     free: dict[str, tuple[str, ...]]
+    start: float = 0.0
 
 
 def wire(
@@ -87,6 +90,7 @@ def wire(
         step=_common_step(fmus),
         delays=tuple((link, int(order == "jacobi" or link.source in last)) for link in system.links),
         free=free,
+        start=system.start_time,
     )
 
 
@@ -101,6 +105,8 @@ def _check_link(link: ScaledLink, fmus: Mapping[str, FmuDescription]) -> None:
             f"link {link}: the source is {source.type.value}, the target {target.type.value}; "
             "connect equal types"
         )
+    if link.table and Type.REAL in (source.type, target.type):
+        raise WiringError(f"link {link}: its table replaces whole numbers, the source is Real")
     from_unit, to_unit = fmus[link.source].unit(source), fmus[link.target].unit(target)
     if from_unit is None or to_unit is None:
         return

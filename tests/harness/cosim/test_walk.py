@@ -18,7 +18,7 @@ import pytest
 from codegen.toolchains.compiler import CompileError
 from harness.cosim import walk
 from harness.cosim.fmu import Call, FmuError, FmuInstance
-from harness.cosim.layout import Cast, Conversion
+from harness.cosim.layout import Cast, Conversion, Replacement
 from harness.cosim.loop import Array, Outcome, Simulation, Stop
 from harness.cosim.recorder import Recorder
 from harness.cosim.ssp import FmuComponent, FmuSystem, ScaledLink
@@ -63,7 +63,14 @@ def toy(
 Run = tuple[Outcome | str, list[float], dict[str, Array]]
 
 
-def run(system: FmuSystem, *, loop: Loop, order: Order = "sequential", stop: Stop | None = None) -> Run:
+def run(
+    system: FmuSystem,
+    *,
+    loop: Loop,
+    order: Order = "sequential",
+    stop: Stop | None = None,
+    events: Sequence[Event] = EVENTS,
+) -> Run:
     """How it ended, and all rows."""
     times: list[float] = []
     rows: dict[str, list[Array]] = {name: [] for name in system.components}
@@ -75,7 +82,7 @@ def run(system: FmuSystem, *, loop: Loop, order: Order = "sequential", stop: Sto
 
     with Simulation(system, {}, order, loop=loop) as simulation:
         try:
-            end: Outcome | str = simulation.run(EVENTS, duration=2.4, stop=stop, record=record)
+            end: Outcome | str = simulation.run(events, duration=2.4, stop=stop, record=record)
         except FmuError as error:
             end = str(error)
     return end, times, {name: np.concatenate(parts) for name, parts in rows.items()}
@@ -162,7 +169,8 @@ def carried(function: Cast, loop: type[Walk]) -> list[Any]:
     function.target[:] = 77
     alone = SimpleNamespace(
         answer=[(function, ())], advance=[], tick=[(function, ())],
-        time=ctypes.c_double(), ended=(ctypes.c_char * 1)(), reached=([], []),
+        time=ctypes.c_double(), now=ctypes.c_double(), start=0.0, set_time=lambda time: None,
+        ended=(ctypes.c_char * 1)(), reached=([], []),
     )  # fmt: skip
     nothing = SimpleNamespace(block=np.zeros(8, dtype=np.uint8), reals=list)
     options: dict[str, Any] = {} if loop is Walk else {"native": Native(cast(Any, alone))}
@@ -195,6 +203,55 @@ def test_both_loops_carry_the_extremes_of_every_type_alike(source: str, target: 
         scale = np.full(len(values), factor), np.full(len(values), offset)
         conversion = Conversion(goal, values, picked, *scale)
         assert carried(conversion, NativeWalk) == carried(conversion, Walk)
+
+
+@pytest.mark.parametrize(("source", "target"), [*product(TYPES, TYPES)])
+def test_both_loops_replace_whole_numbers_by_their_tables_alike(source: str, target: str) -> None:
+    # given a table for each second number: 7 becomes 1, 1 becomes 100, the largest 0; others stay
+    values = extremes(source)
+    table = {7: 1, 1: 100, int(np.int64(np.uint64(int(values[-1])).astype(np.int64))): 0}
+    goal = np.zeros(len(values), dtype=target)
+    replacement = Replacement(goal, values, np.arange(len(values)), [table, {}] * 4 + [table])
+    # then 1 and 7 lie at places with a table and without
+    expected = values.astype(target)
+    expected[-1], expected[4] = 0, 1
+    assert carried(replacement, Walk) == [value.tobytes() for value in expected]
+    assert carried(replacement, NativeWalk) == carried(replacement, Walk)
+
+
+@pytest.mark.parametrize("order", ["sequential", "jacobi"])
+def test_a_table_on_the_way_replaces_whole_numbers(tmp_path: Path, order: Order) -> None:
+    # given a plant that takes the controller's count, 2 in the place of 1 and -5 in the place of 3
+    n = V("n", "input", "Int32")
+    links = (*LINKS, ScaledLink("controller", "n", "plant", "n", table=((1, 2), (3, -5))))
+    # when
+    _, _, rows = assert_same(toy(tmp_path, links=links, variables=[*PLANT, n]), order=order)
+    # then the rows of the plant have it in the same tick, or in jacobi order a tick later
+    taken = rows["plant"][:, 1].astype(int).tolist()
+    assert taken[:6] == {"sequential": [2, 2, -5, 4, 5, 6], "jacobi": [0, 2, 2, -5, 4, 5]}[order]
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("loop", ["native", "python"])
+def test_fmus_begin_at_the_start_time_and_rows_at_zero(tmp_path: Path, version: int, loop: Loop) -> None:
+    # given a plant that gives the time at the end of its step, and a start at 10.5 s
+    clock = tiny_fmu(tmp_path / "clock.fmu", [V("now")], "v[0] = t + h;", version=version)
+    system = FmuSystem("toy", {"clock": FmuComponent("clock", clock)}, (), start_time=10.5)
+    # when
+    end, times, rows = run(system, loop=loop, events=())
+    # then
+    assert end == Outcome(61, 60 * 0.04, None)
+    assert times == [k * 0.04 for k in range(61)]
+    assert rows["clock"][:, 0].tolist() == [0.0, *(10.5 + k * 0.04 + 0.04 for k in range(60))]
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_an_error_tells_the_trial_s_time_whatever_the_start_time(tmp_path: Path, version: int) -> None:
+    bad = tiny_fmu(tmp_path / "bad.fmu", [V("y")], "if (t > 10.99) return 3;", version=version)
+    system = FmuSystem("toy", {"bad": FmuComponent("bad", bad)}, (), start_time=10.0)
+    text = f"bad bad.fmu: fmi{version}DoStep returned error at t = 1 s"
+    assert run(system, loop="native", events=())[0] == text
+    assert run(system, loop="python", events=())[0] == text
 
 
 @pytest.mark.parametrize("loop", [Walk, NativeWalk])
