@@ -53,7 +53,9 @@ class Cmec(Fenced):
     waypoint = Output(Integer, "number of waypoints reached", min=0, max=MAX_WAYPOINTS)
     distance = Output("m", "d: distance to the target")
     deviation = Output("rad", "h: orientation deviation from the target, right positive")
-    directional_commands = Output(Integer, "LEFT and RIGHT commands issued in this trial", min=0)
+    directional_commands = Output(
+        Integer, "LEFT and RIGHT commands issued in this trial, and one that the budget refused", min=0
+    )
     anomaly = Output(Anomaly, "anomaly that is reported on this tick")
 
     # Table 4.2

@@ -50,7 +50,7 @@ def firmware_of(
         settings: `block.name=value` over it.
         estimator: its name; None for the scenario's.
         ahrs: with the AHRS before it, even if the scenario has none.
-        note: is told if the scenario has a mission, which the firmware gets by radio instead.
+        note: is told what of the scenario the operator does by radio instead: the mission, and orders.
 
     Raises:
         ScenarioError: it cannot be read, or a parameter does not exist or is out of its range.
@@ -60,6 +60,8 @@ def firmware_of(
     written = load(scenario, mission=False) if scenario else Scenario("--set")
     if mission := [name for name in ("waypoints", "fence") if getattr(written, name)]:
         note(f"{scenario}: {' and '.join(mission)} are not built in; the operator's MISSION sends them")
+    if written.sets:
+        note(f"{scenario}: its [[set]] are not built in; the operator orders by radio")
     written = replace(written, reading=written.reading or ON_BOARD)
     name = "full_ahrs" if ahrs or written.system == "full_ahrs" else "full"
     system = find_system(name, estimator or written.estimator)

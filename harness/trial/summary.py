@@ -13,6 +13,7 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
+from codegen.firmware.telemetry import Refusal
 from codegen.templating import environment
 from harness.files import write_whole
 from harness.log.channel import Array
@@ -41,12 +42,13 @@ STOPPED_BY = {  # what ends a trial in STOPPED, in words
     Anomaly.TIME_OUT: "the time for a leg, a recall or the mission was over (rule 4)",
     Anomaly.OUTSIDE_FENCE: "the animal was outside the fence (rule 7)",
 }
+TOO_MANY = "another directional command was needed, after MAXTURN of them"
 LABELS = {
     "scenario": "scenario",
     "seed": "seed",
     "estimator": "estimator",  # shown if it is another than the default
     "outcome": "outcome",
-    "stopped_by": "stopped by",  # shown if the controller stopped
+    "stopped_by": "ended by",  # shown if anything did
     "time_s": "time",
     "waypoints_reached": "waypoints reached",
     "directional_commands": "directional commands",
@@ -64,8 +66,9 @@ def summarize(log: Log, real_time_factor: float | None = None, notes: Sequence[s
     - `outcome` follows from the last `status` of the controller: `success`, `failed` or `stopped`. Otherwise
       it is `timeout`, or `stopped` if the log is broken: something else ended the run. A run without a
       controller times out.
-    - `stopped_by` says in words which safety rule stopped it (models/SAFETY.md), that the operator did, or
-      what else ended the run; None if nothing did.
+    - `stopped_by` says in words which safety rule stopped it (models/SAFETY.md), that the operator did, what
+      else ended the run, why the trial failed, or why the vest let none begin; None after a success, and if
+      the time was over.
     - `estimator` names what estimated, with what gave it its attitude; None without an estimator.
     - `time_s` is when the controller took that status, or the end of the run.
     - `anomalies` counts the ticks that reported each kind, by name: the controller's, then the estimator's.
@@ -119,14 +122,21 @@ def _since(log: Log) -> int:
 
 
 def stopped_by(log: Log) -> str | None:
-    """What stopped the trial, in words: the anomaly of the tick on which the controller stopped.
+    """Why a trial did not succeed, in words: the anomaly of the tick on which the controller stopped.
 
     One that ends no trial, such as an invalid estimate, came then by chance: the operator stopped it. If the
     log is not whole, the reason for that.
     """
-    if "controller.status" not in log or log["controller.status"][-1] != Status.STOPPED:
-        return log.broken if log.broken and _outcome(log)[0] == "stopped" else None
+    outcome, _ = _outcome(log)
+    status = log["controller.status"][-1] if "controller.status" in log else Status.IDLE
+    if outcome == "timeout" and status == Status.IDLE and "telemetry.refusal" in log:
+        refusal = Refusal(int(log["telemetry.refusal"][-1]))
+        return f"START was refused: {refusal.words}" if refusal else None
+    if status not in (Status.STOPPED, Status.FAILED):
+        return log.broken if log.broken and outcome == "stopped" else None
     code = log["controller.anomaly"][_since(log)] if "controller.anomaly" in log else Anomaly.NONE
+    if status == Status.FAILED:
+        return TOO_MANY if code == Anomaly.TRIAL_FAILURE else None
     known = {int(anomaly): STOPPED_BY.get(anomaly, STOPPED_BY[Anomaly.NONE]) for anomaly in Anomaly}
     return known.get(code, named(Anomaly, code))
 

@@ -93,7 +93,7 @@ def test_a_fault_ends_with_its_name_status_1_and_all_files_up_to_it(
     # then the table, the last line and the summary say so
     words = 'plant dog.fmu: output "v" is nan at t = 1.04 s; expected a finite number'
     assert status == 1
-    assert f"stopped by            {words}" in text
+    assert f"ended by              {words}" in text
     assert error.splitlines()[-1] == f"canine: {words}"
     assert json.loads((tmp_path / "summary.json").read_text())["fault"]["text"] == words
     log = read_log(tmp_path / "trial.mcap")

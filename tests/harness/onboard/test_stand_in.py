@@ -701,10 +701,11 @@ def test_rule_8_a_trial_that_the_vest_refuses_says_why(
     scenario = replace(load("two_waypoint"), waypoints=((north, 0.0),), duration=2.0, parameters=exact)
     request = Request(scenario, onboard="host")
     with prepared(request) as ready:
-        # when it has run, then a note tells
-        notes = trial.run(request, ready, tmp_path)["notes"]
-    refusals = [note for note in notes if "refused" in note]
+        # when it has run, then a note tells, and what ended the trial
+        summary = trial.run(request, ready, tmp_path)
+    refusals = [note for note in summary["notes"] if "refused" in note]
     assert refusals == ([f"the vest refused the last START: {refusal.words}"] if refusal else [])
+    assert summary["stopped_by"] == (f"START was refused: {refusal.words}" if refusal else None)
 
 
 def test_outage_sends_no_fixes_and_the_estimate_ages(tmp_path: Path) -> None:

@@ -81,18 +81,19 @@ def test_the_summary_of_a_trial_is_that_derived_by_hand() -> None:
 
 
 @pytest.mark.parametrize(
-    ("anomaly", "words"),
+    ("last", "anomaly", "words"),
     [
-        ([6, 2, 9, 0], "the budget of stimuli was spent (rule 3)"),
-        ([6, 2, 6, 0], "the radio link was lost (rule 9)"),
-        ([6, 2, 0, 2], "the operator"),
-        ([6, 2, 7, 0], "the operator"),  # the estimate became invalid on the same tick
-        ([6, 2, 13, 0], "the animal was outside the fence (rule 7)"),
+        (4, [6, 2, 9, 0], "the budget of stimuli was spent (rule 3)"),
+        (4, [6, 2, 6, 0], "the radio link was lost (rule 9)"),
+        (4, [6, 2, 0, 2], "the operator"),
+        (4, [6, 2, 7, 0], "the operator"),  # the estimate became invalid on the same tick
+        (4, [6, 2, 13, 0], "the animal was outside the fence (rule 7)"),
+        (3, [6, 2, 5, 0], "another directional command was needed, after MAXTURN of them"),
     ],
 )
-def test_what_stopped_the_trial_is_said_in_words(anomaly: list[float], words: str) -> None:
-    # given a controller that stops on the third tick
-    log = little(status=[1, 1, 4, 4], anomaly=anomaly)
+def test_what_ended_the_trial_is_said_in_words(last: int, anomaly: list[float], words: str) -> None:
+    # given a controller that stops, or fails, on the third tick
+    log = little(status=[1, 1, last, last], anomaly=anomaly)
     summary = summarize(log, notes=["a note & more"])
     # then summary, table, picture and page say why
     assert summary["stopped_by"] == words
@@ -180,6 +181,7 @@ def test_the_table_shows_every_key_in_words() -> None:
         "scenario <three>",
         "seed 7",
         "outcome failed",
+        "ended by another directional command was needed, after MAXTURN of them",
         "time 0.50 s",
         "waypoints reached 1",
         "directional commands 3",
