@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from harness.front_door import (
+        EndedByFaultError,
         Log,
         LogComparison,
         Recovery,
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
+    "EndedByFaultError",
     "Log",
     "LogComparison",
     "Recovery",

@@ -22,7 +22,7 @@ from harness.console import (
     say_where,
     short,
 )
-from harness.cosim.stepping import GIB, Event, Limits, Loop, Order
+from harness.cosim.stepping import CALL_LIMIT_S, GIB, MEMORY_LIMIT_GIB, Event, Limits, Loop, Order
 from harness.options import Seed, Settings
 from harness.recording import STREAMS
 from harness.replay import EVERY_S, OUTAGE_S
@@ -165,10 +165,18 @@ def run(
         typer.Option(help="in C or in Python, with the same log; native by default, python with --onboard"),
     ] = None,
     call_limit: Annotated[
-        float, typer.Option(min=0.1, max=3600, help="s that one call of an FMU made elsewhere may take")
+        float,
+        typer.Option(
+            min=CALL_LIMIT_S[0], max=CALL_LIMIT_S[1], help="s that one call of an FMU made elsewhere may take"
+        ),
     ] = Limits.call,
     memory_limit: Annotated[
-        float, typer.Option(min=0.5, max=1024, help="GiB that all FMUs may take, if one was made elsewhere")
+        float,
+        typer.Option(
+            min=MEMORY_LIMIT_GIB[0],
+            max=MEMORY_LIMIT_GIB[1],
+            help="GiB that all FMUs may take, if one was made elsewhere",
+        ),
     ] = Limits.memory / GIB,
     folder: Annotated[
         Path | None,

@@ -14,7 +14,7 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from harness.cosim.stepping import Loop, Order
+from harness.cosim.stepping import CALL_LIMIT_S, GIB, MEMORY_LIMIT_GIB, Limits, Loop, Order
 from harness.log.compare import LogComparison, Tolerances, compare
 from harness.log.log import Log, log_of, read_log
 from harness.log.recover import Recovery, recover
@@ -23,10 +23,12 @@ from harness.trial import DEFAULT, trial
 from harness.trial.prepare import prepared
 from harness.trial.request import Changes, build_missing, requested
 from harness.trial.scenario import Scenario, Setting, Written, load, shipped, toml_of
+from harness.trial.trial import EndedByFaultError
 from models.errors import UsageError
 from models.readings import READINGS
 
 __all__ = [
+    "EndedByFaultError",
     "Log",
     "LogComparison",
     "Recovery",
@@ -223,6 +225,8 @@ def run_trial(
     fmi: Literal[2, 3] | None = None,
     onboard: str | None = None,
     loop: Loop | None = None,
+    call_limit: float = Limits.call,
+    memory_limit: float = Limits.memory / GIB,
     out: StrPath | None = None,
     progress: Progress | None = None,
 ) -> TrialResult:
@@ -254,16 +258,21 @@ def run_trial(
         onboard: `pil:host`, `pil:cortex-m4f` or `pil:rabbit4000` puts the firmware into the loop.
         loop: `native`, the loop in C, or `python`, its reference with the same log; by default `native`,
             with `onboard` `python`.
+        call_limit: s that one call of an FMU made elsewhere may take.
+        memory_limit: GiB that all FMUs may take, if one was made elsewhere.
         out: the folder of the results; by default out/<scenario>-<seed>.
         progress: called with the trial's time [s] as it runs.
 
     Raises:
         UsageError: a name, a value or a path does not fit.
-        CanineError: a fault in what was run; the log is kept up to there.
+        EndedByFaultError: an FMU went wrong after the first tick; `summary` is that of the trial up to there.
+        CanineError: another fault in what was run.
     """
     _check_choice("order", order, get_args(Order))
     _check_choice("fmi", fmi, (2, 3))
     _check_choice("loop", loop, get_args(Loop))
+    _check_range("call_limit", call_limit, "s", CALL_LIMIT_S)
+    _check_range("memory_limit", memory_limit, "GiB", MEMORY_LIMIT_GIB)
     changes = Changes(
         order=order,
         fmi=None if fmi is None else str(fmi),
@@ -274,6 +283,7 @@ def run_trial(
         estimator=None if estimator is None else str(estimator),
         ahrs=ahrs,
         loop=loop,
+        limits=Limits(call=call_limit, memory=int(memory_limit * GIB)),
     )
     target = scenario if isinstance(scenario, Scenario) else str(scenario)
     with requested(target, changes) as request:
@@ -420,10 +430,8 @@ def run_replay(
 
     comparison = compare(estimator, _settings(parameters))
     require_attitude(attitude)
-    for name, value, low, high in (("outage", outage, *OUTAGE_S), ("every", every, *EVERY_S)):
-        _check_type(name, value, Real, "a number of seconds")
-        if not low <= value <= high:
-            raise UsageError(f"{name} is {value:g} s; expected {low:g} to {high:g}")
+    _check_range("outage", outage, "s", OUTAGE_S)
+    _check_range("every", every, "s", EVERY_S)
     source = open_source(Path(recording), attitude)
     chosen = source.outages(outage, every)
     replayed = replay.replay(source, comparison, chosen, progress)
@@ -594,6 +602,13 @@ def _check_choice(name: str, value: object, choices: Sequence[object]) -> None:
 def _check_type(name: str, value: object, kind: type, expected: str) -> None:
     if value is not None and not isinstance(value, kind):
         raise UsageError(f"{name} is {value!r}; expected {expected}")
+
+
+def _check_range(name: str, value: object, unit: str, bounds: tuple[float, float]) -> None:
+    low, high = bounds
+    if not isinstance(value, Real) or not low <= float(value) <= high:
+        shown = f"{float(value):g} {unit}" if isinstance(value, Real) else repr(value)
+        raise UsageError(f"{name} is {shown}; expected a number from {low:g} to {high:g} {unit}")
 
 
 def _settings(parameters: Mapping[str, Written] | None) -> Sequence[str]:

@@ -9,6 +9,7 @@ Order = Literal["sequential", "jacobi"]
 Loop = Literal["native", "python"]  # what makes the calls of a tick
 DURATION = 300.0  # s, after which a trial is cut
 GIB = 2**30  # bytes
+CALL_LIMIT_S, MEMORY_LIMIT_GIB = (0.1, 3600.0), (0.5, 1024.0)  # what a user may set
 
 
 @dataclass(frozen=True)

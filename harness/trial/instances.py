@@ -17,7 +17,7 @@ from codegen.firmware.targets import find_target
 from fmus.folder import build_folder
 from harness.cosim.loop import Simulation
 from harness.cosim.worker.contained import Contained
-from harness.cosim.worker.shared import Companion
+from harness.cosim.worker.simulation import Companion
 from harness.log.channel import Channel
 from harness.onboard import ROLES
 from harness.onboard.processors import Processor, open_processor

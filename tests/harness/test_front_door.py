@@ -18,6 +18,7 @@ from harness.log.log import read_log
 from harness.trial.scenario import ScenarioError
 from models.errors import CanineError, UsageError
 from tests.harness.command import canine
+from tests.harness.cosim.tiny_fmu import V, tiny_fmu
 
 FINDER = doctest.DocTestFinder(exclude_empty=True)
 EXAMPLES = {
@@ -175,6 +176,8 @@ def test_a_trial_that_does_not_exist_or_does_not_fit_is_refused(tmp_path: Path) 
         ("run_trial", {"seed": 1.5}, "seed is 1.5; expected a whole number from 0 to 2147483647"),
         ("run_trial", {"order": "x"}, "order is 'x'; expected one of 'sequential', 'jacobi'"),
         ("run_trial", {"fmi": 4}, "fmi is 4; expected one of 2, 3"),
+        ("run_trial", {"call_limit": 0}, "call_limit is 0 s; expected a number from 0.1 to 3600 s"),
+        ("run_trial", {"memory_limit": "2"}, "memory_limit is '2'; expected a number from 0.5 to 1024 GiB"),
         ("run_trial", {"plant": "x.fmu"}, 'there is no FMU "x.fmu"'),
         (
             "run_trial",
@@ -187,9 +190,9 @@ def test_a_trial_that_does_not_exist_or_does_not_fit_is_refused(tmp_path: Path) 
         ("run_sweep", {"thresholds": [20, 30]}, "thresholds is [20, 30]; expected a text"),
         ("run_sweep", {"vary": "x"}, "vary is 'x'; expected a mapping"),
         ("run_sweep", {"seed": 2**40}, "seed is 1099511627776; expected a whole number from 0 to 2147483647"),
-        ("run_replay", {"recording": "x", "outage": -1}, "outage is -1 s; expected 1 to 600"),
-        ("run_replay", {"recording": "x", "outage": "5"}, "outage is '5'; expected a number of seconds"),
-        ("run_replay", {"recording": "x", "every": 0}, "every is 0 s; expected 0.25 to 3600"),
+        ("run_replay", {"recording": "x", "outage": -1}, "outage is -1 s; expected a number from 1 to 600 s"),
+        ("run_replay", {"recording": "x", "outage": "5"}, "outage is '5'; expected a number from 1"),
+        ("run_replay", {"recording": "x", "every": 0}, "every is 0 s; expected a number from 0.25 to 3600 s"),
     ],
 )
 def test_wrong_arguments_of_the_front_door_are_named(
@@ -199,6 +202,18 @@ def test_wrong_arguments_of_the_front_door_are_named(
         getattr(harness, function)(**keywords, out=tmp_path / "out")
     assert str(caught.value).startswith(error)
     assert not (tmp_path / "out").exists()
+
+
+def test_limits_from_python_end_an_fmu_that_hangs_with_a_summary_up_to_there(tmp_path: Path) -> None:
+    # given a dog that hangs on the second tick
+    outputs = [V(name) for name in ("north", "east", "speed", "heading")]
+    dog = tiny_fmu(tmp_path / "dog.fmu", outputs, "if (t > 0.03) for (volatile int i = 0;; i++) { }")
+    # when
+    with pytest.raises(harness.EndedByFaultError, match=r"did not come back within 0\.3 s") as caught:
+        harness.run_trial("two_waypoint", plant=dog, call_limit=0.3, out=tmp_path / "out")
+    # then
+    assert caught.value.summary["ticks"] == 2
+    assert caught.value.summary == json.loads((tmp_path / "out" / "summary.json").read_text())
 
 
 def test_a_log_shows_itself_in_one_line(tmp_path: Path) -> None:

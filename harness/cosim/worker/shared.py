@@ -1,4 +1,4 @@
-"""What the worker and its parent share: the memory of a run, and the messages beside it."""
+"""What the worker and its parent share: the memory of a job, and the messages beside it."""
 
 from __future__ import annotations
 
@@ -7,112 +7,99 @@ import json
 import mmap
 import os
 import pickle
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from harness.cosim.calls import Instance
-from harness.cosim.fmu import FmuDescription
 from harness.cosim.recorder import Recorder, recorder_size
-from harness.cosim.ssp import FmuSystem
-from harness.cosim.stepping import Loop, Order
-from models.kit.link import Values
 
 TEXT = 400  # bytes for the call that is being made
 UNHEARD = 77  # exit status of a worker whose connection is lost
 ROWS, FEWEST_ROWS, MOST_BYTES = 4000, 200, 2**26  # rows that are kept for the parent, and their memory
+SOUND = 0x43414E494E45  # what lies round the flight recorder, as long as nobody writes over it
 
 
-class Companion(Protocol):
-    """What runs beside the FMUs in the worker, as firmware on board does, with rows of its own.
-
-    Attributes:
-        width: values in one of its rows.
-    """
-
-    width: int
-
-    def stand_ins(self, fmus: Mapping[str, FmuDescription]) -> Mapping[str, Instance]: ...
-
-    def connect_to(self, simulation: Any, rows: npt.NDArray[np.float64]) -> None:
-        """Take signals from the simulation; leave the row of tick k in `rows[k % len(rows)]`."""
-
-    def close(self) -> None: ...
-
-
-@dataclass(frozen=True)
-class Job:
-    """What the worker runs; paths are absolute.
+class Sizes(NamedTuple):
+    """The memory of a job.
 
     Attributes:
-        memory: bytes of address space that the worker may have.
         row_size: bytes of a row.
-        companion: makes what runs beside the FMUs; `width`: values in its rows.
+        width: values in each row of a companion.
+        room: rows.
     """
 
-    system: FmuSystem
-    values: Values
-    order: Order
-    plants: Sequence[str]
-    labels: Mapping[str, str]
-    loop: Loop
-    memory: int
     row_size: int
-    companion: Callable[[], Companion] | None = None
-    width: int = 0
+    width: int
+    room: int
+
+
+def sizes_of(row_size: int, width: int = 0) -> Sizes:
+    """The sizes of a ring of rows from which the parent takes them meanwhile."""
+    return Sizes(row_size, width, max(FEWEST_ROWS, min(ROWS, MOST_BYTES // max(row_size, 1))))
 
 
 class Flight(ctypes.Structure):
     """Which call outside of the loop is being made.
 
     Attributes:
+        before, after: `SOUND`.
         calls: how many have begun or ended.
         taken: rows that the parent has taken.
         where: component and function, a line each; empty between calls.
     """
 
-    _fields_ = [("calls", ctypes.c_int64), ("taken", ctypes.c_int64), ("where", ctypes.c_char * TEXT)]
+    _fields_ = [
+        ("before", ctypes.c_int64),
+        ("calls", ctypes.c_int64),
+        ("taken", ctypes.c_int64),
+        ("where", ctypes.c_char * TEXT),
+        ("after", ctypes.c_int64),
+    ]
+    before: int
     calls: int
     taken: int
     where: bytes
+    after: int
 
     def mark(self, component: str, what: str) -> None:
         """A call begins; or it is over, with two empty texts."""
         self.calls += 1
         self.where = f"{component}\n{what}".encode()[:TEXT] if component else b""
 
+    @property
+    def is_sound(self) -> bool:
+        """Has nobody written over it?"""
+        return self.before == self.after == SOUND
+
 
 class SharedMemory:
-    """The memory of a run, a file that both processes map.
-
-    Args:
-        row_size: bytes of a row.
-        width: values in the companion's rows.
+    """The memory of a job, a file that both processes map; the parent makes it.
 
     Attributes:
-        recorder: position and rows; `companion`: (rows, width), the companion's.
+        flight: which call is being made.
+        recorder: position and rows; `companion`: (rows, width), a companion's.
     """
 
-    def __init__(self, path: Path, row_size: int, width: int = 0) -> None:
-        room = max(FEWEST_ROWS, min(ROWS, MOST_BYTES // max(row_size, 1)))
-        start, rows = ctypes.sizeof(Flight), recorder_size(row_size, room)
-        size = start + rows + 8 * room * width
-        if not path.exists():
+    def __init__(self, path: Path, sizes: Sizes) -> None:
+        start, rows = ctypes.sizeof(Flight), recorder_size(sizes.row_size, sizes.room)
+        size = start + rows + 8 * sizes.room * sizes.width
+        is_new = not path.exists()
+        if is_new:
             with path.open("xb") as file:
                 file.truncate(size)
         with path.open("r+b") as file:
             self._map = mmap.mmap(file.fileno(), size)
         view = memoryview(self._map)
         self.flight = Flight.from_buffer(view[:start])
+        if is_new:
+            self.flight.before = self.flight.after = SOUND
         self.buffer = view[start : start + rows]
         self.companion: npt.NDArray[np.float64] = np.frombuffer(view[start + rows :], np.float64)
-        self.companion = self.companion.reshape(room, width)
-        self.recorder = Recorder(row_size, self.buffer)
+        self.companion = self.companion.reshape(sizes.room, sizes.width)
+        self.recorder = Recorder(sizes.row_size, self.buffer)
 
 
 class Channel:

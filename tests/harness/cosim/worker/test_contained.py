@@ -18,6 +18,7 @@ from harness.cosim.loop import Simulation
 from harness.cosim.ssp import FmuComponent, FmuSystem, ScaledLink, StartValue
 from harness.cosim.stepping import Event, Limits
 from harness.cosim.worker.contained import Contained
+from harness.cosim.worker.process import WorkerProcess
 from models.errors import ParameterError, WiringError
 from tests.harness.cosim.tiny_fmu import V, tiny_fmu
 
@@ -92,8 +93,8 @@ def run(system: FmuSystem, limits: Limits = LIMITS, duration: float = 1.0) -> Ru
     except FmuError as raised:
         error = raised
     if contained is not None:
-        assert ends(contained._process.pid)
-        assert not contained._folder.exists()
+        assert ends(contained.process.pid)
+        assert not contained.process.folder.exists()
     return Run(rows, contained.notes if contained else [], error)
 
 
@@ -274,7 +275,7 @@ def test_ctrl_c_ends_a_worker_whose_fmu_never_comes_back(tmp_path: Path) -> None
     system = toy(tmp_path, step=f"{LATE}for (volatile int i = 0;; i++) {{ }}")
     fmus = {name: describe(part.fmu) for name, part in system.components.items()}
     with Contained(system, fmus, limits=replace(LIMITS, call=1000.0)) as contained:
-        position = contained._memory.recorder.position
+        position = contained.process.memory.recorder.position
 
         def press() -> None:
             while position.rows <= DIES_AT:
@@ -286,7 +287,7 @@ def test_ctrl_c_ends_a_worker_whose_fmu_never_comes_back(tmp_path: Path) -> None
             contained.run(duration=1, record=lambda _, values: rows.extend(values["plant"][:, -1].tolist()))
     # then its rows are there, and it is gone
     assert rows == [*range(DIES_AT + 1)]
-    assert ends(contained._process.pid)
+    assert ends(contained.process.pid)
 
 
 def test_memory_that_is_taken_a_little_on_each_step_is_noticed(tmp_path: Path) -> None:
@@ -342,3 +343,83 @@ def test_an_fmu_whose_values_are_all_texts_runs(tmp_path: Path) -> None:
     fmu = tiny_fmu(tmp_path / "text.fmu", [V("name", type="String")], depends=False)
     with Simulation(FmuSystem("text", {"text": FmuComponent("text", fmu)}, ())) as simulation:
         assert simulation.run(duration=1.0).ticks == 26
+
+
+def test_one_worker_runs_many_simulations_and_a_fault_harms_none_of_the_others(tmp_path: Path) -> None:
+    # given a good plant, one that prints, and one that crashes
+    good = toy(tmp_path / "good")
+    prints = 'extern int puts(const char *), fflush(void *); if (t > 0.94) { puts("hi"); fflush(0); }'
+    systems = [
+        good,
+        toy(tmp_path / "prints", step=prints),
+        good,
+        toy(tmp_path / "dies", step=ENDS["abort"][0]),
+    ]
+    runs: list[list[float]] = []
+    numbers, notes = [], []
+
+    def record(_: np.ndarray, values: Mapping[str, np.ndarray]) -> None:
+        runs[-1].extend(values["plant"][:, -1].tolist())
+
+    # when one after the other runs, and the good one again
+    with WorkerProcess(LIMITS) as process:
+        for system in [*systems, good]:
+            runs.append([])
+            fmus = {name: describe(part.fmu) for name, part in system.components.items()}
+            with suppress(FmuError), Contained(system, fmus, process=process) as contained:
+                contained.run(duration=1.0, record=record)
+            numbers.append(process.pid)
+            notes += contained.notes
+    # then all share a process until it crashes
+    assert numbers[0] == numbers[1] == numbers[2] == numbers[3] != numbers[4]
+    assert [len(rows) for rows in runs] == [26, 26, 26, 1, 26]
+    assert runs[0] == runs[2] == runs[4] == [*range(26)]
+    assert notes == ["an FMU wrote to stdout: hi"]
+    assert not process.folder.exists()
+
+
+OVERWRITES = """extern void *fopen(const char *, const char *); extern char *fgets(char *, int, void *);
+extern char *strstr(const char *, const char *); extern unsigned long strtoul(const char *, char **, int);
+extern void *memset(void *, int, unsigned long);
+if (t > 0.39) { void *f = fopen("/proc/self/maps", "r"); char line[999]; while (fgets(line, 999, f))
+  if (strstr(line, "/memory-")) { char *end; unsigned long from = strtoul(line, &end, 16);
+    memset((char *)from + %s, 0x7f, %s); } }
+"""
+
+
+@pytest.mark.parametrize("place", ["0", "8 + 8 + 8 + 400 + 8"])  # all, or the position alone
+def test_an_fmu_that_writes_over_what_the_worker_shares_is_found_out(tmp_path: Path, place: str) -> None:
+    # given a plant that fills its rows' memory with rubbish, and comes back never or after a while
+    size = "strtoul(end + 1, 0, 16) - from" if place == "0" else "24"
+    step = OVERWRITES % (place, size) + "extern unsigned sleep(unsigned); if (t > 0.39) sleep(9);"
+    # when
+    result = run(toy(tmp_path, step=step))
+    # then what was taken before stands, and no rubbish
+    assert result.error is not None
+    assert result.error.fault is not None
+    assert result.error.fault.kind == "overwritten"
+    assert "wrote over memory that is not its own" in str(result.error)
+    assert "one of plant bad.fmu, sum sum.fmu" in str(result.error)
+    assert result.rows == [*range(len(result.rows))]
+
+
+def test_a_process_that_an_fmu_sends_into_a_session_of_its_own_is_ended(tmp_path: Path) -> None:
+    # given a plant that starts a daemon, whose number it writes down
+    told = tmp_path / "number"
+    step = "extern int fork(void), setsid(void), getpid(void); extern unsigned sleep(unsigned);"
+    step += "extern void *fopen(const char *, const char *); extern int fprintf(void *, const char *, ...);"
+    step += "extern int fclose(void *); if (t == 0 && fork() == 0) { setsid(); if (fork() == 0) {"
+    step += f'void *f = fopen("{told}", "w"); fprintf(f, "%d", getpid()); fclose(f); }} sleep(100); }}'
+    step += "if (t > 0.9) sleep(1);"
+    # when
+    result = run(toy(tmp_path, step=step))
+    # then
+    assert result.error is None
+    assert not lives_alone(int(told.read_text()))
+
+
+def lives_alone(number: int) -> bool:
+    """Does a process run?"""
+    with suppress(OSError):
+        return Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+    return False
