@@ -311,8 +311,7 @@ def wiring(
         return
     rows = [("link", "delay")]
     for link, ticks in order_and_delays.delays:
-        conversion = f"  * {link.factor:g} + {link.offset:g}" if link.converts else ""
-        rows.append((f"{link}{conversion}", "none" if ticks == 0 else f"{ticks} tick"))
+        rows.append((f"{link}  {link.conversion}".rstrip(), "none" if ticks == 0 else f"{ticks} tick"))
     width = max(len(link) for link, _ in rows) + 2
     typer.echo(
         f"{request.order}, every {order_and_delays.step:g} s: {', then '.join(order_and_delays.order)}"

@@ -33,17 +33,17 @@ TERMS: dict[str, tuple[Term, ...]] = {
         Term(
             "component",
             "a place in a system, named after its role and taken by a block, or by an FMU",
-            (("components", "models/system.py"), ("FmuComponent", "harness/cosim/ssp.py")),
+            (("components", "models/system.py"), ("FmuComponent", "harness/cosim/ssp/system.py")),
         ),
         Term(
             "link",
             "from an output of a component to an input of another; one between FMUs may convert units",
-            (("Link", "models/kit/link.py"), ("ScaledLink", "harness/cosim/ssp.py")),
+            (("Link", "models/kit/link.py"), ("ScaledLink", "harness/cosim/ssp/system.py")),
         ),
         Term(
             "system",
             "components and the links between them, as blocks, or as FMUs in an .ssp package",
-            (("System", "models/system.py"), ("FmuSystem", "harness/cosim/ssp.py")),
+            (("System", "models/system.py"), ("FmuSystem", "harness/cosim/ssp/system.py")),
         ),
         Term(
             "FMU",

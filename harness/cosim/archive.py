@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import stat
 import struct
 import zipfile
@@ -38,13 +39,21 @@ class XmlError(CanineError):
     """An XML file is malformed, or holds a DTD or entities."""
 
 
+def holder(package: Path) -> Path:
+    """The file or folder that a package is in: of `toy.ssp/Variant.ssd`, toy.ssp."""
+    return package.parent if package.suffix == ".ssd" else package
+
+
 def unpack(path: Path, folder: Path) -> None:
-    """Unpack a ZIP archive (.fmu, .ssp) into `folder`.
+    """Unpack a ZIP archive (.fmu, .ssp) into `folder`; one that is unpacked in a folder is copied.
 
     Raises:
         ArchiveError: not a ZIP archive, damaged or too large; a member leaves the folder or is a link.
     """
     try:
+        if path.is_dir():
+            shutil.copytree(path, folder, dirs_exist_ok=True)
+            return
         with _opened(path) as archive:
             for member in archive.infolist():
                 _extract(path, archive, member, folder)
@@ -72,12 +81,14 @@ def _opened(path: Path) -> zipfile.ZipFile:
 
 
 def read_member(path: Path, name: str) -> bytes | None:
-    """One file of a ZIP archive, None if it has none of that name.
+    """One file of a ZIP archive, or of the folder that one is unpacked in; None if it has none of that name.
 
     Raises:
         ArchiveError: as `unpack` does.
     """
     try:
+        if path.is_dir():
+            return _read_file(path / name) if (path / name).is_file() else None
         with _opened(path) as archive:
             if name not in archive.namelist():
                 return None
@@ -90,6 +101,12 @@ def read_member(path: Path, name: str) -> bytes | None:
         raise _unreadable(path, reason) from None
     except OSError as reason:
         raise _unreadable(path, reason.strerror or reason) from None
+
+
+def _read_file(path: Path) -> bytes:
+    """A file's content, or so much of it that `parse_xml` refuses it."""
+    with path.open("rb") as file:
+        return file.read(MAX_XML + 1)
 
 
 @contextmanager
@@ -109,8 +126,7 @@ def read_xml(path: Path, what: str) -> ElementTree.Element:
         XmlError: as `parse_xml` does, or the file cannot be read.
     """
     try:
-        with path.open("rb") as file:
-            data = file.read(MAX_XML + 1)
+        data = _read_file(path)
     except OSError as reason:
         raise XmlError(f"{what}: cannot be read ({reason.strerror})") from None
     return parse_xml(data, what)

@@ -42,6 +42,7 @@ Function = ctypes.CFUNCTYPE(ctypes.c_int)  # without argument types, ctypes does
 STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 WARNING, FATAL = 1, 4
 MIN_STEP = 1e-6  # s; shorter ones make more ticks than a user can wait for
+BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")  # of units, whose exponents they hold in this order
 REFERENCES = 2**32  # value references are unsigned integers of 32 bits
 FMI2_TYPES = {
     "Real": ("Real", np.float64, Type.REAL),
@@ -192,6 +193,13 @@ class FmuDescription:
             return None
         return self.units.get(quantity.unit, Unit(quantity.unit, None))
 
+    def items(self, name: str) -> dict[str, int] | None:
+        """An Enumeration's names and their numbers; None for a variable of another type."""
+        variable = next((v for v in self.fmpy.modelVariables if v.name == name), None)
+        if variable is None or variable.type != "Enumeration" or variable.declaredType is None:
+            return None
+        return {item.name: int(item.value) for item in variable.declaredType.items}
+
     def find(self, name: str, *causalities: str) -> Quantity:
         """The variable of this name.
 
@@ -300,7 +308,7 @@ def _unit(unit: Any) -> Unit:
     base = unit.baseUnit
     if base is None:
         return Unit(unit.name, None)
-    exponents = tuple(int(getattr(base, name)) for name in ("kg", "m", "s", "A", "K", "mol", "cd", "rad"))
+    exponents = tuple(int(getattr(base, name)) for name in BASE)
     return Unit(unit.name, exponents, float(base.factor), float(base.offset))
 
 

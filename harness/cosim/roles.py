@@ -22,7 +22,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from harness.cosim.fmu import FmuDescription, Quantity, Unit
+from harness.cosim.fmu import BASE, FmuDescription, Quantity, Unit
 from harness.cosim.rename import Rename
 from harness.cosim.ssp import FmuComponent, FmuSystem, ScaledLink, StartValue
 from harness.toml_file import TomlError, parse_toml, read_toml
@@ -44,7 +44,6 @@ MISSION = {
         }
     ),
 }
-BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 
 class RoleError(CanineError):
@@ -381,4 +380,5 @@ def _adapted(link: ScaledLink, source: Rename, target: Rename) -> ScaledLink:
         target_variable=target.name or link.target_variable,
         factor=factor,
         offset=offset,
+        settled=False,
     )

@@ -1,7 +1,8 @@
 """The check before anything runs: do the links of a system fit, and in which order is it stepped?
 
 Units are never converted silently: both ends must have the same unit (however spelled, if the FMUs define
-it), or the link must carry the conversion. An end that declares no unit fits any.
+it), or the link must carry the conversion. An end that declares no unit fits any. The links of a package have
+been settled by what it declares (`ssp`).
 """
 
 from __future__ import annotations
@@ -9,6 +10,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+
+import numpy as np
 
 from harness.cosim.fmu import FmuDescription, FmuError
 from harness.cosim.ssp import FmuSystem, ScaledLink, SspError
@@ -108,7 +111,7 @@ def _check_link(link: ScaledLink, fmus: Mapping[str, FmuDescription]) -> None:
     if link.table and Type.REAL in (source.type, target.type):
         raise WiringError(f"link {link}: its table replaces whole numbers, the source is Real")
     from_unit, to_unit = fmus[link.source].unit(source), fmus[link.target].unit(target)
-    if from_unit is None or to_unit is None:
+    if from_unit is None or to_unit is None or link.settled:
         return
     if not from_unit.measures(to_unit):
         raise WiringError(f'link {link}: unit "{from_unit.name}" cannot become "{to_unit.name}"')
@@ -134,7 +137,15 @@ def _check_values(
             if value.unit is not None and unit is not None and value.unit != unit.name:
                 raise SspError(
                     f'{name}.{variable} is given in "{value.unit}", the FMU declares "{unit.name}"; '
-                    "give the value in the FMU's unit"
+                    "give the value in the FMU's unit, or map it with a ParameterMapping, which converts it"
+                )
+            with np.errstate(invalid="ignore"):
+                held = np.array([value.value]).astype(quantity.access.dtype)[0]
+            is_bit = quantity.type is not Type.BOOLEAN or value.value in (0, 1)
+            if quantity.type is not Type.REAL and not (held == value.value and is_bit):
+                raise SspError(
+                    f"{name}.{variable} is given {value.value:g}, the FMU declares {quantity.type.value} "
+                    f"({np.dtype(quantity.access.dtype).name}); give one of those"
                 )
 
 

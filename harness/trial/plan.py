@@ -277,9 +277,11 @@ class _Planner:
 
     def find(self, address: str, kind: str) -> list[tuple[str, str]]:
         """The components that an address means, by their name or their block's, with the variable's name."""
-        owner, _, name = address.partition(".")
         where = f"{self.scenario.name}: {address}"
         owners = {n: {n, interface.block} for n, interface in self.interfaces.items()}
+        nested = [n for n in owners if "." in n and address.startswith(f"{n}.")]  # `sub.plant.speed`
+        owner = max(nested, key=len, default=address.partition(".")[0])
+        name = address[len(owner) + 1 :]
         components = [n for n, names in owners.items() if owner in names]
         if not components and (foreign := self.replaced(owner)):
             self.notes.append(f"{address}: not set, since {foreign} takes the place of {owner}")

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+from harness.cosim.archive import holder
 from harness.cosim.fmu import FmuDescription, describe
 from harness.cosim.rename import Rename
 from harness.cosim.roles import Fit, find_role, misfits, read_adapter, replace_component, roles
@@ -13,7 +14,7 @@ from harness.cosim.ssp import FmuSystem, open_ssp
 from harness.files import nearest_file
 from harness.trial.plan import Interface, Plan, interface_of_fmu, interfaces_of_system, plan
 from harness.trial.request import Request
-from harness.trial.scenario import ScenarioError
+from harness.trial.scenario import Scenario, ScenarioError
 from models.system import System
 
 
@@ -56,13 +57,11 @@ def prepared(request: Request) -> Iterator[Prepared]:
         CanineError: something does not fit; the class tells what kind.
     """
     scenario = request.scenario
-    if not request.ssp.exists():
-        raise ScenarioError(
-            f'{scenario.name}: there is no package "{request.ssp}"{nearest_file(request.ssp)}'
-        )
+    if not (package := holder(request.ssp)).exists():
+        raise ScenarioError(f'{scenario.name}: there is no package "{package}"{nearest_file(package)}')
     with open_ssp(request.ssp) as system:
         fmus = {name: describe(component.fmu) for name, component in system.components.items()}
-        notes: list[str] = []
+        notes = _notes(system, scenario)
         fits: dict[str, Fit] = {}
         for role, path in request.swaps.items():
             fmus[role] = describe(path)
@@ -85,6 +84,19 @@ def prepared(request: Request) -> Iterator[Prepared]:
         }
         resolved = plan(scenario, interfaces, _bound_values(system), connected)
         yield Prepared(system, fmus, interfaces, resolved, renames, (*notes, *resolved.notes))
+
+
+def _notes(system: FmuSystem, scenario: Scenario) -> list[str]:
+    """What the user should know of the package itself."""
+    notes = [f"{scenario.system}: {note}" for note in system.notes]
+    start, stop = system.start_time, system.stop_time
+    if start:
+        notes.append(f"{scenario.system}: its FMUs begin at {start:g} s, the trial's time and its log at 0 s")
+    if scenario.package is not None and stop is not None and stop - start != scenario.duration:
+        notes.append(
+            f"{scenario.system}: its experiment takes {stop - start:g} s, the trial {scenario.duration:g} s"
+        )
+    return notes
 
 
 def _interfaces(

@@ -12,7 +12,7 @@ from typing import cast, get_args
 from codegen.firmware.targets import TARGETS
 from codegen.scratch import Scratch
 from fmus.folder import build_folder, is_current
-from harness.cosim.archive import naming
+from harness.cosim.archive import holder, naming
 from harness.cosim.stepping import Limits, Loop, Order
 from harness.files import nearest_file
 from harness.onboard import ROLES
@@ -153,15 +153,19 @@ def _request_of(target: str | Scenario, folder: Path) -> Request:
     if target.endswith(".mcap"):
         return _of_log(Path(target), folder)
     if target.endswith((".ssp", ".ssd")) or os.path.isfile(Path(target) / "SystemStructure.ssd"):
-        if not os.path.exists(target):  # unlike Path's, it raises nothing
+        held = holder(Path(target))
+        if not os.path.exists(target if os.path.isdir(held) else held):  # unlike Path's, it raises nothing
             raise UsageError(f'there is no package "{target}"{nearest_file(Path(target))}')
         return _of_package(Path(target).resolve())
     return Request(load(target))
 
 
 def _of_package(package: Path) -> Request:
-    """The default trial with a package: an .ssp, a folder, or the .ssd of a folder."""
-    name = package.parent.name if package.suffix == ".ssd" else package.stem
+    """The default trial with a package: an .ssp, a folder, or the .ssd in one of both."""
+    name = package.stem
+    if package.suffix == ".ssd":
+        held = package.parent.name.removesuffix(".ssp")
+        name = held if package.stem == "SystemStructure" else f"{held}-{package.stem}"
     scenario = replace(load(DEFAULT), name=name, system=f"{name}.ssp", folder=package.parent)
     return Request(scenario, package=package)
 

@@ -338,7 +338,7 @@ def parse(text: str, where: str, default_name: str = "scenario", folder: Path = 
         estimator=table.word("estimator", ESTIMATOR, ESTIMATORS),
         folder=folder,
     )
-    if scenario.system not in SYSTEMS and not scenario.system.endswith(".ssp"):
+    if scenario.system not in SYSTEMS and not scenario.system.endswith((".ssp", ".ssd")):
         hint = nearest(scenario.system, SYSTEMS)
         raise ScenarioError(
             f'{where}: system is "{scenario.system}"; expected the path of an .ssp, or{hint[1:]}'

@@ -23,7 +23,7 @@ from harness.cosim.fmu import FmuError, describe
 from harness.cosim.ssp import SspError, open_ssp
 from harness.log.log import read_log
 from models.errors import CanineError
-from tests.harness.cosim.test_ssp import package
+from tests.harness.cosim.ssp.test_flat import package
 from tests.harness.cosim.tiny_fmu import V, tiny_fmu
 from tests.memory import PRINT_PEAK
 

@@ -4,9 +4,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from harness.cosim.fmu import FmuDescription, Quantity
+from harness.cosim.fmu import Access, FmuDescription, Quantity
 from harness.cosim.ssp import Connector, FmuComponent, FmuSystem, ScaledLink, SspError, StartValue
 from harness.cosim.wiring import Wiring, wire
 from models.errors import WiringError
@@ -169,9 +170,28 @@ def test_a_start_value_in_another_unit_is_refused() -> None:
     with pytest.raises(SspError) as caught:
         wired([speed], values={"a": {"limit": StartValue(9.0, "km/h")}})
     assert str(caught.value) == (
-        'a.limit is given in "km/h", the FMU declares "m/s"; give the value in the FMU\'s unit'
+        'a.limit is given in "km/h", the FMU declares "m/s"; give the value in the FMU\'s unit, '
+        "or map it with a ParameterMapping, which converts it"
     )
     assert wired([speed], values={"a": {"limit": StartValue(2.5, "m/s")}}).order == ("a",)
+
+
+@pytest.mark.parametrize(
+    ("type", "value", "got"),
+    [
+        (Type.INTEGER, 2.5, "2.5, the FMU declares Integer (int32)"),
+        (Type.INTEGER, 3e9, "3e+09, the FMU declares Integer (int32)"),
+        (Type.BOOLEAN, 2.0, "2, the FMU declares Boolean (int32)"),
+    ],
+)
+def test_a_start_value_that_would_be_another_one_in_the_fmu_is_refused(
+    type: Type, value: float, got: str
+) -> None:
+    whole = fmu("a", quantity("n", "parameter", type, access=Access("Integer", np.int32)))
+    with pytest.raises(SspError) as caught:
+        wired([whole], values={"a": {"n": StartValue(value)}})
+    assert str(caught.value) == f"a.n is given {got}; give one of those"
+    assert wired([whole], values={"a": {"n": StartValue(1.0)}}).order == ("a",)
 
 
 @pytest.mark.parametrize(

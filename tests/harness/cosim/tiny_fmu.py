@@ -20,9 +20,11 @@ UNITS = {
     "m/s": 'm="1" s="-1"',
     "km/h": 'm="1" s="-1" factor="0.2777777777777778"',
 }
+ITEMS = {"NONE": 0, "LEFT": 4, "RIGHT": 5}  # of the enumeration E
 ENUMERATION = (
-    '<TypeDefinitions><SimpleType name="E"><Enumeration><Item name="NONE" value="0"/></Enumeration>'
-    "</SimpleType></TypeDefinitions>"
+    '<TypeDefinitions><SimpleType name="E"><Enumeration>'
+    + "".join(f'<Item name="{name}" value="{value}"/>' for name, value in ITEMS.items())
+    + "</Enumeration></SimpleType></TypeDefinitions>"
 )
 C = """#include <stddef.h>
 #include <math.h>
@@ -131,14 +133,19 @@ def tiny_fmu(
     )
     folder = platform.fmi2 if version == 2 else platform.fmi3
     with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("modelDescription.xml", _description(variables, version, depends, step_size, fixed))
+        archive.writestr("modelDescription.xml", description(variables, version, depends, step_size, fixed))
         archive.write(library, f"binaries/{folder}/{library.name}")
     return path
 
 
-def _description(
-    variables: Sequence[V], version: int, depends: bool, step_size: float | None, fixed: bool
+def description(
+    variables: Sequence[V],
+    version: int = 2,
+    depends: bool = True,
+    step_size: float | None = None,
+    fixed: bool = False,
 ) -> str:
+    """Its modelDescription.xml."""
     known = {v.unit: UNITS[v.unit] for v in variables if v.unit in UNITS}
     units = "".join(f'<Unit name="{name}"><BaseUnit {base}/></Unit>' for name, base in known.items())
     units = f"<UnitDefinitions>{units}</UnitDefinitions>" if units else ""

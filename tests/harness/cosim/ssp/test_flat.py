@@ -1,5 +1,6 @@
 """SSP packages: what is read, and what is refused by name."""
 
+import io
 import zipfile
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import pytest
 
 from harness.cosim.archive import ArchiveError, XmlError
 from harness.cosim.ssp import ScaledLink, SspError, StartValue, open_ssp
+from tests.harness.cosim.tiny_fmu import V, description
 
 NAMESPACES = " ".join(
     f'xmlns:{prefix}="http://ssp-standard.org/SSP1/SystemStructure{name}"'
@@ -17,6 +19,11 @@ A = """<ssd:Component name="a" type="application/x-fmu-sharedlibrary" source="re
   <ssd:Connector name="k" kind="parameter"><ssc:Real/></ssd:Connector></ssd:Connectors>{a}</ssd:Component>"""
 B = """<ssd:Component name="b" source="resources/b.fmu"><ssd:Connectors>
   <ssd:Connector name="u" kind="input"/><ssd:Connector name="w" kind="input"/></ssd:Connectors></ssd:Component>"""  # noqa: E501
+with io.BytesIO() as stream:
+    with zipfile.ZipFile(stream, "w") as archive:
+        variables = [V("u", "input"), V("w", "input"), V("k", "parameter", unit="m"), V("y", unit="m")]
+        archive.writestr("modelDescription.xml", description(variables))
+    FMU = stream.getvalue()
 CONNECTION = '<ssd:Connection startElement="a" startConnector="y" endElement="b" endConnector="u"/>'
 
 
@@ -32,7 +39,7 @@ def package(
     with zipfile.ZipFile(path, "w") as packed:
         packed.writestr("SystemStructure.ssd", text)
         for name in ("resources/a.fmu", "resources/b.fmu"):
-            packed.writestr(name, "")
+            packed.writestr(name, FMU)
         for name, content in files.items():
             packed.writestr(name.replace("__", "."), content)
     return path
@@ -56,7 +63,7 @@ def test_reads_components_links_and_conversion(tmp_path: Path) -> None:
         assert system.components["a"].fmu.name == "a.fmu"
         assert set(system.files) == {"SystemStructure.ssd", "resources/a.fmu", "resources/b.fmu"}
         assert system.components["a"].connectors["y"].unit == "m"
-        assert system.links == (ScaledLink("a", "y", "b", "u", 0.001, 3.0),)
+        assert system.links == (ScaledLink("a", "y", "b", "u", 0.001, 3.0, settled=True),)
 
 
 def test_parameters_come_from_the_package_inline_and_beside_and_from_the_system(tmp_path: Path) -> None:
@@ -87,7 +94,10 @@ def test_parameters_come_from_the_package_inline_and_beside_and_from_the_system(
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        ({"elements": '<ssd:System name="inner"/>'}, 'element "inner" is a System; expected a Component (an FMU)'),  # noqa: E501
+        (
+            {"elements": '<ssd:SignalDictionaryReference name="bus" dictionary="d"/>'},
+            'Elements holds a SignalDictionaryReference "bus", which is not supported',
+        ),
         (
             {"elements": '<ssd:Component name="c" type="application/x-ssp-definition" source="c.ssd"/>'},
             'component "c" has type "application/x-ssp-definition"; expected "application/x-fmu-sharedlibrary"',  # noqa: E501
@@ -104,7 +114,7 @@ def test_parameters_come_from_the_package_inline_and_beside_and_from_the_system(
             {"elements": '<ssd:Component name="c" source="c.fmu"/>'},
             'component "c" has source "c.fmu", which is not in the package',
         ),
-        ({"elements": B.replace('"b"', '"a"')}, 'two components are named "a"'),
+        ({"elements": B.replace('"b"', '"a"')}, 'the system has two elements named "a"'),
         (
             {"connections": CONNECTION.replace('"b"', '"bb"')},
             'a connection names component "bb", which does not exist; did you mean "b"?',
@@ -119,11 +129,11 @@ def test_parameters_come_from_the_package_inline_and_beside_and_from_the_system(
         ),
         (
             {"connections": CONNECTION.replace("/>", "><ssc:BooleanMappingTransformation/></ssd:Connection>")},  # noqa: E501
-            "Connection holds a BooleanMappingTransformation, which is not supported",
+            "connection a.y -> b.u: its BooleanMappingTransformation without a MapEntry maps nothing",
         ),
         (
             {"system": "<ssd:SignalDictionaries/>"},
-            "System holds a SignalDictionaries, which is not supported",
+            'System "toy" holds a SignalDictionaries, which is not supported',
         ),
         (
             {"head": '<!DOCTYPE x [<!ENTITY a "a">]>'},
