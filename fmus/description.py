@@ -124,6 +124,7 @@ def block_header(block: type[Block], version: FmiVersion, precision: Precision, 
         block=block.title(),
         token=token,
         sample_time=repr(block.sample_time),
+        transparent=block.transparent,
         variables=scalars(block),
         single=precision == "float",
         version=version,
@@ -166,7 +167,9 @@ def model_description(block: type[Block], version: FmiVersion, token: str, sourc
         add_units(ET.SubElement(root, "UnitDefinitions"), sorted(units))
     categories = ET.SubElement(root, "LogCategories")
     ET.SubElement(categories, "Category", name="logStatusError", description="what was refused, and why")
-    experiment = {"startTime": "0.0", "stopTime": repr(ALONE_TIME), "stepSize": repr(block.sample_time)}
+    experiment = {"startTime": "0.0", "stopTime": repr(ALONE_TIME)}
+    if not block.transparent:
+        experiment["stepSize"] = repr(block.sample_time)
     ET.SubElement(root, "DefaultExperiment", experiment)
     variables = ET.SubElement(root, "ModelVariables")
     for scalar in scalars(block):
@@ -212,14 +215,15 @@ def to_bytes(root: ET.Element) -> bytes:
 
 def _interface(root: ET.Element, block: type[Block], version: FmiVersion, sources: Sequence[str]) -> None:
     interface = ET.SubElement(root, "CoSimulation", modelIdentifier=block.title())
-    interface.set("canHandleVariableCommunicationStepSize", "false")
+    interface.set("canHandleVariableCommunicationStepSize", "true" if block.transparent else "false")
     if version == 3:
         interface.attrib |= {
             "canGetAndSetFMUState": "true",
             "canSerializeFMUState": "true",
             "providesDirectionalDerivatives": "false",
-            "fixedInternalStepSize": repr(block.sample_time),
         }
+        if not block.transparent:
+            interface.set("fixedInternalStepSize", repr(block.sample_time))
         return
     interface.attrib |= {
         "canNotUseMemoryManagementFunctions": "true",

@@ -33,6 +33,7 @@ ABOVE |= {"columnspacing": 1.2, "handlelength": 1.6}
 OUTAGE: Style = {"facecolor": "#D3D7DD", "edgecolor": "#8A929C", "hatch": ""}
 ORDER: Style = {"facecolor": "#D2E6F7", "edgecolor": "#4C8FC4", "hatch": "\\\\\\"}
 LOST_RADIO: Style = {"facecolor": "#FCE0CB", "edgecolor": "#D9772B", "hatch": "///"}
+FAULT: Style = {"facecolor": "#D6BEEE", "edgecolor": "#7A4FA3", "hatch": "xx"}
 LONGEST = 72  # columns of a name in a title
 UNKNOWN = "\u25a1"  # stands for a character that the font lacks
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
@@ -13,6 +13,7 @@ from models.canine_tracker import CanineTracker
 from models.cmec import Cmec
 from models.command_module import CommandModule
 from models.differential_drive import DifferentialDrive
+from models.disturbance import FAULTS, FaultyLink, disturb
 from models.errors import UsageError, WiringError, nearest
 from models.estimator import Estimator
 from models.four_state import FourState
@@ -50,12 +51,14 @@ class System:
         for link in self.links:
             source = self._variable(link, link.source, link.source_variable, Output)
             target = self._variable(link, link.target, link.target_variable, Input)
+            ends = self.components[link.source], self.components[link.target]
+            is_carried = any(block.transparent for block in ends)
             for what, got, expected in (
                 ("type", source.type.value, target.type.value),
                 ("unit", source.unit, target.unit),
                 ("named values", source.choices, target.choices),
             ):
-                if got != expected:
+                if got != expected and (what == "type" or not is_carried):
                     raise WiringError(f'{self.name}: {link}: {what} "{got}", expected "{expected}"')
             key = (link.target, link.target_variable)
             if key in sources:
@@ -88,6 +91,14 @@ class System:
                 f'{self.name}: {link}: "{component}" has no {kind_name} "{name}"{nearest(name, known)}'
             )
         return known[name]
+
+    def with_faults(self, faults: Sequence[FaultyLink]) -> System:
+        """The system with a block for each fault in the links on which it acts; itself without faults."""
+        if not faults:
+            return self
+        links, placed = disturb(self.links, faults)
+        blocks = {name: FAULTS[place.type] for name, place in placed.items()}
+        return System(f"{self.name}_faults", self.components | blocks, links)
 
     def order(self) -> list[str]:
         """The components in data-flow order within a tick; plants, whose outputs wait for no input, last."""
@@ -184,6 +195,7 @@ BLOCKS: tuple[type[Block], ...] = tuple(
             *PLANTS.values(),
             CanineAhrs,
             Recorded,
+            *FAULTS.values(),
             LocalPlane,  # these two work beside the estimator and the controller on board
             Watchdog,
         ]

@@ -186,9 +186,10 @@ bool shim_step(Instance *m, const char *function, double point, double size)
     if (size >= 0 && size <= step_tolerance * BLOCK_SAMPLE_TIME) {
         return true; /* some masters end a run, or an event, with a step of nothing */
     }
-    const double ticks = floor(size / BLOCK_SAMPLE_TIME + 0.5);
+    const double ticks = BLOCK_TAKES_ANY_STEP ? size > 0 && size < HUGE_VAL : floor(size / BLOCK_SAMPLE_TIME + 0.5);
     if (!(ticks >= 1 && ticks <= most_ticks
-          && fabs(size - ticks * BLOCK_SAMPLE_TIME) <= step_tolerance * BLOCK_SAMPLE_TIME)) {
+          && (BLOCK_TAKES_ANY_STEP
+              || fabs(size - ticks * BLOCK_SAMPLE_TIME) <= step_tolerance * BLOCK_SAMPLE_TIME))) {
         return complain(m, "%s: communication step size: expected a multiple of %.16g, got %.16g", function,
                         BLOCK_SAMPLE_TIME, size);
     }
@@ -200,7 +201,8 @@ bool shim_step(Instance *m, const char *function, double point, double size)
     for (; m->now.tick < last; m->now.tick++) {
         block_step(&m->now.block); /* with the same inputs */
     }
-    m->now.time = m->now.start + (double)m->now.tick * BLOCK_SAMPLE_TIME; /* never summed */
+    m->now.time = BLOCK_TAKES_ANY_STEP ? point + size
+                                       : m->now.start + (double)m->now.tick * BLOCK_SAMPLE_TIME; /* never summed */
     return true;
 }
 

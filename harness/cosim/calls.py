@@ -94,10 +94,14 @@ class Calls:
                 self.reached[name in wiring.plants].append((component.reached, asks + EARLY))
             self._whose[id(steps[name])] = (name, f"fmi{component.description.version}DoStep")
         answering = [name for name in wiring.order if name not in wiring.plants]
+        faults = [name for name in answering if name in wiring.faults]
         plants = [name for name in wiring.order if name in wiring.plants]
         self.answer: list[Call] = []
         if order == "jacobi":
-            self.answer += [call for name in wiring.order for call in gathers.pop(name)]
+            for name in faults:  # before the exchange: a fault adds no delay
+                self.answer += [*gathers.pop(name), *sets[name], steps[name], *gets[name]]
+                answering.remove(name)
+            self.answer += [call for name in wiring.order for call in gathers.pop(name, ())]
         for name in answering:
             self.answer += [*gathers.pop(name, ()), *sets[name], steps[name], *gets[name]]
         self.answer += [call for name in plants for call in gathers.pop(name, ())]

@@ -164,13 +164,19 @@ class Layout:
             if replaced or not transfer.is_run:
                 transfer.slot = Slot(target, transfer.quantities[0].access, transfer.quantities)
         copies = [t.slot for t in self.transfers if t.slot is not None]
-        self.outputs.sort(key=lambda s: REALS.index(s.type) if s.type in REALS else len(REALS))
+        self._faults = wiring.faults
+        self.outputs.sort(key=self._rank)
         end = 0
         for slot in [*self.outputs, *self.inputs, *copies]:
             slot.offset = -(-end // slot.size) * slot.size
             end = slot.end
         self.block = np.zeros(max(8, -(-end // 8) * 8), dtype=np.uint8)
         self._columns = self._arrange()
+
+    def _rank(self, slot: Slot) -> int:
+        """Where an output lies: the reals that must be finite side by side."""
+        is_checked = slot.type in REALS and slot.component not in self._faults
+        return REALS.index(slot.type) if is_checked else len(REALS)
 
     def _plan(self, links: Sequence[ScaledLink]) -> list[Transfer]:
         """One transfer for each source, target and type, in the order in which the source's values lie."""
@@ -195,10 +201,10 @@ class Layout:
         return self.block[slot.offset : slot.end].view(slot.access.dtype)
 
     def reals(self) -> list[npt.NDArray[Any]]:
-        """All real outputs, where they lie: an array for each type that there is."""
+        """All real outputs that must be finite, where they lie: an array for each type that there is."""
         arrays = []
-        for kind in REALS:
-            if slots := [slot for slot in self.outputs if slot.type == kind]:
+        for rank, kind in enumerate(REALS):
+            if slots := [slot for slot in self.outputs if self._rank(slot) == rank]:
                 start, end = min(s.offset for s in slots), max(s.end for s in slots)
                 arrays.append(self.block[start:end].view(kind))
         return arrays

@@ -97,7 +97,7 @@ class Simulation:
         mark: Mark = unmarked,
         guard: Guard | None = None,
     ) -> None:
-        self._guard = guard
+        self._guard, self._faults = guard, system.faults
         self._stack = ExitStack()
         try:
             self.components: dict[str, Instance] = {}
@@ -141,12 +141,20 @@ class Simulation:
         return self._layout.columns(name)
 
     def outputs(self, name: str) -> list[tuple[list[str], npt.NDArray[Any]]]:
-        """A component's outputs: names, and the values where they lie, which change as it is stepped."""
+        """A component's outputs: names, and the values where they lie, which change as it is stepped.
+
+        Behind them come those that faults disturb, again.
+        """
         layout = self._layout
+        slots = {slot.component: slot for slot in layout.outputs}
         return [
             ([q.name for q in slot.quantities], layout.view(slot))
             for slot in layout.outputs
             if slot.component == name
+        ] + [
+            ([fault.source_variable], layout.view(slots[component]))
+            for component, fault in self._faults.items()
+            if fault.source == name and not fault.target
         ]
 
     def _find_native(self) -> Native | None:
@@ -278,7 +286,8 @@ class Simulation:
 
     def _report_not_finite(self) -> None:
         order, plants = self.wiring.order, self.wiring.plants
-        slots = [slot for slot in self._layout.outputs if slot.type in REALS]
+        outputs, faults = self._layout.outputs, self._faults
+        slots = [slot for slot in outputs if slot.type in REALS and slot.component not in faults]
         # a plant's value of this tick comes before the answers to it
         for slot in sorted(slots, key=lambda s: (s.component not in plants, order.index(s.component))):
             for quantity, value in zip(slot.quantities, self._layout.view(slot), strict=True):

@@ -34,6 +34,7 @@ class Wiring:
         start: s, the time that the FMUs begin at.
         delays: for each link, how many ticks pass from the source's step to the target's that uses it.
         free: inputs that nothing feeds, by component.
+        faults: components that disturb a link: they delay nothing, and may give what is not finite.
     """
 
     order: tuple[str, ...]
@@ -42,6 +43,7 @@ class Wiring:
     delays: tuple[tuple[ScaledLink, int], ...]
     free: dict[str, tuple[str, ...]]
     start: float = 0.0
+    faults: frozenset[str] = frozenset()
 
 
 def wire(
@@ -90,10 +92,14 @@ def wire(
     return Wiring(
         order=(*answering, *(name for name in fmus if name in last)),
         plants=last,
-        step=_common_step(fmus),
-        delays=tuple((link, int(order == "jacobi" or link.source in last)) for link in system.links),
+        step=common_step(fmus),
+        delays=tuple(
+            (link, int(link.source not in system.faults and (order == "jacobi" or link.source in last)))
+            for link in system.links
+        ),
         free=free,
         start=system.start_time,
+        faults=frozenset(system.faults),
     )
 
 
@@ -199,7 +205,7 @@ def _cycle(left: list[str], links: list[ScaledLink]) -> str:
         path.append(source)
 
 
-def _common_step(fmus: Mapping[str, FmuDescription]) -> float:
+def common_step(fmus: Mapping[str, FmuDescription]) -> float:
     """The communication step: the fixed one if an FMU has one, or else the largest that an FMU states."""
     fixed = {name: fmu.step for name, fmu in fmus.items() if fmu.step and fmu.fixed}
     stated = [fmu.step for fmu in fmus.values() if fmu.step]

@@ -8,3 +8,4 @@ simulated. `memory` names the words of its memory, `tones` the command that is p
 """
 
 ROLES = ("estimator", "controller", "command_module")  # the components whose place it takes
+IN_FIRMWARE = ("ahrs", *ROLES)  # those whose blocks are in its firmware

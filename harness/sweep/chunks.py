@@ -29,6 +29,7 @@ from codegen.batch.batch import Batch, Change
 from codegen.cache import TRACED, sources
 from harness.sweep.tls import Certificates, check_use, open_note, refusal, security_of
 from models.commands import ENDS, Status
+from models.disturbance import FaultyLink
 from models.errors import CanineError, UsageError
 from models.modes import Anomaly
 from models.system import ESTIMATOR, find_system
@@ -93,6 +94,7 @@ class Job:
         trials: at each point.
         seed: of the first trial at each point.
         first: index of `points[0]` among all points, if this is a part of a job.
+        faults: where the scenario's faults act.
     """
 
     system: str
@@ -103,6 +105,7 @@ class Job:
     seed: int
     first: int = 0
     estimator: str = ESTIMATOR
+    faults: tuple[FaultyLink, ...] = ()
 
     def __post_init__(self) -> None:
         first, *others = self.trial_types
@@ -199,7 +202,7 @@ def cut(stretches: Iterable[tuple[int, int]], size: int) -> Iterator[tuple[int, 
             yield first, min(first + size, stop)
 
 
-_batches: dict[tuple[str, str, tuple[str, ...]], Batch] = {}
+_batches: dict[tuple[object, ...], Batch] = {}
 _compiling = threading.Lock()
 
 
@@ -210,12 +213,11 @@ def batch_of(job: Job) -> Batch:
         CompileError: the compiler refuses it.
     """
     varied = (*job.varied, *job.by_type)
-    key = (job.system, job.estimator, varied)
+    key = (job.system, job.estimator, job.faults, varied)
     with _compiling:
         if key not in _batches:
-            _batches[key] = Batch(
-                find_system(job.system, job.estimator), varied, OBSERVED, ("controller.status", ENDS)
-            )
+            system = find_system(job.system, job.estimator).with_faults(job.faults)
+            _batches[key] = Batch(system, varied, OBSERVED, ("controller.status", ENDS))
         no_trials = np.zeros(0, dtype=np.int32)  # compile once, before the threads start
         first = job.trial_types[0]
         _batches[key].run(first.values, job.rows(), no_trials, no_trials, first.ticks, changes=first.changes)

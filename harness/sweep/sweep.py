@@ -29,9 +29,11 @@ from harness.sweep.recommend import number, recommend
 from harness.sweep.table import THRESHOLD_COLUMN, TICK_S, Point, csv_of, name_of, plain, table_of
 from harness.sweep.tls import Certificates
 from harness.terminal import new_table, percent, print_table
+from harness.trial.faults import Faults, resolve_faults
 from harness.trial.pairs import check_windows, is_paired
 from harness.trial.plan import Interface, interfaces_of_system, is_angular, plan, si_value
-from harness.trial.scenario import Scenario, ScenarioError, checked, load, with_estimator
+from harness.trial.scenario import LOST, Scenario, ScenarioError, checked, load, with_estimator
+from models.disturbance import Kind, disturb
 from models.errors import UsageError, nearest
 from models.kit.declaration import Type, Variable
 from models.kit.random import MAX_SEED
@@ -137,7 +139,7 @@ class Sweep:
         job = asdict(self.job)
         texts = [scenario.text() for scenario in self.scenarios]
         written = [[axis.column, *map(str, axis.written)] for axis in self.axes]
-        everything = json.dumps([program(), texts, written, job], sort_keys=True)
+        everything = json.dumps([program(), texts, written, job], sort_keys=True, default=str)
         return hashlib.sha256(everything.encode()).hexdigest()
 
 
@@ -215,6 +217,7 @@ def plan_sweep(
         trials,
         first.seed,
         estimator=first.estimator,
+        faults=_faults(first, interfaces).links,
     )
     _check_size(job)
     own = targets[0] if isinstance(targets[0], Scenario) else load(targets[0])
@@ -279,7 +282,8 @@ def _adapted(
     scenario = scenario.override(settings, seed)
     scenario = replace(scenario, reading=reading or scenario.reading or READING)
     owners = _owners(interfaces_of_system(find_system(system, scenario.estimator)))
-    for address in [*scenario.parameters, *(s.variable for s in scenario.sets)]:
+    disturbed = [fault.signal for fault in scenario.faults if fault.kind != LOST]
+    for address in [*scenario.parameters, *(s.variable for s in scenario.sets), *disturbed]:
         owner = address.partition(".")[0]
         for other in SYSTEMS:
             if owner not in owners and owner in _owners(interfaces_of_system(SYSTEMS[other])):
@@ -335,7 +339,28 @@ def _trial_type(
         tick = math.ceil(event.time / TICK_S - 1e-9)
         changes.append(Change(tick, event.component, event.variable, event.value))
     last = math.floor(scenario.duration / TICK_S + 1e-9)
-    return TrialType(scenario.name, resolved.values, tuple(changes), last)
+    faults = _faults(scenario, interfaces)
+    _, placed = disturb(find_system(scenario.system, scenario.estimator).links, faults.links)
+    values = resolved.values | faults.values_of(placed)
+    return TrialType(scenario.name, values, tuple(changes), last)
+
+
+def _faults(scenario: Scenario, interfaces: Mapping[str, Interface]) -> Faults:
+    """The faults of a scenario's signals.
+
+    Raises:
+        ScenarioError: as `resolve_faults` raises it, or a fault ends trials before their time.
+    """
+    faults = resolve_faults(
+        scenario, interfaces, find_system(scenario.system, scenario.estimator).links, TICK_S
+    )
+    for link, values in zip(faults.links, faults.values, strict=True):
+        if values["kind"] == Kind.NAN and link.source == "plant" and "sensors" in interfaces:
+            raise ScenarioError(
+                f"{scenario.name}: [[fault]] nan of plant.{link.source_variable}: the sensors answer with what "
+                "is not finite, which ends a trial; disturb a signal of the sensors"
+            )
+    return faults
 
 
 def _check_windows(

@@ -35,6 +35,8 @@ class LogRows:
         self.onboard = onboard
         self.scales: dict[str, tuple[Array, Array]] = {}
         for name in simulation.components:
+            if name in ready.system.faults:
+                continue  # what it is given and what it gives are signals of others
             renames = ready.renames.get(name, {})
             role = find_role(name) if renames else None
             columns = [_column(quantity, role, renames) for quantity in simulation.columns(name)]
@@ -98,7 +100,7 @@ def metadata(request: Request, ready: Prepared) -> dict[str, dict[str, str]]:
     return {
         "scenario": {"name": scenario.name, "seed": str(scenario.seed), "toml": scenario.text()},
         "parameters": values_of(ready.interfaces, ready.values),
-        "roles": {name: fmu.model for name, fmu in ready.fmus.items()},
+        "roles": {name: fmu.model for name, fmu in ready.fmus.items() if name not in ready.system.faults},
         "run": {"order": request.order, "fmi": str(request.fmi)}
         | ({"onboard": request.onboard} if request.onboard else {}),
         "swaps": {role: f"{role}.fmu" for role in request.swaps},

@@ -1,11 +1,14 @@
-"""What disturbed a trial, as its rows show it: GPS outages, the operator's orders, lost radio."""
+"""What disturbed a trial: outages, orders and lost radio, as its rows show them; the scenario's faults."""
 
 from __future__ import annotations
+
+from contextlib import suppress
 
 import numpy as np
 import numpy.typing as npt
 
 from harness.log.log import Log
+from harness.trial.scenario import LOST, Disturbance, ScenarioError, parse
 from models.commands import Command
 
 GPS_OUTAGE, ORDER, LOST_RADIO = "GPS outage", "operator's order", "lost radio"
@@ -18,9 +21,22 @@ def disturbances(log: Log) -> dict[str, list[Span]]:
     - GPS outage: from the first fix that was due and did not come to the next that came.
     - operator's order: an override, or the start signal withdrawn after it was given.
     - lost radio: `link_ok` was false.
+    - each fault of the scenario, under its words.
     """
     kinds = {GPS_OUTAGE: _outages(log), ORDER: _orders(log), LOST_RADIO: _lost_radio(log)}
+    end = float(log.time[-1])
+    for fault in faults_of(log):
+        if fault.kind != LOST and fault.at <= end:
+            span = (fault.at, end if fault.until is None else min(fault.until, end))
+            kinds.setdefault(fault.words, []).append(span)
     return {kind: spans for kind, spans in kinds.items() if spans}
+
+
+def faults_of(log: Log) -> tuple[Disturbance, ...]:
+    """The faults of a log's scenario; none if the log does not tell."""
+    with suppress(KeyError, ScenarioError):
+        return parse(log.metadata["scenario"]["toml"], "the log's scenario").faults
+    return ()
 
 
 def spans_where(log: Log, condition: npt.NDArray[np.bool_]) -> list[Span]:

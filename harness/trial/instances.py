@@ -19,7 +19,7 @@ from harness.cosim.loop import Simulation
 from harness.cosim.worker.contained import Contained
 from harness.cosim.worker.simulation import Companion
 from harness.log.channel import Channel
-from harness.onboard import ROLES
+from harness.onboard import IN_FIRMWARE
 from harness.onboard.processors import Processor, open_processor
 from harness.onboard.stand_in import Onboard
 from harness.trial.firmware import firmware_values, navigation_of
@@ -30,7 +30,6 @@ from models.system import SYSTEMS, find_system
 
 OpenProcessor = Callable[[str, Values, Navigation], Processor]
 Kind = TypeVar("Kind", bound=Onboard)
-ON_BOARD = ("ahrs", *ROLES)
 
 
 class Telemetry(Protocol):
@@ -90,7 +89,7 @@ def open_simulation(
         companion: Callable[[], Companion] | None = None
         width, labels = 0, {}
         if request.onboard:
-            labels = {name: f"{name} on board" for name in ON_BOARD if name in ready.fmus}
+            labels = {name: f"{name} on board" for name in IN_FIRMWARE if name in ready.fmus}
             companion = partial(_open, OnboardInWorker, _firmware(request, ready), open_processor)
             width = OnboardInWorker.width
         contained = Contained(

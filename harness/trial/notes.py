@@ -98,6 +98,8 @@ def timed(scenario: Scenario, interfaces: Interfaces, values: Values) -> Iterato
     """What a scenario has happen, and from when on [s]: changes of inputs, and windows."""
     for number, setting in enumerate(scenario.sets, start=1):
         yield f"[[set]] {number}, {setting.variable} at {setting.at:g} s,", setting.at
+    for number, fault in enumerate(scenario.faults, start=1):
+        yield f"[[fault]] {number}, {fault.words} at {fault.at:g} s,", fault.at
     for _, block, own in _components(interfaces, values):
         for name, number, begin, until in windows(block, own):
             if begin < until:
@@ -120,12 +122,11 @@ def _takes_attitude(estimator: str) -> bool:
 def _below_a_tick(scenario: Scenario) -> Iterator[str]:
     if scenario.duration < TICK:
         yield f"duration is {scenario.duration:g} s, below a tick ({TICK:g} s): nothing moves"
-    for number, setting in enumerate(scenario.sets, start=1):
-        if setting.until is not None and _tick(setting.at) == _tick(setting.until):
-            yield (
-                f"[[set]] {number}, {setting.variable} from {setting.at:g} to {setting.until:g} s, "
-                f"never acts: no tick (every {TICK:g} s) is in it"
-            )
+    spans = [(f"[[set]] {i}, {s.variable}", s.at, s.until) for i, s in enumerate(scenario.sets, start=1)]
+    spans += [(f"[[fault]] {i}, {f.words}", f.at, f.until) for i, f in enumerate(scenario.faults, start=1)]
+    for what, at, until in spans:
+        if until is not None and _tick(at) == _tick(until):
+            yield f"{what} from {at:g} to {until:g} s, never acts: no tick (every {TICK:g} s) is in it"
 
 
 def _search(values: Mapping[str, float]) -> Iterator[str]:

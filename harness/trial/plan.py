@@ -16,7 +16,7 @@ from harness.cosim.rename import Rename
 from harness.cosim.stepping import Event
 from harness.trial.notes import idle_notes
 from harness.trial.pairs import check_points, check_windows
-from harness.trial.scenario import Scenario, ScenarioError, Written, toml_of
+from harness.trial.scenario import LOST, Scenario, ScenarioError, Setting, Written, toml_of
 from models.errors import nearest
 from models.kit.declaration import Type, Variable, flatten
 from models.kit.units import UNITS
@@ -35,6 +35,7 @@ class Interface:
     Attributes:
         block: the block's or the FMU's model name.
         parameters, inputs: by flat name; renamed ones by the role's name too.
+        outputs: by flat name, or the role's name where they are renamed.
         label: its name in messages, `plant dog.fmu`.
         foreign: swapped in.
         renames: by the role's name, the FMU's name and the conversion.
@@ -48,6 +49,7 @@ class Interface:
     foreign: bool = False
     renames: Mapping[str, Rename] = field(default_factory=dict)
     misfits: Mapping[str, str] = field(default_factory=dict)
+    outputs: Mapping[str, Variable] = field(default_factory=dict)
 
     def start(self, name: str, variable: Variable, values: Mapping[str, float]) -> float:
         """A variable's start value by the role's name and unit, given the component's own values."""
@@ -74,6 +76,7 @@ def interfaces_of_system(system: System) -> dict[str, Interface]:
             dict(flatten(block.group("parameter"))),
             dict(flatten(block.group("input"))),
             f"{name} {block.title()}",
+            outputs=dict(flatten(block.group("output"))),
         )
         for name, block in system.components.items()
     }
@@ -95,13 +98,17 @@ def interface_of_fmu(
     """
     parameters = {n: _variable(fmu, q) for n, q in fmu.parameters.items()}
     inputs = {n: _variable(fmu, q) for n, q in fmu.inputs.items()}
+    outputs = {n: _variable(fmu, q) for n, q in fmu.outputs.items()}
     renames: dict[str, Rename] = {}
     if role is not None and fit is not None:
         renames = {n: r for n, r in {**fit.inputs, **fit.parameters}.items() if r.mapped}
         parameters |= {n: role.parameters[n] for n in fit.parameters if n in renames}
         inputs |= {n: role.inputs[n] for n in fit.inputs if n in renames}
+        given = {rename.name for rename in fit.outputs.values()}
+        outputs = {n: v for n, v in outputs.items() if n not in given}
+        outputs |= {n: role.needs[n] for n in fit.outputs}
     label = f"{name} {fmu.path.name}"
-    return Interface(fmu.model, parameters, inputs, label, fit is not None, renames, misfits or {})
+    return Interface(fmu.model, parameters, inputs, label, fit is not None, renames, misfits or {}, outputs)
 
 
 def _variable(fmu: FmuDescription, quantity: Quantity) -> Variable:
@@ -329,7 +336,12 @@ class _Planner:
     def events(self) -> Iterable[Event]:
         """The changes of inputs. The entry that started last holds; of several, the one listed last."""
         entries: dict[tuple[str, str], list[tuple[float, float, float]]] = {}
-        for setting in self.scenario.sets:
+        silences = [
+            Setting("controller.link_ok", False, f.at, f.until)
+            for f in self.scenario.faults
+            if f.kind == LOST
+        ]
+        for setting in (*self.scenario.sets, *silences):
             where = f"{self.scenario.name}: [[set]] {setting.variable}"
             until = math.inf if setting.until is None else setting.until
             for component, name in self.find(setting.variable, "inputs"):

@@ -28,6 +28,7 @@ from harness.drawing import (
     CIRCLE_EDGE,
     CIRCLE_FACE,
     ESTIMATE,
+    FAULT,
     GPS,
     GRID,
     LOST_RADIO,
@@ -89,6 +90,7 @@ FENCE: Style = {"fill": False, "edgecolor": "#B3261E", "linewidth": 1.4, "linest
 FIX_STYLE: Style = {"label": "GPS fix", "marker": ".", "color": GPS, "markersize": 4, "linestyle": ""}
 BANDS = {kinds.GPS_OUTAGE: OUTAGE, kinds.ORDER: ORDER, kinds.LOST_RADIO: LOST_RADIO}
 NOTHING: Mapping[str, tuple[Style, Sequence[Span]]] = MappingProxyType({})
+FAULT_TRAIL = ("#C88CF8", 11.0)
 TRAILS = {  # along the path: colour, and points wide
     kinds.GPS_OUTAGE: ("#C3C9D1", 26.0),
     kinds.ORDER: ("#9CC7EA", 21.0),
@@ -114,7 +116,7 @@ def trial_figure(
     grid = figure.add_gridspec(3, 2, width_ratios=(1, 1.1), height_ratios=(1, 1, 1.15))
     path = figure.add_subplot(grid[:, 0])
     handles = draw_path(path, log)
-    bands = {kind: (BANDS[kind], spans) for kind, spans in disturbances(log).items()} | dict(more)
+    bands = {kind: (BANDS.get(kind, FAULT), spans) for kind, spans in disturbances(log).items()} | dict(more)
     _draw_over_time(figure, [figure.add_subplot(grid[row, 1]) for row in range(3)], log, bands)
     handles += [band_handle(label, style) for label, (style, _) in bands.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 8), **BELOW)
@@ -234,8 +236,11 @@ def _draw_trails(axes: Axes, log: Log) -> None:
     """Lay what disturbed the trial under the path, as broad as its kind, so that all of several show."""
     place = np.column_stack([log["plant.east"], log["plant.north"]])
     for kind, spans in disturbances(log).items():
-        color, width = TRAILS[kind]
+        color, width = TRAILS.get(kind, FAULT_TRAIL)
         during = [place[(log.time >= start) & (log.time <= end)] for start, end in spans]
+        during = [trail for trail in during if len(trail)]
+        if not during:  # between two ticks
+            continue
         trails = LineCollection(
             during, colors=color, linewidths=width, capstyle="round", zorder=1.5, label=kind
         )

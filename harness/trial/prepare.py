@@ -4,17 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
+from fmus.folder import build_folder
 from harness.cosim.archive import holder
 from harness.cosim.fmu import FmuDescription, describe
 from harness.cosim.rename import Rename
 from harness.cosim.roles import Fit, find_role, misfits, read_adapter, replace_component, roles
-from harness.cosim.ssp import FmuSystem, open_ssp
+from harness.cosim.ssp import FmuComponent, FmuSystem, ScaledLink, open_ssp
+from harness.cosim.wiring import common_step
 from harness.files import nearest_file
+from harness.onboard import IN_FIRMWARE
+from harness.trial.faults import Faults, resolve_faults
 from harness.trial.plan import Interface, Plan, interface_of_fmu, interfaces_of_system, plan
 from harness.trial.request import Request
 from harness.trial.scenario import Scenario, ScenarioError
+from models.disturbance import FAULTS, Placed, disturb
 from models.system import System
 
 
@@ -83,7 +89,20 @@ def prepared(request: Request) -> Iterator[Prepared]:
             name: {link.target_variable for link in system.links if link.target == name} for name in fmus
         }
         resolved = plan(scenario, interfaces, _bound_values(system), connected)
-        yield Prepared(system, fmus, interfaces, resolved, renames, (*notes, *resolved.notes))
+        faults = resolve_faults(
+            scenario,
+            interfaces,
+            system.links,
+            common_step(fmus),
+            names={r: {name: rename.name for name, rename in f.outputs.items()} for r, f in fits.items()},
+            inside=IN_FIRMWARE if request.onboard else (),
+        )
+        disturbed, values = _with_faults(
+            system, faults, build_folder() / f"fmi{request.fmi}", is_sensed=bool(request.onboard)
+        )
+        fmus = {name: describe(disturbed.components[name].fmu) for name in values} | fmus
+        resolved = replace(resolved, values=resolved.values | values)
+        yield Prepared(disturbed, fmus, interfaces, resolved, renames, (*notes, *resolved.notes))
 
 
 def _notes(system: FmuSystem, scenario: Scenario) -> list[str]:
@@ -128,3 +147,36 @@ def _bound_values(system: FmuSystem) -> dict[str, dict[str, float]]:
         name: {variable: start.value for variable, start in component.values.items()}
         for name, component in system.components.items()
     }
+
+
+def _with_faults(
+    system: FmuSystem, faults: Faults, folder: Path, *, is_sensed: bool
+) -> tuple[FmuSystem, dict[str, dict[str, float]]]:
+    """A system with the faults' blocks in its links, and their parameters; without faults the system itself.
+
+    Args:
+        folder: where the blocks' FMUs are.
+        is_sensed: something reads the sensors' outputs beside the links, the firmware on board.
+    """
+    if not faults.links:
+        return system, {}
+    links, placed = disturb(system.links, faults.links)
+    if is_sensed:
+        ends = {place.fault for place in placed.values()}
+        for number, fault in enumerate(faults.links):
+            if number not in ends:
+                name = f"fault_{len(placed) + 1}"
+                placed[name] = Placed(number, fault.type)
+                links = (*links, ScaledLink(fault.source, fault.source_variable, name, "signal"))
+    blocks = {
+        name: FmuComponent(name, folder / f"{FAULTS[place.type].title()}.fmu")
+        for name, place in placed.items()
+    }
+    # they come first: the firmware on board, which no link orders, is stepped after them
+    disturbed = replace(
+        system,
+        components=blocks | system.components,
+        links=links,
+        faults={name: faults.links[place.fault] for name, place in placed.items()},
+    )
+    return disturbed, faults.values_of(placed)

@@ -17,6 +17,7 @@ from harness.cosim.stepping import Limits, Loop, Order
 from harness.files import nearest_file
 from harness.onboard import ROLES
 from harness.trial import DEFAULT
+from harness.trial.faults import fault_fmus
 from harness.trial.scenario import Scenario, ScenarioError, checked, load, parse, with_estimator
 from models.canine_ahrs import CanineAhrs
 from models.errors import UsageError, nearest, printable
@@ -312,7 +313,8 @@ def _checked(request: Request) -> Request:
 
 def build_missing(request: Request, done: Callable[[Path], None] = lambda path: None) -> None:
     """Build our FMUs and packages if those that are requested are missing, or older than the models."""
-    own = [path for path in (request.ssp, *request.swaps.values()) if build_folder() in path.parents]
+    faults = fault_fmus(request.scenario, build_folder() / f"fmi{request.fmi}")
+    own = [path for path in (request.ssp, *request.swaps.values(), *faults) if build_folder() in path.parents]
     special = request.ssp in own and request.scenario.estimator != ESTIMATOR
     if own and not (all(path.exists() for path in own) and is_current()):
         from fmus.build import build_all  # noqa: PLC0415 - CasADi and templates

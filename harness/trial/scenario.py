@@ -19,6 +19,13 @@
     until = 12.0
     "controller.override" = "STOP"
 
+    [[fault]]                                # of an output on all its links, or on one: "a.x -> b.y"
+    signal = "sensors.gps_north"
+    kind = "offset"
+    at = 10.0
+    until = 12.0
+    value = 5.0
+
 Of several `[[set]]` for one input, the one that started last holds; of those that started together, the one
 listed last. Where none holds, the input has its value of the start.
 
@@ -27,8 +34,9 @@ Quantities with rad in their unit are in degrees here, and in rad everywhere els
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from itertools import takewhile
 from numbers import Integral
 from os.path import isdir, isfile  # unlike Path's, they raise nothing
@@ -40,12 +48,15 @@ from harness.files import nearest_file
 from harness.toml_file import TomlError, parse_toml, read_toml
 from models.canine import Canine
 from models.cmec import MAX_WAYPOINTS
+from models.disturbance import LONGEST_DELAY, Kind
 from models.errors import UsageError, nearest
 from models.fence import MAX_CORNERS, fault_of
+from models.kit.declaration import Type
 from models.kit.random import MAX_SEED
 from models.readings import READINGS
 from models.system import ESTIMATOR, ESTIMATORS, SYSTEMS, System, find_system
 
+LOST = "lost"  # the radio's fault
 Written = bool | int | float | str | list[Any]
 SHIPPED = Path(__file__).parents[1] / "scenarios"
 MAX_DURATION = 86_400.0  # s: a day
@@ -69,6 +80,64 @@ class Setting:
 
 
 @dataclass(frozen=True)
+class Disturbance:
+    """A fault as written, from `at` to `until` [s]; None is the end of the trial.
+
+    Attributes:
+        signal: `component.output`, or one link of it, `component.output -> component.input`.
+        kind: one of `FAULT_KINDS`.
+        value: in the signal's unit, angles in degrees; of some kinds something else (`FAULT_KINDS`).
+    """
+
+    signal: str
+    kind: str
+    at: float
+    until: float | None = None
+    value: float | None = None
+
+    @property
+    def words(self) -> str:
+        """What it is, for tables and legends: `offset 5 of sensors.gps_north`."""
+        how_much = "" if self.value is None else f" {self.value:.6g}"
+        return f"{self.kind}{how_much} of {self.signal}"
+
+
+@dataclass(frozen=True)
+class FaultKind:
+    """What a kind of fault takes.
+
+    Attributes:
+        means: its `value`; "" if it takes none.
+        low, high: the range of that.
+        types: of the signals that it fits; none for what is no signal.
+        ends: it needs an `until`.
+    """
+
+    means: str = ""
+    low: float = -math.inf
+    high: float = math.inf
+    types: frozenset[Type] = frozenset(Type)
+    ends: bool = False
+
+
+REALS = frozenset({Type.REAL})
+FAULT_KINDS = {
+    Kind.OFF: FaultKind(),
+    Kind.STUCK: FaultKind(),
+    Kind.OFFSET: FaultKind("what is added, in the signal's unit", types=REALS),
+    Kind.SCALE: FaultKind("the factor", types=REALS),
+    Kind.NOISE: FaultKind("the standard deviation, in the signal's unit", 0, types=REALS),
+    Kind.DELAY: FaultKind(f"the delay in s, up to {LONGEST_DELAY} ticks", 0),
+    Kind.DROPOUTS: FaultKind("the share of samples that are lost", 0, 1),
+    Kind.JUMP: FaultKind("what the signal jumps by, in its unit", types=REALS, ends=True),
+    Kind.NAN: FaultKind(types=REALS),
+}
+FAULTS = {kind.name.lower(): what for kind, what in FAULT_KINDS.items()} | {
+    LOST: FaultKind(types=frozenset())
+}
+
+
+@dataclass(frozen=True)
 class Scenario:
     """A trial as it is written: angles in degrees, addresses unresolved.
 
@@ -82,6 +151,7 @@ class Scenario:
         start: north and east, m; heading, deg.
         parameters: by `block.name` or `component.name`.
         sets: changes of inputs by time.
+        faults: of signals, by time.
         fence: the corners of a polygon that the animal may not leave, north and east, m; none for no fence.
         estimator: which of ours a system with one has.
         folder: where its file is; the path of an .ssp starts there.
@@ -97,6 +167,7 @@ class Scenario:
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
     parameters: Mapping[str, Written] = field(default_factory=dict)
     sets: tuple[Setting, ...] = ()
+    faults: tuple[Disturbance, ...] = ()
     estimator: str = ESTIMATOR
     fence: Sequence[tuple[float, float]] = ()
     folder: Path = field(default=Path(), compare=False)
@@ -122,8 +193,9 @@ class Scenario:
         for key, value, size in (("start", self.start, 3), ("origin", self.origin, 2)):
             if len(value) != size:
                 raise ScenarioError(f"{self.name}: {key} is {value!r}; expected {size} numbers")
-        if not all(isinstance(setting, Setting) for setting in self.sets):
-            raise ScenarioError(f"{self.name}: sets is {self.sets!r}; expected `Setting`s")
+        for key, entries, kind in (("sets", self.sets, Setting), ("faults", self.faults, Disturbance)):
+            if not all(isinstance(entry, kind) for entry in entries):
+                raise ScenarioError(f"{self.name}: {key} is {entries!r}; expected `{kind.__name__}`s")
         north, east, heading = self.start
         lines = [
             f"name = {toml_of(self.name)}",
@@ -145,6 +217,11 @@ class Scenario:
             if setting.until is not None:
                 lines.append(f"until = {toml_of(setting.until)}")
             lines.append(f"{toml_of(setting.variable)} = {toml_of(setting.value, setting.variable)}")
+        for fault in self.faults:
+            lines += ["", "[[fault]]"]
+            lines += [
+                f"{key} = {toml_of(value, key)}" for key, value in asdict(fault).items() if value is not None
+            ]
         return "\n".join(lines) + "\n"
 
     def override(self, settings: Iterable[str], seed: int | None = None) -> Scenario:
@@ -335,6 +412,7 @@ def parse(text: str, where: str, default_name: str = "scenario", folder: Path = 
         ),
         parameters=table.table("parameters").all(),
         sets=tuple(setting for entry in table.tables("set") for setting in entry.settings()),
+        faults=tuple(entry.fault() for entry in table.tables("fault")),
         estimator=table.word("estimator", ESTIMATOR, ESTIMATORS),
         folder=folder,
     )
@@ -441,11 +519,48 @@ class _TomlTable:
                 raise self.fail(key, value, 'a value; a key with a dot is quoted: "block.name" = value')
         return self.left
 
-    def settings(self) -> list[Setting]:
-        if "at" not in self.left:
-            raise ScenarioError(f'{self.where}: lacks "at", the time in s')
+    def needed(self, key: str, what: str) -> None:
+        """Refuse a table without this key."""
+        if key not in self.left:
+            raise ScenarioError(f'{self.where}: lacks "{key}", {what}')
+
+    def span(self) -> tuple[float, float | None]:
+        """From and until [s]."""
+        self.needed("at", "the time in s")
         at = self.number("at", 0.0, 0, MAX_DURATION, unit="s")
-        until = self.number("until", at, at, MAX_DURATION, unit="s") if "until" in self.left else None
+        if "until" not in self.left:
+            self.known.append("until")
+            return at, None
+        return at, self.number("until", at, at, MAX_DURATION, unit="s")
+
+    def fault(self) -> Disturbance:
+        self.needed("kind", f"one of {', '.join(FAULTS)}")
+        self.needed("signal", 'what it disturbs: "component.output"')
+        kind = self.word("kind", "", FAULTS)
+        signal, (at, until), what = self.word("signal", ""), self.span(), FAULTS[kind]
+        if what.ends and until is None:
+            raise ScenarioError(f'{self.where}: lacks "until", the time in s: the {kind} fades until then')
+        if what.means:
+            self.needed("value", what.means)
+        elif "value" in self.left:
+            raise ScenarioError(f'{self.where}: value is {self.left["value"]}; the kind "{kind}" takes none')
+        value = self.real("value", what.low, what.high, what.means) if what.means else None
+        self.known.append("value")
+        self.finish()
+        return Disturbance(signal, kind, at, until, value)
+
+    def real(self, key: str, low: float, high: float, means: str) -> float:
+        """A finite number in a range that need not end."""
+        value = self.take(key, None)
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not is_number or not math.isfinite(value) or not low <= value <= high:
+            bounds = "" if low == -math.inf else f" from {low:g}"
+            bounds += "" if high == math.inf else f" to {high:g}"
+            raise self.fail(key, value, f"a number{bounds}: {means}")
+        return float(value)
+
+    def settings(self) -> list[Setting]:
+        at, until = self.span()
         if not self.left:
             raise ScenarioError(f'{self.where}: sets nothing; expected "component.input" = value')
         return [Setting(variable, value, at, until) for variable, value in self.all().items()]

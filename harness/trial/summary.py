@@ -6,6 +6,7 @@ import base64
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from harness.files import write_whole
 from harness.log.channel import Array
 from harness.log.log import Log, named
 from harness.terminal import console_of, new_table, print_table
-from harness.trial.disturbances import disturbances
+from harness.trial.disturbances import disturbances, faults_of
 from models.commands import Status
 from models.modes import Anomaly
 from models.system import ESTIMATOR
@@ -74,6 +75,7 @@ def summarize(log: Log, real_time_factor: float | None = None, notes: Sequence[s
     - `anomalies` counts the ticks that reported each kind, by name: the controller's, then the estimator's.
     - `position_error_m` is the horizontal distance of the estimate from the truth over all ticks; None
       without an estimator, or if an estimate is not finite.
+    - `faults` are the scenario's, as written.
 
     Args:
         real_time_factor: trial time over elapsed time; a log has no wall-clock time.
@@ -93,6 +95,7 @@ def summarize(log: Log, real_time_factor: float | None = None, notes: Sequence[s
         "anomalies": _anomalies(log),
         "position_error_m": _position_error(log),
         "ticks": len(log.time),
+        "faults": [asdict(fault) for fault in faults_of(log)],
         "real_time_factor": real_time_factor,
         "log": log.path.name,
         "notes": list(notes),

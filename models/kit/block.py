@@ -112,6 +112,8 @@ class Block:
         sample_time: seconds between ticks.
         source: where the equations come from.
         moore: the outputs depend on the states alone (a plant), so that a loop through it closes.
+        transparent: it passes a signal on, in whatever unit and with whatever named values; a step of any
+            length is one tick.
         behind: what this class declares and does comes behind what the classes that derive from it do.
         precisions: what C may be generated in; the double one is the reference.
     """
@@ -119,6 +121,7 @@ class Block:
     sample_time: ClassVar[float] = TICK
     source: ClassVar[str] = ""
     moore: ClassVar[bool] = False
+    transparent: ClassVar[bool] = False
     behind: ClassVar[bool] = False
     precisions: ClassVar[tuple[Precision, ...]] = ("double",)
 

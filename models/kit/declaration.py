@@ -34,6 +34,7 @@ class Traced(Protocol):
     def write(self, variable: Variable, value: SX | float) -> None: ...
 
 
+Real = Type.REAL  # without a unit
 Integer = Type.INTEGER
 Boolean = Type.BOOLEAN
 
@@ -41,8 +42,9 @@ Boolean = Type.BOOLEAN
 class Variable:
     """One declared variable, scalar or vector.
 
-    `unit_or_type` is a unit of `models.kit.units` (then the type is Real), `Integer`, `Boolean`, or an
-    `enum.IntEnum` (an Integer with named values). A vector of n is n scalars `name[1]` .. `name[n]` outside.
+    `unit_or_type` is a unit of `models.kit.units` (then the type is Real), `Integer`, `Boolean`, an
+    `enum.IntEnum` (an Integer with named values), or `Real` for a value in whatever unit. A vector of n is n
+    scalars `name[1]` .. `name[n]` outside.
     """
 
     kind: Kind
@@ -200,16 +202,17 @@ SUBSTREAMS = 256  # of a stream
 class Stream(State):
     """The six numbers of a random stream (MRG32k3a), one substream per purpose.
 
-    Its start is the substream `substream` of the stream that the block's parameter `seed` selects.
+    Its start is the substream `substream` of the stream that the block's parameter `seed` selects; if it has
+    a `number`, as many substreams further on as the parameter of this name says.
     """
 
-    def __init__(self, meaning: str, *, substream: int) -> None:
+    def __init__(self, meaning: str, *, substream: int, number: str = "") -> None:
         if not 0 <= substream < SUBSTREAMS:
             raise DeclarationError(
                 f'stream "{meaning}" has substream {substream}; expected 0 to {SUBSTREAMS - 1}'
             )
         super().__init__("1", f"random stream: {meaning}", start=12345.0, size=6)
-        self.substream = substream
+        self.substream, self.number = substream, number
 
 
 def flatten(variables: Sequence[Variable]) -> Iterator[tuple[str, Variable]]:

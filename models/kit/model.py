@@ -72,7 +72,10 @@ class Model:
         """Start the random streams, then run the block's `initialize` (and `output`, if it is a plant)."""
         for variable in self.block.group("state"):
             values = (
-                start_state(int(self["seed"]), variable.substream)
+                start_state(
+                    int(self["seed"]),
+                    variable.substream + int(self[variable.number] if variable.number else 0),
+                )
                 if isinstance(variable, Stream)
                 else variable.start
             )

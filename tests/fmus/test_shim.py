@@ -13,6 +13,7 @@ import pytest
 
 from fmus.build import build_fmu
 from fmus.folder import FmiVersion
+from models.disturbance import Kind, RealFault
 from models.kit.block import Block
 from models.kit.declaration import Parameter
 from models.kit.model import Model
@@ -102,7 +103,8 @@ def test_a_step_of_several_ticks_is_as_many_steps_with_held_inputs(
 ) -> None:
     # given inputs that change every few ticks, and the reference that makes each tick by itself
     held = stimulus(block, 192 // ticks)
-    reference = run_model(block, parameters_of(block), [row for row in held for _ in range(ticks)])
+    made = 1 if block.transparent else ticks  # in a step
+    reference = run_model(block, parameters_of(block), [row for row in held for _ in range(made)])
     first = 1 if block.moore else 0
     with Instance(unpacked(block)) as unit:
         # when one step of the FMU spans them
@@ -112,10 +114,10 @@ def test_a_step_of_several_ticks_is_as_many_steps_with_held_inputs(
                 unit[name] = value
             unit.step(number * ticks, ticks * 0.04)
             # then outputs and states are those after the last of them, and the time is there too
-            last = (number + 1) * ticks
-            assert bits(unit.values(watched(block))) == reference[first + last - 1]
+            assert bits(unit.values(watched(block))) == reference[first + (number + 1) * made - 1]
             if unit.version == 3:
-                assert unit["time"] == last * 0.04
+                point, size = number * ticks * 0.04, ticks * 0.04
+                assert unit["time"] == (point + size if block.transparent else (number + 1) * ticks * 0.04)
 
 
 def test_simulate_fmu_over_a_minute_doubles_its_interval(tmp_path: Path, version: FmiVersion) -> None:
@@ -181,6 +183,20 @@ def test_a_step_of_nothing_does_nothing(unpacked: Unpacked) -> None:
         assert unit["place"] == 0.0
         unit.slave.doStep(0.0, 0.04)
         assert unit["place"] == 0.04
+
+
+def test_a_transparent_block_takes_one_tick_in_a_step_of_any_length(unpacked: Unpacked) -> None:
+    with Instance(unpacked(RealFault)) as unit:
+        unit.start({"kind": Kind.STUCK, "first": 1, "after": 3})
+        arrived = []
+        for number, (point, size) in enumerate([(0.0, 0.001), (0.001, 0.5), (0.501, 0.25), (0.751, 0.04)]):
+            unit["signal"] = number
+            unit.slave.doStep(point, size)
+            arrived.append(unit["disturbed"])
+        assert arrived == [0, 0, 0, 3]
+        for size in (-0.04, math.nan, math.inf):
+            with pytest.raises(Refused):
+                unit.slave.doStep(0.791, size)
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from models.disturbance import FaultyLink
 from models.kit.link import Link
 
 
@@ -74,6 +75,7 @@ class FmuSystem:
         start_time, stop_time: s, of the package's experiment; FMUs begin at the first.
         files: the package's, by their names there.
         notes: what the package makes of itself that the user should know.
+        faults: what the components that disturb links act on.
     """
 
     name: str
@@ -83,3 +85,4 @@ class FmuSystem:
     stop_time: float | None = None
     files: Mapping[str, Path] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    faults: Mapping[str, FaultyLink] = field(default_factory=dict)

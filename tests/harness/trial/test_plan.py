@@ -42,6 +42,7 @@ def test_an_input_that_is_set_for_a_time_returns_to_its_start_value() -> None:
         Event(12.5, "controller", "override", 0.0),
         Event(10.0, "controller", "link_ok", 0.0),
         Event(12.5, "controller", "link_ok", 1.0),
+        Event(20.0, "controller", "link_ok", 0.0),  # the radio is lost
     )
 
 

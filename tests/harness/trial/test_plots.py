@@ -14,7 +14,7 @@ from matplotlib.text import Text
 from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 from numpy.typing import ArrayLike
 
-from harness.drawing import ESTIMATE, LOST_RADIO, MAGENTA, ORDER, OUTAGE, png_of
+from harness.drawing import ESTIMATE, FAULT, LOST_RADIO, MAGENTA, ORDER, OUTAGE, png_of
 from harness.log.channel import Channel
 from harness.log.log import Log
 from harness.trial import plots
@@ -225,6 +225,21 @@ def test_outages_orders_and_lost_radio_are_bands_with_a_legend() -> None:
     (legend,) = figure.legends
     shown = [text.get_text() for text in legend.get_texts()]
     assert shown[-3:] == ["GPS outage", "operator's order", "lost radio"]
+
+
+def test_faults_are_bands_under_their_words() -> None:
+    # given one that lasts to the end, one within a tick, and one behind the end
+    log = trial()
+    fault = '[[fault]]\nsignal = "a.b"\nkind = "{}"\nat = {}\n'.format
+    toml = fault("off", 9.5) + fault("stuck", 3.2) + "until = 3.4\n" + fault("nan", 20.0)
+    log.metadata["scenario"]["toml"] = toml
+    # when
+    figure = plots.trial_figure(log)
+    # then
+    assert [text.get_text() for text in figure.legends[0].get_texts()][-2:] == ["off of a.b", "stuck of a.b"]
+    for axes in figure.axes[1:]:
+        assert sorted(bands(axes, FAULT["facecolor"])) == [(3.2, 3.4), (9.5, 14)]
+    assert plots.trial_png(log)
 
 
 def without_fix(log: Log, at: int) -> Log:
@@ -514,8 +529,8 @@ def lab(color: str, blindness: str) -> np.ndarray:
 
 @pytest.mark.parametrize("blindness", BLINDNESS)
 def test_colours_that_share_a_shape_keep_apart_for_the_colour_blind(blindness: str) -> None:
-    shaded = [band["facecolor"] for band in (OUTAGE, ORDER, LOST_RADIO)]
-    trails = [color for color, _ in plots.TRAILS.values()]
+    shaded = [band["facecolor"] for band in (OUTAGE, ORDER, LOST_RADIO, FAULT)]
+    trails = [color for color, _ in (*plots.TRAILS.values(), plots.FAULT_TRAIL)]
     solid = [
         plots.COLOURS[code] for code in Command if code not in plots.DASHES and code is not Command.RIGHT
     ]

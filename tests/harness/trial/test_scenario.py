@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 
 from harness.trial.scenario import (
+    FAULTS,
+    Disturbance,
     Scenario,
     ScenarioError,
     Setting,
@@ -27,6 +29,10 @@ def test_every_key_of_a_file_is_read() -> None:
     assert scenario.waypoints == ((25.0, 0.0), (25.0, -12.5))
     assert scenario.origin == (32.5, -85.25)
     assert scenario.start == (1.0, 2.0, 90.0)
+    assert scenario.faults == (
+        Disturbance("plant.heading", "offset", 10.0, 12.0, 5.0),
+        Disturbance("radio", "lost", 20.0),
+    )
 
 
 def test_the_text_of_a_scenario_reads_back_to_the_same_scenario() -> None:
@@ -123,6 +129,50 @@ def test_settings_of_the_command_line_win_over_those_of_the_file() -> None:
         ('[[set]]\n"a.b" = 1', 'my.toml: [[set]] 1: lacks "at", the time in s'),
         ("[[set]]\nat = 1", 'my.toml: [[set]] 1: sets nothing; expected "component.input" = value'),
         ("[[set]]\nat = 2\nuntil = 1", "my.toml: [[set]] 1: until is 1; expected a number from 2 to 86400 s"),
+        (
+            '[[fault]]\nsignal = "a.b"\nat = 1',
+            f'my.toml: [[fault]] 1: lacks "kind", one of {", ".join(FAULTS)}',
+        ),
+        (
+            '[[fault]]\nsignal = "a.b"\nkind = "of"\nat = 1',
+            f'my.toml: [[fault]] 1: kind is "of"; expected one of {", ".join(sorted(FAULTS))}; '
+            'did you mean "off"?',
+        ),
+        (
+            '[[fault]]\nkind = "off"\nat = 1',
+            'my.toml: [[fault]] 1: lacks "signal", what it disturbs: "component.output"',
+        ),
+        ('[[fault]]\nkind = "off"\nsignal = "a.b"', 'my.toml: [[fault]] 1: lacks "at", the time in s'),
+        (
+            '[[fault]]\nkind = "off"\nsignal = "a.b"\nat = 1\nvalue = 2',
+            'my.toml: [[fault]] 1: value is 2; the kind "off" takes none',
+        ),
+        (
+            '[[fault]]\nkind = "scale"\nsignal = "a.b"\nat = 1',
+            'my.toml: [[fault]] 1: lacks "value", the factor',
+        ),
+        (
+            '[[fault]]\nkind = "dropouts"\nsignal = "a.b"\nat = 1\nvalue = 1.5',
+            "my.toml: [[fault]] 1: value is 1.5; expected a number from 0 to 1: the share of samples that "
+            "are lost",
+        ),
+        (
+            '[[fault]]\nkind = "noise"\nsignal = "a.b"\nat = 1\nvalue = -1',
+            "my.toml: [[fault]] 1: value is -1; expected a number from 0: the standard deviation, in "
+            "the signal's unit",
+        ),
+        (
+            '[[fault]]\nkind = "offset"\nsignal = "a.b"\nat = 1\nvalue = inf',
+            "my.toml: [[fault]] 1: value is inf; expected a number: what is added, in the signal's unit",
+        ),
+        (
+            '[[fault]]\nkind = "jump"\nsignal = "a.b"\nat = 1\nvalue = 2',
+            'my.toml: [[fault]] 1: lacks "until", the time in s: the jump fades until then',
+        ),
+        (
+            '[[fault]]\nkind = "off"\nsignal = "a.b"\nat = 1\nuntl = 2',
+            'my.toml: [[fault]] 1: unknown key "untl"; did you mean "until"?',
+        ),
         (
             "[parameters]\ncmec.moving_deviation = 1",
             "my.toml: [parameters]: cmec is {'moving_deviation': 1}; "

@@ -74,6 +74,7 @@ def test_the_summary_of_a_trial_is_that_derived_by_hand() -> None:
         "anomalies": {"TURN_FAILURE": 2, "TRIAL_FAILURE": 1},
         "position_error_m": {"mean": 2.0, "max": 5.0, "final": 2.0},
         "ticks": 5,
+        "faults": [],
         "real_time_factor": 40.5,
         "log": "trial.mcap",
         "notes": [],

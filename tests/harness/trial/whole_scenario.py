@@ -17,4 +17,14 @@ at = 10.0
 until = 12.5
 "controller.override" = "STOP"
 "cmec.link_ok" = false
+[[fault]]
+signal = "plant.heading"
+kind = "offset"
+at = 10.0
+until = 12
+value = 5
+[[fault]]
+signal = "radio"
+kind = "lost"
+at = 20.0
 """

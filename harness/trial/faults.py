@@ -1,0 +1,165 @@
+"""Faults of signals: those that a scenario states, resolved to blocks in a system's links.
+
+A lost radio is no signal's fault: `plan` takes `controller.link_ok` away, as `[[set]]` does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from harness.trial.plan import Interface, is_angular
+from harness.trial.scenario import FAULTS, LOST, Disturbance, Scenario, ScenarioError
+from models.disturbance import FAULTS as BLOCKS
+from models.disturbance import LONGEST_DELAY, MAX_FAULTS, FaultyLink, Kind, Placed
+from models.errors import nearest
+from models.kit.declaration import Variable
+from models.kit.geometry import COUNT_MAX
+from models.kit.link import Link
+
+ARROW = "->"
+
+
+@dataclass(frozen=True)
+class Faults:
+    """The faults of signals in a system.
+
+    Attributes:
+        links: where they act.
+        values: of the blocks' parameters, one mapping for each fault.
+    """
+
+    links: tuple[FaultyLink, ...] = ()
+    values: tuple[Mapping[str, float], ...] = ()
+
+    def values_of(self, placed: Mapping[str, Placed]) -> dict[str, dict[str, float]]:
+        """The parameters of the blocks, by component."""
+        return {name: dict(self.values[place.fault]) for name, place in placed.items()}
+
+
+def resolve_faults(
+    scenario: Scenario,
+    interfaces: Mapping[str, Interface],
+    links: Sequence[Link],
+    step: float,
+    *,
+    names: Mapping[str, Mapping[str, str]] | None = None,
+    inside: Collection[str] = (),
+) -> Faults:
+    """Resolve a scenario's faults against a system.
+
+    Args:
+        step: of the system, s.
+        names: of swapped components' outputs, by component and the role's name.
+        inside: components of the firmware on board: what links them, and the sensors with them, lies in it.
+
+    Raises:
+        ScenarioError: there is no such signal or link, the kind does not fit the signal, or a value is out of
+            its range.
+    """
+    resolver = _Resolver(interfaces, links, step, names or {}, inside)
+    found: list[tuple[FaultyLink, dict[str, float]]] = []
+    for number, fault in enumerate(scenario.faults, start=1):
+        where = f"{scenario.name}: [[fault]] {number}"
+        if fault.kind == LOST:
+            if fault.signal != "radio":
+                raise ScenarioError(f'{where}: signal is "{fault.signal}"; what is lost is the "radio"')
+            continue
+        link, values = resolver.resolve(fault, where)
+        found.append((link, values | {"seed": float(scenario.seed), "number": float(len(found))}))
+    if len(found) > MAX_FAULTS:
+        raise ScenarioError(f"{scenario.name}: has {len(found)} faults; expected up to {MAX_FAULTS}")
+    return Faults(tuple(link for link, _ in found), tuple(values for _, values in found))
+
+
+@dataclass(frozen=True)
+class _Resolver:
+    """Finds where faults act; the attributes are those of `resolve_faults`."""
+
+    interfaces: Mapping[str, Interface]
+    links: Sequence[Link]
+    step: float
+    names: Mapping[str, Mapping[str, str]]
+    inside: Collection[str]
+
+    def resolve(self, fault: Disturbance, where: str) -> tuple[FaultyLink, dict[str, float]]:
+        """Where a fault acts, and the values of its block."""
+        output, arrow, end = (part.strip() for part in fault.signal.partition(ARROW))
+        component, variable = self.output(output, where)
+        if variable.type not in FAULTS[fault.kind].types:
+            kinds = ", ".join(kind for kind, what in FAULTS.items() if variable.type in what.types)
+            raise ScenarioError(
+                f'{where}: kind is "{fault.kind}", and {output} is {variable.type.value}; '
+                f"expected one of {kinds}"
+            )
+        name = output.partition(".")[2]
+        own = self.names.get(component, {}).get(name, name)
+        whole = FaultyLink(variable.type, component, own)
+        target, _, input_name = end.partition(".")
+        place = replace(whole, target=target, target_variable=input_name)
+        self.check_links(place if arrow else whole, whole, where, fault.signal)
+        return place, self.values(fault, variable, where)
+
+    def output(self, address: str, where: str) -> tuple[str, Variable]:
+        """An output's component and variable."""
+        component, _, name = address.partition(".")
+        if component not in self.interfaces:
+            raise ScenarioError(f'{where}: no component "{component}"{nearest(component, self.interfaces)}')
+        interface = self.interfaces[component]
+        if name not in interface.outputs:
+            hint = nearest(name, interface.outputs)
+            if name in interface.inputs:
+                hint = "; it is an input: disturb the output that feeds it, or set it by [[set]]"
+            raise ScenarioError(f'{where}: {interface.label} has no output "{name}"{hint}')
+        return component, interface.outputs[name]
+
+    def check_links(self, place: FaultyLink, whole: FaultyLink, where: str, signal: str) -> None:
+        """Refuse a fault of no link, and one of a link in the firmware.
+
+        What the sensors give is disturbed before it is sent there.
+        """
+        links = [link for link in self.links if place.holds(link)]
+        others = [link for link in self.links if whole.holds(link)]
+        is_sensed = bool(self.inside) and place.source == "sensors"
+        if not links and not (is_sensed and place == whole):
+            there = f"its links are {', '.join(map(str, others))}" if others else "it feeds nothing here"
+            raise ScenarioError(f'{where}: there is no link "{signal}"; {there}')
+        for link in links:
+            if link.target in self.inside and (link.source in self.inside or (is_sensed and place != whole)):
+                outside = [str(other) for other in others if other.target not in self.inside]
+                instead = f"{place.source}.{place.source_variable}" if is_sensed else ", ".join(outside)
+                raise ScenarioError(
+                    f'{where}: the link "{link}" lies in the firmware on board; disturb '
+                    f'"{instead or "a signal of the sensors or the plant"}", or run without --onboard'
+                )
+
+    def values(self, fault: Disturbance, variable: Variable, where: str) -> dict[str, float]:
+        """The values of a fault's block."""
+        kind, step = Kind[fault.kind.upper()], self.step
+        values = {"kind": float(kind), "first": float(tick_of(fault.at, step)), "after": COUNT_MAX}
+        if fault.until is not None:
+            values["after"] = float(tick_of(fault.until, step))
+        if fault.value is None:
+            return values
+        if kind is Kind.DELAY:
+            ticks = round(fault.value / step)
+            if not 1 <= ticks <= LONGEST_DELAY:
+                expected = f"a delay from {step:g} to {LONGEST_DELAY * step:g} s"
+                raise ScenarioError(f"{where}: value is {fault.value:g}; expected {expected}")
+            return values | {"delay": float(ticks)}
+        is_of_unit = kind in (Kind.OFFSET, Kind.NOISE, Kind.JUMP) and is_angular(variable)
+        return values | {"value": math.radians(fault.value) if is_of_unit else fault.value}
+
+
+def tick_of(time: float, step: float) -> int:
+    """The first tick at or after a time [s]."""
+    return max(0, math.ceil(time / step - 1e-9))
+
+
+def fault_fmus(scenario: Scenario, folder: Path) -> list[Path]:
+    """The FMUs of the blocks that a scenario's faults need."""
+    if all(fault.kind == LOST for fault in scenario.faults):
+        return []
+    return [folder / f"{block.title()}.fmu" for block in BLOCKS.values()]

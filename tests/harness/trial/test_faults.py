@@ -1,0 +1,226 @@
+"""Faults of a scenario in a trial: what reads a signal gets it disturbed, and what gives it does not."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from harness.cosim.loop import Array, Simulation
+from harness.cosim.stepping import Order
+from harness.log.log import Log, read_log
+from harness.onboard import IN_FIRMWARE
+from harness.trial import trial
+from harness.trial.disturbances import disturbances
+from harness.trial.faults import resolve_faults
+from harness.trial.plan import interfaces_of_system
+from harness.trial.prepare import prepared
+from harness.trial.request import Changes, Request, build_missing, requested
+from harness.trial.scenario import FAULTS, Disturbance, Scenario, ScenarioError, Setting, load
+from models.system import SYSTEMS
+
+SHORT = replace(load("two_waypoint"), duration=2.0)
+FROM, UNTIL = 0.8, 1.2  # s
+WINDOW = slice(20, 30)  # ticks
+SIGNALS = {  # one of each type, which changes meanwhile, and what reads it
+    "sensors.heading_meas": "estimator.heading_meas",
+    "controller.command": "plant.command",
+    "sensors.gps_fix": "estimator.gps_fix",
+}
+VALUES = {"offset": 5.0, "scale": 2.0, "noise": 3.0, "delay": 0.2, "dropouts": 0.9, "jump": 10.0}
+EVERY = [
+    (signal, kind)
+    for signal, types in zip(SIGNALS, ("Real", "Integer", "Boolean"), strict=True)
+    for kind, what in FAULTS.items()
+    if types in {t.value for t in what.types}
+]
+
+
+def with_faults(*faults: Disturbance, scenario: Scenario = SHORT) -> Scenario:
+    return replace(scenario, faults=faults)
+
+
+def fault(signal: str, kind: str, at: float = FROM, until: float | None = UNTIL) -> Disturbance:
+    return Disturbance(signal, kind, at, until, VALUES.get(kind))
+
+
+def flown(scenario: Scenario, folder: Path, **options: Any) -> Log:
+    request = Request(scenario, **options)
+    build_missing(request)
+    with prepared(request) as ready:
+        trial.run(request, ready, folder)
+    return read_log(folder / "trial.mcap")
+
+
+def rows(scenario: Scenario) -> dict[str, Array]:
+    """The signals of a trial by address, without log and pictures."""
+    request = Request(scenario)
+    build_missing(request)
+    parts: list[dict[str, Array]] = []
+    with prepared(request) as ready, Simulation(ready.system, ready.plan.values) as simulation:
+        simulation.run(
+            ready.plan.events,
+            duration=scenario.duration,
+            record=lambda _, values: parts.append({n: v.copy() for n, v in values.items()}),
+        )
+        return {
+            f"{name}.{quantity.name}": np.concatenate([part[name][:, i] for part in parts])
+            for name in simulation.components
+            for i, quantity in enumerate(simulation.columns(name))
+        }
+
+
+@pytest.mark.parametrize(("signal", "kind"), EVERY)
+def test_every_kind_changes_what_arrives_and_not_what_is_given(signal: str, kind: str) -> None:
+    # given a command that changes while the fault acts
+    order = Setting("controller.override", "STOP", 0.88, 1.04)
+    scenario = with_faults(fault(signal, kind), scenario=replace(SHORT, sets=(order,)))
+    # when
+    signals = rows(scenario)
+    # then
+    same = signals[signal] == signals[SIGNALS[signal]]
+    assert not same[WINDOW].all()
+    assert same[: WINDOW.start].all()
+    assert same[WINDOW.stop :].all()
+
+
+@pytest.mark.parametrize("order", ["sequential", "jacobi"])
+def test_both_loops_give_the_same_rows_and_a_fault_adds_no_delay(order: Order, tmp_path: Path) -> None:
+    # given faults of a plant's signal and of another's, the last of which never acts
+    faults = [fault("plant.speed", "noise"), fault("sensors.gps_north", "stuck")]
+    scenario = with_faults(*faults, fault("estimator.north", "offset", at=1.9, until=1.9))
+    # when
+    native = flown(scenario, tmp_path / "c", order=order)
+    python = flown(scenario, tmp_path / "python", order=order, loop="python")
+    plain = flown(SHORT, tmp_path / "plain", order=order)
+    # then
+    assert (tmp_path / "c" / "trial.mcap").read_bytes() == (tmp_path / "python" / "trial.mcap").read_bytes()
+    assert native["plant.north"].tolist() == python["plant.north"].tolist()
+    before = native.time < FROM - 1e-9
+    for channel in plain.channels:
+        for name in channel.names:
+            signal = f"{channel.component}.{name}"
+            assert native[signal][before].tolist() == plain[signal][before].tolist(), signal
+    assert not np.array_equal(native["sensors.speed"], plain["sensors.speed"])
+
+
+def test_a_trial_without_faults_has_no_block_for_them(tmp_path: Path) -> None:
+    with prepared(Request(SHORT)) as ready:
+        assert [name for name in ready.system.components if "fault" in name] == []
+
+
+def test_nan_arrives_and_is_skipped_and_the_trial_goes_on(tmp_path: Path) -> None:
+    log = flown(with_faults(fault("sensors.pitch_meas", "nan")), tmp_path)
+    assert np.isnan(log["estimator.pitch_meas"]).tolist() == [20 <= k < 30 for k in range(51)]
+    assert np.isfinite(log["sensors.pitch_meas"]).all()
+    assert np.isfinite(log["estimator.north"]).all()
+
+
+def test_one_link_is_disturbed_and_the_others_are_not() -> None:
+    log = rows(with_faults(fault("controller.command -> plant.command", "off", 0.2)))
+    assert (log["plant.command"][10:20] == 0).all()
+    assert np.array_equal(log["command_module.command"], log["controller.command"])
+    assert (log["controller.command"][10:20] != 0).any()
+
+
+def test_angles_are_in_degrees() -> None:
+    log = rows(with_faults(fault("sensors.heading_meas", "offset")))
+    off = (log["estimator.heading_meas"] - log["sensors.heading_meas"])[WINDOW]
+    assert off == pytest.approx(np.full(10, np.radians(5.0)), abs=1e-12)
+
+
+def test_a_lost_radio_is_link_ok_false() -> None:
+    log = rows(with_faults(Disturbance("radio", "lost", FROM, UNTIL)))
+    assert log["controller.link_ok"].tolist() == [float(not 20 <= k < 30) for k in range(51)]
+
+
+def test_a_log_with_faults_runs_again_to_the_same_bytes(tmp_path: Path) -> None:
+    # given
+    flown(with_faults(fault("sensors.gps_east", "noise"), fault("radio", "lost")), tmp_path / "first")
+    log = tmp_path / "first" / "trial.mcap"
+    # when
+    with requested(str(log), Changes()) as request, prepared(request) as ready:
+        summary = trial.run(request, ready, tmp_path / "again")
+    # then
+    assert (tmp_path / "again" / "trial.mcap").read_bytes() == log.read_bytes()
+    assert [f["kind"] for f in summary["faults"]] == ["noise", "lost"]
+    assert not {"fault_1", "fault_2"} & {c.component for c in read_log(log).channels}
+
+
+def test_a_fault_shows_as_a_band_under_its_words(tmp_path: Path) -> None:
+    scenario = with_faults(fault("sensors.gps_east", "jump"), fault("sensors.gps_north", "off", 1.6, None))
+    log = flown(scenario, tmp_path)
+    assert disturbances(log) == {
+        "jump 10 of sensors.gps_east": [(0.8, 1.2)], "off of sensors.gps_north": [(1.6, 2.0)]
+    }  # fmt: skip
+
+
+def resolved(fault: Disturbance, inside: tuple[str, ...] = ()) -> Any:
+    system = SYSTEMS["full"]
+    return resolve_faults(with_faults(fault), interfaces_of_system(system), system.links, 0.04, inside=inside)
+
+
+@pytest.mark.parametrize(
+    ("signal", "kind", "text"),
+    [
+        ("sensor.gps_north", "off", 'no component "sensor"; did you mean "sensors"'),
+        ("sensors.gps_nort", "off", 'has no output "gps_nort"; did you mean "gps_north"'),
+        ("controller.override", "off", "it is an input: disturb the output that feeds it"),
+        ("sensors.accel_z", "off", "it feeds nothing here"),
+        ("sensors.gps_fix", "offset", "expected one of off, stuck, delay, dropouts"),
+        (
+            "sensors.gps_north -> plant.command",
+            "off",
+            "its links are sensors.gps_north -> estimator.gps_north",
+        ),
+        ("wire", "lost", 'what is lost is the "radio"'),
+    ],
+)
+def test_a_fault_of_what_is_not_there_is_refused(signal: str, kind: str, text: str) -> None:
+    with pytest.raises(ScenarioError, match=text):
+        resolved(fault(signal, kind))
+
+
+@pytest.mark.parametrize("value", [0.01, 2.1])
+def test_a_delay_is_of_one_to_fifty_ticks(value: float) -> None:
+    with pytest.raises(ScenarioError, match=r"expected a delay from 0\.04 to 2 s"):
+        resolved(Disturbance("sensors.gps_north", "delay", 1, 2, value))
+
+
+@pytest.mark.parametrize(
+    ("signal", "instead"),
+    [
+        ("estimator.north", "a signal of the sensors or the plant"),
+        ("sensors.gps_north -> estimator.gps_north", "sensors.gps_north"),
+        ("controller.command", "controller.command -> plant.command"),
+    ],
+)
+def test_a_link_in_the_firmware_is_refused_on_board(signal: str, instead: str) -> None:
+    resolved(fault(signal, "off"))
+    with pytest.raises(ScenarioError, match=f'lies in the firmware on board; disturb "{instead}"'):
+        resolved(fault(signal, "off"), IN_FIRMWARE)
+
+
+def test_on_board_what_no_link_takes_is_read_by_the_instruments() -> None:
+    assert len(resolved(fault("sensors.accel_z", "off"), IN_FIRMWARE).links) == 1
+
+
+def test_a_fault_that_makes_an_fmu_give_nan_ends_the_trial_by_name(tmp_path: Path) -> None:
+    with pytest.raises(trial.EndedByFaultError, match="sensors"):
+        flown(with_faults(fault("plant.speed", "nan")), tmp_path)
+
+
+def test_the_instruments_read_disturbed_signals() -> None:
+    # given
+    scenario = with_faults(fault("sensors.gps_north", "offset", 0.0, 9.0))
+    with prepared(Request(scenario)) as ready, Simulation(ready.system, ready.plan.values) as simulation:
+        # when
+        simulation.run(duration=0.4)
+        signals: dict[str, list[float]] = {}
+        for names, values in simulation.outputs("sensors"):
+            for name, value in zip(names, values, strict=True):
+                signals.setdefault(name, []).append(float(value))
+    # then what comes later holds
+    true, disturbed = signals["gps_north"]
+    assert disturbed == pytest.approx(true + 5)
