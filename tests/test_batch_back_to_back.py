@@ -17,16 +17,18 @@ import pytest
 from codegen.batch.batch import Batch, Change
 from harness.cosim.loop import Simulation
 from harness.trial import trial
-from harness.trial.plan import Plan, plan
+from harness.trial.faults import resolve_faults
+from harness.trial.plan import Plan, interfaces_of_system, plan
 from harness.trial.prepare import prepared
 from harness.trial.request import Request, build_missing
-from harness.trial.scenario import Scenario, Setting
+from harness.trial.scenario import FAULTS, LOST, Disturbance, Scenario, Setting
 from models.cmec import Cmec
 from models.commands import ENDS, Status
 from models.fence import MAX_CORNERS
+from models.kit.declaration import Type, flatten
 from models.modes import Anomaly, Mode
 from models.readings import READINGS
-from models.system import SYSTEMS
+from models.system import SYSTEMS, System
 
 STEP = 0.04  # s
 TRIALS = 50  # of each system and reading
@@ -182,9 +184,9 @@ def co_simulated(scenarios: list[Scenario]) -> Iterator[Trial]:
     request = Request(scenarios[0])
     build_missing(request)
     with prepared(request) as ready:
-        assert plan(scenarios[0], ready.interfaces) == ready.plan
         for scenario in scenarios:
-            resolved = plan(scenario, ready.interfaces)
+            resolved = ready.plan if scenario.faults else plan(scenario, ready.interfaces)
+            assert scenario is not scenarios[0] or resolved == ready.plan
             with Simulation(ready.system, resolved.values) as simulation:
                 yield run(scenario, resolved, simulation)
 
@@ -307,3 +309,64 @@ def test_the_little_that_a_sweep_observes_has_the_bits_of_co_simulation(trials: 
         done = batch.run(one.values, point, np.zeros(3, np.int32), np.full(3, one.scenario.seed), one.longest)
         # then each of them ends as it does
         ended_as([one] * 3, done.ticks, done.values, NARROW)
+
+
+DISTURBED = {  # signals with faults of drawn kinds: what `value` may be in the signal's unit
+    "sensors.gps_north": 10.0,
+    "sensors.heading_meas": 40.0,
+    "estimator.north -> controller.north": 10.0,
+    "sensors.gps_fix": 1.0,
+    "controller.command -> plant.command": 1.0,
+}
+
+
+def draw_faults(number: int) -> Scenario:
+    """A trial with faults in the same places as all others, but of any kinds at any time."""
+    rng = np.random.default_rng(number)
+    fits = {"sensors.gps_fix": Type.BOOLEAN, "controller.command -> plant.command": Type.INTEGER}
+    faults = []
+    for signal, most in DISTURBED.items():
+        kinds = [kind for kind, what in FAULTS.items() if fits.get(signal, Type.REAL) in what.types]
+        kind = str(rng.choice(kinds))
+        at = float(rng.uniform(0, 15))
+        value = {"delay": rng.uniform(0.04, 2), "dropouts": rng.uniform(), "scale": rng.uniform(-1, 2)}
+        drawn = float(value.get(kind, most * rng.uniform())) if FAULTS[kind].means else None
+        faults.append(Disturbance(signal, kind, at, at + float(rng.exponential(4)), drawn))
+    waypoints = ((25.0, float(rng.uniform(-10, 10))),)
+    return Scenario("faults", waypoints=waypoints, seed=number, duration=30.0, faults=tuple(faults))
+
+
+def test_trials_with_any_faults_have_the_bits_of_co_simulation() -> None:
+    # given trials with faults of all kinds, co-simulated
+    scenarios = [draw_faults(number) for number in range(40)]
+    assert {f.kind for s in scenarios for f in s.faults} == set(FAULTS) - {LOST}
+    trials = [one for scenario in scenarios for one in co_simulated([scenario])]
+    # when a runner with the same blocks in its links runs them side by side
+    system = SYSTEMS["full"]
+    links = resolve_faults(scenarios[0], interfaces_of_system(system), system.links, STEP).links
+    observed = tuple(trials[0].last)
+    set_by_faults = {
+        f"{component}.{name}"
+        for one in trials
+        for component, values in one.values.items()
+        for name in values
+        if component.startswith("fault") and name != "seed"
+    }
+    names = [*sorted(set_by_faults), "controller.waypoint_east[1]"]
+    batch = Batch(system.with_faults(links), names, observed, STOP)
+    starts = {name: start_of(batch.system, name) for name in names}
+    points = np.array(
+        [[one.given(n) if one.given(n) is not None else starts[n] for n in names] for one in trials]
+    )
+    common = {c: values for c, values in trials[0].values.items() if not c.startswith("fault")}
+    seeds = np.array([one.scenario.seed for one in trials])
+    done = batch.run(common, points, np.arange(len(trials), dtype=np.int32), seeds, trials[0].longest)
+    # then each ends on the same tick, with the same bits
+    ended_as(trials, done.ticks, done.values, observed)
+
+
+def start_of(system: System, name: str) -> float:
+    """The start value of a scalar parameter."""
+    component, _, variable = name.partition(".")
+    declared = dict(flatten(system.components[component].group("parameter")))[variable]
+    return declared.start[0]

@@ -357,8 +357,8 @@ def _faults(scenario: Scenario, interfaces: Mapping[str, Interface]) -> Faults:
     for link, values in zip(faults.links, faults.values, strict=True):
         if values["kind"] == Kind.NAN and link.source == "plant" and "sensors" in interfaces:
             raise ScenarioError(
-                f"{scenario.name}: [[fault]] nan of plant.{link.source_variable}: the sensors answer with what "
-                "is not finite, which ends a trial; disturb a signal of the sensors"
+                f"{scenario.name}: [[fault]] nan of plant.{link.source_variable}: the sensors answer with "
+                "what is not finite, which ends a trial; disturb a signal of the sensors"
             )
     return faults
 

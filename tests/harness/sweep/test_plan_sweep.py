@@ -1,6 +1,8 @@
 """What a sweep is asked for: a scenario made in Python, windows that are varied, messages in users' units."""
 
+import math
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -8,7 +10,7 @@ import pytest
 from harness.front_door import run_sweep
 from harness.sweep.chunks import Job, TrialType, pool_at
 from harness.sweep.sweep import SweepError, plan_sweep
-from harness.trial.scenario import Scenario, ScenarioError, Setting
+from harness.trial.scenario import Disturbance, Scenario, ScenarioError, Setting
 from models.errors import UsageError
 
 LEG = Scenario("leg", waypoints=((20.0, 0.0),), duration=60.0)
@@ -107,3 +109,34 @@ def test_an_address_without_a_port_is_refused_at_once_with_an_example(address: s
         "which `dask scheduler` prints"
     )
     assert time.monotonic() - began < 5
+
+
+def test_a_scenarios_faults_go_with_the_job() -> None:
+    # given faults of a signal, and of the radio
+    noise = Disturbance("plant.heading", "noise", 1.0, 3.0, 90.0)
+    scenario = Scenario("short", waypoints=((20.0, 0.0),), faults=(noise, Disturbance("radio", "lost", 2.0)))
+    # when
+    job = plan_sweep(scenario, thresholds="30", trials=1).job
+    # then
+    (link,) = job.faults
+    assert (link.source, link.source_variable) == ("plant", "heading")
+    (trial_type,) = job.trial_types
+    values = {"kind": 4.0, "first": 25.0, "after": 75.0, "value": pytest.approx(math.pi / 2)}
+    assert values.items() <= trial_type.values["fault_1"].items()
+    assert [(c.tick, c.variable, c.value) for c in trial_type.changes] == [(50, "link_ok", 0.0)]
+    # and other faults make another sweep
+    other = plan_sweep(replace(scenario, faults=()), thresholds="30", trials=1)
+    assert other.fingerprint != plan_sweep(scenario, thresholds="30", trials=1).fingerprint
+
+
+@pytest.mark.parametrize(
+    ("signal", "system", "text"),
+    [
+        ("sensors.gps_north", "cts", 'the system "cts" has no sensors; sweep with --system full'),
+        ("plant.speed", "full", "the sensors answer with what is not finite"),
+    ],
+)
+def test_a_fault_that_a_sweep_cannot_have_is_refused(signal: str, system: str, text: str) -> None:
+    scenario = Scenario(waypoints=((20.0, 0.0),), faults=(Disturbance(signal, "nan", 1.0),))
+    with pytest.raises(UsageError, match=text):
+        plan_sweep(scenario, system=system, thresholds="30")
