@@ -10,7 +10,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from harness.trial.plan import Interface, is_angular
+from harness.trial.plan import Interface, is_angular, split_address
 from harness.trial.scenario import FAULTS, LOST, Disturbance, Scenario, ScenarioError
 from models.disturbance import FAULTS as BLOCKS
 from models.disturbance import LONGEST_DELAY, MAX_FAULTS, FaultyLink, Kind, Placed
@@ -94,17 +94,17 @@ class _Resolver:
                 f'{where}: kind is "{fault.kind}", and {output} is {variable.type.value}; '
                 f"expected one of {kinds}"
             )
-        name = output.partition(".")[2]
+        name = split_address(output, self.interfaces)[1]
         own = self.names.get(component, {}).get(name, name)
         whole = FaultyLink(variable.type, component, own)
-        target, _, input_name = end.partition(".")
+        target, input_name = split_address(end, self.interfaces)
         place = replace(whole, target=target, target_variable=input_name)
         self.check_links(place if arrow else whole, whole, where, fault.signal)
         return place, self.values(fault, variable, where)
 
     def output(self, address: str, where: str) -> tuple[str, Variable]:
         """An output's component and variable."""
-        component, _, name = address.partition(".")
+        component, name = split_address(address, self.interfaces)
         if component not in self.interfaces:
             raise ScenarioError(f'{where}: no component "{component}"{nearest(component, self.interfaces)}')
         interface = self.interfaces[component]

@@ -286,9 +286,7 @@ class _Planner:
         """The components that an address means, by their name or their block's, with the variable's name."""
         where = f"{self.scenario.name}: {address}"
         owners = {n: {n, interface.block} for n, interface in self.interfaces.items()}
-        nested = [n for n in owners if "." in n and address.startswith(f"{n}.")]  # `sub.plant.speed`
-        owner = max(nested, key=len, default=address.partition(".")[0])
-        name = address[len(owner) + 1 :]
+        owner, name = split_address(address, owners)
         components = [n for n, names in owners.items() if owner in names]
         if not components and (foreign := self.replaced(owner)):
             self.notes.append(f"{address}: not set, since {foreign} takes the place of {owner}")
@@ -355,6 +353,13 @@ class _Planner:
             for time in sorted({t for at, until, _ in spans for t in (at, until)} - {math.inf}):
                 active = [(at, i) for i, (at, until, _) in enumerate(spans) if at <= time < until]
                 yield Event(time, component, own, spans[max(active)[1]][2] if active else unset)
+
+
+def split_address(address: str, components: Iterable[str]) -> tuple[str, str]:
+    """Component and variable of an address; a nested component's name has dots: `sub.plant.speed`."""
+    nested = [name for name in components if "." in name and address.startswith(f"{name}.")]
+    owner = max(nested, key=len, default=address.partition(".")[0])
+    return owner, address[len(owner) + 1 :]
 
 
 def _bases(names: Iterable[str]) -> str:
