@@ -22,23 +22,20 @@ from harness.console import (
     say_where,
     short,
 )
-from harness.cosim.stepping import CALL_LIMIT_S, GIB, MEMORY_LIMIT_GIB, Event, Limits, Loop, Order
+from harness.cosim.stepping import CALL_LIMIT_S, GIB, MEMORY_LIMIT_GIB, Limits, Loop, Order
 from harness.options import Seed, Settings
 from harness.recording import STREAMS
 from harness.replay import EVERY_S, OUTAGE_S
 from harness.studies import STUDIES
 from harness.trial import DEFAULT
-from models.commands import Command
-from models.errors import CanineError, UsageError
+from models.errors import UsageError
 from models.kit.random import MAX_SEED
 
 if TYPE_CHECKING:
-    from harness.cosim.fmu import FmuDescription
     from harness.replay.comparison import Comparison
     from harness.trial.request import Request
 
 LONG_S = 60.0  # s of trial time, from which on a run shows its progress
-TRY_OUT_S, MOST_TICKS = 60.0, 100_000  # s for which an FMU that is checked is run alone
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -351,27 +348,9 @@ def check(
         raise UsageError(f"{fmu}: `canine run` takes scenarios; expected an FMU or a recording")
     if fmu.suffix.lower() == ".mcap":
         raise UsageError(f"{fmu}: `canine replay` takes logs; expected an FMU or a recording")
-    from harness.cosim.fmu import describe
+    from harness.cosim.check import check_fmu
 
-    if role is not None:
-        from harness.cosim.roles import find_role, fit, read_adapter
-
-        place = find_role(role)
-    description = describe(fmu)
-    for warning in description.warnings:
-        print_note(f"{fmu.name}: {warning}")
-    if role is not None:
-        result = fit(description, place, read_adapter(fmu, place))
-        for note in result.notes:
-            print_note(note)
-        if result.problems:
-            raise CanineError("\n".join(result.problems))
-    _try_out(description, role or "fmu")
-    typer.echo(
-        f"{fmu.name}: FMI {description.version} co-simulation, {len(description.inputs)} inputs, "
-        f"{len(description.outputs)} outputs, {len(description.parameters)} parameters; runs"
-        + (f"; fits the {role} role" if role else "")
-    )
+    typer.echo(check_fmu(fmu, role, print_note))
 
 
 @app.command("replay")
@@ -804,22 +783,3 @@ def c_of_block(
     make_folder(place)
     for path in write_files(files, place):
         typer.echo(short(path))
-
-
-def _try_out(description: FmuDescription, name: str) -> None:
-    """Step it alone in a worker for a while, with each command in turn if it takes commands."""
-    from harness.cosim.ssp import FmuComponent, FmuSystem
-    from harness.cosim.worker.contained import Contained
-
-    alone = FmuSystem(name, {name: FmuComponent(name, description.path)}, ())
-    commands = list(Command) if "command" in description.inputs else []
-    events = [Event(TRY_OUT_S * k / len(commands), name, "command", c) for k, c in enumerate(commands)]
-    simulation = None
-    try:
-        with Contained(alone, {name: description}) as simulation:
-            simulation.run(events, duration=min(TRY_OUT_S, MOST_TICKS * simulation.wiring.step))
-    finally:
-        for note in simulation.notes if simulation else ():
-            print_note(note)
-    for variable, reason in description.refused.items():
-        print_note(f"{description.path.name}: {variable} {reason}; it is not exchanged")

@@ -6,6 +6,7 @@ import os
 import shutil
 import stat
 import struct
+import time
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -19,6 +20,7 @@ from models.errors import CanineError, printable
 
 MAX_BYTES = 512 * 2**20  # unpacked; our largest package is 2 MiB, an FMU with a simulator inside 200 MiB
 MAX_MEMBERS = 10_000
+MAX_TIME = 60.0  # s; 512 MiB take 5 s
 MAX_XML = 32 * 2**20  # bytes: a description of 100,000 variables, of which up to ten times that is built
 MAX_PARTS = 2_000_000  # elements and attributes of an XML file: 100,000 variables have about 1,000,000
 MAX_DEPTH = 100  # of XML elements; a description needs 6, lxml takes 256
@@ -48,14 +50,20 @@ def unpack(path: Path, folder: Path) -> None:
     """Unpack a ZIP archive (.fmu, .ssp) into `folder`; one that is unpacked in a folder is copied.
 
     Raises:
-        ArchiveError: not a ZIP archive, damaged or too large; a member leaves the folder or is a link.
+        ArchiveError: not a ZIP archive, damaged, too large or too slow; a member leaves the folder, or is a
+            link.
     """
     try:
         if path.is_dir():
             shutil.copytree(path, folder, dirs_exist_ok=True)
             return
         with _opened(path) as archive:
+            started = time.monotonic()
             for member in archive.infolist():
+                if time.monotonic() - started > MAX_TIME:
+                    raise ArchiveError(
+                        f"{path}: is not unpacked within {MAX_TIME:g} s; put it, or TMPDIR, on a faster disk"
+                    )
                 _extract(path, archive, member, folder)
     except UNREADABLE as reason:
         raise _unreadable(path, reason) from None

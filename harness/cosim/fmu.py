@@ -43,6 +43,7 @@ STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 WARNING, FATAL = 1, 4
 MIN_STEP = 1e-6  # s; shorter ones make more ticks than a user can wait for
 BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")  # of units, whose exponents they hold in this order
+MAX_VARIABLES = 200_000  # of which FMPy makes 700 MiB of objects in 8 s
 REFERENCES = 2**32  # value references are unsigned integers of 32 bits
 FMI2_TYPES = {
     "Real": ("Real", np.float64, Type.REAL),
@@ -146,11 +147,19 @@ class Quantity:
 
 
 @dataclass(frozen=True)
+class Refused:
+    """A variable that cannot be exchanged, and why."""
+
+    causality: str
+    reason: str
+
+
+@dataclass(frozen=True)
 class FmuDescription:
     """What an FMU says about itself.
 
     Attributes:
-        refused: variables that cannot be exchanged (String, arrays, ...), name to the reason.
+        refused: variables that cannot be exchanged (String, arrays, ...), by name.
         feedthrough: some output depends on an input within a step; a plant's do not.
         step: the step size that it states, s; `fixed`: it takes no other.
         warnings: what a strict validator says.
@@ -160,7 +169,7 @@ class FmuDescription:
     model: str
     version: int
     quantities: dict[str, Quantity]
-    refused: dict[str, str]
+    refused: dict[str, Refused]
     units: dict[str, Unit]
     feedthrough: bool
     step: float | None
@@ -209,7 +218,7 @@ class FmuDescription:
         quantity = self.quantities.get(name)
         what = " or ".join(causalities)
         if name in self.refused:
-            raise FmuError(f'{self.path.name}: {what} "{name}" {self.refused[name]}')
+            raise FmuError(f'{self.path.name}: {what} "{name}" {self.refused[name].reason}')
         if quantity is None or quantity.causality not in causalities:
             hint = nearest(name, self.group(*causalities))
             actual = f" (it is a {quantity.causality})" if quantity else ""
@@ -232,6 +241,8 @@ def describe(path: Path) -> FmuDescription:
         raise FmuError(f"{path}: is FMI {printable(version)}; expected 2.0 or 3.0")
     if root.find("CoSimulation") is None:
         raise FmuError(f"{path}: is not for co-simulation; export it as a co-simulation FMU")
+    if (count := len(root.find("ModelVariables") or ())) > MAX_VARIABLES:
+        raise FmuError(f"{path}: has {count} variables; at most {MAX_VARIABLES} are read")
     step = _step(path, root)
     try:
         read = fmpy.read_model_description(path, validate=False)
@@ -242,7 +253,7 @@ def describe(path: Path) -> FmuDescription:
     for variable in read.modelVariables:
         quantity = _quantity(path, read, variable)
         if isinstance(quantity, str):
-            refused[variable.name] = quantity
+            refused[variable.name] = Refused(variable.causality or "local", quantity)
         else:
             quantities[variable.name] = quantity
     return FmuDescription(
@@ -576,18 +587,22 @@ class FmuInstance:
         self.set_values(values)
         no, zero, start = ctypes.c_int(0), ctypes.c_double(0.0), ctypes.c_double(self._start)
         if self.description.version == 2:
-            experiment = (self._handle, no, zero, start, no, zero)
-            self.call((self._function("fmi2SetupExperiment"), experiment), "fmi2SetupExperiment", 0.0)
-            enter: tuple[Any, ...] = (self._handle,)
+            self.request("SetupExperiment", no, zero, start, no, zero)
+            self.request("EnterInitializationMode")
         else:
             off = ctypes.c_bool(False)
-            enter = (self._handle, off, zero, start, off, zero)
-        for name, arguments in (
-            ("EnterInitializationMode", enter),
-            ("ExitInitializationMode", (self._handle,)),
-        ):
-            function = f"fmi{self.description.version}{name}"
-            self.call((self._function(function), arguments), function, 0.0)
+            self.request("EnterInitializationMode", off, zero, start, off, zero)
+        self.request("ExitInitializationMode")
+
+    def request(self, name: str, *arguments: Any) -> str:
+        """Call a function by its name without the version, `Reset`, outside of the tick; its full name.
+
+        Raises:
+            FmuError: the FMU lacks it, or a status other than ok or warning.
+        """
+        function = f"fmi{self.description.version}{name}"
+        self.call((self._function(function), (self._handle, *arguments)), function, 0.0)
+        return function
 
     def call(self, call: Call, what: str, time: float) -> None:
         """Make one call; `check` its status."""

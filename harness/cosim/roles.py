@@ -269,7 +269,7 @@ class _Checker:
         toml, need = self.adapter.path.name, f"the {self.role.name} role needs"
         quantity = self.fmu.quantities.get(rename.name)
         if rename.name in self.fmu.refused:
-            return f'{kind} "{rename.name}" {self.fmu.refused[rename.name]}'
+            return f'{kind} "{rename.name}" {self.fmu.refused[rename.name].reason}'
         if quantity is None:
             hint = _near(rename.name, self.fmu.group(kind))
             if rename.mapped:

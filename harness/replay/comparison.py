@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from codegen.batch.series import Series
+from harness.cosim.worker.process import WorkerProcess
 from harness.files import nearest_file
 from harness.recording.attitude import TICK_S, Array
 from harness.recording.recording import RecordingError
@@ -63,14 +64,23 @@ class Configuration:
     parameters: Mapping[str, float] = field(default_factory=dict)
     settings: tuple[str, ...] = ()
 
-    def run(self, signals: SensorSignals, ticks: int, observe: Sequence[str] = ()) -> dict[str, Array]:
+    def run(
+        self,
+        signals: SensorSignals,
+        ticks: int,
+        observe: Sequence[str] = (),
+        process: WorkerProcess | None = None,
+    ) -> dict[str, Array]:
         """Run it over the first `ticks` ticks, from the start: each output and observed state, (ticks,).
+
+        Args:
+            process: the worker in which an FMU runs that was not built here; by default one of its own.
 
         Raises:
             FmuError: its FMU fails, or has an input that is no sensor signal.
             EstimateError: it answers no finite number.
         """
-        estimate = self._estimate(signals, ticks, observe)
+        estimate = self._estimate(signals, ticks, observe, process)
         for name, values in estimate.items():
             for tick in np.flatnonzero(~np.isfinite(values))[:1]:
                 raise EstimateError(
@@ -79,9 +89,11 @@ class Configuration:
                 )
         return estimate
 
-    def _estimate(self, signals: SensorSignals, ticks: int, observe: Sequence[str]) -> dict[str, Array]:
+    def _estimate(
+        self, signals: SensorSignals, ticks: int, observe: Sequence[str], process: WorkerProcess | None
+    ) -> dict[str, Array]:
         if self.estimator not in ESTIMATORS:
-            return run_fmu(Path(self.estimator), signals, ticks, self.parameters)
+            return run_fmu(Path(self.estimator), signals, ticks, self.parameters, process)
         block = ESTIMATORS[self.estimator]
         names = (*block.flat_names("output"), *observe)
         rows = _series(self.estimator, names).run(

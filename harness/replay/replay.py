@@ -19,6 +19,7 @@ from rich.console import Console
 from rich.markup import escape
 from scipy import stats
 
+from harness.cosim.worker.process import WorkerProcess
 from harness.files import make_folder, write_whole
 from harness.recording.attitude import Array
 from harness.recording.recording import RecordingError
@@ -56,7 +57,7 @@ class Replayed:
     Attributes:
         outages: each with the errors of the same configurations.
         left_out: cause -> number of outages that were not judged, those of the choice among them.
-        notes: on configurations that were not valid.
+        notes: on configurations that were not valid, and on what FMUs printed.
     """
 
     outages: list[Outage]
@@ -94,39 +95,42 @@ def replay(
     configurations = comparison.usable(source)
     outages: list[Outage] = []
     valid: dict[str, list[bool]] = {configuration.name: [] for configuration in configurations}
-    for number, window in enumerate(chosen.windows):
-        signals = source.signals([window])
-        inside = np.flatnonzero((signals.t >= window[0]) & (signals.t <= window[1]))
-        withheld = inside[signals.reference_fix[inside]]
-        last = int(withheld[-1])  # where the errors are measured
-        ticks = last + 1
-        sensed = {name: getattr(signals, name) for name in HELD_BY}
-        runs = {name: hold_speed(sensed, ticks, mean_s) for name, mean_s in BASELINES.items()}
-        runs |= {configuration.name: configuration.run(signals, ticks) for configuration in configurations}
-        before = max(0, int(inside[0]) - 1)  # the last tick with fixes
-        for name, at_starts in valid.items():
-            at_starts.append("valid" not in runs[name] or bool(runs[name]["valid"][before] > 0))
-        errors = {
-            name: (
-                float(
-                    np.hypot(
-                        run["north"][last] - signals.reference_north[last],
-                        run["east"][last] - signals.reference_east[last],
-                    )
-                ),
-                float(abs(run["speed"][last] - signals.reference_speed[last])),
-            )
-            for name, run in runs.items()
-        }
-        north, east = signals.reference_north[withheld], signals.reference_east[withheld]
-        path_m = float(np.hypot(np.diff(north), np.diff(east)).sum())
-        during = slice(int(inside[0]), ticks)
-        estimates = {name: (run["north"][during], run["east"][during]) for name, run in runs.items()}
-        standing = bool(signals.reference_speed[last] < MOVING_M_S)
-        outages.append(Outage(*window, path_m, errors, estimates, signals.t[during], standing))
-        if progress:
-            progress(number + 1)
-    return _judged(source, comparison, chosen, outages, valid)
+    with WorkerProcess() as process:  # for FMUs that were not built here; it starts with the first of them
+        for number, window in enumerate(chosen.windows):
+            signals = source.signals([window])
+            inside = np.flatnonzero((signals.t >= window[0]) & (signals.t <= window[1]))
+            withheld = inside[signals.reference_fix[inside]]
+            last = int(withheld[-1])  # where the errors are measured
+            ticks = last + 1
+            sensed = {name: getattr(signals, name) for name in HELD_BY}
+            runs = {name: hold_speed(sensed, ticks, mean_s) for name, mean_s in BASELINES.items()}
+            runs |= {c.name: c.run(signals, ticks, process=process) for c in configurations}
+            before = max(0, int(inside[0]) - 1)  # the last tick with fixes
+            for name, at_starts in valid.items():
+                at_starts.append("valid" not in runs[name] or bool(runs[name]["valid"][before] > 0))
+            errors = {
+                name: (
+                    float(
+                        np.hypot(
+                            run["north"][last] - signals.reference_north[last],
+                            run["east"][last] - signals.reference_east[last],
+                        )
+                    ),
+                    float(abs(run["speed"][last] - signals.reference_speed[last])),
+                )
+                for name, run in runs.items()
+            }
+            north, east = signals.reference_north[withheld], signals.reference_east[withheld]
+            path_m = float(np.hypot(np.diff(north), np.diff(east)).sum())
+            during = slice(int(inside[0]), ticks)
+            estimates = {name: (run["north"][during], run["east"][during]) for name, run in runs.items()}
+            standing = bool(signals.reference_speed[last] < MOVING_M_S)
+            outages.append(Outage(*window, path_m, errors, estimates, signals.t[during], standing))
+            if progress:
+                progress(number + 1)
+        process.end()
+        printed = process.take_notes()
+    return _judged(source, comparison, chosen, outages, valid, notes=printed)
 
 
 def _judged(
@@ -135,6 +139,8 @@ def _judged(
     chosen: Outages,
     outages: Sequence[Outage],
     valid: Mapping[str, Sequence[bool]],
+    *,
+    notes: Sequence[str],
 ) -> Replayed:
     """What can be judged of outages, by whether each configuration was valid at the start of each.
 
@@ -144,7 +150,7 @@ def _judged(
     never = [name for name, at_starts in valid.items() if not any(at_starts)]
     others = [name for name in valid if name not in never]
     starts = f"the start of {'the outage' if len(outages) == 1 else f'any of {len(outages)} outages'}"
-    notes = [f"{name}: left out, since it is not valid at {starts}" for name in never]
+    notes = [*notes, *(f"{name}: left out, since it is not valid at {starts}" for name in never)]
     notes += [
         f"{name}: not valid at the start of {at_starts.count(False)} of {len(outages)} outages"
         for name, at_starts in valid.items()

@@ -16,6 +16,7 @@ from codegen.firmware.navigation import Navigation
 from codegen.firmware.targets import find_target
 from fmus.folder import build_folder
 from harness.cosim.loop import Simulation
+from harness.cosim.origin import is_own
 from harness.cosim.worker.contained import Contained
 from harness.cosim.worker.simulation import Companion
 from harness.log.channel import Channel
@@ -129,16 +130,7 @@ def open_simulation(
 def is_foreign(request: Request) -> bool:
     """Does the trial run an FMU that we did not build?"""
     own = build_folder().resolve()
-    return not (all(_is_own(path, own) for path in request.swaps.values()) and _is_own_package(request, own))
-
-
-def _is_own(fmu: Path, own: Path) -> bool:
-    """Is an FMU one of ours, or a copy of it, as a log holds it?"""
-    if own in fmu.resolve().parents:
-        return True
-    size = fmu.stat().st_size
-    same = (path for path in own.glob("fmi*/*.fmu") if path.stat().st_size == size)
-    return any(path.read_bytes() == fmu.read_bytes() for path in same)
+    return not (all(is_own(path) for path in request.swaps.values()) and _is_own_package(request, own))
 
 
 def _is_own_package(request: Request, own: Path) -> bool:

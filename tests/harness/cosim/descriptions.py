@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.cosim.fmu import Access, FmuDescription, Quantity, Unit
+from harness.cosim.fmu import Access, FmuDescription, Quantity, Refused, Unit
 from models.kit.declaration import Type
 
 REAL = Access("Real", np.float64)
@@ -34,7 +34,7 @@ def quantity(
 def fmu(
     name: str,
     *quantities: Quantity,
-    refused: dict[str, str] | None = None,
+    refused: dict[str, Refused] | None = None,
     feedthrough: bool = True,
     step: float | None = None,
     fixed: bool = False,

@@ -76,6 +76,12 @@ def test_too_many_members_are_refused(tmp_path: Path, monkeypatch: pytest.Monkey
     )
 
 
+def test_an_archive_that_takes_too_long_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(archive, "MAX_TIME", -1.0)
+    path = pack(tmp_path / "a.ssp", {"a": b"a"})
+    assert refusal(path) == "is not unpacked within -1 s; put it, or TMPDIR, on a faster disk"
+
+
 def test_a_damaged_member_is_refused(tmp_path: Path) -> None:
     # given one member of 10 kB, its packed data overwritten
     path = pack(tmp_path / "a.ssp", {"data": bytes(k * k % 251 for k in range(10_000))}, zipfile.ZIP_DEFLATED)

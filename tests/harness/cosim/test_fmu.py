@@ -194,6 +194,17 @@ def altered(folder: Path, old: str, new: str, version: int = 2) -> Path:
     return path
 
 
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_description_of_too_many_variables_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, version: int
+) -> None:
+    monkeypatch.setattr("harness.cosim.fmu.MAX_VARIABLES", 2)
+    path = tiny_fmu(tmp_path / "dog.fmu", [V("a"), V("b"), V("c")], version=version)
+    count = 3 if version == 2 else 4  # with the time
+    with pytest.raises(FmuError, match=rf"dog\.fmu: has {count} variables; at most 2 are read"):
+        describe(path)
+
+
 @pytest.mark.parametrize("text", ["1e-300", "9.9e-7", "0", "-0.04", "nan", "inf", "abc", ""])
 @pytest.mark.parametrize("version", [2, 3])
 def test_a_step_size_that_cannot_be_is_refused(tmp_path: Path, version: int, text: str) -> None:

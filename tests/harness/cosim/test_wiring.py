@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from harness.cosim.fmu import Access, FmuDescription, Quantity
+from harness.cosim.fmu import Access, FmuDescription, Quantity, Refused
 from harness.cosim.ssp import Connector, FmuComponent, FmuSystem, ScaledLink, SspError, StartValue
 from harness.cosim.wiring import Wiring, wire
 from models.errors import WiringError
@@ -122,7 +122,7 @@ def test_ends_that_do_not_fit_are_refused(source: Quantity, target: Quantity, te
 
 
 def test_an_output_that_cannot_be_exchanged_says_why() -> None:
-    name = fmu("a", refused={"y": "has type String; expected one of Real"})
+    name = fmu("a", refused={"y": Refused("output", "has type String; expected one of Real")})
     with pytest.raises(WiringError, match=r'^link a\.y -> b\.u: a\.fmu: output "y" has type String'):
         wired([name, node("b")], ("a.y", "b.u"))
 

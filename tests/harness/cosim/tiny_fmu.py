@@ -32,6 +32,7 @@ typedef struct { double v[32]; } tiny;
 static tiny pool[8];
 static int used;
 static void say(const char *text);
+%(outside)s
 static int step(tiny *m, double t, double h) {
   double *v = m->v; (void)v; (void)t; (void)h; %(step)s return 0; }
 %(api)s
@@ -44,6 +45,17 @@ void *fmi2Instantiate(const char *n, int k, const char *g, const char *r, const 
   tiny *m = &pool[used++ %% 8]; double *v = m->v; (void)v; %(start)s return m; }
 int fmi2DoStep(void *c, double t, double h, int n) { (void)n; return step(c, t, h); }
 void fmi2FreeInstance(void *c) { (void)c; %(free)s }
+int fmi2Reset(void *c) { double *v = ((tiny *)c)->v; (void)v; %(reset)s return 0; }
+int fmi2GetFMUstate(void *c, void **s) {
+  if (!*s) *s = __builtin_malloc(sizeof(tiny)); *(tiny *)*s = *(tiny *)c; return 0; }
+int fmi2SetFMUstate(void *c, void *s) {
+  tiny *m = c; double *v = m->v; (void)v; *m = *(tiny *)s; %(restore)s return 0; }
+int fmi2FreeFMUstate(void *c, void **s) { (void)c; __builtin_free(*s); *s = 0; return 0; }
+int fmi2SerializedFMUstateSize(void *c, void *s, size_t *n) { (void)c; (void)s; *n = sizeof(tiny); return 0; }
+int fmi2SerializeFMUstate(void *c, void *s, char *b, size_t n) {
+  (void)c; __builtin_memcpy(b, s, n); return 0; }
+int fmi2DeSerializeFMUstate(void *c, const char *b, size_t n, void **s) {
+  (void)c; *s = __builtin_malloc(n); __builtin_memcpy(*s, b, n); %(deserialize)s return 0; }
 """
 API3 = """
 typedef void (*logger)(void *, int, const char *, const char *);
@@ -58,6 +70,17 @@ int fmi3DoStep(void *c, double t, double h, _Bool n, _Bool *e, _Bool *x, _Bool *
   const double *v = ((tiny *)c)->v; (void)n;
   *e = v[29] != 0; *x = v[31] != 0; *y = v[30] != 0; *z = t + h - v[30] - v[26]; return status; }
 void fmi3FreeInstance(void *c) { (void)c; %(free)s }
+int fmi3Reset(void *c) { double *v = ((tiny *)c)->v; (void)v; %(reset)s return 0; }
+int fmi3GetFMUState(void *c, void **s) {
+  if (!*s) *s = __builtin_malloc(sizeof(tiny)); *(tiny *)*s = *(tiny *)c; return 0; }
+int fmi3SetFMUState(void *c, void *s) {
+  tiny *m = c; double *v = m->v; (void)v; *m = *(tiny *)s; %(restore)s return 0; }
+int fmi3FreeFMUState(void *c, void **s) { (void)c; __builtin_free(*s); *s = 0; return 0; }
+int fmi3SerializedFMUStateSize(void *c, void *s, size_t *n) { (void)c; (void)s; *n = sizeof(tiny); return 0; }
+int fmi3SerializeFMUState(void *c, void *s, char *b, size_t n) {
+  (void)c; __builtin_memcpy(b, s, n); return 0; }
+int fmi3DeserializeFMUState(void *c, const char *b, size_t n, void **s) {
+  (void)c; *s = __builtin_malloc(n); __builtin_memcpy(*s, b, n); %(deserialize)s return 0; }
 """
 SAID = {
     2: 'static void say(const char *text) { log_(0, "plant", 3, "error", text); }',
@@ -88,6 +111,11 @@ def tiny_fmu(
     version: int = 2,
     start: str = "",
     free: str = "",
+    outside: str = "",
+    reset: str | None = None,
+    restore: str | None = None,
+    deserialize: str = "",
+    arrays: Sequence[str] = (),
     depends: bool = True,
     step_size: float | None = None,
     fixed: bool = False,
@@ -100,12 +128,23 @@ def tiny_fmu(
             `v[30] = 1` returns 1 s early, `v[31] = 1` asks to end the simulation; `v[26]` s are missing
             from what it says it reached.
         start: C that is run when it is instantiated; `free`: when it is freed.
+        outside: C outside of all functions.
+        reset: C that is run when it is reset; by default all is as it was when it was instantiated.
+        restore: C that is run when a state was restored, `deserialize`: when one was read (`*s`); it offers
+            states unless `restore` is None.
+        arrays: outputs of two reals each, in version 3.
         depends: its outputs depend on its inputs.
     """
     work = path.parent / f".{path.stem}"
     work.mkdir(parents=True, exist_ok=True)
     slave = fmpy.fmi2.FMU2Slave if version == 2 else fmpy.fmi3.FMU3Slave
-    api = (API2 if version == 2 else API3) % {"start": start, "free": free}
+    api = (API2 if version == 2 else API3) % {
+        "start": start,
+        "free": free,
+        "reset": f"for (int i = 0; i < 32; i++) v[i] = 0; {start}" if reset is None else reset,
+        "restore": restore or "",
+        "deserialize": deserialize,
+    }
     count = "" if version == 2 else ", size_t k"
     unused = "" if version == 2 else " (void)k;"
     for fmi, c in ACCESS[version].items():
@@ -126,14 +165,16 @@ def tiny_fmu(
         if name.startswith(f"fmi{version}") and name not in written:
             api += f"int {name}(void) {{ return 0; }}\n"
     api += SAID[version]
-    (work / "tiny.c").write_text(C % {"step": step, "api": api})
+    (work / "tiny.c").write_text(C % {"step": step, "api": api, "outside": outside})
     platform = find_platform(this_platform())
     library = build_library(
         work, ["tiny.c"], work / f"tiny{platform.suffix}", what="tiny", flags=("-O1", "-w")
     )
     folder = platform.fmi2 if version == 2 else platform.fmi3
     with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("modelDescription.xml", description(variables, version, depends, step_size, fixed))
+        states = restore is not None
+        xml = description(variables, version, depends, step_size, fixed, states=states, arrays=arrays)
+        archive.writestr("modelDescription.xml", xml)
         archive.write(library, f"binaries/{folder}/{library.name}")
     return path
 
@@ -144,6 +185,9 @@ def description(
     depends: bool = True,
     step_size: float | None = None,
     fixed: bool = False,
+    *,
+    states: bool = False,
+    arrays: Sequence[str] = (),
 ) -> str:
     """Its modelDescription.xml."""
     known = {v.unit: UNITS[v.unit] for v in variables if v.unit in UNITS}
@@ -151,10 +195,13 @@ def description(
     units = f"<UnitDefinitions>{units}</UnitDefinitions>" if units else ""
     experiment = f'<DefaultExperiment stepSize="{step_size}"/>' if step_size else ""
     varying = f'canHandleVariableCommunicationStepSize="{"false" if fixed else "true"}"'
+    if states:
+        word = "FMUstate" if version == 2 else "FMUState"
+        varying += f' canGetAndSet{word}="true" canSerialize{word}="true"'
     inputs = [i for i, v in enumerate(variables) if v.causality == "input"]
     outputs = [i for i, v in enumerate(variables) if v.causality == "output"]
     write = _xml2 if version == 2 else _xml3
-    return write(
+    xml = write(
         variables,
         units=units,
         experiment=experiment,
@@ -162,6 +209,12 @@ def description(
         inputs=inputs if depends else [],
         outputs=outputs,
     )
+    vectors = "".join(
+        f'<Float64 name="{name}" valueReference="{200 + i}" causality="output">'
+        '<Dimension start="2"/></Float64>'
+        for i, name in enumerate(arrays)
+    )
+    return xml.replace("</ModelVariables>", f"{vectors}</ModelVariables>")
 
 
 def _attributes(v: V) -> str:

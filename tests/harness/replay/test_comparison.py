@@ -10,6 +10,8 @@ import pytest
 
 from fmus.build import build_fmu
 from fmus.folder import build_folder
+from harness.cosim.fmu import FmuError
+from harness.cosim.origin import is_own
 from harness.recording.recording import RecordingError
 from harness.replay.comparison import CONFIGURATIONS, Configuration, compare
 from harness.replay.fmu import run_fmu
@@ -20,6 +22,7 @@ from models.errors import UsageError
 from models.kit.units import DEG
 from models.system import ESTIMATORS
 from tests.harness.command import canine
+from tests.harness.cosim.tiny_fmu import V, tiny_fmu
 from tests.harness.replay.logs import walk, write
 
 WINDOW = (15.0, 18.0)
@@ -55,14 +58,41 @@ def test_an_estimator_in_c_has_the_bits_of_its_fmu_through_an_outage(source: Rep
 
 
 def test_an_fmu_made_elsewhere_is_compared_with_ours(source: ReplaySource, tmp_path: Path) -> None:
-    # given ours as a stranger's
-    path = build_fmu(ESTIMATORS["six_state"], build_folder() / "fmi2", 2)
-    comparison = compare(f"six_state,{path}")
+    # given ours as a stranger's, which runs in a worker
+    own = build_fmu(ESTIMATORS["six_state"], build_folder() / "fmi2", 2)
+    path = tmp_path / "other.fmu"
+    path.write_bytes(own.read_bytes() + b"x")
+    assert is_own(own)
+    assert not is_own(path)
+    comparison = compare(f"six_state,{own},{path}")
     # when
     (outage,) = replay(source, comparison, Outages(3, [WINDOW], {}, "")).outages
     # then
-    assert list(outage.errors)[2:] == ["six_state", "six_state.fmu"]
-    assert outage.errors["six_state"] == outage.errors["six_state.fmu"]
+    assert list(outage.errors)[2:] == ["six_state", "six_state.fmu", "other.fmu"]
+    assert outage.errors["six_state"] == outage.errors["six_state.fmu"] == outage.errors["other.fmu"]
+
+
+def test_an_fmu_made_elsewhere_prints_notes_and_is_named_if_it_ends_its_process(
+    source: ReplaySource, tmp_path: Path
+) -> None:
+    # given an estimator that takes over the fixes, and prints
+    names = ("north", "east", "speed")
+    variables = [*(V(name) for name in names), *(V(f"gps_{name}", "input") for name in names)]
+    prints = 'extern int puts(const char *); if (t == 0) puts("hello");'
+    takes = "for (int i = 0; i < 3; i++) v[i] = v[i + 3];"
+    good = tiny_fmu(tmp_path / "good.fmu", variables, prints + takes)
+    bad = tiny_fmu(tmp_path / "bad.fmu", variables, takes + "extern void _exit(int); if (t > 1.99) _exit(0);")
+    # when it goes through two outages
+    chosen = Outages(3, [WINDOW, WINDOW], {}, "")
+    replayed = replay(source, compare(str(good)), chosen)
+    # then one worker has run both
+    assert all(outage.errors["good.fmu"][0] > 0 for outage in replayed.outages)
+    assert replayed.notes == ["an FMU wrote to stdout: hello | hello"]
+    # and the one that ends its process is an error
+    with pytest.raises(FmuError) as caught:
+        replay(source, compare(str(bad)), chosen)
+    text = "estimator bad.fmu: fmi2DoStep ended the process at t = 2 s, with exit status 0"
+    assert str(caught.value) == text
 
 
 def test_all_estimators_stand_in_one_table_and_a_missing_magnetometer_is_said(

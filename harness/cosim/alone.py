@@ -1,0 +1,116 @@
+"""An FMU alone, whose inputs follow tables: to be checked, or run over a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+from harness.cosim.calls import Calls
+from harness.cosim.fmu import FmuDescription, FmuError, FmuInstance, Mark, unmarked
+from harness.cosim.layout import Array, Layout
+from harness.cosim.recorder import Position
+from harness.cosim.ssp import FmuComponent, FmuSystem, StartValue
+from harness.cosim.walk import NEARLY
+from harness.cosim.wiring import Wiring, wire
+
+Rows = npt.NDArray[np.uint8]  # (n, bytes): copies of a layout's block
+
+
+def plan_alone(name: str, fmu: FmuDescription, step: float = 0.0) -> tuple[Wiring, Layout]:
+    """How an FMU alone is stepped, and where its values lie.
+
+    Args:
+        step: s; 0 takes the FMU's own.
+    """
+    values = {variable: StartValue(0.0) for variable in fmu.inputs}
+    system = FmuSystem(name, {name: FmuComponent(name, fmu.path, values=values)}, ())
+    wiring = wire(system, {name: fmu})
+    wiring = replace(wiring, step=step or wiring.step)
+    return wiring, Layout((), {name: fmu}, wiring, "sequential")
+
+
+class Alone:
+    """One instance whose inputs follow tables. To be closed, or used as a context manager.
+
+    Args:
+        name, path, label, mark: as of `FmuInstance`.
+        step: s; 0 takes the FMU's own.
+
+    Attributes:
+        step: s.
+        position: gets the tick.
+
+    Raises:
+        FmuError, ArchiveError, XmlError: it cannot be unpacked, read, loaded or instantiated.
+    """
+
+    def __init__(
+        self, name: str, path: Path, step: float = 0.0, label: str = "", mark: Mark = unmarked
+    ) -> None:
+        self.instance, self.name = FmuInstance(name, path, label, mark), name
+        try:
+            wiring, self.layout = plan_alone(name, self.instance.description, step)
+            self._calls = Calls({name: self.instance}, self.layout, wiring, "sequential", mark)
+            self.step, self.position = wiring.step, Position()
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """As `FmuInstance.close`."""
+        self.instance.close()
+
+    def run(self, inputs: Mapping[str, Array], rows: Rows, first: int = 0) -> None:
+        """Step it from the tick `first` on, once for each row, and fill the rows.
+
+        A row has the inputs, and the outputs behind the step.
+
+        Args:
+            inputs: by name (ticks,), from tick 0 on; an input that is not there keeps its start value.
+
+        Raises:
+            FmuError: a call failed, or its step did not go through.
+        """
+        calls, ticks = self._calls, first + len(rows)
+        tables = []
+        for slot in self.layout.inputs:
+            table = np.zeros((ticks, len(slot.quantities)), dtype=slot.access.dtype)
+            for i, quantity in enumerate(slot.quantities):
+                table[:, i] = quantity.start or 0
+                if quantity.name in inputs:
+                    table[:, i] = inputs[quantity.name][:ticks]
+            tables.append((self.layout.view(slot), table))
+        for tick in range(first, ticks):
+            self.position.tick = tick
+            calls.set_time(tick * self.step)
+            for view, table in tables:
+                view[:] = table[tick]
+            calls.carry_out(calls.free[self.name])
+            calls.carry_out(calls.tick)
+            self._check_asks()
+            rows[tick - first] = self.layout.block
+
+    def _check_asks(self) -> None:
+        time, reached = self._calls.time.value, self.instance.reached
+        if any(self._calls.ended.raw) or (reached is not None and reached.value < time + NEARLY * self.step):
+            raise FmuError(
+                f"{self.instance.label}: its step did not end at t = {time + self.step:.10g} s: "
+                "it asks to end the simulation or for an event, or returned early"
+            )
+
+
+def outputs_of(layout: Layout, name: str, rows: Rows) -> dict[str, Array]:
+    """The outputs in rows of an FMU alone, (n,) each."""
+    columns = zip(layout.columns(name), layout.values(rows)[name].T, strict=True)
+    return {quantity.name: column for quantity, column in columns if quantity.causality == "output"}
