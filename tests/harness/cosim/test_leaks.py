@@ -25,6 +25,7 @@ from models.pedestrian import Pedestrian
 from tests.harness.cosim.tiny_fmu import V, tiny_fmu
 
 PAGE = resource.getpagesize()
+ROUNDS = 3
 
 
 def used() -> tuple[int, int, int]:
@@ -38,16 +39,21 @@ def used() -> tuple[int, int, int]:
 
 
 def assert_that_nothing_is_kept(once: Callable[[], None], times: int, most: int) -> None:
-    """Do it a few times, then so often; it may take `most` bytes more."""
-    for _ in range(max(3, times // 10)):
+    """Do it so often in each of three rounds, after a few times: in one of them at least it is given no more
+    than `most` bytes. What leaks takes them in each; the allocator may, in one."""
+    for _ in range(max(2, times // 10)):
         once()
     files, mappings, size = used()
-    for _ in range(times):
-        once()
-    files_now, mappings_now, size_now = used()
+    grown = []
+    for _ in range(ROUNDS):
+        for _ in range(times):
+            once()
+        files_now, mappings_now, size_now = used()
+        grown.append(size_now - size)
+        size = size_now
     assert files_now == files
     assert mappings_now <= mappings + 8  # the allocator's own
-    assert size_now <= size + most
+    assert min(grown) <= most
 
 
 @pytest.mark.parametrize("version", [2, 3])
@@ -75,8 +81,8 @@ def test_our_fmu_instantiated_a_thousand_times_keeps_nothing(tmp_path: Path, ver
         free = slave.fmi2FreeInstance if version == 2 else slave.fmi3FreeInstance
         free(slave.component)
 
-    # then 100 bytes an instance would be seen
-    assert_that_nothing_is_kept(live, 1000, 100_000)
+    # then 150 bytes an instance would be seen
+    assert_that_nothing_is_kept(live, 334, 50_000)
     slave.freeLibrary()
 
 
@@ -93,7 +99,7 @@ def test_an_fmu_opened_and_closed_again_and_again_keeps_nothing(
             instance.initialize({})
 
     # then neither a description (some 100 kB) nor a library stays, nor a folder
-    assert_that_nothing_is_kept(live, 100, 1_000_000)
+    assert_that_nothing_is_kept(live, 30, 500_000)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -117,7 +123,7 @@ def test_workers_that_end_well_or_ill_leave_nothing(tmp_path: Path, monkeypatch:
                 pids.add(process.pid)
 
     # then
-    assert_that_nothing_is_kept(live, 2, 2_000_000)
+    assert_that_nothing_is_kept(live, 1, 2_000_000)
     assert len(pids) == 2 * 5  # a process for each that ended well, and one after each that did not
     assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
     assert list(temporary.iterdir()) == []
