@@ -23,7 +23,7 @@ from codegen.toolchains.compiler import (
     find_platform,
     this_platform,
 )
-from fmus.archive import pack, stamp_of
+from fmus.archive import is_sealed, pack, stamp_of
 from fmus.description import block_header, build_description, documentation, model_description
 from fmus.folder import BUILT_FROM, STAMP, VERSIONS, FmiVersion, build_folder, digest, origin
 from fmus.ssp import write_ssp
@@ -54,7 +54,7 @@ def build_fmu(
     platforms: Sequence[str] = (),
     precision: Precision = "double",
 ) -> Path:
-    """Build `<block>.fmu` (`<block>_float.fmu` in single precision), unless it lies there up to date.
+    """Build `<block>.fmu` (`<block>_float.fmu` in single precision), unless it lies there as it was built.
 
     One that is up to date and holds binaries for more platforms than these stays as it is.
 
@@ -173,7 +173,7 @@ def _prepare(
 
     def build() -> Path:
         stamp = stamp_of(path).split()
-        if stamp[:1] == [built_from] and held <= set(stamp[1:]):
+        if stamp[:1] == [built_from] and held <= set(stamp[1:]) and is_sealed(path):
             return path
         binaries: dict[str, bytes] = {}
         for platform in chosen:

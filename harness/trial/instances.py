@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from codegen.firmware.navigation import Navigation
 from codegen.firmware.targets import find_target
+from fmus.archive import is_sealed
 from fmus.folder import build_folder
 from harness.cosim.loop import Simulation
 from harness.cosim.origin import is_own
@@ -137,11 +138,11 @@ def _is_own_package(request: Request, own: Path) -> bool:
     """Is the package one of ours, or a copy of it, as a log holds it?"""
     package = request.ssp.resolve()
     if own in package.parents:
-        return True
+        return is_sealed(package)
     if request.scenario.system not in SYSTEMS or not package.is_file():
         return False
     copied = request.own_package
-    return copied.is_file() and package.read_bytes() == copied.read_bytes()
+    return is_sealed(copied) and package.read_bytes() == copied.read_bytes()
 
 
 def open_onboard(request: Request, ready: Prepared, start: OpenProcessor) -> Onboard:

@@ -11,6 +11,7 @@ from typing import cast, get_args
 
 from codegen.firmware.targets import TARGETS
 from codegen.scratch import Scratch
+from fmus.archive import check_sealed
 from fmus.folder import build_folder, is_current
 from harness.cosim.archive import holder, naming
 from harness.cosim.stepping import Limits, Loop, Order
@@ -312,10 +313,16 @@ def _checked(request: Request) -> Request:
 
 
 def build_missing(request: Request, done: Callable[[Path], None] = lambda path: None) -> None:
-    """Build our FMUs and packages if those that are requested are missing, or older than the models."""
+    """Build our FMUs and packages if those that are requested are missing, or older than the models.
+
+    Raises:
+        AlteredError: one has been changed since it was built.
+    """
+    folder, package = build_folder().resolve(), holder(request.ssp).resolve()
     faults = fault_fmus(request.scenario, build_folder() / f"fmi{request.fmi}")
-    own = [path for path in (request.ssp, *request.swaps.values(), *faults) if build_folder() in path.parents]
-    special = request.ssp in own and request.scenario.estimator != ESTIMATOR
+    fmus = [path.resolve() for path in (*request.swaps.values(), *faults)]
+    own = [path for path in (package, *fmus) if folder in path.parents]
+    special = package in own and request.scenario.estimator != ESTIMATOR
     if own and not (all(path.exists() for path in own) and is_current()):
         from fmus.build import build_all  # noqa: PLC0415 - CasADi and templates
 
@@ -324,3 +331,5 @@ def build_missing(request: Request, done: Callable[[Path], None] = lambda path: 
         from fmus.build import build_package  # noqa: PLC0415 - CasADi and templates
 
         done(build_package(find_system(request.scenario.system, request.scenario.estimator), request.fmi))
+    for path in filter(os.path.exists, own):
+        check_sealed(path)

@@ -21,6 +21,7 @@ from codegen import cache
 from codegen.blocks.block_c import generate
 from codegen.cache import FLOORS
 from codegen.toolchains.compiler import FLAGS, PLATFORMS, CompileError, this_platform
+from fmus.archive import is_sealed
 from fmus.build import BuildError, build_all, build_fmu
 from fmus.dependencies import initial_dependencies, tick_dependencies
 from fmus.folder import STAMP, FmiVersion, build_folder, is_current, origin
@@ -398,6 +399,26 @@ def test_everything_is_built_and_then_stays(tmp_path: Path) -> None:
     assert reported == paths == again
     assert {path: path.stat().st_mtime_ns for path in written} == written
     assert is_current(tmp_path)
+
+
+@pytest.mark.usefixtures("only_slide")
+@pytest.mark.parametrize("name", ["fmi2/slide.fmu", "one.fmi2.ssp"])
+def test_what_another_tool_has_changed_is_built_again(tmp_path: Path, name: str) -> None:
+    # given a file whose comment is as it was, and whose content is not
+    build_all(tmp_path)
+    path = tmp_path / name
+    built = path.read_bytes()
+    with zipfile.ZipFile(path) as archive:
+        comment, first = archive.comment, archive.namelist()[0]
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr(first, "")
+        archive.comment = comment
+    assert not is_sealed(path)
+    # when
+    build_all(tmp_path)
+    # then
+    assert path.read_bytes() == built
+    assert is_sealed(path)
 
 
 @pytest.mark.usefixtures("only_slide")

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -132,6 +133,28 @@ def test_only_what_others_built_runs_in_a_worker(tmp_path: Path) -> None:
     copy.write_bytes(own.read_bytes() + b"x")
     with requested("two_waypoint", Changes(swaps={"plant": copy})) as request:
         assert is_foreign(request)
+
+
+def test_what_has_been_changed_in_our_folder_runs_in_a_worker(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given copies of our package and our FMU in a folder of builds, and one byte more in each
+    with requested("two_waypoint", Changes()) as request:
+        build_missing(request)
+    package, own = tmp_path / request.ssp.name, tmp_path / "fmi2" / "pedestrian.fmu"
+    own.parent.mkdir()
+    shutil.copy(request.ssp, package)
+    shutil.copy(request.ssp.parent / "fmi2" / "pedestrian.fmu", own)
+    for module in ("harness.trial.instances", "harness.cosim.origin"):
+        monkeypatch.setattr(f"{module}.build_folder", lambda: tmp_path)
+    for changed in (package, own):
+        with requested("two_waypoint", Changes(swaps={"plant": own})) as request:
+            ours = replace(request, package=package)
+            assert not is_foreign(ours)
+            content = changed.read_bytes()
+            changed.write_bytes(content + b"x")
+            assert is_foreign(ours)
+            changed.write_bytes(content)
 
 
 def test_a_fault_before_the_first_tick_leaves_an_earlier_trial_as_it_was(tmp_path: Path) -> None:

@@ -1,11 +1,14 @@
 """Requests: what each kind of target asks for, and what overrides it."""
 
+import os
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from fmus.archive import AlteredError, pack
 from fmus.folder import build_folder
 from harness.log.channel import Channel
 from harness.log.log import read_log
@@ -197,11 +200,46 @@ def test_our_package_is_built_if_it_is_missing_or_older_than_the_models(
     monkeypatch.setattr(request_module, "is_current", lambda: current)
     monkeypatch.setattr("fmus.build.build_all", lambda **how: built.append(how))
     if exists:
-        (tmp_path / "full.fmi2.ssp").write_bytes(b"")
+        pack(tmp_path / "full.fmi2.ssp", {})
     # when
     build_missing(Request(load("two_waypoint")))
     # then
     assert len(built) == builds
+
+
+def rewritten(path: Path, *, keep_comment: bool) -> None:
+    """A tool that opens a package unpacks it, and packs the same files when it closes it."""
+    with zipfile.ZipFile(path) as archive:
+        files, comment = {name: archive.read(name) for name in archive.namelist()}, archive.comment
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in files.items():
+            archive.writestr(name, content)
+        archive.comment = comment if keep_comment else b""
+
+
+@pytest.mark.parametrize("keep_comment", [True, False])
+@pytest.mark.parametrize("what", ["full.fmi2.ssp", "fmi2/canine.fmu"])
+def test_a_file_of_ours_that_another_tool_has_rewritten_is_noticed(
+    what: str, keep_comment: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given a package and an FMU, up to date, and a request for both
+    monkeypatch.setattr(request_module, "build_folder", lambda: tmp_path)
+    monkeypatch.setattr(request_module, "is_current", lambda: True)
+    for name in ("full.fmi2.ssp", "fmi2/canine.fmu"):
+        pack(tmp_path / name, {"a": b"1", "b": b"2"}, "stamp")
+    request = Request(load("two_waypoint"), swaps={"plant": tmp_path / "fmi2" / "canine.fmu"})
+    build_missing(request)
+    # when one is written anew with the same date
+    date = (tmp_path / what).stat()
+    rewritten(tmp_path / what, keep_comment=keep_comment)
+    os.utime(tmp_path / what, ns=(date.st_atime_ns, date.st_mtime_ns))
+    # then
+    with pytest.raises(AlteredError) as caught:
+        build_missing(request)
+    assert str(caught.value) == (
+        f"{tmp_path / what}: is not as it was built here: another tool has written it anew, or replaced it; "
+        "`canine build` builds it again; to run it as it is, copy it into another folder"
+    )
 
 
 def test_a_package_made_elsewhere_is_never_built(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
