@@ -37,7 +37,7 @@ class Tree:
         self.package, self.document = package, document
         self.parts: dict[str, Part] = {}
         self.hops: dict[Port, list[Hop]] = {}
-        self.feeds: dict[Port, Hop] = {}  # of the systems' connectors, what leads to them
+        self.feeds: dict[Port, Hop] = {}  # by what they lead to
         document.check_root(f"{SSD}SystemStructureDescription", "the root")
         parts = document.children(document.root, "System", "DefaultExperiment", "Units", "Enumerations")
         if "System" not in parts:
@@ -116,20 +116,15 @@ class Tree:
                 raise document.fail(f'{part.title}: connector "{name}" has kind "{kind}"{hint}')
             if name in connectors:
                 raise document.fail(f'{part.title} has two connectors "{name}"')
-            parts = document.children(element, *TYPES, "Dimension")
-            array = parts.pop("Dimension", None) is not None
-            if len(parts) > 1:
-                types = " and ".join(parts)
-                raise document.fail(f'{part.title}: connector "{name}" is {types}; expected one type')
-            tag, typed = next(iter(parts.items()), (None, None))
+            stated = list(document.listed(element, *TYPES, "Dimension"))
+            types = [typed for typed in stated if tag_of(typed) in TYPES]
+            if len(types) > 1:
+                names = " and ".join(map(tag_of, types))
+                raise document.fail(f'{part.title}: connector "{name}" is {names}; expected one type')
+            typed = types[0] if types else None
+            tag = None if typed is None else tag_of(typed)
             enumeration = typed.get("name") if typed is not None and tag == "Enumeration" else None
-            if enumeration is not None and enumeration not in self.enumerations:
-                hint = nearest(enumeration, self.enumerations)
-                raise document.fail(
-                    f'{part.title}: connector "{name}" is of enumeration "{enumeration}", '
-                    f"which is not defined{hint}"
-                )
-            kind_of_value = "array" if array else None if tag is None else TYPES[tag]
+            kind_of_value = "array" if len(stated) > len(types) else None if tag is None else TYPES[tag]
             unit = None if typed is None else typed.get("unit")
             connectors[name] = Connector(name, kind, kind_of_value, unit, enumeration)
         return connectors
@@ -169,11 +164,10 @@ class Tree:
                 )
         suppressed = document.boolean(element, "suppressUnitConversion", "false")
         hop = Hop(source, target, read_transformation(document, element, what), bool(suppressed))
-        if isinstance(self.parts[target[0]], SystemPart):
-            if target in self.feeds:
-                other = dotted(self.feeds[target].source)
-                raise document.fail(f"{dotted(target)} is fed twice: by {other} and {dotted(source)}")
-            self.feeds[target] = hop
+        if target in self.feeds:
+            other = dotted(self.feeds[target].source)
+            raise document.fail(f"{dotted(target)} is fed twice: by {other} and {dotted(source)}")
+        self.feeds[target] = hop
         self.hops.setdefault(source, []).append(hop)
 
     def _end(self, system: SystemPart, element: Element, side: str) -> Port:
@@ -237,7 +231,7 @@ class Tree:
         path, name = port
         part = self.parts[path]
         connector = part.connectors.get(name)
-        if connector is not None and connector.enumeration is not None:
+        if connector is not None and connector.enumeration in self.enumerations:
             return self.enumerations[connector.enumeration]
         if isinstance(part, ComponentPart) and (connector is None or connector.type in (None, "Enumeration")):
             return part.description.items(name)
