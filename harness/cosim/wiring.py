@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness.cosim.fmu import FmuDescription, FmuError
+from harness.cosim.fmu import FmuDescription, FmuError, Quantity
 from harness.cosim.ssp import FmuSystem, ScaledLink, SspError
 from harness.cosim.stepping import Order
 from models.errors import WiringError
@@ -114,8 +114,7 @@ def _check_link(link: ScaledLink, fmus: Mapping[str, FmuDescription]) -> None:
             f"link {link}: the source is {source.type.value}, the target {target.type.value}; "
             "connect equal types"
         )
-    if link.table and Type.REAL in (source.type, target.type):
-        raise WiringError(f"link {link}: its table replaces whole numbers, the source is Real")
+    _check_table(link, source, target)
     from_unit, to_unit = fmus[link.source].unit(source), fmus[link.target].unit(target)
     if from_unit is None or to_unit is None or link.settled:
         return
@@ -126,6 +125,27 @@ def _check_link(link: ScaledLink, fmus: Mapping[str, FmuDescription]) -> None:
             f'link {link}: the source has unit "{from_unit.name}", the target "{to_unit.name}"; '
             "give the connection a LinearTransformation, or export the same unit"
         )
+
+
+def _check_table(link: ScaledLink, source: Quantity, target: Quantity) -> None:
+    """A table's numbers must be those of what they are given to; what the source cannot give is no matter."""
+    if link.table and Type.REAL in (source.type, target.type):
+        raise WiringError(f"link {link}: its table replaces whole numbers, the source is Real")
+    for _, replaced in link.table:
+        if not _holds(target, replaced):
+            raise WiringError(f"link {link}: its table gives {replaced}, the target is {_named(target)}")
+
+
+def _holds(quantity: Quantity, value: float) -> bool:
+    """Can an Integer or a Boolean have this value?"""
+    if quantity.type is Type.BOOLEAN:
+        return value in (0, 1)
+    whole = np.iinfo(quantity.access.dtype)
+    return value == int(value) and int(whole.min) <= value <= int(whole.max)
+
+
+def _named(quantity: Quantity) -> str:
+    return f"{quantity.type.value} ({np.dtype(quantity.access.dtype).name})"
 
 
 def _check_values(
@@ -145,13 +165,10 @@ def _check_values(
                     f'{name}.{variable} is given in "{value.unit}", the FMU declares "{unit.name}"; '
                     "give the value in the FMU's unit, or map it with a ParameterMapping, which converts it"
                 )
-            with np.errstate(invalid="ignore"):
-                held = np.array([value.value]).astype(quantity.access.dtype)[0]
-            is_bit = quantity.type is not Type.BOOLEAN or value.value in (0, 1)
-            if quantity.type is not Type.REAL and not (held == value.value and is_bit):
+            if quantity.type is not Type.REAL and not _holds(quantity, value.value):
                 raise SspError(
-                    f"{name}.{variable} is given {value.value:g}, the FMU declares {quantity.type.value} "
-                    f"({np.dtype(quantity.access.dtype).name}); give one of those"
+                    f"{name}.{variable} is given {value.value:g}, the FMU declares {_named(quantity)}; "
+                    "give one of those"
                 )
 
 

@@ -14,7 +14,7 @@ from harness.cosim.fmu import Unit
 from harness.cosim.ssp.parameters import Assignment
 from harness.cosim.ssp.parts import ComponentPart, Hop, Part, Port, SystemPart, dotted
 from harness.cosim.ssp.system import FmuComponent, FmuSystem, ScaledLink, StartValue
-from harness.cosim.ssp.transformation import Items, Transformation, between
+from harness.cosim.ssp.transformation import Items, Transformation, are_convertible, between
 from harness.cosim.ssp.tree import Tree
 
 SHOWN = 5  # names in a note
@@ -105,8 +105,8 @@ class Flattened:
                     f'{what}: "{source.name}" is taken as "{target.name}" as it is (suppressUnitConversion)'
                 )
             return Transformation()
-        undefined = [f'"{unit.name}"' for unit in (source, target) if unit.base is None]
-        if undefined or not source.measures(target):
+        if not are_convertible(source, target):
+            undefined = [f'"{unit.name}"' for unit in (source, target) if unit.base is None]
             why = f"nobody defines {undefined[0]}" if undefined else "no factor makes one of the other"
             raise self.document.fail(
                 f'{what}: unit "{source.name}" cannot become "{target.name}": {why}; '

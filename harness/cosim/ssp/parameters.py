@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,11 +12,12 @@ from harness.cosim.fmu import Unit
 from harness.cosim.ssp.document import IGNORED, SSM, SSV, Document, tag_of
 from harness.cosim.ssp.package import Package
 from harness.cosim.ssp.transformation import (
-    BOOLEAN,
     ENUMERATION,
     INTEGER,
     Items,
     Stated,
+    Transformation,
+    are_convertible,
     between,
     read_transformation,
 )
@@ -23,6 +25,7 @@ from harness.cosim.ssp.units import read_enumerations, read_units
 from models.errors import nearest
 
 SET_TYPE, MAPPING_TYPE = "application/x-ssp-parameter-set", "application/x-ssp-parameter-mapping"
+NUMBER = re.compile("-?[0-9]{1,15}")  # of an enumeration's item
 WHOLE = [f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)]
 TYPES = {  # of SSP 1.0, and those that SSP 2.0 added
     **dict.fromkeys(("Real", "Float64", "Float32"), "Real"),
@@ -58,7 +61,7 @@ class Value:
         items = self.items if items is None else items
         if items is not None and item in items:
             return float(items[item])
-        if item.lstrip("-").isdecimal() and (items is None or int(item) in items.values()):
+        if NUMBER.fullmatch(item) and (items is None or int(item) in items.values()):
             return float(item)  # some tools write the number
         if items is None:
             raise self.document.fail(
@@ -107,18 +110,17 @@ class Assignment:
         if mapping is None:
             return number, unit
         mapping.check_type(f'parameter "{value.name}"', value.type)
+        conversion = Transformation()
         if self.converts and unit is not None and target is not None and unit is not target:
-            if unit.base is None or target.base is None or not unit.measures(target):
+            if not are_convertible(unit, target):
                 raise value.document.fail(
                     f'{mapping.what}: unit "{unit.name}" cannot become "{target.name}"; '
                     'define both, or state suppressUnitConversion="true"'
                 )
-            number, unit = between(unit, target)(number), target
+            conversion, unit = between(unit, target), target
         elif not self.converts:
             unit = target
-        if mapping.kind in (BOOLEAN, INTEGER) or mapping.own.is_linear:
-            number = mapping.own(number)
-        return number, unit
+        return conversion.then(mapping.own)(number), unit
 
 
 @dataclass(frozen=True)
@@ -246,7 +248,10 @@ class ParameterSet:
         if type == "Real":
             number = document.number(stated, "value")
         elif type == "Integer":
-            number = float(document.whole(stated, "value"))
+            whole = document.whole(stated, "value")
+            number = float(whole)
+            if int(number) != whole:
+                raise document.fail(f'{self._what}: parameter "{name}" is {whole}, which no double holds')
         elif type == "Boolean":
             number = float(document.boolean(stated, "value"))
         known = None if unit is None else self._units.get(unit, Unit(unit, None))

@@ -58,7 +58,7 @@ class Transformation:
         if self.table:
             return float(self.table.get(int(value), int(value)))
         try:
-            return float(self.factor * Fraction(value) + self.offset)
+            return float(self.factor * exact(value) + self.offset)
         except OverflowError:
             return math.inf
 
@@ -73,8 +73,15 @@ def exact(number: float) -> Fraction:
     return Fraction(repr(number))
 
 
+def are_convertible(source: Unit, target: Unit) -> bool:
+    """Are both defined, and does a factor make one of the other?"""
+    numbers = (source.factor, source.offset, target.factor, target.offset)
+    defined = source.base is not None and target.base is not None and all(map(math.isfinite, numbers))
+    return defined and source.measures(target) and 0.0 not in (source.factor, target.factor)
+
+
 def between(source: Unit, target: Unit) -> Transformation:
-    """What makes a value in one unit one in another unit of the same quantity."""
+    """What makes a value in one unit one in another, if they are convertible."""
     factor = exact(source.factor) / exact(target.factor)
     return Transformation(factor, (exact(source.offset) - exact(target.offset)) / exact(target.factor))
 

@@ -3,8 +3,10 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from harness.cosim.fmu import Access, FmuDescription, Quantity, Refused
@@ -250,3 +252,39 @@ def test_fixed_steps_must_agree() -> None:
         "a has a fixed step of 0.04 s, b of 0.08 s; "
         "all components take one step: export one of them with the other's"
     )
+
+
+@pytest.mark.parametrize(
+    ("type", "dtype", "replaced", "got"),
+    [
+        (Type.INTEGER, np.uint8, 256, "Integer (uint8)"),
+        (Type.INTEGER, np.int32, -(2**31) - 1, "Integer (int32)"),
+        (Type.BOOLEAN, np.int32, 2, "Boolean (int32)"),
+    ],
+)
+def test_a_table_that_gives_what_its_target_cannot_hold_is_refused(
+    type: Type, dtype: npt.DTypeLike, replaced: int, got: str
+) -> None:
+    access = Access("Any", dtype)
+    ends = fmu("a", quantity("y", type=type, access=access)), fmu("b", quantity("u", "input", type))
+    b = replace(ends[1], quantities={"u": quantity("u", "input", type, access=access)})
+    parts = {"a": ends[0], "b": b}
+    components = {name: FmuComponent(name, Path(f"{name}.fmu")) for name in parts}
+
+    def wire_with(replaced: int) -> Wiring:
+        link = ScaledLink("a", "y", "b", "u", table=((10**18, 1), (1, replaced)))
+        return wire(FmuSystem("toy", components, (link,)), parts)
+
+    with pytest.raises(WiringError) as caught:
+        wire_with(replaced)
+    assert str(caught.value) == f"link a.y -> b.u: its table gives {replaced}, the target is {got}"
+    assert wire_with(0).order == ("a", "b")
+
+
+def test_a_table_is_for_whole_numbers() -> None:
+    parts = {"a": node("a"), "b": node("b")}
+    components = {name: FmuComponent(name, Path(f"{name}.fmu")) for name in parts}
+    link = ScaledLink("a", "y", "b", "u", table=((1, 2),))
+    with pytest.raises(WiringError) as caught:
+        wire(FmuSystem("toy", components, (link,)), parts)
+    assert str(caught.value) == "link a.y -> b.u: its table replaces whole numbers, the source is Real"

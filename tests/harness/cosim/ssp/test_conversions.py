@@ -8,6 +8,7 @@ import pytest
 
 from harness.cosim.ssp import FmuSystem, ScaledLink
 from tests.harness.cosim.ssp.packages import (
+    Files,
     component,
     connection,
     enumerations,
@@ -83,6 +84,15 @@ def test_where_the_package_is_silent_the_fmus_units_count(tmp_path: Path) -> Non
     made = read(path)
     assert converted(made) == (0.2777777777777778, 0.0)
     assert made.notes == ('connection a.y -> b.u: "km/h" is converted to "m/s", times 0.277778',)
+
+
+@pytest.mark.parametrize("bad", ['factor="0"', 'factor="nan"', 'offset="INF"'])
+def test_a_unit_of_an_fmu_that_makes_no_sense_is_refused(tmp_path: Path, bad: str) -> None:
+    wrong = fmu(V("y", unit="km/h")).replace(b'factor="0.2777777777777778"', bad.encode())
+    files: Files = {"resources/a.fmu": wrong, "resources/b.fmu": fmu(V("u", "input", unit="m/s"))}
+    members = component("a", "y output Real"), component("b", "u input")
+    path = package(tmp_path / "toy.ssp", ssd(system("r", *members, links=connection("a.y", "b.u"))), files)
+    assert refusal(path).startswith('connection a.y -> b.u: unit "km/h" cannot become "m/s": no factor makes')
 
 
 def test_a_unit_is_carried_through_boundaries_that_declare_none(tmp_path: Path) -> None:

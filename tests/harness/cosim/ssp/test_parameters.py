@@ -143,6 +143,14 @@ def test_a_mapping_renames_transforms_and_converts(tmp_path: Path) -> None:
     assert read(path).components["a"].values["k"].unit == "m"
 
 
+def test_a_conversion_and_its_transformation_are_rounded_once(tmp_path: Path) -> None:
+    # given 0.1 km, 100 m, of which 0.007 are taken; floats make 0.7000000000000001 of it
+    stated = parameters(units("km", prefix="ssv"), length="Real 0.1 km")
+    scaled = entry("length", "k", linear(0.007))
+    assert 0.1 * 1000 * 0.007 != 0.7
+    assert values(alone(tmp_path, bind(binding(stated, mapping(scaled))))) == {"a": {"k": 0.7}}
+
+
 def test_a_mapping_may_keep_units_from_being_converted(tmp_path: Path) -> None:
     stated = parameters(units("km", prefix="ssv"), length="Real 1.5 km")
     kept = entry("length", "k", linear(1000), 'suppressUnitConversion="true"')
@@ -193,6 +201,10 @@ HERE = 'component "a": parameter binding'
          'parameter "e" is "LEF", which its enumeration lacks; did you mean "LEFT"?'),
         (binding(parameters(e="Enumeration 3")),
          'parameter "e" is "3", which its enumeration lacks; known: LEFT, NONE, RIGHT'),
+        (binding(parameters(e="Enumeration --5")),
+         'parameter "e" is "--5", which its enumeration lacks; known: LEFT, NONE, RIGHT'),
+        (binding(parameters(n=f"Integer {2**53 + 1}")),
+         f'{HERE}: parameter "n" is {2**53 + 1}, which no double holds'),
         (binding(parameters(n="Enumeration LEFT")),
          'parameter "n" is "LEFT" of an enumeration that nobody defines; '
          "name the enumeration and define it in Enumerations"),
