@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from codegen.firmware.targets import TARGETS
 from codegen.toolchains.compiler import PLATFORMS
-from harness import firmware_commands, log_commands
+from harness import fault_commands, firmware_commands, log_commands
 from harness.console import (
     build_status,
     end_interrupted,
@@ -23,7 +22,7 @@ from harness.console import (
     short,
 )
 from harness.cosim.stepping import CALL_LIMIT_S, GIB, MEMORY_LIMIT_GIB, Limits, Loop, Order
-from harness.options import Seed, Settings
+from harness.options import Ahrs, Controller, Estimator, Onboard, Plant, Seed, Settings
 from harness.recording import STREAMS
 from harness.replay import EVERY_S, OUTAGE_S
 from harness.studies import STUDIES
@@ -46,23 +45,6 @@ app = typer.Typer(
 )
 
 
-Plant = Annotated[
-    str | None, typer.Option(metavar="NAME|X.fmu", help="one of ours, such as differential_drive, or an FMU")
-]
-Controller = Annotated[
-    str | None, typer.Option(metavar="NAME|X.fmu", help="one of ours, such as quarter_turn, or an FMU")
-]
-Estimator = Annotated[
-    str | None, typer.Option(metavar="NAME|X.fmu", help="one of ours, such as six_state, or an FMU")
-]
-Ahrs = Annotated[
-    bool,
-    typer.Option(
-        "--ahrs",
-        help="put canine_ahrs between sensors and estimator; canine_tracker then leads less often "
-        "(`canine study leading`)",
-    ),
-]
 Target = Annotated[str, typer.Argument(metavar="[SCENARIO.toml|SYSTEM.ssp|LOG.mcap]")]
 Stepping = Annotated[Order | None, typer.Option(help="of stepping; sequential by default")]
 Fmi = Annotated[Literal["2", "3"] | None, typer.Option(help="version of our FMUs; 2 by default")]
@@ -150,13 +132,7 @@ def run(
     ahrs: Ahrs = False,
     order: Stepping = None,
     fmi: Fmi = None,
-    onboard: Annotated[
-        str | None,
-        typer.Option(
-            metavar="fmu|pil:TARGET",
-            help=f"pil: firmware on a processor ({', '.join(TARGETS)}) for estimator and controller",
-        ),
-    ] = None,
+    onboard: Onboard = None,
     loop: Annotated[
         Loop | None,
         typer.Option(help="in C or in Python, with the same log; native by default, python with --onboard"),
@@ -692,6 +668,7 @@ def tune_estimator(
 app.command("compare")(log_commands.compare_logs)
 app.command("recover")(log_commands.recover_log)
 app.command("export")(log_commands.export_log)
+app.command("faults")(fault_commands.try_faults)
 
 
 @app.command("scenarios")

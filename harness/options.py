@@ -6,9 +6,34 @@ from typing import Annotated
 
 import typer
 
+from codegen.firmware.targets import TARGETS
 from models.kit.random import MAX_SEED
 
 Seed = Annotated[int | None, typer.Option(min=0, max=MAX_SEED, help="the trial's number")]
 Settings = Annotated[
     list[str] | None, typer.Option("--set", metavar="block.name=value", help="a parameter; angles in deg")
+]
+Plant = Annotated[
+    str | None, typer.Option(metavar="NAME|X.fmu", help="one of ours, such as differential_drive, or an FMU")
+]
+Controller = Annotated[
+    str | None, typer.Option(metavar="NAME|X.fmu", help="one of ours, such as quarter_turn, or an FMU")
+]
+Estimator = Annotated[
+    str | None, typer.Option(metavar="NAME|X.fmu", help="one of ours, such as six_state, or an FMU")
+]
+Ahrs = Annotated[
+    bool,
+    typer.Option(
+        "--ahrs",
+        help="put canine_ahrs between sensors and estimator; canine_tracker then leads less often "
+        "(`canine study leading`)",
+    ),
+]
+Onboard = Annotated[
+    str | None,
+    typer.Option(
+        metavar="fmu|pil:TARGET",
+        help=f"pil: firmware on a processor ({', '.join(TARGETS)}) for estimator and controller",
+    ),
 ]

@@ -25,6 +25,7 @@ from harness.cosim.fmu import Call, FmuDescription, Quantity
 from harness.log.channel import Channel
 from harness.log.geodesy import TangentPlane
 from harness.onboard import ROLES
+from harness.onboard.garbage import Garbage, Garbler
 from harness.onboard.instruments import InertialUnit, Receiver
 from harness.onboard.memory import Memory
 from harness.onboard.operator import Operator
@@ -47,6 +48,7 @@ class Onboard:
         values: the controller's and the command module's parameters (SI) by component, mission included.
         pvt: the receiver is a newer one (see `Receiver`).
         navigation: of its program.
+        garbage: of the bytes that it receives.
 
     Attributes:
         memory: the program's memory after the last tick.
@@ -61,10 +63,12 @@ class Onboard:
         *,
         pvt: bool = False,
         navigation: Navigation = DEFAULT,
+        garbage: Sequence[Garbage] = (),
     ) -> None:
         self.processor, self.navigation = processor, navigation
         self.plane = TangentPlane(*(math.radians(x) for x in origin))
         self.receiver, self.unit = Receiver(self.plane, pvt), InertialUnit()
+        self._garbled = Garbler(garbage)
         link = Link(SIMULATION_KEY, count(1).__next__)  # each trial the same
         self.operator = Operator(self._mission(values.get("controller", {})), link)
         self._commands = commands(values.get("command_module", {}))
@@ -96,9 +100,9 @@ class Onboard:
         link_ok = bool(wishes.get("link_ok", 1.0))
         start, override = bool(wishes.get("start", 0.0)), Command(int(wishes.get("override", 0.0)))
         received = Received(
-            self.receiver.fix(time, signals),
-            self.unit.sample(self.tick, signals),
-            self.operator.send(time, start, override, link_ok),
+            self._garbled("gps", self.tick, self.receiver.fix(time, signals)),
+            self._garbled("imu", self.tick, self.unit.sample(self.tick, signals)),
+            self._garbled("radio", self.tick, self.operator.send(time, start, override, link_ok)),
         )
         reply = self.processor.tick(received)
         self.tick += 1

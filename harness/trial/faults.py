@@ -10,8 +10,9 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from harness.onboard.garbage import STREAMS, Garbage
 from harness.trial.plan import Interface, is_angular, split_address
-from harness.trial.scenario import FAULTS, LOST, Disturbance, Scenario, ScenarioError
+from harness.trial.scenario import FAULTS, GARBAGE, LOST, Disturbance, Scenario, ScenarioError
 from models.disturbance import FAULTS as BLOCKS
 from models.disturbance import LONGEST_DELAY, MAX_FAULTS, FaultyLink, Kind, Placed
 from models.errors import nearest
@@ -29,10 +30,12 @@ class Faults:
     Attributes:
         links: where they act.
         values: of the blocks' parameters, one mapping for each fault.
+        garbage: of the bytes that the firmware on board receives.
     """
 
     links: tuple[FaultyLink, ...] = ()
     values: tuple[Mapping[str, float], ...] = ()
+    garbage: tuple[Garbage, ...] = ()
 
     def values_of(self, placed: Mapping[str, Placed]) -> dict[str, dict[str, float]]:
         """The parameters of the blocks, by component."""
@@ -61,17 +64,40 @@ def resolve_faults(
     """
     resolver = _Resolver(interfaces, links, step, names or {}, inside)
     found: list[tuple[FaultyLink, dict[str, float]]] = []
+    garbage: list[Garbage] = []
     for number, fault in enumerate(scenario.faults, start=1):
         where = f"{scenario.name}: [[fault]] {number}"
         if fault.kind == LOST:
             if fault.signal != "radio":
                 raise ScenarioError(f'{where}: signal is "{fault.signal}"; what is lost is the "radio"')
             continue
+        if fault.kind == GARBAGE:
+            _check_stream(fault, where, is_onboard=bool(inside))
+            first, after = _window(fault, step)
+            share = fault.value or 0.0
+            garbage.append(Garbage(fault.signal, share, first, after, scenario.seed, number))
+            continue
         link, values = resolver.resolve(fault, where)
         found.append((link, values | {"seed": float(scenario.seed), "number": float(len(found))}))
     if len(found) > MAX_FAULTS:
         raise ScenarioError(f"{scenario.name}: has {len(found)} faults; expected up to {MAX_FAULTS}")
-    return Faults(tuple(link for link, _ in found), tuple(values for _, values in found))
+    return Faults(tuple(link for link, _ in found), tuple(values for _, values in found), tuple(garbage))
+
+
+def _check_stream(fault: Disturbance, where: str, *, is_onboard: bool) -> None:
+    """Refuse garbage of what is no stream of bytes."""
+    if fault.signal not in STREAMS:
+        expected = f"one of {', '.join(STREAMS)}{nearest(fault.signal, STREAMS)}"
+        raise ScenarioError(f'{where}: signal is "{fault.signal}"; expected {expected}')
+    if not is_onboard:
+        raise ScenarioError(
+            f'{where}: garbage of "{fault.signal}": only firmware on board receives bytes; run with --onboard'
+        )
+
+
+def _window(fault: Disturbance, step: float) -> tuple[int, float]:
+    """The first tick on which a fault acts, and the first on which it is over."""
+    return tick_of(fault.at, step), COUNT_MAX if fault.until is None else tick_of(fault.until, step)
 
 
 @dataclass(frozen=True)
@@ -138,9 +164,8 @@ class _Resolver:
     def values(self, fault: Disturbance, variable: Variable, where: str) -> dict[str, float]:
         """The values of a fault's block."""
         kind, step = Kind[fault.kind.upper()], self.step
-        values = {"kind": float(kind), "first": float(tick_of(fault.at, step)), "after": COUNT_MAX}
-        if fault.until is not None:
-            values["after"] = float(tick_of(fault.until, step))
+        first, after = _window(fault, step)
+        values = {"kind": float(kind), "first": float(first), "after": float(after)}
         if fault.value is None:
             return values
         if kind is Kind.DELAY:
@@ -160,6 +185,6 @@ def tick_of(time: float, step: float) -> int:
 
 def fault_fmus(scenario: Scenario, folder: Path) -> list[Path]:
     """The FMUs of the blocks that a scenario's faults need."""
-    if all(fault.kind == LOST for fault in scenario.faults):
+    if not any(FAULTS[fault.kind].types for fault in scenario.faults):
         return []
     return [folder / f"{block.title()}.fmu" for block in BLOCKS.values()]

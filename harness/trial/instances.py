@@ -22,6 +22,7 @@ from harness.cosim.worker.contained import Contained
 from harness.cosim.worker.simulation import Companion
 from harness.log.channel import Channel
 from harness.onboard import IN_FIRMWARE
+from harness.onboard.garbage import Garbage
 from harness.onboard.processors import Processor, open_processor
 from harness.onboard.stand_in import Onboard
 from harness.trial.firmware import firmware_values, navigation_of
@@ -152,17 +153,18 @@ def open_onboard(request: Request, ready: Prepared, start: OpenProcessor) -> Onb
 
 @dataclass(frozen=True)
 class _Firmware:
-    """What the onboard computer needs: processor, estimator, origin in degrees, all values of the trial."""
+    """What the onboard computer needs: processor, estimator, origin in degrees, all values, garbage."""
 
     target: str
     navigation: Navigation
     origin: tuple[float, float]
     values: Mapping[str, Mapping[str, float]]
+    garbage: tuple[Garbage, ...]
 
 
 def _firmware(request: Request, ready: Prepared) -> _Firmware:
     navigation = navigation_of(find_system(request.scenario.system, request.scenario.estimator))
-    return _Firmware(request.onboard, navigation, request.scenario.origin, ready.values)
+    return _Firmware(request.onboard, navigation, request.scenario.origin, ready.values, ready.garbage)
 
 
 def _open(kind: type[Kind], firmware: _Firmware, start: OpenProcessor) -> Kind:
@@ -170,7 +172,8 @@ def _open(kind: type[Kind], firmware: _Firmware, start: OpenProcessor) -> Kind:
     processor = start(target, firmware_values(values, navigation), navigation)
     try:
         pvt = find_target(target).pvt
-        return kind(processor, firmware.origin, values, pvt=pvt, navigation=navigation)
+        garbage = firmware.garbage
+        return kind(processor, firmware.origin, values, pvt=pvt, navigation=navigation, garbage=garbage)
     except BaseException:
         processor.close()
         raise

@@ -16,6 +16,7 @@ from harness.cosim.ssp import FmuComponent, FmuSystem, ScaledLink, open_ssp
 from harness.cosim.wiring import common_step
 from harness.files import nearest_file
 from harness.onboard import IN_FIRMWARE
+from harness.onboard.garbage import Garbage
 from harness.trial.faults import Faults, resolve_faults
 from harness.trial.plan import Interface, Plan, interface_of_fmu, interfaces_of_system, plan
 from harness.trial.request import Request
@@ -34,6 +35,7 @@ class Prepared:
         plan: the scenario in SI.
         renames: by swapped component, the FMU's name of an output to the role's name and the conversion.
         notes: what the user should know.
+        garbage: of the bytes that the firmware on board receives.
     """
 
     system: FmuSystem
@@ -42,6 +44,7 @@ class Prepared:
     plan: Plan
     renames: Mapping[str, Mapping[str, tuple[str, Rename]]]
     notes: tuple[str, ...]
+    garbage: tuple[Garbage, ...] = ()
 
     @property
     def plants(self) -> list[str]:
@@ -102,7 +105,9 @@ def prepared(request: Request) -> Iterator[Prepared]:
         )
         fmus = {name: describe(disturbed.components[name].fmu) for name in values} | fmus
         resolved = replace(resolved, values=resolved.values | values)
-        yield Prepared(disturbed, fmus, interfaces, resolved, renames, (*notes, *resolved.notes))
+        yield Prepared(
+            disturbed, fmus, interfaces, resolved, renames, (*notes, *resolved.notes), faults.garbage
+        )
 
 
 def _notes(system: FmuSystem, scenario: Scenario) -> list[str]:

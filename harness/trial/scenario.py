@@ -56,7 +56,7 @@ from models.kit.random import MAX_SEED
 from models.readings import READINGS
 from models.system import ESTIMATOR, ESTIMATORS, SYSTEMS, System, find_system
 
-LOST = "lost"  # the radio's fault
+LOST, GARBAGE = "lost", "garbage"  # faults of the radio, and of bytes that the firmware receives
 Written = bool | int | float | str | list[Any]
 SHIPPED = Path(__file__).parents[1] / "scenarios"
 MAX_DURATION = 86_400.0  # s: a day
@@ -98,6 +98,8 @@ class Disturbance:
     @property
     def words(self) -> str:
         """What it is, for tables and legends: `offset 5 of sensors.gps_north`."""
+        if self.kind == LOST:
+            return f"lost {self.signal}"
         how_much = "" if self.value is None else f" {self.value:.6g}"
         return f"{self.kind}{how_much} of {self.signal}"
 
@@ -133,7 +135,8 @@ FAULT_KINDS = {
     Kind.NAN: FaultKind(types=REALS),
 }
 FAULTS = {kind.name.lower(): what for kind, what in FAULT_KINDS.items()} | {
-    LOST: FaultKind(types=frozenset())
+    LOST: FaultKind(types=frozenset()),
+    GARBAGE: FaultKind("the share of bytes that arrive as others", 0, 1, types=frozenset()),
 }
 
 

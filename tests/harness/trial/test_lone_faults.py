@@ -1,0 +1,141 @@
+"""`canine faults`: each fault alone, and what the controller did."""
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+from harness.trial import lone_faults
+from harness.trial.lone_faults import Case, fitting, shipped_cases
+from harness.trial.request import Request
+from harness.trial.scenario import FAULTS, Disturbance, load
+from models.kit.declaration import flatten
+from models.system import SYSTEMS
+from tests.harness.command import canine
+
+SCENARIO = """
+waypoints = [[20.0, 0.0]]
+duration = 25.0
+system = "cts"
+[[fault]]
+signal = "plant.heading -> controller.heading"
+kind = "nan"
+at = 1.0
+until = 2.0
+[[fault]]
+signal = "plant.speed -> controller.speed"
+kind = "offset"
+value = 0.1
+at = 1.0
+until = 2.0
+[[fault]]
+signal = "controller.command -> plant.command"
+kind = "off"
+at = 0.5
+[[fault]]
+signal = "radio"
+kind = "lost"
+at = 3.01
+until = 3.5
+"""
+
+
+def test_each_fault_is_flown_alone_and_judged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    # given faults of four kinds
+    (tmp_path / "four.toml").write_text(SCENARIO)
+    # when
+    out = tmp_path / "out"
+    status, text, _ = canine(capsys, "faults", tmp_path / "four.toml", "--out", out, "--json")
+    # then each has a trial of its own, behind the one without
+    results = json.loads(text)
+    assert status == 0
+    assert [len(result["faults"]) for result in results] == [0, 1, 1, 1, 1]
+    assert all((out / result["folder"] / "trial.mcap").is_file() for result in results)
+    # and the controller stops at once where it gets NaN or no radio, goes on, or waits in vain for the dog
+    told = [(r["verdict"], r["stopped_within_ticks"], r["outcome"]) for r in results]
+    assert told == [
+        ("went on", None, "success"),
+        ("stopped", 0, "success"),
+        ("went on", None, "success"),
+        ("failed", None, "timeout"),
+        ("stopped", 0, "success"),
+    ]
+    assert [(r["first"], r["first_after_ticks"]) for r in results[:2]] == [
+        (None, None), ("anomaly bad input", 0)
+    ]  # fmt: skip
+    # and the files tell the same
+    assert json.loads((out / "faults.json").read_text()) == results
+    with (out / "faults.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["verdict"] for row in rows] == [result["verdict"] for result in results]
+    assert rows[1]["fault"] == "nan of plant.heading -> controller.heading"
+
+
+def test_a_fault_that_begins_while_the_dog_is_stopped_anyway_counts_from_its_beginning(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # given the stop before the recall, in which the radio is lost for a second
+    status, text, _ = canine(capsys, "faults", "faulty", "--out", tmp_path, "--json")
+    # then the stop lasts longer than without the fault, by what was noticed as it began
+    assert status == 0
+    lost = json.loads(text)[-1]
+    assert (lost["fault"], lost["first"], lost["first_after_ticks"]) == ("lost radio", "anomaly lost link", 0)
+    assert lost["verdict"] == "stopped"
+    assert 0 < lost["stopped_within_ticks"] < 25
+
+
+def test_an_fmu_that_a_fault_makes_go_wrong_is_a_result(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # given sensors that get NaN
+    fault = '[[fault]]\nsignal = "plant.speed -> sensors.speed"\nkind = "nan"\nat = 1.0\n'
+    (tmp_path / "nan.toml").write_text(f"waypoints = [[20.0, 0.0]]\nduration = 2.0\n{fault}")
+    # when
+    status, text, _ = canine(capsys, "faults", tmp_path / "nan.toml", "--out", tmp_path / "out")
+    # then
+    assert status == 0
+    (line,) = [line for line in text.splitlines() if line.startswith("nan of plant.speed")]
+    assert "failed" in line
+    assert 'sensors sensors.fmu: output "' in line
+
+
+def test_a_group_of_signals_is_told_in_few_words() -> None:
+    faults = [
+        Disturbance(f"estimator.{n} -> controller.{n}", "offset", 1.0, 2.0, 5.0) for n in ("north", "east")
+    ]
+    assert Case(tuple(faults)).words == "offset 5 of estimator.north, estimator.east -> controller"
+    assert Case((faults[0],)).words == "offset 5 of estimator.north -> controller.north"
+
+
+def test_the_catalogue_knows_all_kinds_and_only_signals_that_there_are() -> None:
+    cases = shipped_cases(3.0, 7.0)
+    assert {fault.kind for case in cases for fault in case.faults} == set(FAULTS)
+    outputs = {
+        f"{component}.{name}"
+        for system in SYSTEMS.values()
+        for component, block in system.components.items()
+        for name, _ in flatten(block.group("output"))
+    }
+    signals = {fault.signal.partition(" -> ")[0] for case in cases for fault in case.faults}
+    assert signals - outputs == {"radio", "gps", "imu"}
+
+
+def test_what_a_system_lacks_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    # given some of the catalogue
+    some = [c for c in shipped_cases(1.0, 2.0) if c.faults[0].kind in ("delay", "lost", "garbage")]
+    request = Request(load("two_waypoint"))
+    # then the full system has no link from the plant to the controller, and no bytes
+    words = [case.words for case in fitting(request, some)]
+    assert "delay 0.4 of sensors.heading_meas" in words
+    assert "lost radio" in words
+    assert not [text for text in words if "plant.heading" in text or "garbage" in text]
+
+
+def test_a_system_without_any_is_told_so(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(lone_faults, "CATALOGUE", ((("gps",), {"garbage": 0.5}),))
+    status, _, errors = canine(capsys, "faults", "two_waypoint")
+    assert status == 2
+    assert "no fault of the catalogue fits; state some as [[fault]]" in errors
