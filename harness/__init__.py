@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from harness.front_door import (
+        Disturbance,
         EndedByFaultError,
         Log,
         LogComparison,
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
+    "Disturbance",
     "EndedByFaultError",
     "Log",
     "LogComparison",

@@ -22,12 +22,13 @@ from harness.replay import EVERY_S, OUTAGE_S
 from harness.trial import DEFAULT, trial
 from harness.trial.prepare import prepared
 from harness.trial.request import Changes, build_missing, requested
-from harness.trial.scenario import Scenario, Setting, Written, load, shipped, toml_of
+from harness.trial.scenario import Disturbance, Scenario, Setting, Written, load, shipped, toml_of
 from harness.trial.trial import EndedByFaultError
 from models.errors import UsageError
 from models.readings import READINGS
 
 __all__ = [
+    "Disturbance",
     "EndedByFaultError",
     "Log",
     "LogComparison",

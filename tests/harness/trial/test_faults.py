@@ -19,6 +19,7 @@ from harness.trial.prepare import prepared
 from harness.trial.request import Changes, Request, build_missing, requested
 from harness.trial.scenario import FAULTS, Disturbance, Scenario, ScenarioError, Setting, load
 from models.system import SYSTEMS
+from tests.harness.trial.test_trial import dog
 
 SHORT = replace(load("two_waypoint"), duration=2.0)
 FROM, UNTIL = 0.8, 1.2  # s
@@ -224,3 +225,17 @@ def test_the_instruments_read_disturbed_signals() -> None:
     # then what comes later holds
     true, disturbed = signals["gps_north"]
     assert disturbed == pytest.approx(true + 5)
+
+
+def test_a_fault_of_a_foreign_plants_mapped_output_is_in_the_roles_unit(tmp_path: Path) -> None:
+    # given a dog in a worker, whose km/h a mapping makes m/s
+    plant = dog(tmp_path)
+    request = Request(with_faults(fault("plant.speed", "offset")), swaps={"plant": plant})
+    # when
+    with prepared(request) as ready:
+        trial.run(request, ready, tmp_path / "out")
+    # then 5 m/s are added to 5 m/s for a while
+    log = read_log(tmp_path / "out" / "trial.mcap")
+    assert log["plant.speed"][19:] == pytest.approx(np.full(32, 5.0))
+    expected = [10.0 if 20 <= k < 30 else 5.0 for k in range(19, 51)]
+    assert log["sensors.speed"][19:].tolist() == pytest.approx(expected)

@@ -202,7 +202,7 @@ def test_the_shipped_trials_have_the_geometry_of_figure_4_8() -> None:
         assert math.degrees(math.atan2(e2 - e1, n2 - n1)) == pytest.approx(turn, abs=1e-3)
     assert load("three_waypoint").waypoints == load("right_90").waypoints
     assert load("two_waypoint").waypoints == ((25.0, 0.0),)
-    assert len(shipped()) == 10
+    assert len(shipped()) == 11
 
 
 def test_a_scenario_that_does_not_exist_is_refused_with_the_nearest_name() -> None:
