@@ -33,16 +33,20 @@ class LogRows:
     ) -> None:
         self.channels: list[Channel] = []
         self.onboard = onboard
-        self.scales: dict[str, tuple[Array, Array]] = {}
+        self.scales: dict[str, tuple[list[int], Array, Array]] = {}
         for name in simulation.components:
             if name in ready.system.faults:
                 continue  # what it is given and what it gives are signals of others
             renames = ready.renames.get(name, {})
             role = find_role(name) if renames else None
-            columns = [_column(quantity, role, renames) for quantity in simulation.columns(name)]
+            columns, picked = [], []
+            for place, quantity in enumerate(simulation.columns(name)):
+                several = _columns(quantity, role, renames)
+                columns += several
+                picked += [place] * len(several)
             factors, offsets = [c.factor for c in columns], [c.offset for c in columns]
-            if any(factor != 1.0 for factor in factors) or any(offsets):
-                self.scales[name] = (np.array(factors), np.array(offsets))
+            if any(factor != 1.0 for factor in factors) or any(offsets) or len(picked) != len(set(picked)):
+                self.scales[name] = (picked, np.array(factors), np.array(offsets))
             self.channels.append(
                 Channel(
                     name,
@@ -59,8 +63,8 @@ class LogRows:
     def write(self, log: LogWriter, times: Array, values: Mapping[str, Array]) -> None:
         """Write rows as `Simulation.run` hands them over."""
         rows = dict(values)
-        for name, (factor, offset) in self.scales.items():
-            rows[name] = values[name] * factor + offset
+        for name, (picked, factor, offset) in self.scales.items():
+            rows[name] = values[name][:, picked] * factor + offset
         if self.onboard is not None:
             rows["telemetry"] = np.array([self.onboard.row(time) for time in times.tolist()])
         log.write_rows(times, rows)
@@ -78,20 +82,23 @@ class _Column:
     offset: float = 0.0
 
 
-def _column(quantity: Quantity, role: Role | None, renames: Mapping[str, tuple[str, Rename]]) -> _Column:
-    """A component's variable in the log.
+def _columns(quantity: Quantity, role: Role | None, renames: Mapping[str, Rename]) -> list[_Column]:
+    """A component's variable in the log: more than once, if it stands for more than one output of a role.
 
     A swapped component's outputs get the role's names and units. Another variable of it that bears the name
     of a renamed output is marked "(FMU)".
     """
     name, unit = quantity.name, quantity.unit or ""
     kind, meaning = quantity.type.value, quantity.meaning
-    if role is not None and name in renames and quantity.causality == "output":
-        own, rename = renames[name]
-        return _Column(own, role.needs[own].unit, kind, meaning, rename.factor, rename.offset)
-    if any(name == own for own, _ in renames.values()):
+    if role is not None and quantity.causality == "output":
+        needs = {own: rename for own, rename in renames.items() if rename.name == name}
+        if needs:
+            return [
+                _Column(n, role.needs[n].unit, kind, meaning, r.factor, r.offset) for n, r in needs.items()
+            ]
+    if name in renames:
         name = f"{name} (FMU)"
-    return _Column(name, unit, kind, meaning)
+    return [_Column(name, unit, kind, meaning)]
 
 
 def metadata(request: Request, ready: Prepared) -> dict[str, dict[str, str]]:

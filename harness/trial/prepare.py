@@ -33,7 +33,7 @@ class Prepared:
         system: components and links.
         fmus, interfaces: by component; interfaces of the firmware's own components too, with firmware.
         plan: the scenario in SI.
-        renames: by swapped component, the FMU's name of an output to the role's name and the conversion.
+        renames: by swapped component, the role's name of an output to the FMU's and the conversion.
         notes: what the user should know.
         garbage: of the bytes that the firmware on board receives.
     """
@@ -42,7 +42,7 @@ class Prepared:
     fmus: Mapping[str, FmuDescription]
     interfaces: Mapping[str, Interface]
     plan: Plan
-    renames: Mapping[str, Mapping[str, tuple[str, Rename]]]
+    renames: Mapping[str, Mapping[str, Rename]]
     notes: tuple[str, ...]
     garbage: tuple[Garbage, ...] = ()
 
@@ -79,10 +79,7 @@ def prepared(request: Request) -> Iterator[Prepared]:
                 system, role, fmus[role], adapter, _sources(role, fmus)
             )
             notes += fits[role].notes
-        renames = {
-            role: {rename.name: (name, rename) for name, rename in fit.outputs.items()}
-            for role, fit in fits.items()
-        }
+        renames = {role: fit.outputs for role, fit in fits.items()}
         interfaces = _interfaces(scenario.own_system, fmus, fits)
         if request.onboard:
             from harness.trial.firmware import interfaces_on_board  # noqa: PLC0415 - the firmware's C

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import statistics
-import time
 from collections.abc import Callable
 
 import fmpy.fmi2
@@ -16,28 +14,12 @@ from harness.trial.prepare import Prepared, prepared
 from harness.trial.request import Changes, requested
 from models.kit.timing import TICK
 from models.system import SYSTEMS
-from tests.bench import estimators, logs, startup, sweeps
+from tests.bench import estimators, logs, masters, startup, sweeps
+from tests.bench.timing import paired, timed
 
 TICKS = 891  # of the trial that is timed: three_waypoint, seed 1
-ROUNDS = 15
 MANY_TICKS = 20_000  # of the same system, for the loop in C beside Python's
 DEMAND = 2.5  # what the loop must be faster than fmpy's wrappers
-
-
-def paired(
-    first: Callable[[], float], second: Callable[[], float], rounds: int = ROUNDS
-) -> tuple[float, float, float]:
-    """Median seconds of both, run in turns, and the median of their ratios second / first."""
-    pairs = [(first(), second()) for _ in range(rounds)]
-    a, b = zip(*pairs, strict=True)
-    return statistics.median(a), statistics.median(b), statistics.median(y / x for x, y in pairs)
-
-
-def timed(work: Callable[[], object]) -> float:
-    """Seconds that it takes."""
-    start = time.perf_counter()
-    work()
-    return time.perf_counter() - start
 
 
 class Wrapped:
@@ -165,6 +147,8 @@ def main() -> None:
         f"{TICKS / by_rows:,.0f} ticks/s",
         f"{log_ratio:.1f}",
     )
+    for row in masters.rows():
+        table.add_row(*row)
     short: list[str] = []
     for part in (estimators, sweeps, startup):
         rows, shortfalls = part.rows()

@@ -13,6 +13,7 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
 
 from harness.cosim.loop import Array, Record, Simulation
+from harness.cosim.worker.contained import Contained
 from harness.log.channel import Channel
 from harness.log.writer import LogWriter
 from harness.trial.contents import LogRows, attachments, metadata
@@ -45,7 +46,7 @@ class RowByRow:
         self.writer.flush()
 
 
-def timed_run(ready: Prepared, simulation: Simulation, ticks: int, record: Record) -> float:
+def timed_run(ready: Prepared, simulation: Simulation | Contained, ticks: int, record: Record) -> float:
     """Seconds of the loop with what it hands its rows to."""
     start = time.perf_counter()
     simulation.run(ready.plan.events, duration=(ticks - 1) * simulation.wiring.step, record=record)
@@ -54,7 +55,13 @@ def timed_run(ready: Prepared, simulation: Simulation, ticks: int, record: Recor
 
 def with_log(request: Request, ready: Prepared, ticks: int) -> float:
     """Seconds of the loop with the log of a trial."""
-    with tempfile.TemporaryDirectory() as folder, Simulation(ready.system, ready.plan.values) as simulation:
+    with Simulation(ready.system, ready.plan.values) as simulation:
+        return with_log_of(simulation, request, ready, ticks)
+
+
+def with_log_of(simulation: Simulation | Contained, request: Request, ready: Prepared, ticks: int) -> float:
+    """Seconds of a simulation with the log of its trial."""
+    with tempfile.TemporaryDirectory() as folder:
         rows = LogRows(simulation, ready, None)
         with LogWriter(
             Path(folder) / "trial.mcap",

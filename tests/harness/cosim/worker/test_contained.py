@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from platform import machine
 
 import numpy as np
 import pytest
@@ -23,12 +24,15 @@ from models.errors import ParameterError, WiringError
 from tests.harness.cosim.tiny_fmu import V, tiny_fmu
 
 COUNTS = [V("n"), V("x", "input", start="0"), V("p", "parameter", start="1")]
-LIMITS = Limits(call=2.0, start=20.0, free=2.0, memory=400 * 2**20)
+LIMITS = Limits(call=60.0, start=60.0, free=60.0, memory=400 * 2**20)
+HASTE = replace(LIMITS, call=1.0, free=1.0)  # where a call never comes back
 DIES_AT = 10  # the tick, of 0.04 s
 LATE = "if (t > 0.39) "  # on that tick and later
 
 
-def toy(folder: Path, *, version: int = 2, step: str = "", start: str = "", free: str = "") -> FmuSystem:
+def toy(
+    folder: Path, *, version: int = 2, step: str = "", start: str = "", free: str = "", outside: str = ""
+) -> FmuSystem:
     """A plant that counts and then does `step`, and a component beside it that sums up what it counts."""
     tiny_fmu(
         folder / "bad.fmu",
@@ -37,6 +41,7 @@ def toy(folder: Path, *, version: int = 2, step: str = "", start: str = "", free
         version=version,
         start=f"v[2] = 1; {start}",
         free=free,
+        outside=outside,
         depends=False,
     )
     tiny_fmu(folder / "sum.fmu", COUNTS, "v[0] += v[1] / 3;", version=version)
@@ -108,12 +113,12 @@ ENDS = {
         "crash",
         "ended the process.*: segmentation fault",
     ),
-    "an endless loop": ("for (volatile int i = 0;; i++) { }", "hang", "did not come back within 2 s"),
+    "an endless loop": ("for (volatile int i = 0;; i++) { }", "hang", "did not come back within 1 s"),
     "a long sleep, deaf to signals": (
         "extern void *signal(int, void *); extern unsigned sleep(unsigned); signal(2, (void *)1);"
         "signal(15, (void *)1); for (;;) sleep(100);",
         "hang",
-        "did not come back within 2 s",
+        "did not come back within 1 s",
     ),
     "much memory": (
         "extern void *malloc(unsigned long); extern void *memset(void *, int, unsigned long);"
@@ -122,6 +127,13 @@ ENDS = {
         "memory",
         r"took 0\.\d+ GiB of memory.*; the limit is 0\.391 GiB",
     ),
+    "10 GB at once": (
+        "extern void *malloc(unsigned long); extern void *memset(void *, int, unsigned long);"
+        "static void *volatile kept; kept = memset(malloc(10ul << 30), 1, 10ul << 30);",
+        "crash",
+        "ended the process.*: segmentation fault",  # there is no memory at the address that it gets
+    ),
+    "a signal": ("extern int raise(int); raise(14);", "crash", "ended the process.*: alarm clock"),
     "an error": ("return 3;", "status", "returned error"),
     "fatal": ("return 4;", "status", "returned fatal"),
     "discard": ("return 2;", "status", "returned discard"),
@@ -130,15 +142,19 @@ ENDS = {
 }
 
 
+CONSTRUCTOR = "__attribute__((constructor)) static void first(void) { *(volatile int *)8 = 1; }"
+DESTRUCTOR = "__attribute__((destructor)) static void last(void) { for (volatile int i = 0;; i++) { } }"
+
+
 @pytest.mark.parametrize("version", [2, 3])
 @pytest.mark.parametrize("name", ENDS)
 def test_a_step_that_goes_wrong_is_named_with_all_rows_before_it(
     tmp_path: Path, name: str, version: int
 ) -> None:
     step, kind, text = ENDS[name]
-    # when, with patience where it is not what is tried
-    limits = LIMITS if kind == "hang" else replace(LIMITS, call=60.0)
-    result = run(toy(tmp_path, version=version, step=f"{LATE}{{ {step} }}"), limits)
+    # when
+    system = toy(tmp_path, version=version, step=f"{LATE}{{ {step} }}")
+    result = run(system, HASTE if kind == "hang" else LIMITS)
     # then
     assert result.rows == [*range(DIES_AT + 1)]
     assert result.error is not None
@@ -148,32 +164,36 @@ def test_a_step_that_goes_wrong_is_named_with_all_rows_before_it(
     assert "at t = 0.4 s" in str(result.error)
 
 
-@pytest.mark.parametrize("value", ["0.0 / 0.0", "1.0 / 0.0"])
-def test_an_output_that_is_not_finite_is_named(tmp_path: Path, value: str) -> None:
-    result = run(toy(tmp_path, step=f"{LATE}v[0] = {value};"))
+@pytest.mark.parametrize(("version", "value"), [(2, "0.0 / 0.0"), (3, "1.0 / 0.0")])
+def test_an_output_that_is_not_finite_is_named(tmp_path: Path, value: str, version: int) -> None:
+    result = run(toy(tmp_path, version=version, step=f"{LATE}v[0] = {value};"))
     assert result.error is not None
     assert result.error.fault is not None
     assert (result.error.fault.kind, result.error.fault.call) == ("not finite", 'output "n"')
     assert len(result.rows) == DIES_AT + 2
 
 
+@pytest.mark.parametrize("version", [2, 3])
 @pytest.mark.parametrize(
     ("where", "call"),
     [
-        ({"start": "*(volatile int *)8 = 1;"}, "load and fmi2Instantiate"),
-        ({"start": "extern void exit(int); exit(0);"}, "load and fmi2Instantiate"),
-        ({"free": "*(volatile int *)8 = 1;"}, "fmi2FreeInstance"),
-        ({"free": "for (volatile int i = 0;; i++) { }"}, "fmi2FreeInstance"),
+        ({"outside": CONSTRUCTOR}, "load and fmi{v}Instantiate"),
+        ({"start": "*(volatile int *)8 = 1;"}, "load and fmi{v}Instantiate"),
+        ({"start": "extern void exit(int); exit(0);"}, "load and fmi{v}Instantiate"),
+        ({"free": "*(volatile int *)8 = 1;"}, "fmi{v}FreeInstance"),
+        ({"free": "for (volatile int i = 0;; i++) { }"}, "fmi{v}FreeInstance"),
+        ({"outside": DESTRUCTOR}, "fmi{v}FreeInstance"),
     ],
 )
 def test_a_fault_before_the_first_tick_or_after_the_last_is_named(
-    tmp_path: Path, where: dict[str, str], call: str
+    tmp_path: Path, where: dict[str, str], call: str, version: int
 ) -> None:
-    result = run(toy(tmp_path, start=where.get("start", ""), free=where.get("free", "")))
+    never = any("for (" in code for code in where.values())
+    result = run(toy(tmp_path, version=version, **where), HASTE if never else LIMITS)
     assert result.error is not None
     assert result.error.fault is not None
-    assert (result.error.fault.component, result.error.fault.call) == ("plant", call)
-    assert len(result.rows) == (26 if "free" in where else 0)
+    assert (result.error.fault.component, result.error.fault.call) == ("plant", call.format(v=version))
+    assert len(result.rows) == (26 if "Free" in call else 0)
 
 
 @pytest.mark.parametrize(
@@ -217,6 +237,22 @@ def test_an_fmu_that_closes_all_files_is_found_out(tmp_path: Path) -> None:
     assert result.error is not None
     assert "an FMU closed files of the process that are not its own" in str(result.error)
     assert result.rows[:11] == [*range(11)]
+
+
+@pytest.mark.skipif(machine() != "x86_64", reason="its C is for x86-64")
+def test_the_smallest_numbers_stay_though_an_fmu_makes_them_0(tmp_path: Path) -> None:
+    # given a component that has sums flushed to 0, and one beside it that halves the smallest normal number
+    system = toy(tmp_path, step='__asm__ volatile("ldmxcsr %0" : : "m"((unsigned){0x9fc0}));')
+    small = "v[0] = 2.2250738585072014e-308 * (v[2] / 4);"
+    tiny_fmu(tmp_path / "sum.fmu", COUNTS, small, start="v[2] = 2;")
+    fmus = {name: describe(part.fmu) for name, part in system.components.items()}
+    values: list[float] = []
+    # when
+    with Contained(system, fmus, limits=LIMITS) as contained:
+        contained.run(duration=1.0, record=lambda _, rows: values.extend(rows["sum"][:, -1]))
+    # then
+    assert values == [2.2250738585072014e-308 / 2] * 26
+    assert any("plant bad.fmu: fmi2DoStep, changed how sums are rounded" in note for note in contained.notes)
 
 
 @pytest.mark.parametrize("when", ["step", "start"])
@@ -424,3 +460,50 @@ def lives_alone(number: int) -> bool:
     with suppress(OSError):
         return Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
     return False
+
+
+ODD = {  # what an FMU may do without harm: C outside of functions, in its first step, and a note
+    "a thread that goes on for ever": (
+        "extern int pthread_create(void *, void *, void *(*)(void *), void *);"
+        "extern unsigned sleep(unsigned);"
+        "static void *idle(void *x) { for (;;) sleep(100); return x; }",
+        "static unsigned long thread; pthread_create(&thread, 0, idle, 0);",
+        "",
+    ),
+    "a handler of signals": (
+        "extern void *signal(int, void *); extern int raise(int); static void on(int n) { (void)n; }",
+        "signal(14, on); signal(2, on); signal(15, on); raise(14); raise(2); raise(15);",
+        "",
+    ),
+    "limits of its own": (
+        "extern int setrlimit(int, const void *);",
+        "unsigned long none[2] = {0, 0}; setrlimit(7, none); setrlimit(1, none);",  # open files, their sizes
+        "",
+    ),
+    "what it reads and writes on standard input": (
+        "extern long read(int, void *, unsigned long), write(int, const void *, unsigned long);",
+        'char c; if (read(0, &c, 1) != 0) return 3; write(0, "x", 1);',
+        "",
+    ),
+    "megabytes on standard error": (
+        "extern long write(int, const void *, unsigned long); static char big[1 << 20];",
+        "for (int i = 0; i < 1 << 20; i++) big[i] = 'x';for (int i = 0; i < 20; i++) write(2, big, 1 << 20);",
+        r"an FMU wrote to stderr: (x{200} \| ){4}x{200} \(and 315 lines more\)",
+    ),
+    "a process that it leaves behind": (
+        "extern int fork(void); extern unsigned sleep(unsigned);",
+        "if (fork() == 0) for (;;) sleep(100);",
+        "",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_what_an_fmu_does_to_its_own_process_harms_no_trial(tmp_path: Path, name: str) -> None:
+    outside, step, note = ODD[name]
+    # when
+    result = run(toy(tmp_path, outside=outside, step=f"if (t == 0) {{ {step} }}"))
+    # then the trial is whole, and nothing is left
+    assert result.error is None
+    assert result.rows == [*range(26)]
+    assert re.fullmatch(note, "".join(result.notes))
