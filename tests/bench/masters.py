@@ -1,7 +1,7 @@
 """The loop over FMUs beside the masters of others, in a worker and not, with its log and without it.
 
-`python -m tests.bench.masters TOOL PACKAGE.ssp TICKS` prints the seconds that another tool takes: each runs in
-a process of its own, since they are C++, and one that crashes must not end the bench.
+`python -m tests.bench.masters TOOL PACKAGE.ssp TICKS` prints the seconds that another tool takes. Each runs
+in a process of its own, since they are C++, and one that crashes must not end the bench.
 """
 
 from __future__ import annotations

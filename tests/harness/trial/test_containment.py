@@ -33,8 +33,9 @@ def canine(folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]
 
 
 def test_a_crash_ends_the_command_with_1_and_all_files_up_to_it(tmp_path: Path) -> None:
-    # given a dog whose process ends as if all were well
-    dog = tiny_fmu(tmp_path / "dog.fmu", DOG, MOVES + "extern void exit(int); if (t > 1.99) exit(0);")
+    # given a dog that prints, and whose process ends as if all were well
+    noise = 'extern int puts(const char *); puts("noise"); extern void exit(int); if (t > 1.99) exit(0);'
+    dog = tiny_fmu(tmp_path / "dog.fmu", DOG, MOVES + noise)
     # when
     ran = canine(tmp_path, "run", "two_waypoint", "--plant", dog, "--json", "--out", tmp_path / "out")
     # then
@@ -44,6 +45,7 @@ def test_a_crash_ends_the_command_with_1_and_all_files_up_to_it(tmp_path: Path) 
     assert {path.name for path in (tmp_path / "out").iterdir()} == FILES
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert json.loads(ran.stdout) == summary
+    assert "an FMU wrote to stdout: noise | noise | noise | noise | noise (and 46 lines more)" in ran.stderr
     assert (summary["outcome"], summary["ticks"], summary["stopped_by"]) == ("stopped", 51, text)
     fault = {"kind": "exit", "component": "plant", "fmu": "dog.fmu", "call": "fmi2DoStep", "time": 2.0}
     assert summary["fault"] == {"text": text, **fault}
