@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import closing
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -267,7 +268,7 @@ def wiring(
     canine wiring
     canine wiring my.ssp --order jacobi
     """
-    from harness.cosim.wiring import wire
+    from harness.cosim.wiring import Rate, wire
     from harness.trial.prepare import prepared
     from harness.trial.request import Changes, build_missing, requested
 
@@ -276,21 +277,24 @@ def wiring(
         with build_status("building the FMUs") as done:
             build_missing(request, done)
         with prepared(request) as ready:
-            order_and_delays = wire(ready.system, ready.fmus, request.order, ready.plants)
+            wired = wire(ready.system, ready.fmus, request.order, ready.plants)
     if as_json:
-        links = [{"link": str(link), "ticks": ticks} for link, ticks in order_and_delays.delays]
-        written = {"order": order_and_delays.order, "step_s": order_and_delays.step, "links": links}
-        typer.echo(json_of(written))
+        links = [
+            {"link": str(link), "ticks": delay.least, "most_ticks": delay.most}
+            for link, delay in wired.delays
+        ]
+        written = {"order": wired.order, "step_s": wired.step, "links": links}
+        typer.echo(json_of(written | {"rates": {n: asdict(wired.rates[n]) for n in wired.order}}))
         return
     rows = [("link", "delay")]
-    for link, ticks in order_and_delays.delays:
-        rows.append((f"{link}  {link.conversion}".rstrip(), "none" if ticks == 0 else f"{ticks} tick"))
+    for link, delay in wired.delays:
+        rows.append((f"{link}  {link.conversion}".rstrip(), str(delay)))
     width = max(len(link) for link, _ in rows) + 2
-    typer.echo(
-        f"{request.order}, every {order_and_delays.step:g} s: {', then '.join(order_and_delays.order)}"
-    )
-    for row, (what, delay) in enumerate(rows):  # importing rich's tables takes longer
-        typer.secho(f"{what:{width}}{delay}", bold=row == 0 or None)
+    rates = {name: f" ({rate})" if rate != Rate() else "" for name, rate in wired.rates.items()}
+    order_of_steps = ", then ".join(name + rates[name] for name in wired.order)
+    typer.echo(f"{request.order}, every {wired.step:g} s: {order_of_steps}")
+    for row, (what, delay_text) in enumerate(rows):  # importing rich's tables takes longer
+        typer.secho(f"{what:{width}}{delay_text}", bold=row == 0 or None)
 
 
 @app.command()

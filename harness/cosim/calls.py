@@ -2,29 +2,20 @@
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Mapping, Sequence
 from typing import Protocol, Self
 
-from harness.cosim.fmu import Call, FmuDescription, Mark, Quantity, unmarked
+from harness.cosim.fmu import Call, Clock, FmuDescription, Mark, Quantity, unmarked
 from harness.cosim.layout import Layout
 from harness.cosim.stepping import Order
 from harness.cosim.wiring import Wiring
 
-ASKS = 3  # bytes in which a component's step says what it asks for: to end, an event, to return early
-ENDED, EVENT, EARLY = range(ASKS)
-Reached = tuple[ctypes.c_double, int]  # the time that a step reached, s; the byte that becomes 1 if too early
-
 
 class Instance(Protocol):
-    """What the loop asks of a component: an instance of an FMU, or what stands in for one.
-
-    `reached` is the time [s] that its last step reached; None if its steps do not tell.
-    """
+    """What the loop asks of a component: an instance of an FMU, or what stands in for one."""
 
     label: str
     description: FmuDescription
-    reached: ctypes.c_double | None
 
     def __enter__(self) -> Self: ...
 
@@ -36,7 +27,7 @@ class Instance(Protocol):
 
     def getting(self, quantities: Sequence[Quantity], address: int) -> Call: ...
 
-    def stepping(self, time: ctypes.c_double, step: float, ended: int) -> Call: ...
+    def stepping(self, clock: Clock, size: float, count: int = 1) -> Call: ...
 
     def check(self, status: int, what: str, time: float) -> None: ...
 
@@ -49,10 +40,10 @@ class Calls:
         answer: everything up to the row of a tick: all components but the plants.
         advance: what follows the row: the plants step to the next tick.
         free: by component, set the inputs that no link feeds.
-        ended: `ASKS` bytes for each component; one becomes 1 when its step asks for what this loop lacks.
-        reached: the times that steps reached, of `answer` and of `advance`.
-        time: s, of the tick; `now`: the same for the FMUs, `start` later, which every step reads.
+        clock: what every step reads.
         tick: `answer` and `advance`: where a walk is in it, its recorder says.
+        turns: the calls of `tick` that are not made on each, by their place: (every, phase), which are made
+            on tick k where k modulo every is phase.
     """
 
     def __init__(
@@ -65,9 +56,7 @@ class Calls:
     ) -> None:
         self._components, self._mark = components, mark
         self._whose: dict[int, tuple[str, str]] = {}
-        self.start = wiring.start
-        self.time, self.now = ctypes.c_double(0.0), ctypes.c_double(self.start)
-        self.ended = (ctypes.c_char * (ASKS * len(components) + 1))()
+        self.clock = Clock(wiring.start)
         gathers: dict[str, list[Call]] = {name: [] for name in components}
         sets: dict[str, list[Call]] = {name: [] for name in components}
         for transfer in layout.transfers:
@@ -86,13 +75,16 @@ class Calls:
             call = components[slot.component].setting(slot.quantities, layout.address(slot))
             self.free[slot.component].append(self._named(call, slot.component, "Set", slot.quantities))
         steps = {}
-        self.reached: tuple[list[Reached], list[Reached]] = ([], [])
-        for index, (name, component) in enumerate(components.items()):
-            asks = ASKS * index
-            steps[name] = component.stepping(self.now, wiring.step, ctypes.addressof(self.ended) + asks)
-            if component.reached is not None:
-                self.reached[name in wiring.plants].append((component.reached, asks + EARLY))
+        for name, component in components.items():
+            rate = wiring.rates[name]
+            steps[name] = component.stepping(self.clock, rate.size(wiring.step), rate.substeps)
             self._whose[id(steps[name])] = (name, f"fmi{component.description.version}DoStep")
+        turns: dict[int, tuple[int, int]] = {}
+        for name, rate in wiring.rates.items():
+            if rate.every > 1:
+                turns |= {id(call): (rate.every, 0) for call in (*gathers[name], *sets[name], steps[name])}
+                phase = rate.every - 1 if name in wiring.late else 0
+                turns |= {id(call): (rate.every, phase) for call in gets[name]}
         answering = [name for name in wiring.order if name not in wiring.plants]
         faults = [name for name in answering if name in wiring.faults]
         plants = [name for name in wiring.order if name in wiring.plants]
@@ -109,6 +101,7 @@ class Calls:
         self.advance = [call for name in plants for call in sets[name]]
         self.advance += [call for name in plants for call in (steps[name], *gets[name])]
         self.tick = [*self.answer, *self.advance]
+        self.turns = {place: turns[id(call)] for place, call in enumerate(self.tick) if id(call) in turns}
         self.first = [call for name in wiring.order for call in gets[name]]
 
     def _named(self, call: Call, name: str, verb: str, quantities: Sequence[Quantity]) -> Call:
@@ -118,10 +111,6 @@ class Calls:
         what = f"fmi{version}{verb}{quantities[0].access.fmi} of {names}"
         self._whose[id(call)] = (name, what)
         return call
-
-    def set_time(self, time: float) -> None:
-        """Begin the tick at a time [s]."""
-        self.time.value, self.now.value = time, self.start + time
 
     def carry_out(self, calls: Sequence[Call]) -> None:
         """Make calls, one after the other.
@@ -147,4 +136,4 @@ class Calls:
             FmuError: naming component, function, status and time.
         """
         name, what = self.whose(call)
-        self._components[name].check(status, what, self.time.value)
+        self._components[name].check(status, what, self.clock.time)

@@ -14,11 +14,13 @@ from harness.cosim.life import live
 from harness.cosim.origin import is_own
 from harness.cosim.rename import Rename
 from harness.cosim.roles import find_role, fit, read_adapter
+from harness.cosim.wiring import find_rate
 from harness.cosim.worker.alone import live_alone
 from harness.cosim.worker.process import WorkerProcess
 from models.commands import Command
-from models.errors import CanineError
+from models.errors import CanineError, WiringError
 from models.kit.declaration import Type
+from models.kit.timing import TICK
 
 TRY_OUT_S, MOST_TICKS = 60.0, 100_000  # for which it is run
 SHOWN = 3  # names of variables in a note
@@ -55,15 +57,37 @@ def check_fmu(path: Path, role: str | None, note: Callable[[str], None]) -> str:
         if fitted.problems:
             raise CanineError("\n".join(fitted.problems))
         inputs = fitted.inputs
+    steps = _steps(description, role, note)
     done = _try_out(description, role or "fmu", inputs.get("command"), note)
     fits = f"; fits the {role} role" if role else ""
-    return f"{path.name}: FMI {description.version} co-simulation, {_counts(description)}; {done}{fits}"
+    return (
+        f"{path.name}: FMI {description.version} co-simulation, {_counts(description)}; {steps}; {done}{fits}"
+    )
+
+
+def _steps(fmu: FmuDescription, role: str | None, note: Callable[[str], None]) -> str:
+    """The FMU's step, and how it is stepped beside our blocks.
+
+    Raises:
+        WiringError: it cannot be stepped beside them, and has the role of one.
+    """
+    size = f" of {fmu.step:.6g} s" if fmu.step else ""
+    step = f"a fixed step{size}" if fmu.fixed else "any step"
+    try:
+        rate = find_rate(" ".join(filter(None, [role, fmu.path.name])), fmu, TICK)
+    except WiringError as reason:
+        if role is not None:
+            raise
+        note(str(reason))
+        return step
+    return f"{step}: {rate} of {TICK:g} s"
 
 
 def _try_out(
     description: FmuDescription, name: str, command: Rename | None, note: Callable[[str], None]
 ) -> str:
-    wiring, _ = plan_alone(name, description)
+    step = 0.0 if description.fixed else TICK
+    wiring, _ = plan_alone(name, description, step)
     ticks = max(1, min(MOST_TICKS, round(TRY_OUT_S / wiring.step)))
     tables: dict[str, Array] = {}
     if command is not None and (taken := description.inputs.get(command.name)):
@@ -71,11 +95,11 @@ def _try_out(
         values = command.factor * np.array([float(c) for c in Command])[turns] + command.offset
         tables[taken.name] = values if taken.type is Type.REAL else np.rint(values)
     if is_own(description.path):
-        with Alone(name, description.path) as alone:
+        with Alone(name, description.path, step) as alone:
             return ", ".join(live(alone, tables, ticks))
     with WorkerProcess() as process:
         try:
-            done = live_alone(process, name, description, inputs=tables, ticks=ticks)
+            done = live_alone(process, name, description, inputs=tables, ticks=ticks, step=step)
         finally:
             process.end()
             for line in process.take_notes():

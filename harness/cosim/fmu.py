@@ -32,6 +32,7 @@ from codegen.cache import stored
 from codegen.scratch import Scratch
 from codegen.toolchains.library import why_not_loaded
 from harness.cosim.archive import parse_xml, read_member, unpack
+from harness.cosim.recorder import Position
 from harness.interrupts import held_interrupts
 from models.errors import CanineError, nearest, printable
 from models.kit.declaration import Type
@@ -40,8 +41,17 @@ Call = tuple[Callable[..., int | None], tuple[Any, ...]]
 Function = ctypes.CFUNCTYPE(ctypes.c_int)  # without argument types, ctypes does not look at each argument
 
 STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
-WARNING, FATAL = 1, 4
-MIN_STEP = 1e-6  # s; shorter ones make more ticks than a user can wait for
+OK, WARNING, FATAL = 0, 1, 4
+ASKED = -(2**31)  # what `Steps` returns in the place of a status when a step asks for something
+# by the place of the byte in which an FMI 3 step asks for it: the fault's kind, and what is said
+ASKS = (
+    ("ended", "asks to end the simulation{}"),
+    ("event", "asks for an event{}, which this loop does not have; export it without events"),
+    ("early", "fmi3DoStep returned early{}, though it may not; expected a whole step"),
+)
+EARLY, NOTHING = 2, bytes(len(ASKS))
+NEARLY = 0.999999  # of a step: it was made
+MIN_STEP, MAX_STEP = 1e-6, 1e9  # s; shorter ones make more ticks than a user can wait for
 BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")  # of units, whose exponents they hold in this order
 MAX_VARIABLES = 200_000  # of which FMPy makes 700 MiB of objects in 8 s
 REFERENCES = 2**32  # value references are unsigned integers of 32 bits
@@ -298,10 +308,10 @@ def _step(path: Path, root: Element) -> float | None:
                 step = float(text)
             except ValueError:
                 step = math.nan
-            if not MIN_STEP <= step < math.inf:
+            if not MIN_STEP <= step <= MAX_STEP:
                 raise FmuError(
                     f'{path}: {element} has {attribute}="{printable(text)}"; '
-                    f"expected a finite number of seconds, {MIN_STEP:g} or more; export it with one"
+                    f"expected {MIN_STEP:g} to {MAX_STEP:g} seconds; export it with such a step"
                 )
             return step
     return None
@@ -411,6 +421,59 @@ _callbacks.freeMemory = fmpy.fmi2.defaultCallbacks.freeMemory
 fmpy.logging.addLoggerProxy(ctypes.byref(_callbacks))
 
 
+class Clock:
+    """The time of a simulation, s: `time` of its rows; `now` of its FMUs, which begin at `start`.
+
+    Attributes:
+        position: shows the time of the rows to others.
+    """
+
+    def __init__(self, start: float = 0.0) -> None:
+        self.time, self.start, self.now, self.position = 0.0, start, ctypes.c_double(start), Position()
+
+    def set(self, time: float) -> None:
+        """Set it, s of the rows."""
+        self.time = self.position.time = time
+        self.now.value = self.start + time
+
+
+@dataclass(eq=False)
+class Steps:
+    """Steps of one instance, each from where the last one ended: a call makes them, and gives a status.
+
+    It stops at one that fails, and with `ASKED` at one that asks for what the loop lacks; the clock then has
+    the moment at which that one began. After all of them it has what it had before.
+
+    Attributes:
+        step: the call of one; `count`: how many; `size`: of one, s.
+        asks: of FMI 3, a byte for each of `ASKS`; `reached`: the time that the last step reached, s.
+    """
+
+    step: Call
+    count: int
+    size: float
+    clock: Clock
+    asks: ctypes.Array[ctypes.c_char] | None = None
+    reached: ctypes.c_double = field(default_factory=ctypes.c_double)
+
+    def __call__(self) -> int:
+        (function, arguments), clock, asks = self.step, self.clock, self.asks
+        begin = clock.time
+        for number in range(self.count):
+            if number:
+                clock.set(begin + number * self.size)
+            if (status := function(*arguments)) and status != WARNING:
+                return status
+            if asks is not None:
+                if self.reached.value < clock.now.value + self.size * NEARLY:
+                    asks[EARLY] = b"\1"
+                if asks.raw != NOTHING:
+                    return ASKED
+        if self.count > 1:
+            clock.set(begin)
+        return OK
+
+
 class FmuInstance:
     """One instance of an FMU, named as in its system. To be closed, or used as a context manager.
 
@@ -434,7 +497,7 @@ class FmuInstance:
         start: float = 0.0,
     ) -> None:
         self.name, self._mark, self._start = name, mark, start
-        self.reached: ctypes.c_double | None = None
+        self._asks = (ctypes.c_char * len(ASKS))()
         self.label = label or f"{name} {path.name}"
         self._scratch = Scratch()
         self._slave: Any = None
@@ -549,22 +612,18 @@ class FmuInstance:
         """The call that gets quantities of one type into consecutive values at an address."""
         return self._values("Get", quantities, address)
 
-    def stepping(self, time: ctypes.c_double, step: float, ended: int) -> Call:
-        """The call that steps from `time` (read at each call) by `step`, both in s.
-
-        `ended`: address of three bytes. One becomes 1 when an FMI 3 instance asks to end the simulation or
-        for an event, or returns early.
-        """
-        size = ctypes.c_double(step)
+    def stepping(self, clock: Clock, size: float, count: int = 1) -> Call:
+        """The call that makes `count` steps, each of `size` s, from the time of the clock on."""
+        h = ctypes.c_double(size)
+        call: Call
         if self.description.version == 2:
-            return self._function("fmi2DoStep"), (self._handle, time, size, ctypes.c_int(1))
-        self.reached = ctypes.c_double(math.nan)  # as long as it does not tell
-        end, event, early = (ctypes.c_void_p(ended + i) for i in range(3))
-        reached = ctypes.c_void_p(ctypes.addressof(self.reached))
-        return self._function("fmi3DoStep"), (
-            *(self._handle, time, size, ctypes.c_bool(True)),
-            *(event, end, early, reached),
-        )
+            call = self._function("fmi2DoStep"), (self._handle, clock.now, h, ctypes.c_int(1))
+            return call if count == 1 else (Steps(call, count, size, clock), ())
+        reached = ctypes.c_double(math.nan)  # as long as it does not tell
+        end, event, early = (ctypes.c_void_p(ctypes.addressof(self._asks) + i) for i in range(len(ASKS)))
+        answers = (event, end, early, ctypes.c_void_p(ctypes.addressof(reached)))
+        call = self._function("fmi3DoStep"), (self._handle, clock.now, h, ctypes.c_bool(True), *answers)
+        return Steps(call, count, size, clock, self._asks, reached), ()
 
     def set_values(self, values: Mapping[str, float], time: float = 0.0) -> None:
         """Set parameters or inputs by name, one call each: for the start, not for the tick."""
@@ -616,15 +675,20 @@ class FmuInstance:
         """Accept a warning; for a worse status raise an error with the FMU's last message.
 
         Raises:
-            FmuError: naming FMU, function, status and time.
+            FmuError: naming FMU, function, status and time; or what a step asked for.
         """
         if status == WARNING:
             return
+        file, moment = self.description.path.name, f" at t = {time:.10g} s"
+        if status == ASKED and self._asks.raw != NOTHING:
+            kind, text = next(ask for ask, byte in zip(ASKS, self._asks.raw, strict=True) if byte)
+            fault = Fault(kind, self.name, file, what, time)
+            raise FmuError(f"{self.label}: {text.format(moment)}", fault)
         self._dead = self._dead or status == FATAL
         name = STATUS[status] if 0 <= status < len(STATUS) else f"the illegal status {status}"
         raise FmuError(
-            f"{self.label}: {what} returned {name} at t = {time:.10g} s{self._last_message()}",
-            Fault("status", self.name, self.description.path.name, what, time),
+            f"{self.label}: {what} returned {name}{moment}{self._last_message()}",
+            Fault("status", self.name, file, what, time),
         )
 
     def close(self) -> None:

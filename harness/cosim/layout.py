@@ -1,8 +1,9 @@
 """Where a system's values lie: one block of memory, which the calls of all components share.
 
 An output lies where its get call puts it, and is set as another's input from there. A transfer copies a value
-first, into a slot of the input, if the link converts it, if the input's values do not lie side by side, or if
-the source replaces it before it is read. A row of the log is one copy of the block.
+first, into a slot of the input, if the link converts it, if the input's values do not lie side by side, if
+the source replaces it before it is read, or if the target holds it for several ticks. A row of the log is one
+copy of the block.
 """
 
 from __future__ import annotations
@@ -161,7 +162,7 @@ class Layout:
             replaced = source not in wiring.plants and (
                 order == "jacobi" or stepped[source] >= stepped[target]
             )
-            if replaced or not transfer.is_run:
+            if replaced or wiring.rates[target].every > 1 or not transfer.is_run:
                 transfer.slot = Slot(target, transfer.quantities[0].access, transfer.quantities)
         copies = [t.slot for t in self.transfers if t.slot is not None]
         self._faults = wiring.faults

@@ -1,11 +1,14 @@
 """The co-simulation master: instances of FMUs stepped together, tick by tick.
 
-Time is tick * step, never summed; FMUs are given that after their package's start time. All components have
-one communication step. **Sequential**: within a tick every component gets its inputs and is stepped in
-data-flow order, so that it answers to what its sources answered in the same tick; plants, whose outputs do
-not depend on their inputs within a step, are stepped last. **Jacobi**: all inputs are exchanged, then all are
-stepped; every link delays one tick. The row of tick k holds the plants' outputs at t_k and the other
-components' answer to it.
+Time is tick * step, never summed; FMUs are given that after their package's start time. **Sequential**:
+within a tick every component gets its inputs and is stepped in data-flow order, so that it answers to what
+its sources answered in the same tick; plants, whose outputs do not depend on their inputs within a step, are
+stepped last. **Jacobi**: all inputs are exchanged, then all are stepped; every link delays one tick. The row
+of tick k holds the plants' outputs at t_k and the other components' answer to it.
+
+A component may make several steps in a tick, with its inputs held. Or it makes one in n ticks, on ticks 0, n,
+2n and so on. Then its inputs are those of that tick, as its rows show. An answer is there at once and held; a
+plant's outputs, and in jacobi order all, are read when the step has ended, n ticks on.
 
 A tick is a list of C calls whose arguments are made once (`calls`) on one block of memory (`layout`); a walk
 makes them (`walk`), in C or in Python, and leaves the rows in a recorder's memory (`recorder`).
@@ -23,7 +26,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from harness.cosim.calls import ASKS, EARLY, ENDED, EVENT, Calls, Instance
+from harness.cosim.calls import Calls, Instance
 from harness.cosim.fmu import Fault, FmuDescription, FmuError, FmuInstance, Mark, Quantity, unmarked
 from harness.cosim.layout import REALS, Array, Layout
 from harness.cosim.recorder import Memory, Recorder, recorder_size
@@ -212,7 +215,7 @@ class Simulation:
         parts, guard = (calls, self._layout, step, recorder, watched), self._guard
         native = self._native
         walk = NativeWalk(*parts, native=native, guard=guard) if native else Walk(*parts, guard=guard)
-        calls.set_time(0.0)
+        calls.clock.set(0.0)
         with held_interrupts():
             for name, values in self._free.items():
                 self._set(name, values)
@@ -224,7 +227,7 @@ class Simulation:
             started = clock()
             try:
                 while reason is None and (tick := position.rows) <= last:
-                    calls.set_time(tick * step)
+                    calls.clock.set(tick * step)
                     with hold:
                         for name, values in changes.pop(tick, {}).items():
                             self._set(name, values)
@@ -232,8 +235,6 @@ class Simulation:
                     pause = walk.run(tick, min(last + 1, full, *changes), last)
                     if pause is Pause.NOT_FINITE:
                         self._report_not_finite()
-                    if pause is Pause.ENDED:
-                        self._report_ended()
                     if pause is Pause.STOPPED:
                         reason = int(watched[0].item())
                     if position.rows == full:
@@ -260,7 +261,7 @@ class Simulation:
         self._calls.carry_out(self._calls.free[component])
 
     def _schedule(self, events: Sequence[Event]) -> Changes:
-        """The values that free inputs take, by the tick at which they do."""
+        """The values that free inputs take, by the tick at which they do: the component begins a step."""
         changes: Changes = {}
         for event in sorted(events, key=lambda e: e.time):
             if event.component not in self.components:
@@ -272,7 +273,9 @@ class Simulation:
                 if event.variable in self.fmus[event.component].inputs:
                     wrong = "is connected; only free inputs can be set"
                 raise ParameterError(f"{event.component}.{event.variable} {wrong}")
-            by_component = changes.setdefault(max(0, math.ceil(event.time / self.wiring.step - 1e-9)), {})
+            every = self.wiring.rates[event.component].every
+            tick = every * math.ceil(math.ceil(event.time / self.wiring.step - 1e-9) / every)
+            by_component = changes.setdefault(max(0, tick), {})
             by_component.setdefault(event.component, {})[event.variable] = event.value
         return changes
 
@@ -292,27 +295,12 @@ class Simulation:
         for slot in sorted(slots, key=lambda s: (s.component not in plants, order.index(s.component))):
             for quantity, value in zip(slot.quantities, self._layout.view(slot), strict=True):
                 if not math.isfinite(value):
-                    raise self._fault(
-                        "not finite",
-                        slot.component,
-                        f'output "{quantity.name}"',
-                        f'output "{quantity.name}" is {value}{{}}; expected a finite number',
+                    name, time, output = slot.component, self._calls.clock.time, f'output "{quantity.name}"'
+                    raise FmuError(
+                        f"{self.components[name].label}: {output} is {value} at t = {time:.10g} s; "
+                        "expected a finite number",
+                        Fault("not finite", name, self.fmus[name].path.name, output, time),
                     )
-
-    def _report_ended(self) -> None:
-        index, ask = divmod(next(i for i, ended in enumerate(self._calls.ended.raw) if ended), ASKS)
-        name = list(self.components)[index]
-        kind, text = {
-            ENDED: ("ended", "asks to end the simulation{}"),
-            EVENT: ("event", "asks for an event{}, which this loop does not have; export it without events"),
-            EARLY: ("early", "fmi3DoStep returned early{}, though it may not; expected a whole step"),
-        }[ask]
-        raise self._fault(kind, name, "fmi3DoStep", text)
-
-    def _fault(self, kind: str, component: str, call: str, text: str) -> FmuError:
-        time, fmu = self._calls.time.value, self.fmus[component].path.name
-        full = f"{self.components[component].label}: {text.format(f' at t = {time:.10g} s')}"
-        return FmuError(full, Fault(kind, component, fmu, call, time))
 
     def _hand_over(
         self,

@@ -22,14 +22,19 @@ class Position(ctypes.Structure):
         call: the place in `Calls.tick` of the call that is being made; -1 between calls.
         rows: that are finished; row k is that of tick k.
         restored: how often a call had changed how sums are rounded; `restorer`: the last of these calls.
+        time: s, of the tick, or of the step within it that is being made.
     """
 
-    _fields_ = [(name, ctypes.c_int64) for name in ("tick", "call", "rows", "restored", "restorer")]
+    _fields_ = [
+        *((name, ctypes.c_int64) for name in ("tick", "call", "rows", "restored", "restorer")),
+        ("time", ctypes.c_double),
+    ]
     tick: int
     call: int
     rows: int
     restored: int
     restorer: int
+    time: float
 
 
 def recorder_size(row_size: int, room: int = ROOM) -> int:

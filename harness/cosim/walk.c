@@ -1,6 +1,7 @@
 /* Ticks of a co-simulation: calls that were prepared in Python, one after the other.
    walk.py fills these structures, and its class Walk is the reference: both give the same bits. */
 #include <fenv.h>
+#include <limits.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -12,10 +13,10 @@
 #define EXPORT __attribute__((visibility("default")))
 #endif
 
-enum kind { COPY, CAST, CONVERT, REPLACE, ACCESS2, ACCESS3, STEP2, STEP3 };
+enum kind { COPY, CAST, CONVERT, REPLACE, ACCESS2, ACCESS3, STEP2, STEP3, STEPS, TURN };
 enum type { FLOAT64, FLOAT32, INT8, INT16, INT32, INT64, UINT8, UINT16, UINT32, UINT64 };
-enum pause { NONE, FAILED, NOT_FINITE, STOPPED, ENDED };
-enum { OK, WARNING };
+enum pause { NONE, FAILED, NOT_FINITE, STOPPED };
+enum { OK, WARNING, ASKED = INT_MIN }; /* asked: a step asked for what the loop lacks; a byte says for what */
 #define NEARLY 0.999999 /* of a step: it was made */
 
 typedef int (*access2)(void *, const void *, size_t, void *);
@@ -37,12 +38,17 @@ typedef struct {
     void (*function)(void);
     void *to;         /* the instance, or where to copy */
     const void *from; /* the value references, what to copy, or the conversions */
-    size_t count;     /* of values, bytes or conversions */
+    size_t count;     /* of values, bytes, conversions or steps */
     void *values;
     double step; /* s */
     bool *event, *ended, *early; /* what an FMI 3 step answers */
     double *reached;
 } call;
+
+typedef struct { /* a call that is made on some ticks only */
+    int64_t every, phase; /* where tick modulo every is phase */
+    call call;
+} turn;
 
 typedef struct {
     const call *calls;
@@ -55,13 +61,12 @@ typedef struct { /* in memory of the caller, which another process may read */
     int64_t rows; /* that are finished: row k is that of tick k */
     int64_t restored; /* how often a call had changed how sums are rounded */
     int64_t restorer; /* the last of these calls */
+    double time; /* s, of the tick, or of the step within it that is being made */
 } position;
 
 typedef struct {
     list answer, advance; /* up to the row of a tick, and after it */
-    double *time;         /* s, of the tick; Python reads it too */
-    double *now;          /* s, the same for the FMUs: start + time */
-    double start;
+    double start;         /* s, what the FMUs count from */
     double step;          /* s, from tick to tick */
     const unsigned char *block; /* a row is a copy of it */
     size_t size;
@@ -75,7 +80,6 @@ typedef struct {
     int watched_type;
     const double *stops;
     size_t stop_count;
-    int is_asked; /* a step asked for what the loop lacks: a byte of it says whose, and what */
     int is_guarded; /* restore `mode` behind each call */
     uint32_t mode;
     int status; /* what a call answered that failed */
@@ -188,21 +192,55 @@ static void replace(const conversion *c)
     put_whole(c->to, c->to_type, x);
 }
 
+static bool has_failed(int status)
+{
+    return status != OK && status != WARNING;
+}
+
+static int make_step2(const call *c, double now)
+{
+    return ((step2)c->function)(c->to, now, c->step, 1);
+}
+
+static int make_step3(const call *c, double now)
+{
+    int status = ((step3)c->function)(c->to, now, c->step, true, c->event, c->ended, c->early, c->reached);
+    if (has_failed(status))
+        return status;
+    if (*c->reached < now + c->step * NEARLY)
+        *c->early = true;
+    return *c->event || *c->ended || *c->early ? ASKED : status;
+}
+
+static int make_steps(walk *w, const call *c)
+{
+    double *time = &w->position->time;
+    const double begin = *time;
+    for (size_t i = 0; i < c->count; i++) {
+        *time = begin + (double)i * c->step;
+        int status = c->reached ? make_step3(c, w->start + *time) : make_step2(c, w->start + *time);
+        if (has_failed(status))
+            return status;
+    }
+    *time = begin;
+    return OK;
+}
+
 static int make(walk *w, const call *c)
 {
-    const double time = *w->now;
+    if (c->kind == TURN) {
+        const turn *t = c->from;
+        if (w->position->tick % t->every != t->phase)
+            return OK;
+        c = &t->call;
+    }
     const conversion *first = c->from;
     switch (c->kind) {
     case ACCESS2: return ((access2)c->function)(c->to, c->from, c->count, c->values);
     case ACCESS3: return ((access3)c->function)(c->to, c->from, c->count, c->values, c->count);
-    case STEP2: return ((step2)c->function)(c->to, time, c->step, 1);
-    case STEP3: {
-        int status = ((step3)c->function)(c->to, time, c->step, true, c->event, c->ended, c->early, c->reached);
-        if (*c->reached < time + c->step * NEARLY)
-            *c->early = true;
-        w->is_asked |= *c->event || *c->ended || *c->early;
-        return status;
-    }
+    case STEP2: return make_step2(c, w->start + w->position->time);
+    case STEP3: return make_step3(c, w->start + w->position->time);
+    case STEPS: return make_steps(w, c);
     case CAST:
         for (size_t i = 0; i < c->count; i++)
             cast(&first[i]);
@@ -228,7 +266,7 @@ static bool carry_out(walk *w, const list *list, size_t before)
             w->position->restored++;
             w->position->restorer = (int64_t)(before + i);
         }
-        if (status != OK && status != WARNING) {
+        if (has_failed(status)) {
             w->status = status;
             return false;
         }
@@ -260,24 +298,17 @@ EXPORT int run(walk *w, int64_t tick, int64_t end, int64_t last)
 {
     for (; tick < end; tick++) {
         w->position->tick = tick;
-        *w->time = (double)tick * w->step;
-        *w->now = w->start + *w->time;
+        w->position->time = (double)tick * w->step;
         if (!carry_out(w, &w->answer, 0))
             return FAILED;
         memcpy(w->rows + (size_t)(tick % w->room) * w->size, w->block, w->size);
         __atomic_store_n(&w->position->rows, tick + 1, __ATOMIC_RELEASE); /* not before the row itself */
         if (!are_finite(w))
             return NOT_FINITE;
-        if (w->is_asked)
-            return ENDED;
         if (is_stopped(w))
             return STOPPED;
-        if (tick < last) {
-            if (!carry_out(w, &w->advance, w->answer.count))
-                return FAILED;
-            if (w->is_asked)
-                return ENDED;
-        }
+        if (tick < last && !carry_out(w, &w->advance, w->answer.count))
+            return FAILED;
     }
     return NONE;
 }

@@ -21,15 +21,14 @@ import numpy.typing as npt
 
 from codegen.cache import stored
 from codegen.toolchains.compiler import FLAGS, CompileError, build_library, compiler_version, this_platform
-from harness.cosim.calls import Calls, Reached
-from harness.cosim.fmu import Call, Function
+from harness.cosim.calls import Calls
+from harness.cosim.fmu import Call, Function, Steps
 from harness.cosim.layout import Cast, Conversion, Layout, Replacement, copy
 from harness.cosim.recorder import Recorder
 
 MANY = 100  # ticks at once, at most
 PATIENCE = 0.02  # s of C calls after which Ctrl-C should have its turn
 Watched = tuple[npt.NDArray[Any], frozenset[int]]
-NEARLY = 0.999999  # of a step: it was made
 
 
 class Pause(IntEnum):
@@ -39,7 +38,6 @@ class Pause(IntEnum):
     FAILED = 1
     NOT_FINITE = 2
     STOPPED = 3  # the stop condition holds
-    ENDED = 4
 
 
 class NotNativeError(Exception):
@@ -74,6 +72,7 @@ class Walk:
         self.watched, self.stops = watched
         block, size = ctypes.c_void_p(layout.block.ctypes.data), ctypes.c_size_t(len(layout.block))
         self._saves = [(ctypes.c_void_p(row.ctypes.data), block, size) for row in recorder.rows]
+        calls.clock.position = recorder.position
 
     @np.errstate(invalid="ignore", over="ignore")  # values that are not finite are reported, not warned of
     def run(self, tick: int, end: int, last: int) -> Pause:
@@ -88,33 +87,29 @@ class Walk:
         calls, position, saves = self.calls, self.recorder.position, self._saves
         numbered = list(enumerate(calls.tick))
         answer, advance = numbered[: len(calls.answer)], numbered[len(calls.answer) :]
-        answered, advanced = calls.reached
-        watched, stops = self.watched.item, self.stops
-        ended, none_ended = calls.ended, bytes(len(calls.ended))
+        watched, stops, clock = self.watched.item, self.stops, calls.clock
         tests: list[tuple[Any, Any]] = [(reals.dot, np.zeros_like(reals)) for reals in self.reals]
         for moment in range(tick, end):
             position.tick = moment
-            calls.set_time(moment * self.step)
+            clock.set(moment * self.step)
             with self.hold:
-                self._carry_out(answer, answered)
+                self._carry_out(answer)
             copy(*saves[moment % len(saves)])
             position.rows = moment + 1
             for dot, zeros in tests:
                 if dot(zeros) != 0.0:  # 0 for all finite numbers, NaN otherwise
                     return Pause.NOT_FINITE
-            if ended.raw != none_ended:
-                return Pause.ENDED
             if stops and watched() in stops:
                 return Pause.STOPPED
             if moment < last:
                 with self.hold:
-                    self._carry_out(advance, advanced)
-                if ended.raw != none_ended:
-                    return Pause.ENDED
+                    self._carry_out(advance)
         return Pause.NONE
 
-    def _carry_out(self, numbered: Sequence[tuple[int, Call]], reached: Sequence[Reached]) -> None:
+    def _carry_out(self, numbered: Sequence[tuple[int, Call]]) -> None:
         calls, position, guard = self.calls, self.recorder.position, self.guard
+        if turns := calls.turns:
+            numbered = [(n, call) for n, call in numbered if _is_due(turns.get(n, (1, 0)), position.tick)]
         for position.call, (function, arguments) in numbered:
             status = function(*arguments)
             if guard is not None and guard():
@@ -122,9 +117,11 @@ class Walk:
             if status:
                 calls.fail(status, calls.tick[position.call])
         position.call = -1
-        for at, place in reached:
-            if at.value < calls.now.value + self.step * NEARLY:
-                calls.ended[place] = b"\1"
+
+
+def _is_due(turn: tuple[int, int], tick: int) -> bool:
+    every, phase = turn
+    return tick % every == phase
 
 
 class _Conversion(ctypes.Structure):
@@ -158,6 +155,10 @@ class _Call(ctypes.Structure):
     ]
 
 
+class _Turn(ctypes.Structure):
+    _fields_ = [("every", ctypes.c_int64), ("phase", ctypes.c_int64), ("call", _Call)]
+
+
 class _List(ctypes.Structure):
     _fields_ = [("calls", ctypes.POINTER(_Call)), ("count", ctypes.c_size_t)]
 
@@ -166,8 +167,6 @@ class _Walk(ctypes.Structure):
     _fields_ = [
         ("answer", _List),
         ("advance", _List),
-        ("time", ctypes.c_void_p),
-        ("now", ctypes.c_void_p),
         ("start", ctypes.c_double),
         ("step", ctypes.c_double),
         ("block", ctypes.c_void_p),
@@ -183,14 +182,13 @@ class _Walk(ctypes.Structure):
         ("watched_type", ctypes.c_int),
         ("stops", ctypes.c_void_p),
         ("stop_count", ctypes.c_size_t),
-        ("is_asked", ctypes.c_int),
         ("is_guarded", ctypes.c_int),
         ("mode", ctypes.c_uint32),
         ("status", ctypes.c_int),
     ]
 
 
-_COPY, _CAST, _CONVERT, _REPLACE, _ACCESS2, _ACCESS3, _STEP2, _STEP3 = range(8)  # `enum kind`
+_COPY, _CAST, _CONVERT, _REPLACE, _ACCESS2, _ACCESS3, _STEP2, _STEP3, _STEPS, _TURN = range(10)  # `enum kind`
 _KINDS = {
     (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p): _ACCESS2,
     (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p, ctypes.c_size_t): _ACCESS3,
@@ -209,25 +207,40 @@ class Native:
 
     def __init__(self, calls: Calls) -> None:
         self._keep: list[Any] = []  # what C holds addresses of
-        self.answer, self.advance = self._list(calls, calls.answer), self._list(calls, calls.advance)
+        self.answer = self._list(calls, calls.answer, 0)
+        self.advance = self._list(calls, calls.advance, len(calls.answer))
         library = _library()
         if isinstance(library, str):
             raise NotNativeError(library)
         self.run = library.run
         self.run.argtypes = [ctypes.c_void_p, *[ctypes.c_int64] * 3]
 
-    def _list(self, calls: Calls, part: Sequence[Call]) -> _List:
+    def _list(self, calls: Calls, part: Sequence[Call], before: int) -> _List:
         prepared = [self._prepared(call) for call in part]
         python = [calls.whose(call)[0] for call, c in zip(part, prepared, strict=True) if c is None]
         if python:
             raise NotNativeError(f"Python answers for {', '.join(dict.fromkeys(python))}")
         array = (_Call * len(part))(*filter(None, prepared))
+        for place, turn in calls.turns.items():
+            if before <= place < before + len(part):
+                array[place - before] = self._in_turn(array[place - before], *turn)
         self._keep.append(array)
         return _List(array, len(part))
+
+    def _in_turn(self, call: _Call, every: int, phase: int) -> _Call:
+        """The call, made only when it is due."""
+        turn = _Turn(every, phase, call)
+        self._keep.append(turn)
+        return _Call(_TURN, from_=ctypes.addressof(turn))
 
     def _prepared(self, call: Call) -> _Call | None:
         """The call for C; None if the loop there does not know it."""
         function, arguments = call
+        if isinstance(function, Steps):
+            one = self._prepared(function.step)
+            if one is not None and function.count > 1:
+                one.kind, one.count = _STEPS, function.count
+            return one
         if isinstance(function, Cast):
             conversions = _conversions(function)
             self._keep.append(conversions)
@@ -292,9 +305,7 @@ class NativeWalk(Walk):
         self._walk = _Walk(
             answer=native.answer,
             advance=native.advance,
-            time=ctypes.addressof(calls.time),
-            now=ctypes.addressof(calls.now),
-            start=calls.start,
+            start=calls.clock.start,
             step=step,
             block=layout.block.ctypes.data,
             size=len(layout.block),
@@ -321,6 +332,7 @@ class NativeWalk(Walk):
             started = time.perf_counter()
             with self.hold:
                 pause = Pause(self._native.run(ctypes.byref(self._walk), tick, some, last))
+            self.calls.clock.set(self.recorder.position.time)
             if pause is Pause.FAILED:
                 self.calls.fail(self._walk.status, self.calls.tick[self.recorder.position.call])
             if pause is not Pause.NONE:

@@ -1,8 +1,9 @@
-"""The check before anything runs: do the links of a system fit, and in which order is it stepped?
+"""The check before anything runs: do the links of a system fit, in which order is it stepped, and how often?
 
-Units are never converted silently: both ends must have the same unit (however spelled, if the FMUs define
-it), or the link must carry the conversion. An end that declares no unit fits any. The links of a package have
-been settled by what it declares (`ssp`).
+A component whose step is fixed may make several in a tick, or one in several ticks; all others make one in
+each. Units are never converted silently: both ends must have the same unit (however spelled, if the FMUs
+define it), or the link must carry the conversion. An end that declares no unit fits any. The links of a
+package have been settled by what it declares (`ssp`).
 """
 
 from __future__ import annotations
@@ -24,15 +25,53 @@ STEP_TOLERANCE = 1e-6  # of the step
 
 
 @dataclass(frozen=True)
+class Rate:
+    """How often a component is stepped.
+
+    Attributes:
+        every: ticks from one step to the next; inputs are taken on the first of them, outputs are held.
+        substeps: steps in a tick, during which inputs are held; the outputs are those after the last.
+    """
+
+    every: int = 1
+    substeps: int = 1
+
+    def size(self, tick: float) -> float:
+        """Of a step, s."""
+        return tick * self.every / self.substeps
+
+    def __str__(self) -> str:
+        if self.substeps > 1:
+            return f"{self.substeps} steps a tick"
+        return f"every {self.every} ticks" if self.every > 1 else "every tick"
+
+
+@dataclass(frozen=True)
+class Delay:
+    """Ticks from the source's step to the target's that uses it; up to `most`, while a value is held."""
+
+    least: int
+    most: int
+
+    def __str__(self) -> str:
+        if self.least < self.most:
+            return f"{self.least} to {self.most} ticks"
+        return {0: "none", 1: "1 tick"}.get(self.least, f"{self.least} ticks")
+
+
+@dataclass(frozen=True)
 class Wiring:
     """A checked system.
 
     Attributes:
         order: components in the order in which they are stepped, plants last.
         plants: those whose outputs do not depend on their inputs within a step.
-        step: s, the communication step of all.
+        step: s, the tick.
         start: s, the time that the FMUs begin at.
-        delays: for each link, how many ticks pass from the source's step to the target's that uses it.
+        rates: by component.
+        late: those whose outputs are read when their step has ended; the others' are the answer to the
+            inputs with which it begins.
+        delays: of each link.
         free: inputs that nothing feeds, by component.
         faults: components that disturb a link: they delay nothing, and may give what is not finite.
     """
@@ -40,7 +79,9 @@ class Wiring:
     order: tuple[str, ...]
     plants: frozenset[str]
     step: float
-    delays: tuple[tuple[ScaledLink, int], ...]
+    rates: dict[str, Rate]
+    late: frozenset[str]
+    delays: tuple[tuple[ScaledLink, Delay], ...]
     free: dict[str, tuple[str, ...]]
     start: float = 0.0
     faults: frozenset[str] = frozenset()
@@ -89,14 +130,16 @@ def wire(
     links = [link for link in system.links if link.source in answering and link.target in answering]
     if order == "sequential":
         answering = _data_flow(answering, links)
+    step, whose = (system.tick, "of our blocks") if system.tick else find_tick(fmus)
+    rates = {name: find_rate(f"{name} {fmu.path.name}", fmu, step, whose) for name, fmu in fmus.items()}
+    late = (frozenset(fmus) if order == "jacobi" else last) - frozenset(system.faults)
     return Wiring(
         order=(*answering, *(name for name in fmus if name in last)),
         plants=last,
-        step=common_step(fmus),
-        delays=tuple(
-            (link, int(link.source not in system.faults and (order == "jacobi" or link.source in last)))
-            for link in system.links
-        ),
+        step=step,
+        rates=rates,
+        late=late,
+        delays=tuple((link, _delay(link, rates, late)) for link in system.links),
         free=free,
         start=system.start_time,
         faults=frozenset(system.faults),
@@ -222,17 +265,48 @@ def _cycle(left: list[str], links: list[ScaledLink]) -> str:
         path.append(source)
 
 
-def common_step(fmus: Mapping[str, FmuDescription]) -> float:
-    """The communication step: the fixed one if an FMU has one, or else the largest that an FMU states."""
+def find_tick(fmus: Mapping[str, FmuDescription]) -> tuple[float, str]:
+    """The tick, s, and whose step it is.
+
+    It is that of our blocks if a component has it, or else the shortest fixed step, or else the longest that
+    an FMU states.
+    """
     fixed = {name: fmu.step for name, fmu in fmus.items() if fmu.step and fmu.fixed}
-    stated = [fmu.step for fmu in fmus.values() if fmu.step]
-    if not fixed:
-        return max(stated, default=TICK)
-    first, step = next(iter(fixed.items()))
-    for name, own in fixed.items():
-        if not math.isclose(step, own, rel_tol=STEP_TOLERANCE):
-            raise WiringError(
-                f"{first} has a fixed step of {step:g} s, {name} of {own:g} s; "
-                "all components take one step: export one of them with the other's"
-            )
-    return step
+    if any(math.isclose(step, TICK, rel_tol=STEP_TOLERANCE) for step in fixed.values()):
+        return TICK, "of our blocks"
+    if fixed:
+        name = min(fixed, key=fixed.__getitem__)
+        return fixed[name], f"of {name}"
+    return max((fmu.step for fmu in fmus.values() if fmu.step), default=TICK), "of all others"
+
+
+def find_rate(label: str, fmu: FmuDescription, tick: float, whose: str = "of our blocks") -> Rate:
+    """How often an FMU is stepped; one that varies its steps makes one in each tick.
+
+    Args:
+        label: what errors call it.
+        tick: s; `whose` it is, for errors.
+
+    Raises:
+        WiringError: its step is neither a whole multiple nor a whole fraction of the tick.
+    """
+    if not fmu.fixed or not fmu.step:
+        return Rate()
+    every, substeps = max(1, round(fmu.step / tick)), max(1, round(tick / fmu.step))
+    if not math.isclose(fmu.step * substeps, tick * every, rel_tol=STEP_TOLERANCE):
+        if fmu.step > tick:
+            fitting = [tick * math.floor(fmu.step / tick), tick * math.ceil(fmu.step / tick)]
+        else:
+            fitting = [tick / math.ceil(tick / fmu.step), tick / math.floor(tick / fmu.step)]
+        raise WiringError(
+            f"{label} has a fixed step of {fmu.step:.10g} s; expected a whole multiple or fraction of the "
+            f"tick of {tick:.10g} s {whose}: export it with {fitting[0]:.6g} or {fitting[1]:.6g} s"
+        )
+    return Rate(every, substeps)
+
+
+def _delay(link: ScaledLink, rates: Mapping[str, Rate], late: frozenset[str]) -> Delay:
+    """A step on tick k has its outputs read from then on, or from its end on, until the next step's are."""
+    source, target = rates[link.source].every, rates[link.target].every
+    least = source if link.source in late else 0
+    return Delay(least, least + source - math.gcd(source, target))

@@ -9,7 +9,6 @@ On board, north = east = 0 is the first fix. Outputs are shifted here: zero is t
 
 from __future__ import annotations
 
-import ctypes
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import count
@@ -21,7 +20,7 @@ import numpy.typing as npt
 from codegen.firmware.key import SIMULATION_KEY
 from codegen.firmware.navigation import DEFAULT, Navigation
 from codegen.firmware.telemetry import FIELDS, POSITION_UNIT, Telemetry
-from harness.cosim.fmu import Call, FmuDescription, Quantity
+from harness.cosim.fmu import Call, Clock, FmuDescription, Quantity
 from harness.log.channel import Channel
 from harness.log.geodesy import TangentPlane
 from harness.onboard import ROLES
@@ -183,8 +182,6 @@ class Onboard:
 class StandIn:
     """A component of the loop that the onboard computer replaces: the first of them makes its tick."""
 
-    reached: ctypes.c_double | None = None  # its steps do not tell
-
     def __init__(self, onboard: Onboard, name: str, description: FmuDescription) -> None:
         self.onboard, self.name, self.description = onboard, name, description
         self.label = f"{name} on board"
@@ -211,10 +208,10 @@ class StandIn:
     def _answer(self, names: Iterable[str], values: npt.NDArray[Any]) -> None:
         values[:] = [self.onboard.output(self.name, name) for name in names]
 
-    def stepping(self, time: Any, step: float, ended: int) -> Call:
-        """As an FMU's; `time` is a ctypes double."""
+    def stepping(self, clock: Clock, size: float, count: int = 1) -> Call:
+        """As an FMU's."""
         first = next(iter(self.onboard.navigation.chain))
-        return (self._tick if self.name == first else _nothing), (time,)
+        return (self._tick if self.name == first else _nothing), (clock.now,)
 
     def _tick(self, time: Any) -> None:
         self.onboard.make_tick(time.value)

@@ -34,6 +34,7 @@ def run_fmu(
 
     Raises:
         FmuError: the FMU fails, or has an input that is not a sensor signal.
+        WiringError: its step fits no tick.
     """
     fmu = describe(path)
     signal_names = {f.name for f in fields(SensorSignals)}

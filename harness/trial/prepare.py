@@ -13,7 +13,7 @@ from harness.cosim.fmu import FmuDescription, describe
 from harness.cosim.rename import Rename
 from harness.cosim.roles import Fit, find_role, misfits, read_adapter, replace_component, roles
 from harness.cosim.ssp import FmuComponent, FmuSystem, ScaledLink, open_ssp
-from harness.cosim.wiring import common_step
+from harness.cosim.wiring import find_tick
 from harness.files import nearest_file
 from harness.onboard import IN_FIRMWARE
 from harness.onboard.garbage import Garbage
@@ -93,7 +93,7 @@ def prepared(request: Request) -> Iterator[Prepared]:
             scenario,
             interfaces,
             system.links,
-            common_step(fmus),
+            find_tick(fmus)[0],
             names={r: {name: rename.name for name, rename in f.outputs.items()} for r, f in fits.items()},
             inside=IN_FIRMWARE if request.onboard else (),
         )

@@ -76,6 +76,7 @@ class FmuSystem:
         files: the package's, by their names there.
         notes: what the package makes of itself that the user should know.
         faults: what the components that disturb links act on.
+        tick: s; None for the one that follows from its FMUs.
     """
 
     name: str
@@ -86,3 +87,4 @@ class FmuSystem:
     files: Mapping[str, Path] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     faults: Mapping[str, FaultyLink] = field(default_factory=dict)
+    tick: float | None = None

@@ -84,10 +84,16 @@ def run_alone(
 
 
 def live_alone(
-    process: WorkerProcess, name: str, fmu: FmuDescription, *, inputs: Mapping[str, Array], ticks: int
+    process: WorkerProcess,
+    name: str,
+    fmu: FmuDescription,
+    *,
+    inputs: Mapping[str, Array],
+    ticks: int,
+    step: float = 0.0,
 ) -> list[str]:
     """See in a worker whether an FMU keeps what FMI promises; as `live`."""
-    job = LifeJob(Sizes(8, 0, ticks), name, fmu.path.resolve(), f"{name} {fmu.path.name}", 0.0, inputs)
+    job = LifeJob(Sizes(8, 0, ticks), name, fmu.path.resolve(), f"{name} {fmu.path.name}", step, inputs)
     done: list[str] = _have_done(process, job, fmu)
     return done
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import subprocess
@@ -247,7 +248,7 @@ class WorkerProcess:
         """
         flight, position = self.memory.flight, self.memory.recorder.position
         self.check_memory()
-        seen = (flight.calls, position.tick, position.call, position.rows)
+        seen = (flight.calls, position.tick, position.call, position.rows, position.time)
         if seen != self._seen:
             self._seen, self._since = seen, now
         component, _ = self._where()
@@ -348,9 +349,10 @@ class WorkerProcess:
         return f"one of {', '.join(self.subject.labels.values())}"
 
     def _time(self) -> float:
-        """s, of the tick; of the rows that were taken, if nobody can tell."""
-        tick = self.memory.recorder.position.tick if self.is_sound else self._taken
-        return tick * self.subject.step
+        """s, of the tick or of the step within it; of the rows that were taken, if nobody can tell."""
+        position, step = self.memory.recorder.position, self.subject.step
+        tick, time = (position.tick, position.time) if self.is_sound else (self._taken, math.nan)
+        return time if tick * step <= time <= (tick + 1) * step else tick * step
 
     def _moment(self) -> str:
         return f" at t = {self._time():.10g} s"

@@ -30,7 +30,8 @@ def test_an_fmu_of_ours_lives_as_fmi_promises(version: Literal[2, 3]) -> None:
     assert notes == []
     assert re.fullmatch(
         rf"pedestrian\.fmu: FMI {version} co-simulation, 1 inputs, \d+ outputs, \d+ parameters; "
-        "runs, saves its state, serializes it, resets; fits the plant role",
+        r"a fixed step of 0\.04 s: every tick of 0\.04 s; "
+        r"runs, saves its state, serializes it, resets; fits the plant role",
         line,
     )
 
@@ -43,7 +44,7 @@ def test_an_fmu_made_elsewhere_is_stepped_with_each_command_and_reset(tmp_path: 
     line, _ = checked(fmu)
     assert line == (
         f"x.fmu: FMI {version} co-simulation, 1 inputs, 1 outputs, 0 parameters; "
-        "runs, saves its state, serializes it, resets"
+        "any step: every tick of 0.04 s; runs, saves its state, serializes it, resets"
     )
     # and one that fails on RECALL (3), the fourth command
     bad = tiny_fmu(tmp_path / "y.fmu", variables, f"{GROWS} if (v[1] == 3) return 3;", version=version)
@@ -84,7 +85,7 @@ def test_what_is_not_exchanged_is_counted_and_named_by_kind(tmp_path: Path) -> N
     # when
     line, notes = checked(fmu)
     # then
-    assert "0 inputs and 1 not exchanged, 1 outputs and 6 not exchanged, 0 parameters; runs" in line
+    assert "0 inputs and 1 not exchanged, 1 outputs and 6 not exchanged, 0 parameters; any step" in line
     text = "\n".join(notes)
     assert "x.fmu: 1 output not exchanged, s: has type String; expected one of Float64" in text
     assert "x.fmu: 1 input not exchanged, b: has type Binary" in text

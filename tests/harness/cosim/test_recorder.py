@@ -80,5 +80,5 @@ def _run(folder: Path, name: str) -> None:
 
 
 def test_memory_without_room_for_a_row_is_refused() -> None:
-    with pytest.raises(ValueError, match="has 79 bytes; expected 80 or more for a row"):
+    with pytest.raises(ValueError, match="has 79 bytes; expected 88 or more for a row"):
         Recorder(40, bytearray(79))

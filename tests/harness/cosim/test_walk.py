@@ -17,7 +17,7 @@ import pytest
 
 from codegen.toolchains.compiler import CompileError
 from harness.cosim import walk
-from harness.cosim.fmu import Call, FmuError, FmuInstance
+from harness.cosim.fmu import Call, Clock, FmuError, FmuInstance
 from harness.cosim.layout import Cast, Conversion, Replacement
 from harness.cosim.loop import Array, Outcome, Simulation, Stop
 from harness.cosim.recorder import Recorder
@@ -168,9 +168,7 @@ def carried(function: Cast, loop: type[Walk]) -> list[Any]:
     """The target after one tick that makes only this."""
     function.target[:] = 77
     alone = SimpleNamespace(
-        answer=[(function, ())], advance=[], tick=[(function, ())],
-        time=ctypes.c_double(), now=ctypes.c_double(), start=0.0, set_time=lambda time: None,
-        ended=(ctypes.c_char * 1)(), reached=([], []),
+        answer=[(function, ())], advance=[], tick=[(function, ())], turns={}, clock=Clock()
     )  # fmt: skip
     nothing = SimpleNamespace(block=np.zeros(8, dtype=np.uint8), reals=list)
     options: dict[str, Any] = {} if loop is Walk else {"native": Native(cast(Any, alone))}
@@ -401,8 +399,8 @@ def test_a_damaged_loop_is_compiled_anew(tmp_path: Path, monkeypatch: pytest.Mon
 class InPython(FmuInstance):
     """An FMU whose steps are called by Python."""
 
-    def stepping(self, time: ctypes.c_double, step: float, ended: int) -> Call:
-        function, arguments = super().stepping(time, step, ended)
+    def stepping(self, clock: Clock, size: float, count: int = 1) -> Call:
+        function, arguments = super().stepping(clock, size, count)
         return partial(function), arguments
 
 

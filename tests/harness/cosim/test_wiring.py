@@ -11,7 +11,7 @@ import pytest
 
 from harness.cosim.fmu import Access, FmuDescription, Quantity, Refused
 from harness.cosim.ssp import Connector, FmuComponent, FmuSystem, ScaledLink, SspError, StartValue
-from harness.cosim.wiring import Wiring, wire
+from harness.cosim.wiring import Delay, Rate, Wiring, find_rate, wire
 from models.errors import WiringError
 from models.kit.declaration import Type
 from tests.harness.cosim.descriptions import fmu, quantity
@@ -51,16 +51,18 @@ def test_sources_are_stepped_before_their_targets_and_plants_last() -> None:
     wiring = wired(nodes, *LOOP)
     assert wiring.order == ("filter", "controller", "plant")
     assert wiring.plants == {"plant"}
-    assert [(str(link), ticks) for link, ticks in wiring.delays] == [
-        ("plant.y -> filter.u", 1), ("filter.y -> controller.u", 0), ("controller.y -> plant.u", 0)
-    ]  # fmt: skip
+    assert [(str(link), delay) for link, delay in wiring.delays] == [
+        ("plant.y -> filter.u", Delay(1, 1)),
+        ("filter.y -> controller.u", Delay(0, 0)),
+        ("controller.y -> plant.u", Delay(0, 0)),
+    ]
 
 
 def test_jacobi_keeps_the_order_of_the_package_and_delays_every_link() -> None:
     nodes = [node("plant", feedthrough=False), node("controller"), node("filter")]
     wiring = wired(nodes, *LOOP, order="jacobi")
     assert wiring.order == ("controller", "filter", "plant")
-    assert [ticks for _, ticks in wiring.delays] == [1, 1, 1]
+    assert [delay for _, delay in wiring.delays] == [Delay(1, 1)] * 3
 
 
 def test_a_component_that_is_named_a_plant_is_stepped_last() -> None:
@@ -225,7 +227,7 @@ def test_a_connector_must_declare_what_its_fmu_declares(connector: Connector, te
     assert str(caught.value) == text
 
 
-# step
+# steps
 
 
 @pytest.mark.parametrize(
@@ -236,22 +238,88 @@ def test_a_connector_must_declare_what_its_fmu_declares(connector: Connector, te
         ([(0.01, True), (0.02, False)], 0.01),
         ([(0.01, True), (math.nextafter(0.01, 1), True)], 0.01),
         ([(None, True), (0.05, False)], 0.05),
+        ([(0.2, True), (0.001, True)], 0.001),
+        ([(0.2, True), (0.04, True), (0.001, True)], 0.04),
+        ([(0.2, True), (0.04, False), (0.001, True)], 0.001),
     ],
 )
-def test_the_step_is_the_one_that_is_fixed_or_else_the_largest(
+def test_the_tick_is_that_of_our_blocks_or_the_shortest_fixed_step_or_else_the_longest_stated(
     steps: list[tuple[float | None, bool]], step: float
 ) -> None:
     fmus = [fmu(f"f{i}", quantity("y"), step=h, fixed=fixed) for i, (h, fixed) in enumerate(steps)]
     assert wired([*fmus, node("plain")]).step == step
 
 
-def test_fixed_steps_must_agree() -> None:
+@pytest.mark.parametrize(
+    ("step", "fixed", "rate"),
+    [
+        (0.04, True, Rate()),
+        (0.001, True, Rate(substeps=40)),
+        (1e-6, True, Rate(substeps=40_000)),
+        (0.04 / 3, True, Rate(substeps=3)),
+        (0.2, True, Rate(every=5)),
+        (0.12 * (1 + 9e-7), True, Rate(every=3)),
+        (1e9, True, Rate(every=25 * 10**9)),
+        (0.001, False, Rate()),
+        (0.03, False, Rate()),
+        (None, True, Rate()),
+    ],
+)
+def test_only_a_fixed_step_differs_from_the_tick(step: float | None, fixed: bool, rate: Rate) -> None:
+    assert find_rate("a", fmu("a", step=step, fixed=fixed), 0.04) == rate
+
+
+@pytest.mark.parametrize(
+    ("step", "text"),
+    [
+        (0.03, "0.03 s; expected a whole multiple or fraction of the tick of 0.04 s of our blocks: "
+               "export it with 0.02 or 0.04 s"),
+        (0.1, "0.1 s; expected a whole multiple or fraction of the tick of 0.04 s of our blocks: "
+              "export it with 0.08 or 0.12 s"),
+        (0.12 * (1 + 2e-6), "0.12000024 s; expected a whole multiple or fraction of the tick of 0.04 s of "
+                            "our blocks: export it with 0.12 or 0.16 s"),
+        (0.003, "0.003 s; expected a whole multiple or fraction of the tick of 0.04 s of our blocks: "
+                "export it with 0.00285714 or 0.00307692 s"),
+    ],
+)  # fmt: skip
+def test_a_fixed_step_that_fits_no_tick_is_refused_with_what_would(step: float, text: str) -> None:
+    ours, odd = fmu("a", step=0.04, fixed=True), fmu("b", step=step, fixed=True)
     with pytest.raises(WiringError) as caught:
-        wired([fmu("a", step=0.04, fixed=True), fmu("b", step=0.08, fixed=True)])
-    assert str(caught.value) == (
-        "a has a fixed step of 0.04 s, b of 0.08 s; "
-        "all components take one step: export one of them with the other's"
-    )
+        wired([ours, odd])
+    assert str(caught.value) == f"b b.fmu has a fixed step of {text}"
+
+
+def test_without_a_block_of_ours_the_tick_is_named_by_whose_it_is() -> None:
+    with pytest.raises(
+        WiringError, match=r"^a a\.fmu .* of the tick of 0\.02 s of b: export it with 0\.04 or"
+    ):
+        wired([fmu("a", step=0.05, fixed=True), fmu("b", step=0.02, fixed=True)])
+
+
+@pytest.mark.parametrize(
+    ("plant", "controller", "order", "delays"),
+    [
+        # plant to controller: from the end of its step on; controller to plant: from its beginning on
+        (0.001, 0.2, "sequential", ["1 tick", "0 to 4 ticks"]),
+        (0.2, 0.04, "sequential", ["5 to 9 ticks", "none"]),
+        (0.2, 0.2, "sequential", ["5 ticks", "none"]),
+        (0.04, 0.08, "sequential", ["1 tick", "0 to 1 ticks"]),
+        # both slow: a step begins 0, 2 or 4 ticks after one of the other
+        (0.24, 0.16, "sequential", ["6 to 10 ticks", "0 to 2 ticks"]),
+        (0.001, 0.2, "jacobi", ["1 tick", "5 to 9 ticks"]),
+        (0.2, 0.04, "jacobi", ["5 to 9 ticks", "1 tick"]),
+    ],
+)
+def test_a_value_that_is_held_grows_older(
+    plant: float, controller: float, order: str, delays: list[str]
+) -> None:
+    ours = fmu("ours", step=0.04, fixed=True)
+    parts = [
+        fmu(name, quantity("u", "input"), quantity("y"), feedthrough=name != "plant", step=step, fixed=True)
+        for name, step in (("plant", plant), ("controller", controller))
+    ]
+    wiring = wired([ours, *parts], ("plant.y", "controller.u"), ("controller.y", "plant.u"), order=order)
+    assert [str(delay) for _, delay in wiring.delays] == delays
 
 
 @pytest.mark.parametrize(

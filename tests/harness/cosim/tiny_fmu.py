@@ -103,6 +103,14 @@ class V:
     start: str = "0"
 
 
+def strict(size: float) -> str:
+    """C that refuses a step of another size, or one that does not begin where the last one ended.
+
+    `v[2]` counts the steps, `v[20]` is where the last one ended.
+    """
+    return f"if (fabs(h - {size}) > 1e-12 || fabs(t - v[20]) > 1e-9) return 3; v[20] = t + h; v[2] += 1; "
+
+
 def tiny_fmu(
     path: Path,
     variables: Sequence[V],
@@ -119,6 +127,7 @@ def tiny_fmu(
     depends: bool = True,
     step_size: float | None = None,
     fixed: bool = False,
+    internal: float | None = None,
 ) -> Path:
     """Build an FMU.
 
@@ -134,6 +143,7 @@ def tiny_fmu(
             states unless `restore` is None.
         arrays: outputs of two reals each, in version 3.
         depends: its outputs depend on its inputs.
+        step_size: preferred, s; `internal`: the fixed one of FMI 3; `fixed`: it cannot vary its steps.
     """
     work = path.parent / f".{path.stem}"
     work.mkdir(parents=True, exist_ok=True)
@@ -172,8 +182,16 @@ def tiny_fmu(
     )
     folder = platform.fmi2 if version == 2 else platform.fmi3
     with zipfile.ZipFile(path, "w") as archive:
-        states = restore is not None
-        xml = description(variables, version, depends, step_size, fixed, states=states, arrays=arrays)
+        xml = description(
+            variables,
+            version,
+            depends,
+            step_size,
+            fixed,
+            internal=internal,
+            states=restore is not None,
+            arrays=arrays,
+        )
         archive.writestr("modelDescription.xml", xml)
         archive.write(library, f"binaries/{folder}/{library.name}")
     return path
@@ -186,6 +204,7 @@ def description(
     step_size: float | None = None,
     fixed: bool = False,
     *,
+    internal: float | None = None,
     states: bool = False,
     arrays: Sequence[str] = (),
 ) -> str:
@@ -198,6 +217,8 @@ def description(
     if states:
         word = "FMUstate" if version == 2 else "FMUState"
         varying += f' canGetAndSet{word}="true" canSerialize{word}="true"'
+    if internal:
+        varying += f' fixedInternalStepSize="{internal}"'
     inputs = [i for i, v in enumerate(variables) if v.causality == "input"]
     outputs = [i for i, v in enumerate(variables) if v.causality == "output"]
     write = _xml2 if version == 2 else _xml3

@@ -803,7 +803,7 @@ class Float32(StandIn):
 
         return get_all, (object(),)
 
-    def stepping(self, time: Any, step: float, ended: int) -> Call:
+    def stepping(self, time: Any, size: float, count: int = 1) -> Call:
         return (lambda _: self._step(ctypes.byref(self.native.data))), (time,)
 
 

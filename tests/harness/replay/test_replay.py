@@ -14,6 +14,7 @@ from rich.console import Console
 
 from fmus.build import build_fmu
 from fmus.folder import build_folder
+from harness.cosim.fmu import FmuError
 from harness.log.log import read_log
 from harness.recording.recording import RecordingError
 from harness.recording.signals import SensorSignals
@@ -28,7 +29,7 @@ from harness.trial.request import Request, build_missing
 from harness.trial.scenario import load
 from models.four_state import FourState
 from models.kit.model import Model
-from tests.harness.cosim.tiny_fmu import V, tiny_fmu
+from tests.harness.cosim.tiny_fmu import V, strict, tiny_fmu
 from tests.harness.replay.logs import walk as walk_of_log
 from tests.harness.replay.logs import write
 
@@ -232,6 +233,34 @@ def test_an_estimate_that_is_not_finite_is_refused_with_its_time(
         EstimateError, match=rf'filter.fmu: output "east" is {name} at t = 0.08 s; expected a finite'
     ):
         Configuration(path.name, str(path)).run(source.signals([]), 25)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize(
+    ("size", "steps"), [(0.008, [5, 10, 15, 20, 25, 30, 35]), (0.12, [1] * 3 + [2] * 3 + [3])]
+)
+def test_an_estimator_with_a_step_of_its_own_is_replayed_at_it(
+    tmp_path: Path, version: int, size: float, steps: list[int]
+) -> None:
+    # given an estimator that counts its steps and gives the acceleration of the last one
+    variables = [V("accel_x", "input"), V("y"), V("n", type="Integer")]
+    step = strict(size) + "v[1] = v[0];"
+    path = tiny_fmu(tmp_path / "own.fmu", variables, step, version=version, step_size=size, fixed=True)
+    signals = open_source(write(tmp_path / "trial.mcap", walk_of_log(1))).signals([])
+    # when
+    estimate = run_fmu(path, signals, 7, {})
+    # then it takes the signals on the ticks on which it begins a step
+    assert estimate["n"].tolist() == steps
+    taken = [0, 0, 0, 3, 3, 3, 6] if size > 0.04 else range(7)
+    assert estimate["y"].tolist() == [signals.accel_x[tick] for tick in taken]
+
+
+def test_an_estimator_that_asks_to_end_ends_the_replay(tmp_path: Path) -> None:
+    variables = [V("accel_x", "input"), V("y")]
+    path = tiny_fmu(tmp_path / "ends.fmu", variables, "v[31] = t > 0.1;", version=3)
+    signals = open_source(write(tmp_path / "trial.mcap", walk_of_log(1))).signals([])
+    with pytest.raises(FmuError, match=r"^estimator ends\.fmu: asks to end the simulation at t = 0\.12 s$"):
+        run_fmu(path, signals, 7, {})
 
 
 def test_what_was_left_out_or_dropped_is_told_in_all_places(
