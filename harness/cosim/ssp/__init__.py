@@ -29,7 +29,7 @@ def open_ssp(path: Path) -> Iterator[FmuSystem]:
     """Unpack a package (see `open_package`) for as long as it is used; the system that it describes.
 
     Raises:
-        SspError, ArchiveError, XmlError: naming the file and the element.
+        SspError, ArchiveError, XmlError, FmuError: naming the file and the element.
     """
     with open_package(path) as (package, document):
         yield Flattened(Tree(package, document)).system()

@@ -34,14 +34,6 @@ class Document:
         """The error that says this of the file."""
         return SspError(f"{self.name}: {printable(text)}")
 
-    def check_root(self, tag: str, what: str) -> None:
-        """Refuse another root element than `tag`, and another version of it.
-
-        Raises:
-            SspError: it is another.
-        """
-        self.check_element(self.root, tag, what)
-
     def check_element(self, element: Element, tag: str, what: str) -> None:
         """Refuse another element than `tag` of SSP 1.0 or 2.0.
 

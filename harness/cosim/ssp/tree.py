@@ -38,7 +38,7 @@ class Tree:
         self.parts: dict[str, Part] = {}
         self.hops: dict[Port, list[Hop]] = {}
         self.feeds: dict[Port, Hop] = {}  # by what they lead to
-        document.check_root(f"{SSD}SystemStructureDescription", "the root")
+        document.check_element(document.root, f"{SSD}SystemStructureDescription", "the root")
         parts = document.children(document.root, "System", "DefaultExperiment", "Units", "Enumerations")
         if "System" not in parts:
             raise document.fail("has no System")

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import json
+import zipfile
 from pathlib import Path
 
 import pytest
 
+from fmus.folder import build_folder
 from harness.log.log import read_log
+from harness.trial.request import Request, build_missing
+from harness.trial.scenario import load
 from tests.harness.command import canine
 from tests.harness.cosim.ssp.packages import (
     Files,
@@ -148,6 +152,31 @@ def test_both_loops_and_a_log_run_again_give_the_same_bits(
         assert canine(capsys, "run", target, *arguments)[0] == 0
         logs.append((tmp_path / name / "trial.mcap").read_bytes())
     assert logs[0] == logs[1] == logs[2]
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_our_own_fmus_give_the_same_bits_from_another_start_time(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], version: int
+) -> None:
+    # given our own package, and its twin whose experiment starts at 10.3 s
+    build_missing(Request(load("two_waypoint")))
+    own = build_folder() / f"full.fmi{version}.ssp"
+    with zipfile.ZipFile(own) as archive:
+        archive.extractall(tmp_path / "twin")
+    structure = tmp_path / "twin" / "SystemStructure.ssd"
+    shifted = structure.read_text().replace('startTime="0.0"', 'startTime="10.3"')
+    assert shifted != structure.read_text()
+    structure.write_text(shifted)
+    # when
+    for name, target in (("own", own), ("twin", structure)):
+        toml = scenario(tmp_path / f"{name}.toml", target, "waypoints = [[20.0, 0.0]]\n")
+        assert canine(capsys, "run", toml, "--out", tmp_path / name)[0] == 0
+    # then
+    logs = [read_log(tmp_path / name / "trial.mcap") for name in ("own", "twin")]
+    assert logs[0].time.tolist() == logs[1].time.tolist() == [k * 0.04 for k in range(11)]
+    assert {n: v.tobytes() for n, v in logs[0].values.items()} == {
+        n: v.tobytes() for n, v in logs[1].values.items()
+    }
 
 
 def test_a_variant_runs_and_its_log_runs_it_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
