@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import posixpath
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -52,7 +53,7 @@ class Package:
             SspError, ArchiveError, XmlError: there is none, or it cannot be read.
         """
         member = posixpath.normpath(unquote(source))
-        content = None if member.startswith("..") else read_member(fmu, member)
+        content = None if member.startswith(("..", "/")) else read_member(fmu, member)
         if content is None:
             raise self.fail(f'{what} has source "{source}", which is not in {fmu.name}')
         name = f"{self.name}: {fmu.name}: {member}"
@@ -81,7 +82,7 @@ class Package:
             return self.file(source, what)
         root = self.folder.resolve()
         for part in path.rglob("*"):
-            if not part.resolve().is_relative_to(root):
+            if not os.path.realpath(part).startswith(f"{root}{os.sep}"):
                 raise self.fail(f"{what}: {part.relative_to(root)} is a link out of the package")
             if part.is_file():
                 self.files[part.relative_to(root).as_posix()] = part

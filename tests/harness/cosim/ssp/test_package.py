@@ -111,6 +111,10 @@ def test_a_link_out_of_the_package_is_refused(tmp_path: Path) -> None:
     (folder / "a" / "modelDescription.xml").write_bytes(FMU)
     (folder / "a" / "secret").symlink_to(tmp_path)
     assert refusal(folder) == 'component "a": a/secret is a link out of the package'
+    # and one that leads to itself is none
+    (folder / "a" / "secret").unlink()
+    (folder / "a" / "loop").symlink_to(folder / "a" / "loop")
+    assert list(read(folder).components) == ["a"]
 
 
 def test_ssp_2_is_read(tmp_path: Path) -> None:

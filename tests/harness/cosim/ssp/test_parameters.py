@@ -223,6 +223,8 @@ HERE = 'component "a": parameter binding'
          f'{HERE} has source "no.ssv", which is not in a.fmu'),
         (binding(source="../set.ssv", more='sourceBase="component"'),
          f'{HERE} has source "../set.ssv", which is not in a.fmu'),
+        (binding(source="/etc/hostname", more='sourceBase="component"'),
+         f'{HERE} has source "/etc/hostname", which is not in a.fmu'),
         (binding(source="set.ssv", more='sourceBase="FMU"'),
          f'{HERE} has sourceBase "FMU"; expected SSD or component'),
         (binding(SET, more='type="text/csv"'),
