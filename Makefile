@@ -12,10 +12,12 @@ demo: .venv/ready
 # Tools of the tests that are not Python packages: root installs them; a test without its tool skips and says so.
 TOOLS := gcc:gcc nm:binutils clang:clang clang:libclang-rt-dev cppcheck:cppcheck \
          arm-none-eabi-gcc:gcc-arm-none-eabi qemu-system-arm:qemu-system-arm openssl:openssl
+LIBRARIES := libtbb.so.12:libtbb12
 
 test: .venv/ready
 	@if [ "$$(id -u)" = 0 ]; then \
 	    for tool in $(TOOLS); do command -v $${tool%%:*} >/dev/null || packages="$$packages $${tool##*:}"; done; \
+	    for library in $(LIBRARIES); do ldconfig -p | grep -q "$${library%%:*}" || packages="$$packages $${library##*:}"; done; \
 	    [ -z "$$packages" ] || { apt-get update -qq && apt-get install -y -qq --no-install-recommends $$packages; }; \
 	fi || true
 	@$(BIN)/python -m codegen.toolchains.sdcc >/dev/null || true

@@ -23,7 +23,13 @@ class AlteredError(CanineError):
 
 
 def pack(path: Path, files: Mapping[str, bytes], stamp: str = "") -> Path:
-    """Write a zip archive, whole or not at all; the same files give the same bytes.
+    """Write a zip archive, whole or not at all; arguments as of `packed`."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return write_whole(path, packed(files, stamp))
+
+
+def packed(files: Mapping[str, bytes], stamp: str = "") -> bytes:
+    """A zip archive; the same files give the same bytes.
 
     Args:
         stamp: kept in the archive's comment, before the seal.
@@ -37,13 +43,12 @@ def pack(path: Path, files: Mapping[str, bytes], stamp: str = "") -> Path:
             entry.external_attr = (0o755 if name.startswith("binaries/") else 0o644) << 16
             compression = zipfile.ZIP_STORED if name.endswith(".fmu") else zipfile.ZIP_DEFLATED
             archive.writestr(entry, files[name], compression)
-    path.parent.mkdir(parents=True, exist_ok=True)
     content = stream.getvalue()[:-SEAL]
-    return write_whole(path, content + _seal(content))
+    return content + _seal(content)
 
 
 def is_sealed(path: Path) -> bool:
-    """Has a file there the very bytes that `pack` wrote?"""
+    """Has a file there the very bytes that `packed` made?"""
     try:
         content = path.read_bytes()
     except OSError:

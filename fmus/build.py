@@ -26,7 +26,7 @@ from codegen.toolchains.compiler import (
 from fmus.archive import is_sealed, pack, stamp_of
 from fmus.description import block_header, build_description, documentation, model_description
 from fmus.folder import BUILT_FROM, STAMP, VERSIONS, FmiVersion, build_folder, digest, origin
-from fmus.ssp import write_ssp
+from fmus.ssp import files_of, structure_of
 from models.errors import CanineError
 from models.kit.block import Block
 from models.kit.elementary import Precision
@@ -117,7 +117,7 @@ def build_package(system: System, version: int, folder: Path | None = None) -> P
     fmus = {
         role: folder / f"fmi{version}" / f"{block.title()}.fmu" for role, block in system.components.items()
     }
-    return write_ssp(system, fmus, folder / f"{system.name}.fmi{version}.ssp")
+    return pack(folder / f"{system.name}.fmi{version}.ssp", files_of(structure_of(system, fmus)))
 
 
 def contents(block: type[Block], version: FmiVersion, precision: Precision = "double") -> dict[str, bytes]:

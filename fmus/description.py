@@ -78,9 +78,7 @@ class Scalar:
 
     def text(self, value: float) -> str:
         """A value as XML writes it for this type."""
-        if self.declared.type is Type.BOOLEAN:
-            return "true" if value else "false"
-        return str(int(value)) if self.declared.type is Type.INTEGER else repr(float(value))
+        return text_of(self.declared.type, value)
 
     @property
     def field(self) -> str:
@@ -100,6 +98,13 @@ class Scalar:
         low, high = (-LARGEST, LARGEST) if self.declared.type is Type.REAL else (-(2.0**31), 2.0**31 - 1)
         low = low if self.declared.min is None else float(self.declared.min)
         return low, high if self.declared.max is None else float(self.declared.max)
+
+
+def text_of(kind: Type, value: float) -> str:
+    """A value as XML writes it for a type."""
+    if kind is Type.BOOLEAN:
+        return "true" if value else "false"
+    return str(int(value)) if kind is Type.INTEGER else repr(float(value))
 
 
 def scalars(block: type[Block]) -> list[Scalar]:
@@ -164,7 +169,7 @@ def model_description(block: type[Block], version: FmiVersion, token: str, sourc
     _interface(root, block, version, sources)
     units = {v.declared.unit for v in scalars(block)} - {""} | ({"s"} if version == 3 else set())
     if units:
-        add_units(ET.SubElement(root, "UnitDefinitions"), sorted(units))
+        add_units(ET.SubElement(root, "UnitDefinitions"), base_units(sorted(units)))
     categories = ET.SubElement(root, "LogCategories")
     ET.SubElement(categories, "Category", name="logStatusError", description="what was refused, and why")
     experiment = {"startTime": "0.0", "stopTime": repr(ALONE_TIME)}
@@ -200,11 +205,16 @@ def build_description(block: type[Block], sources: Sequence[str]) -> bytes:
     return to_bytes(root)
 
 
-def add_units(parent: ET.Element, units: Sequence[str], prefix: str = "") -> None:
-    """Define units by their SI base units; `prefix` is that of the XML names (`ssc:` in SSP)."""
-    for unit in units:
+def base_units(units: Sequence[str]) -> dict[str, dict[str, str]]:
+    """Units of ours by their SI base units, as XML writes these."""
+    return {unit: {base: str(power) for base, power in UNITS[unit].items()} for unit in units}
+
+
+def add_units(parent: ET.Element, units: Mapping[str, Mapping[str, str]], prefix: str = "") -> None:
+    """Define units by their base units; `prefix` is that of the XML names (`ssc:` in SSP)."""
+    for unit, base in units.items():
         element = ET.SubElement(parent, f"{prefix}Unit", name=unit)
-        ET.SubElement(element, f"{prefix}BaseUnit", {base: str(power) for base, power in UNITS[unit].items()})
+        ET.SubElement(element, f"{prefix}BaseUnit", dict(base))
 
 
 def to_bytes(root: ET.Element) -> bytes:

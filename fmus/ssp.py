@@ -1,15 +1,16 @@
-"""SSP 1.0 packages: a system's FMUs and how they are wired, for this harness and any other tool."""
+"""SSP 1.0 packages: a system's FMUs, their wiring and start values, for this harness and any other tool."""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from fmus.archive import pack
-from fmus.description import STOP_TIME, TOOL, Scalar, add_units, scalars, to_bytes
-from models.errors import ParameterError, nearest
+from fmus.description import STOP_TIME, TOOL, add_units, base_units, scalars, text_of, to_bytes
 from models.kit.block import Block
+from models.kit.declaration import Type
+from models.kit.link import Link
 from models.system import System
 
 NAMESPACES = {
@@ -17,100 +18,155 @@ NAMESPACES = {
     "ssc": "http://ssp-standard.org/SSP1/SystemStructureCommon",
     "ssv": "http://ssp-standard.org/SSP1/SystemStructureParameterValues",
 }
+VALUES = "initialValues"  # the name of each component's parameter set: some tools apply the sets of one name
 
 
-def write_ssp(
-    system: System, fmus: Mapping[str, Path], path: Path, parameters: Mapping[str, float] | None = None
-) -> Path:
-    """Pack a system: SystemStructure.ssd, and each FMU once in resources/.
+@dataclass(frozen=True)
+class Connector:
+    """A variable of a component; `kind` is input, output or parameter."""
+
+    name: str
+    kind: str
+    type: Type
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class Component:
+    """An FMU, its variables, and the values with which some of them start (in its units)."""
+
+    fmu: Path
+    connectors: Sequence[Connector]
+    values: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Connection:
+    """A link whose target gets factor * source + offset."""
+
+    link: Link
+    factor: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What a package describes.
+
+    Attributes:
+        units: the exponents of the base units, factor and offset of each unit, as XML writes them.
+        stop_time: s.
+    """
+
+    name: str
+    components: Mapping[str, Component]
+    connections: Sequence[Connection]
+    units: Mapping[str, Mapping[str, str]]
+    stop_time: float = STOP_TIME
+
+
+def structure_of(system: System, fmus: Mapping[str, Path]) -> Structure:
+    """The structure of a system of ours.
 
     Args:
         fmus: the FMU of each role.
-        parameters: values by `role.name` (flat name, SI units), bound in the package itself.
-
-    Raises:
-        ParameterError: a parameter is unknown, of the wrong type or out of its range.
     """
-    files = {"SystemStructure.ssd": structure(system, fmus, parameters or {})}
-    files |= {f"resources/{fmu.name}": fmu.read_bytes() for fmu in fmus.values()}
-    return pack(path, files)
+    components = {
+        role: Component(fmus[role], _connectors(block)) for role, block in system.components.items()
+    }
+    units = {connector.unit for part in components.values() for connector in part.connectors} - {""}
+    return Structure(system.name, components, list(_connections(system)), base_units(sorted(units)))
 
 
-def structure(system: System, fmus: Mapping[str, Path], parameters: Mapping[str, float]) -> bytes:
-    """SystemStructure.ssd: components by role, connectors with types and units, connections, parameters."""
-    bindings = _bindings(system, parameters)
+def files_of(structure: Structure) -> dict[str, bytes]:
+    """What is in the package: SystemStructure.ssd, and each FMU once in resources/."""
+    sources = _sources(structure)
+    fmus = {sources[name]: part.fmu.read_bytes() for name, part in structure.components.items()}
+    return {"SystemStructure.ssd": describe(structure), **fmus}
+
+
+def describe(structure: Structure) -> bytes:
+    """SystemStructure.ssd: components by role, connectors with types and units, connections, values."""
+    namespaces = {f"xmlns:{prefix}": uri for prefix, uri in NAMESPACES.items()}
     root = ET.Element(
         "ssd:SystemStructureDescription",
-        {
-            **{f"xmlns:{prefix}": uri for prefix, uri in NAMESPACES.items()},
-            "version": "1.0",
-            "name": system.name,
-            "generationTool": TOOL,
-        },
+        {**namespaces, "version": "1.0", "name": structure.name, "generationTool": TOOL},
     )
-    whole = ET.SubElement(root, "ssd:System", name=system.name)
+    whole = ET.SubElement(root, "ssd:System", name=structure.name)
     elements = ET.SubElement(whole, "ssd:Elements")
-    for role, block in system.components.items():
+    sources = _sources(structure)
+    for name, part in structure.components.items():
         component = ET.SubElement(
-            elements, "ssd:Component", name=role, type="application/x-fmu-sharedlibrary",
-            source=f"resources/{fmus[role].name}", implementation="CoSimulation",
+            elements, "ssd:Component", name=name, type="application/x-fmu-sharedlibrary",
+            source=sources[name], implementation="CoSimulation",
         )  # fmt: skip
         connectors = ET.SubElement(component, "ssd:Connectors")
-        for scalar in scalars(block):
-            if scalar.kind != "state":
-                connector = ET.SubElement(connectors, "ssd:Connector", name=scalar.name, kind=scalar.kind)
-                _typed(connector, "ssc", scalar)
-        if bindings[role]:
-            _bind(component, role, bindings[role])
-    _connect(ET.SubElement(whole, "ssd:Connections"), system)
-    units = {v.declared.unit for block in system.components.values() for v in scalars(block)} - {""}
-    add_units(ET.SubElement(root, "ssd:Units"), sorted(units), "ssc:")
-    ET.SubElement(root, "ssd:DefaultExperiment", startTime="0.0", stopTime=repr(STOP_TIME))
+        for connector in part.connectors:
+            element = ET.SubElement(connectors, "ssd:Connector", name=connector.name, kind=connector.kind)
+            _typed(element, "ssc", connector)
+        if part.values:
+            _bind(component, part)
+    _connect(ET.SubElement(whole, "ssd:Connections"), structure.connections)
+    add_units(ET.SubElement(root, "ssd:Units"), structure.units, "ssc:")
+    ET.SubElement(root, "ssd:DefaultExperiment", startTime="0.0", stopTime=repr(structure.stop_time))
     return to_bytes(root)
 
 
-def _bindings(system: System, parameters: Mapping[str, float]) -> dict[str, list[tuple[Scalar, float]]]:
-    """The values for each role, checked against the declarations."""
-    known = {
-        f"{role}.{scalar.name}": (role, scalar)
-        for role, block in system.components.items()
-        for scalar in _parameters(block)
-    }
-    bindings: dict[str, list[tuple[Scalar, float]]] = {role: [] for role in system.components}
-    for name, value in parameters.items():
-        if name not in known:
-            raise ParameterError(f'system "{system.name}" has no parameter "{name}"{nearest(name, known)}')
-        role, scalar = known[name]
-        scalar.declared.check(float(value), name)
-        bindings[role].append((scalar, float(value)))
-    return bindings
+def _connectors(block: type[Block]) -> list[Connector]:
+    return [
+        Connector(scalar.name, scalar.kind, scalar.declared.type, scalar.declared.unit)
+        for scalar in scalars(block)
+        if scalar.kind != "state"
+    ]
 
 
-def _parameters(block: type[Block]) -> list[Scalar]:
-    return [scalar for scalar in scalars(block) if scalar.kind == "parameter"]
-
-
-def _bind(component: ET.Element, role: str, values: list[tuple[Scalar, float]]) -> None:
-    binding = ET.SubElement(ET.SubElement(component, "ssd:ParameterBindings"), "ssd:ParameterBinding")
-    bound = ET.SubElement(binding, "ssd:ParameterValues")
-    into = ET.SubElement(ET.SubElement(bound, "ssv:ParameterSet", version="1.0", name=role), "ssv:Parameters")
-    for scalar, value in values:
-        parameter = ET.SubElement(into, "ssv:Parameter", name=scalar.name)
-        _typed(parameter, "ssv", scalar, value=scalar.text(value))
-
-
-def _typed(parent: ET.Element, prefix: str, scalar: Scalar, **attributes: str) -> None:
-    if scalar.declared.unit:
-        attributes["unit"] = scalar.declared.unit
-    ET.SubElement(parent, f"{prefix}:{scalar.declared.type.value}", attributes)
-
-
-def _connect(parent: ET.Element, system: System) -> None:
+def _connections(system: System) -> Iterable[Connection]:
     for link in system.links:
         source = system.components[link.source].variables()[link.source_variable]
         target = system.components[link.target].variables()[link.target_variable]
         for start, end in zip(source.flat_names, target.flat_names, strict=True):
-            ET.SubElement(
-                parent, "ssd:Connection",
-                startElement=link.source, startConnector=start, endElement=link.target, endConnector=end,
-            )  # fmt: skip
+            yield Connection(Link(link.source, start, link.target, end))
+
+
+def _sources(structure: Structure) -> dict[str, str]:
+    """Where each component's FMU is in the package; of two files with one name the second gets its own."""
+    sources: dict[str, str] = {}
+    places: dict[str, Path] = {}
+    for name, part in structure.components.items():
+        source = f"resources/{part.fmu.name}"
+        if places.setdefault(source, part.fmu) != part.fmu:
+            source = f"resources/{name}-{part.fmu.name}"
+        sources[name] = source
+    return sources
+
+
+def _bind(component: ET.Element, part: Component) -> None:
+    binding = ET.SubElement(ET.SubElement(component, "ssd:ParameterBindings"), "ssd:ParameterBinding")
+    bound = ET.SubElement(binding, "ssd:ParameterValues")
+    into = ET.SubElement(
+        ET.SubElement(bound, "ssv:ParameterSet", version="1.0", name=VALUES), "ssv:Parameters"
+    )
+    for connector in part.connectors:
+        if connector.name in part.values:
+            parameter = ET.SubElement(into, "ssv:Parameter", name=connector.name)
+            _typed(parameter, "ssv", connector, value=text_of(connector.type, part.values[connector.name]))
+
+
+def _typed(parent: ET.Element, prefix: str, connector: Connector, **attributes: str) -> None:
+    if connector.unit:
+        attributes["unit"] = connector.unit
+    ET.SubElement(parent, f"{prefix}:{connector.type.value}", attributes)
+
+
+def _connect(parent: ET.Element, connections: Iterable[Connection]) -> None:
+    for connection in connections:
+        link = connection.link
+        element = ET.SubElement(
+            parent, "ssd:Connection",
+            startElement=link.source, startConnector=link.source_variable,
+            endElement=link.target, endConnector=link.target_variable,
+        )  # fmt: skip
+        if (connection.factor, connection.offset) != (1.0, 0.0):  # which converts the units, too
+            element.set("suppressUnitConversion", "true")
+            factors = {"factor": repr(connection.factor), "offset": repr(connection.offset)}
+            ET.SubElement(element, "ssc:LinearTransformation", factors)

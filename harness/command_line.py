@@ -23,7 +23,7 @@ from harness.console import (
     short,
 )
 from harness.cosim.stepping import CALL_LIMIT_S, GIB, MEMORY_LIMIT_GIB, Limits, Loop, Order
-from harness.options import Ahrs, Controller, Estimator, Onboard, Plant, Seed, Settings
+from harness.options import Ahrs, Controller, Estimator, Fmi, Onboard, Plant, Seed, Settings
 from harness.recording import STREAMS
 from harness.replay import EVERY_S, OUTAGE_S
 from harness.studies import STUDIES
@@ -48,7 +48,6 @@ app = typer.Typer(
 
 Target = Annotated[str, typer.Argument(metavar="[SCENARIO.toml|SYSTEM.ssp|LOG.mcap]")]
 Stepping = Annotated[Order | None, typer.Option(help="of stepping; sequential by default")]
-Fmi = Annotated[Literal["2", "3"] | None, typer.Option(help="version of our FMUs; 2 by default")]
 
 
 def _print_version(asked: bool) -> None:
@@ -83,6 +82,7 @@ def canine(
     canine firmware --target cortex-m4f --key vest.key --out fw     the onboard program's sources
     canine pil --target cortex-m4f                runs them on the simulated processor, bit by bit
     canine export out/demo/trial.mcap --to csv    a log as files that other tools read
+    canine export left_90 --ssp left_90.ssp       a trial as a package that other tools run
     canine compare out/demo out/again             do two logs agree, and where do they differ first
     canine recover out/demo/trial.mcap            a log that was cut is made whole
     canine scenarios                              the trials that come with the project
@@ -671,7 +671,7 @@ def tune_estimator(
 
 app.command("compare")(log_commands.compare_logs)
 app.command("recover")(log_commands.recover_log)
-app.command("export")(log_commands.export_log)
+app.command("export")(log_commands.export)
 app.command("faults")(fault_commands.try_faults)
 
 

@@ -1,35 +1,77 @@
-"""The commands of `canine` that take logs of trials; `command_line` adds them."""
+"""The commands of `canine` that take logs, and trials as other tools take them; `command_line` adds them."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from harness.console import json_of, out, print_note, say_where, short
+from harness.console import build_status, json_of, out, print_note, say_where, short
+from harness.options import Ahrs, Controller, Estimator, Fmi, Plant, Seed, Settings
 from models.errors import UsageError
 
+if TYPE_CHECKING:
+    from harness.trial.request import Changes
 
-def export_log(
-    log: Annotated[str, typer.Argument(metavar="LOG.mcap")],
+
+def export(
+    target: Annotated[str, typer.Argument(metavar="LOG.mcap|SCENARIO")],
     *,
-    to: Annotated[Literal["csv", "parquet"], typer.Option(help="the format")],
+    to: Annotated[
+        Literal["csv", "parquet"] | None, typer.Option(help="a log's signals: the format of their files")
+    ] = None,
     folder: Annotated[
         Path | None,
-        typer.Option("--out", file_okay=False, help="by default a folder csv or parquet beside it"),
+        typer.Option(
+            "--out", file_okay=False, help="of --to; by default a folder csv or parquet beside the log"
+        ),
     ] = None,
+    ssp: Annotated[
+        Path | None, typer.Option(dir_okay=False, metavar="FILE.ssp", help="a trial as a package")
+    ] = None,
+    seed: Seed = None,
+    settings: Settings = None,
+    plant: Plant = None,
+    estimator: Estimator = None,
+    controller: Controller = None,
+    ahrs: Ahrs = False,
+    fmi: Fmi = None,
 ) -> None:
-    """Write a log's signals for other tools: a file for each component, and units.json.
+    """Write for other tools: a log's signals as tables (--to), or a trial as an SSP package (--ssp).
 
     \b
     canine export out/demo/trial.mcap --to csv
     canine export out/demo/trial.mcap --to parquet --out data
+    canine export left_90 --ssp left_90.ssp
+    canine export my.toml --seed 7 --set cmec.moving_deviation=37 --fmi 3 --ssp my.ssp
 
-    The first column is `time` in s. NaN, Infinity and -Infinity stand in a CSV by these names. Parquet needs
-    the extra guided-canine[parquet].
+    Of a log: a file for each component, and units.json. The first column is `time` in s. NaN, Infinity and
+    -Infinity stand in a CSV by these names. Parquet needs the extra guided-canine[parquet].
+
+    The package holds the trial's FMUs, their wiring, and all that the scenario sets: seed, start, waypoints,
+    reading, parameters, the controller's start. It cannot hold changes by time ([[set]]).
     """
-    from harness.log.export import export
+    from harness.trial.request import Changes
+
+    if (to is None) == (ssp is None):
+        raise UsageError(f"export {target}: expected --to csv, --to parquet, or --ssp FILE.ssp")
+    swaps = {role: fmu for role, fmu in (("plant", plant), ("controller", controller)) if fmu is not None}
+    changes = Changes(
+        fmi=fmi, swaps=swaps, settings=settings or [], seed=seed, estimator=estimator, ahrs=ahrs
+    )
+    if ssp is not None:
+        if folder is not None:
+            raise UsageError(f"--out {folder} is for --to; --ssp {ssp} names the file itself")
+        _export_trial(target, changes, ssp)
+    elif changes != Changes(settings=[]):
+        raise UsageError(f"--to {to}: a log is exported as it is; what changes a trial is for --ssp")
+    else:
+        _export_signals(target, str(to), folder)
+
+
+def _export_signals(log: str, to: str, folder: Path | None) -> None:
+    from harness.log import export as tables
     from harness.log.log import read_log
     from harness.trial.scenario import shipped
 
@@ -39,8 +81,23 @@ def export_log(
     if content.broken:
         print_note(f"{log}: the log is not whole, {content.broken}")
     place = folder or Path(log).parent / to
-    export(content, to, place)
+    tables.export(content, to, place)
     say_where(place)
+
+
+def _export_trial(target: str, changes: Changes, file: Path) -> None:
+    from harness.trial.package import write_package
+    from harness.trial.prepare import prepared
+    from harness.trial.request import build_missing, requested
+
+    with requested(target, changes) as request:
+        with build_status("building the FMUs") as done:
+            build_missing(request, done)
+        with prepared(request) as ready:
+            for note in (*request.notes, *ready.notes):
+                print_note(note)
+            write_package(request, ready, file)
+    typer.echo(short(file))
 
 
 def compare_logs(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -37,3 +37,4 @@ Onboard = Annotated[
         help=f"pil: firmware on a processor ({', '.join(TARGETS)}) for estimator and controller",
     ),
 ]
+Fmi = Annotated[Literal["2", "3"] | None, typer.Option(help="version of our FMUs; 2 by default")]

@@ -29,16 +29,27 @@ TOOLS = {
     "qemu-system-arm": "qemu-system-arm",
     "openssl": "openssl",
 }
+LIBRARIES = {"libtbb.so.12": "libtbb12"}  # of ecos: library -> Debian package
 
 
 def missing() -> dict[str, str]:
     """What is not here, and how it is had."""
-    tools = {t: f"apt install {package}" for t, package in TOOLS.items() if not shutil.which(t)}
+    absent = [(tool, package) for tool, package in TOOLS.items() if not shutil.which(tool)]
+    absent += [(library, package) for library, package in LIBRARIES.items() if not _is_there(library)]
+    tools = {name: f"apt install {package}" for name, package in absent}
     try:
         sdcc.home()
     except CompileError:
         tools["SDCC 4.5"] = "python -m codegen.toolchains.sdcc"
     return tools
+
+
+def _is_there(library: str) -> bool:
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True
 
 
 MISSING = missing()

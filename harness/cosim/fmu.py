@@ -122,7 +122,11 @@ class Access:
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit as the FMU defines it: value in SI = factor * value + offset; base None if it does not say."""
+    """A unit as the FMU defines it: value in SI = factor * value + offset.
+
+    Attributes:
+        base: the exponents of BASE; None if it does not say.
+    """
 
     name: str
     base: tuple[int, ...] | None

@@ -231,14 +231,11 @@ class _Planner:
         north, east, heading = scenario.start
         spread = start_heading_deviation(self.reading, len(scenario.waypoints))
         controller: dict[str, float] = {"home_north": north, "home_east": east}
-        if scenario.waypoints:
-            controller["waypoint_count"] = len(scenario.waypoints)
-        for i, (waypoint_north, waypoint_east) in enumerate(scenario.waypoints, start=1):
-            controller |= {f"waypoint_north[{i}]": waypoint_north, f"waypoint_east[{i}]": waypoint_east}
-        if scenario.fence:
-            controller["fence_count"] = len(scenario.fence)
-        for i, (corner_north, corner_east) in enumerate(scenario.fence, start=1):
-            controller |= {f"fence_north[{i}]": corner_north, f"fence_east[{i}]": corner_east}
+        for name, places in (("waypoint", scenario.waypoints), ("fence", scenario.fence)):
+            if places:
+                controller[f"{name}_count"] = len(places)
+            for i, (place_north, place_east) in enumerate(places, start=1):
+                controller |= {f"{name}_north[{i}]": place_north, f"{name}_east[{i}]": place_east}
         return {
             "plant": {
                 "seed": scenario.seed,
@@ -272,8 +269,10 @@ class _Planner:
         """Set a parameter or free input (SI), unless the package binds or connects it."""
         interface = self.interfaces[component]
         own, converted = interface.converted(name, value)
-        if own in self.bound.get(component, ()):
-            if self.bound[component][own] != converted:
+        bound = self.bound.get(component, {})
+        count = f"{own.partition('_')[0]}_count"  # waypoints and corners belong to their number
+        if own in bound or count in bound:
+            if bound.get(own) != converted:
                 self.kept.setdefault(component, []).append(name)
             return
         if own in self.connected.get(component, ()):

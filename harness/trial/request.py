@@ -13,7 +13,7 @@ from codegen.firmware.targets import TARGETS
 from codegen.scratch import Scratch
 from fmus.archive import check_sealed
 from fmus.folder import build_folder, is_current
-from harness.cosim.archive import holder, naming
+from harness.cosim.archive import holder, naming, read_member
 from harness.cosim.stepping import Limits, Loop, Order
 from harness.files import nearest_file
 from harness.onboard import ROLES
@@ -27,6 +27,7 @@ from models.readings import ON_BOARD, READING
 from models.system import CONTROLLERS, ESTIMATOR, ESTIMATORS, PLANTS, SYSTEMS, find_estimator, find_system
 
 PACKAGE = "system.ssp"  # a log's attachment
+SCENARIO = "resources/scenario.toml"  # in a package that was exported from a scenario
 OURS: dict[str, Mapping[str, type[Block]]] = {  # what takes a role's place by name
     "plant": PLANTS,
     "controller": CONTROLLERS,
@@ -113,7 +114,7 @@ class Changes:
 
 @contextmanager
 def requested(target: str | Scenario, changes: Changes) -> Iterator[Request]:
-    """The request that a target and its changes make. A log's files are unpacked until the context ends.
+    """The request that a target and its changes make. A log's files are there until the context ends.
 
     Args:
         target: a scenario, its file or its shipped name; a package; or a log.
@@ -149,7 +150,7 @@ def requested(target: str | Scenario, changes: Changes) -> Iterator[Request]:
 
 
 def _request_of(target: str | Scenario, folder: Path) -> Request:
-    """What the target alone asks for; `folder` takes the files of a log."""
+    """What the target alone asks for; `folder` takes files of a log or a package."""
     if isinstance(target, Scenario):
         return Request(checked(target))
     if target.endswith(".mcap"):
@@ -158,17 +159,23 @@ def _request_of(target: str | Scenario, folder: Path) -> Request:
         held = holder(Path(target))
         if not os.path.exists(target if os.path.isdir(held) else held):  # unlike Path's, it raises nothing
             raise UsageError(f'there is no package "{target}"{nearest_file(Path(target))}')
-        return _of_package(Path(target).resolve())
+        return _of_package(Path(target).resolve(), folder)
     return Request(load(target))
 
 
-def _of_package(package: Path) -> Request:
-    """The default trial with a package: an .ssp, a folder, or the .ssd in one of both."""
+def _of_package(package: Path, folder: Path) -> Request:
+    """The trial of a package, an .ssp, a folder, or the .ssd in one of both: its scenario or the default."""
+    held = holder(package)
+    written = held / SCENARIO
+    if held.is_file() and (text := read_member(held, SCENARIO)) is not None:
+        written = folder / written.name
+        written.write_bytes(text)
+    scenario = load(str(written) if written.is_file() else DEFAULT)
     name = package.stem
     if package.suffix == ".ssd":
-        held = package.parent.name.removesuffix(".ssp")
-        name = held if package.stem == "SystemStructure" else f"{held}-{package.stem}"
-    scenario = replace(load(DEFAULT), name=name, system=f"{name}.ssp", folder=package.parent)
+        whole = package.parent.name.removesuffix(".ssp")
+        name = whole if package.stem == "SystemStructure" else f"{whole}-{package.stem}"
+    scenario = replace(scenario, name=name, system=f"{name}.ssp", folder=package.parent)
     return Request(scenario, package=package)
 
 

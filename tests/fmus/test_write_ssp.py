@@ -11,8 +11,8 @@ import fmpy.ssp
 import pytest
 from lxml import etree
 
-from fmus.ssp import NAMESPACES, structure, write_ssp
-from models.errors import ParameterError
+from fmus.archive import pack, packed
+from fmus.ssp import NAMESPACES, Component, Structure, describe, files_of, structure_of
 from models.kit.block import Block
 from models.system import SYSTEMS, System
 
@@ -38,16 +38,14 @@ def test_the_structure_is_valid(system: System, fmus: dict[str, Path]) -> None:
     schema = etree.XMLSchema(
         etree.parse(str(Path(fmpy.ssp.__file__).parent / "schema" / "SystemStructureDescription.xsd"))
     )
-    document = etree.fromstring(
-        structure(system, fmus, {"plant.start_north": 1.0, "controller.waypoint_count": 2})
-    )
+    document = etree.fromstring(describe(structure_of(system, fmus)))
     schema.assertValid(document)
     assert document.get("version") == "1.0"
 
 
 def test_the_package_holds_the_wiring(system: System, fmus: dict[str, Path], tmp_path: Path) -> None:
     # when a system is packed
-    path = write_ssp(system, fmus, tmp_path / "x.ssp")
+    path = pack(tmp_path / "x.ssp", files_of(structure_of(system, fmus)))
     root = read(path)
     # then each role is a component whose FMU is in the package
     components = root.findall("ssd:System/ssd:Elements/ssd:Component", NAMESPACES)
@@ -80,28 +78,23 @@ def test_the_package_holds_the_wiring(system: System, fmus: dict[str, Path], tmp
     assert float(experiment.get("stopTime") or 0) == 300.0
 
 
-def test_the_same_system_gives_the_same_bytes(system: System, fmus: dict[str, Path], tmp_path: Path) -> None:
-    one, two = (write_ssp(system, fmus, tmp_path / name) for name in ("one.ssp", "two.ssp"))
-    assert one.read_bytes() == two.read_bytes()
+def test_the_same_system_gives_the_same_bytes(system: System, fmus: dict[str, Path]) -> None:
+    one, two = (packed(files_of(structure_of(system, fmus))) for _ in range(2))
+    assert one == two
 
 
-def test_parameters_are_bound_inside(system: System, fmus: dict[str, Path], tmp_path: Path) -> None:
-    path = write_ssp(system, fmus, tmp_path / "x.ssp", {"controller.waypoint_north[2]": 1.5, "plant.seed": 3})
-    values = {
-        (c.get("name"), p.get("name")): (p[0].tag.split("}")[1], p[0].get("value"), p[0].get("unit"))
-        for c in read(path).iterfind("ssd:System/ssd:Elements/ssd:Component", NAMESPACES)
-        for p in c.iterfind(".//ssv:Parameter", NAMESPACES)
+def test_two_fmus_of_one_name_are_both_in_the_package(tmp_path: Path) -> None:
+    # given FMUs of the same name in two folders, one of them in two places
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "x.fmu").write_text(folder)
+    places = {"one": "a", "two": "b", "three": "a"}
+    components = {name: Component(tmp_path / folder / "x.fmu", ()) for name, folder in places.items()}
+    # when, then
+    files = files_of(Structure("s", components, (), {}))
+    assert {name: files[name] for name in sorted(files)[1:]} == {
+        "resources/two-x.fmu": b"b",
+        "resources/x.fmu": b"a",
     }
-    assert values == {
-        ("controller", "waypoint_north[2]"): ("Real", "1.5", "m"),
-        ("plant", "seed"): ("Integer", "3", None),
-    }
-
-
-def test_wrong_parameters_are_refused(system: System, fmus: dict[str, Path], tmp_path: Path) -> None:
-    path = tmp_path / "x.ssp"
-    with pytest.raises(ParameterError, match=r'has no parameter "plant.sead"; did you mean "plant.seed"'):
-        write_ssp(system, fmus, path, {"plant.sead": 3})
-    with pytest.raises(ParameterError, match=r"plant\.seed is -1; expected a whole number from 0"):
-        write_ssp(system, fmus, path, {"plant.seed": -1})
-    assert not path.exists()
+    sources = [e.get("source") for e in ET.fromstring(files["SystemStructure.ssd"]).iter() if e.get("source")]
+    assert sources == ["resources/x.fmu", "resources/two-x.fmu", "resources/x.fmu"]

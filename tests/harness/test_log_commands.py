@@ -1,6 +1,7 @@
 """The commands that take logs: exports, comparisons, recoveries."""
 
 import json
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -39,6 +40,38 @@ def test_the_export_of_a_scenario_says_to_run_it_first(
         status, _, errors = canine(capsys, "export", scenario, "--to", "csv")
         assert status == 2
         assert f"expected a log; `canine run {scenario}` writes one" in errors
+
+
+def test_a_trial_is_exported_as_a_package(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    # when, with what changes the trial
+    package = tmp_path / "new" / "it.ssp"
+    changes = ("--seed", 7, "--set", "canine.shaking=false", "--estimator", "six_state", "--fmi", 3)
+    result = canine(capsys, "export", "two_waypoint", *changes, "--ssp", package)
+    # then
+    assert result == (0, f"{package}\n", "")
+    with zipfile.ZipFile(package) as archive:
+        structure = archive.read("SystemStructure.ssd").decode()
+        assert "resources/six_state.fmu" in archive.namelist()
+    assert '<ssv:Parameter name="shaking">' in structure
+    assert '<ssv:Integer value="7" />' in structure
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ([], "export trial.mcap: expected --to csv, --to parquet, or --ssp FILE.ssp"),
+        (["--to", "csv", "--ssp", "x.ssp"], "expected --to csv, --to parquet, or --ssp FILE.ssp"),
+        (["--ssp", "x.ssp", "--out", "here"], "--out here is for --to; --ssp x.ssp names the file itself"),
+        (["--to", "csv", "--seed", "3"], "--to csv: a log is exported as it is; what changes a trial is for"),
+        (["--to", "csv", "--ahrs"], "--to csv: a log is exported as it is; what changes a trial is for"),
+    ],
+)
+def test_options_of_exports_that_do_not_go_together_are_refused(
+    options: list[str], text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, _, errors = canine(capsys, "export", "trial.mcap", *options)
+    assert status == 2
+    assert text in errors
 
 
 def test_the_export_of_a_cut_log_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -48,7 +48,7 @@ def test_a_package_asks_for_the_default_trial_with_its_own_name(tmp_path: Path) 
     folder = tmp_path / "toy"
     folder.mkdir()
     (folder / "SystemStructure.ssd").write_text("")
-    (tmp_path / "toy.ssp").touch()
+    zipfile.ZipFile(tmp_path / "toy.ssp", "w").close()
     default = load("three_waypoint")
     for target, package in (
         (tmp_path / "toy.ssp", tmp_path / "toy.ssp"),

@@ -1,0 +1,197 @@
+"""A trial as a package: whoever runs it needs nothing else, and gets the scenario's rows."""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import fmpy.ssp
+import numpy as np
+import pytest
+from lxml import etree
+
+from fmus.ssp import NAMESPACES
+from harness.log.log import Log, read_log
+from harness.trial import trial
+from harness.trial.package import write_package
+from harness.trial.prepare import prepared
+from harness.trial.request import Changes, Request, build_missing, requested
+from harness.trial.scenario import Disturbance, Scenario, Setting, Written, load
+from models.errors import UsageError
+from tests.harness.cosim.tiny_fmu import tiny_fmu
+from tests.harness.trial.test_loops import DOG, MAPPING, MOVES
+
+SCHEMA = Path(fmpy.ssp.__file__).parent / "schema" / "SystemStructureDescription.xsd"
+OUTAGE: dict[str, Written] = {
+    "sensors.outage_start": [2.0],
+    "sensors.outage_end": [5.0],
+    "cmec.moving_deviation": 30,
+}
+SHORT = replace(load("two_waypoint"), duration=12.0, seed=4, origin=(47.0, 8.0))
+CASES: dict[str, tuple[Scenario, Changes]] = {
+    "our system, cut before its end": (replace(SHORT, parameters=OUTAGE), Changes()),
+    "one waypoint, literal": (
+        replace(SHORT, waypoints=((10.0, 5.0),), reading="literal", start=(1.0, 2.0, 30.0)),
+        Changes(fmi="3"),
+    ),
+    "guarded, a fence, an AHRS": (
+        replace(SHORT, reading="guarded", fence=((-40, -40), (80, -40), (80, 80))),
+        Changes(ahrs=True),
+    ),
+    "other blocks": (
+        SHORT,
+        Changes(swaps={"controller": "proportional", "plant": "differential_drive"}, estimator="two_bias"),
+    ),
+    "true state": (replace(SHORT, system="cts"), Changes(fmi="3")),
+    "faults of signals": (
+        replace(
+            SHORT,
+            faults=(
+                Disturbance("sensors.heading_meas", "offset", 2.0, 6.0, 0.3),
+                Disturbance("sensors.gps_north -> estimator.gps_north", "noise", 1.0, None, 0.5),
+            ),
+        ),
+        Changes(),
+    ),
+    "an order from the start on": (
+        replace(SHORT, sets=(Setting("controller.override", "FORWARD", 0.0),)),
+        Changes(),
+    ),
+}
+
+
+def export(scenario: Scenario, changes: Changes, path: Path) -> Path:
+    with requested(scenario, changes) as request:
+        build_missing(request)
+        with prepared(request) as ready:
+            write_package(request, ready, path)
+    return path
+
+
+def run(target: Scenario | Path, changes: Changes, out: Path) -> Log:
+    with (
+        requested(target if isinstance(target, Scenario) else str(target), changes) as request,
+        prepared(request) as ready,
+    ):
+        trial.run(request, ready, out)
+    return read_log(out / trial.LOG)
+
+
+def structure(package: Path) -> ElementTree.Element:
+    """The package's SystemStructure.ssd, which is valid."""
+    with zipfile.ZipFile(package) as archive:
+        text = archive.read("SystemStructure.ssd")
+    etree.XMLSchema(etree.parse(str(SCHEMA))).assertValid(etree.fromstring(text))
+    return ElementTree.fromstring(text)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_package_runs_to_the_rows_of_its_scenario(case: str, tmp_path: Path) -> None:
+    # given a trial, and its package
+    scenario, changes = CASES[case]
+    package = export(scenario, changes, tmp_path / "it.ssp")
+    structure(package)
+    # when both are run
+    own, packed = run(scenario, changes, tmp_path / "own"), run(package, Changes(), tmp_path / "packed")
+    # then all rows have the same bits, up to the same end
+    assert packed.time.tolist() == own.time.tolist()
+    for component, rows in own.values.items():
+        np.testing.assert_array_equal(packed.values[component].view(np.uint64), rows.view(np.uint64))
+    # and our page of it has the seed, and the origin of the map
+    assert packed.metadata["scenario"]["toml"].count("seed = 4") == 1
+    assert packed.origin == own.origin == (47.0, 8.0)
+
+
+def test_a_package_holds_a_dog_made_elsewhere_with_its_conversions(tmp_path: Path) -> None:
+    # given a plant in km/h and degrees
+    dog = tiny_fmu(tmp_path / "dog.fmu", DOG, MOVES, depends=False)
+    dog.with_suffix(".toml").write_text(MAPPING)
+    changes = Changes(swaps={"plant": dog})
+    # when
+    package = export(SHORT, changes, tmp_path / "it.ssp")
+    own, packed = run(SHORT, changes, tmp_path / "own"), run(package, Changes(), tmp_path / "packed")
+    # then its speed is converted on the way to the sensors, once
+    connection = structure(package).find(
+        "ssd:System/ssd:Connections/ssd:Connection[@startConnector='v']", NAMESPACES
+    )
+    assert connection is not None
+    assert connection.get("suppressUnitConversion") == "true"
+    assert [dict(child.attrib) for child in connection] == [{"factor": "0.2777777777777778", "offset": "0.0"}]
+    unit = structure(package).find("ssd:Units/ssc:Unit[@name='km/h']/ssc:BaseUnit", NAMESPACES)
+    assert unit is not None
+    assert unit.attrib == {"m": "1", "s": "-1", "factor": "0.2777777777777778"}
+    # and all others see the same
+    for component in set(own.values) - {"plant"}:
+        np.testing.assert_array_equal(
+            packed.values[component].view(np.uint64), own.values[component].view(np.uint64)
+        )
+
+
+def test_a_log_is_exported_as_its_trial(tmp_path: Path) -> None:
+    scenario, changes = CASES["our system, cut before its end"]
+    run(scenario, changes, tmp_path / "own")
+    with requested(str(tmp_path / "own" / trial.LOG), Changes()) as request, prepared(request) as ready:
+        write_package(request, ready, tmp_path / "of_log.ssp")
+    assert (tmp_path / "of_log.ssp").read_bytes() == export(
+        scenario, changes, tmp_path / "it.ssp"
+    ).read_bytes()
+
+
+def test_what_the_scenario_sets_is_bound_and_nothing_else(tmp_path: Path) -> None:
+    package = export(CASES["our system, cut before its end"][0], Changes(), tmp_path / "it.ssp")
+    root = structure(package)
+    bound = {
+        f"{component.get('name')}.{parameter.get('name')}": parameter[0].get("value")
+        for component in root.iterfind("ssd:System/ssd:Elements/ssd:Component", NAMESPACES)
+        for parameter in component.iterfind(".//ssv:Parameter", NAMESPACES)
+    }
+    # then the dog, the sensors and the controller have what the text of the scenario says, in SI
+    expected = {
+        "plant.seed": "4",
+        "sensors.seed": "4",
+        "sensors.outage_start[1]": "2.0",
+        "sensors.outage_end[1]": "5.0",
+        "controller.start": "true",
+        "controller.waypoint_count": "1",
+        "controller.waypoint_north[1]": repr(SHORT.waypoints[0][0]),
+        "controller.moving_deviation": repr(np.radians(30.0).item()),
+    }
+    assert expected.items() <= bound.items()
+    assert not {name for name in bound if name.startswith(("estimator.", "command_module."))}
+    # and a tool that applies parameter sets by name finds all under one
+    assert {e.get("name") for e in root.iterfind(".//ssv:ParameterSet", NAMESPACES)} == {"initialValues"}
+    experiment = root.find("ssd:DefaultExperiment", NAMESPACES)
+    assert experiment is not None
+    assert experiment.attrib == {"startTime": "0.0", "stopTime": "12.0"}
+
+
+@pytest.mark.parametrize(
+    ("scenario", "file", "text"),
+    [
+        (
+            replace(SHORT, sets=(Setting("controller.override", "STOP", 3.0, 4.5),)),
+            "it.ssp",
+            r"two_waypoint: \[\[set\]\] changes controller\.override at 3 s, controller\.override at 4\.5 s; "
+            "a package holds values of the start alone",
+        ),
+        (SHORT, "it.zip", r"--ssp .*it\.zip: expected a name that ends in \.ssp"),
+    ],
+)
+def test_what_no_package_holds_is_refused_by_name(
+    scenario: Scenario, file: str, text: str, tmp_path: Path
+) -> None:
+    with pytest.raises(UsageError, match=text):
+        export(scenario, Changes(), tmp_path / file)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_firmware_and_packages_are_not_exported(tmp_path: Path) -> None:
+    request = Request(SHORT, log=Path("trial.mcap"))
+    with prepared(request) as ready:
+        with pytest.raises(UsageError, match="host led this trial; a package holds FMUs, no firmware"):
+            write_package(replace(request, onboard="host"), ready, tmp_path / "it.ssp")
+        of_package = replace(request, scenario=replace(SHORT, system="my.ssp"))
+        with pytest.raises(UsageError, match=r"my\.ssp is a package already; expected a system of ours"):
+            write_package(of_package, ready, tmp_path / "it.ssp")
