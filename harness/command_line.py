@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from codegen.toolchains.compiler import PLATFORMS
-from harness import fault_commands, firmware_commands, log_commands
+from harness import fault_commands, firmware_commands, log_commands, sweep_commands
 from harness.console import (
     build_status,
     end_interrupted,
@@ -22,14 +22,24 @@ from harness.console import (
     say_where,
     short,
 )
-from harness.cosim.stepping import CALL_LIMIT_S, GIB, MEMORY_LIMIT_GIB, Limits, Loop, Order
-from harness.options import Ahrs, Controller, Estimator, Fmi, Onboard, Plant, Seed, Settings
+from harness.cosim.stepping import GIB, Limits, Loop, Order
+from harness.options import (
+    Ahrs,
+    CallLimit,
+    Controller,
+    Estimator,
+    Fmi,
+    MemoryLimit,
+    Onboard,
+    Plant,
+    Seed,
+    Settings,
+)
 from harness.recording import STREAMS
 from harness.replay import EVERY_S, OUTAGE_S
 from harness.studies import STUDIES
 from harness.trial import DEFAULT
 from models.errors import UsageError
-from models.kit.random import MAX_SEED
 
 if TYPE_CHECKING:
     from harness.replay.comparison import Comparison
@@ -78,6 +88,7 @@ def canine(
     canine tune ../walk                           an estimator's noise, from a recording's innovations
     canine study outage                           estimators through outages, beside the text's numbers
     canine sweep two                              many trials at each value of a parameter
+    canine matrix --controllers cmec,quarter_turn --plants canine,dog.fmu    many trials with each pair
     canine keygen --out vest.key                  a vest's radio key
     canine firmware --target cortex-m4f --key vest.key --out fw     the onboard program's sources
     canine pil --target cortex-m4f                runs them on the simulated processor, bit by bit
@@ -138,20 +149,8 @@ def run(
         Loop | None,
         typer.Option(help="in C or in Python, with the same log; native by default, python with --onboard"),
     ] = None,
-    call_limit: Annotated[
-        float,
-        typer.Option(
-            min=CALL_LIMIT_S[0], max=CALL_LIMIT_S[1], help="s that one call of an FMU made elsewhere may take"
-        ),
-    ] = Limits.call,
-    memory_limit: Annotated[
-        float,
-        typer.Option(
-            min=MEMORY_LIMIT_GIB[0],
-            max=MEMORY_LIMIT_GIB[1],
-            help="GiB that all FMUs may take, if one was made elsewhere",
-        ),
-    ] = Limits.memory / GIB,
+    call_limit: CallLimit = Limits.call,
+    memory_limit: MemoryLimit = Limits.memory / GIB,
     folder: Annotated[
         Path | None,
         typer.Option(
@@ -437,103 +436,8 @@ def _replay_all(
         typer.echo(f"{short(place)}/: a folder for each recording")
 
 
-@app.command("sweep")
-def sweep_parameters(
-    target: Annotated[str, typer.Argument(metavar="two|three|SCENARIO.toml")],
-    *,
-    thresholds: Annotated[
-        str | None,
-        typer.Option(
-            metavar="a[:b[:step]]",
-            help="deviation threshold h' [deg]; 15:90, or 15:65 with three waypoints and more",
-        ),
-    ] = None,
-    vary: Annotated[
-        list[str] | None,
-        typer.Option(metavar="block.name=a:b:step", help="any parameter, instead or beside; angles in deg"),
-    ] = None,
-    trials: Annotated[int, typer.Option(help="at each point")] = 1000,
-    system: Annotated[
-        Literal["cts", "full"],
-        typer.Option(help="cts: the true state into the controller; full: the estimate"),
-    ] = "cts",
-    estimator: Annotated[
-        str | None, typer.Option(metavar="NAME", help="of ours, with --system full; four_state by default")
-    ] = None,
-    ahrs: Ahrs = False,
-    reading: Annotated[
-        Literal["calibrated", "literal", "guarded"] | None,
-        typer.Option(help="by default the scenario's, calibrated"),
-    ] = None,
-    seed: Annotated[
-        int | None, typer.Option(min=0, max=MAX_SEED, help="of the first trial at each point; 1 by default")
-    ] = None,
-    dask: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS", help="of the scheduler of a Dask cluster; tls:// asks for certificates"
-        ),
-    ] = None,
-    dask_ca: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="certificate (PEM) of the cluster's authority")
-    ] = None,
-    dask_cert: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="this machine's certificate (PEM)")
-    ] = None,
-    dask_key: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="its private key (PEM), if it is not in --dask-cert")
-    ] = None,
-    settings: Settings = None,
-    folder: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            file_okay=False,
-            help="by default out/sweep-<name>, with reading, system, seed and parameters if special",
-        ),
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="print the recommendation as JSON")] = False,
-) -> None:
-    """Run many trials at each value of a parameter: sweep.csv, sweep.png, recommendation.json.
-
-    \b
-    canine sweep two                              5.3.5: h' from 15 to 90 deg, 1000 trials each
-    canine sweep three --thresholds 15:65         5.3.6: four types of trials in turns
-    canine sweep my.toml --vary cmec.capture_radius=3:10:0.5 --trials 10000
-    canine sweep two --vary canine.drift=-3:3:0.5 --vary cmec.moving_deviation=15:60:5
-    canine sweep three --system full --estimator canine_tracker --thresholds 49
-    canine sweep three --dask tls://host:8786 --dask-ca ca.pem --dask-cert me.pem --dask-key me.key
-                                                  on a cluster; tcp:// where nobody else reaches it
-
-    The same command goes on where an earlier one was interrupted.
-    """
-    from harness.sweep import journal, sweep, tls
-
-    certificates = tls.Certificates(dask_ca, dask_cert, dask_key)
-    tls.check_use(dask, certificates)
-    planned = sweep.plan_sweep(
-        target, thresholds=thresholds, vary=vary or [], trials=trials, system=system, reading=reading,
-        seed=seed, settings=settings or [], estimator=estimator, ahrs=ahrs, note=print_note,
-    )  # fmt: skip
-    place = folder or sweep.default_folder(planned)
-    with progress_bar("trials", planned.job.total, quiet=as_json) as progress:
-        try:
-            table, result = sweep.run(
-                planned, place, dask, certificates=certificates, progress=progress, note=print_note
-            )
-        except KeyboardInterrupt as interrupt:
-            kept = (place / journal.JOURNAL).exists()
-            end_interrupted(
-                interrupt,
-                f"what is done is kept in {place}: the same command goes on there"
-                if kept
-                else "nothing is done",
-            )
-    if as_json:
-        typer.echo(json_of(result))
-    else:
-        sweep.show(planned, table, result, out())
-        say_where(place)
+app.command("sweep")(sweep_commands.sweep_parameters)
+app.command("matrix")(sweep_commands.compare_controllers)
 
 
 @app.command("fit")

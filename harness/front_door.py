@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from harness.cosim.stepping import CALL_LIMIT_S, GIB, MEMORY_LIMIT_GIB, Limits, Loop, Order
 from harness.log.compare import LogComparison, Tolerances, compare
@@ -27,11 +27,15 @@ from harness.trial.trial import EndedByFaultError
 from models.errors import UsageError
 from models.readings import READINGS
 
+if TYPE_CHECKING:
+    from harness.sweep.tls import Certificates
+
 __all__ = [
     "Disturbance",
     "EndedByFaultError",
     "Log",
     "LogComparison",
+    "MatrixResult",
     "Recovery",
     "ReplayResult",
     "Scenario",
@@ -43,6 +47,7 @@ __all__ = [
     "load_scenario",
     "open_log",
     "recover_log",
+    "run_matrix",
     "run_replay",
     "run_study",
     "run_sweep",
@@ -136,12 +141,14 @@ class SweepResult:
         rows: the table, a row for each point by column; None where there is nothing to take a mean of.
         recommendation: the content of recommendation.json.
         notes: what the user should know.
+        faults: what FMUs did wrong, a line for each point at which one did.
     """
 
     folder: Path
     rows: list[dict[str, float | None]]
     recommendation: Mapping[str, Any]
     notes: tuple[str, ...] = ()
+    faults: tuple[str, ...] = ()
 
     @property
     def table_path(self) -> Path:
@@ -157,6 +164,48 @@ class SweepResult:
     def recommendation_path(self) -> Path:
         """recommendation.json."""
         return self.folder / "recommendation.json"
+
+
+@dataclass(frozen=True)
+class MatrixResult:
+    """A matrix that was run.
+
+    Attributes:
+        folder: with all of its files.
+        report: the content of matrix.json.
+        notes: what the user should know.
+        faults: what FMUs did wrong, a line for each cell in which one did; the other cells are complete.
+    """
+
+    folder: Path
+    report: Mapping[str, Any]
+    notes: tuple[str, ...] = ()
+    faults: tuple[str, ...] = ()
+
+    @property
+    def cells(self) -> list[dict[str, Any]]:
+        """Each cell: `controller`, `plant`, `scenario`, and its results by the names of matrix.csv."""
+        return list(self.report["cells"])
+
+    @property
+    def comparisons(self) -> list[dict[str, Any]]:
+        """The controllers compared trial by trial, by plant and scenario."""
+        return list(self.report["comparisons"])
+
+    @property
+    def table_path(self) -> Path:
+        """matrix.csv."""
+        return self.folder / "matrix.csv"
+
+    @property
+    def picture_path(self) -> Path:
+        """matrix.png."""
+        return self.folder / "matrix.png"
+
+    @property
+    def report_path(self) -> Path:
+        """matrix.json."""
+        return self.folder / "matrix.json"
 
 
 @dataclass(frozen=True)
@@ -272,8 +321,7 @@ def run_trial(
     _check_choice("order", order, get_args(Order))
     _check_choice("fmi", fmi, (2, 3))
     _check_choice("loop", loop, get_args(Loop))
-    _check_range("call_limit", call_limit, "s", CALL_LIMIT_S)
-    _check_range("memory_limit", memory_limit, "GiB", MEMORY_LIMIT_GIB)
+    limits = _limits(call_limit, memory_limit)
     changes = Changes(
         order=order,
         fmi=None if fmi is None else str(fmi),
@@ -281,10 +329,10 @@ def run_trial(
         settings=_settings(parameters),
         seed=seed,
         onboard=onboard,
-        estimator=None if estimator is None else str(estimator),
+        estimator=_text(estimator),
         ahrs=ahrs,
         loop=loop,
-        limits=Limits(call=call_limit, memory=int(memory_limit * GIB)),
+        limits=limits,
     )
     target = scenario if isinstance(scenario, Scenario) else str(scenario)
     with requested(target, changes) as request:
@@ -306,8 +354,12 @@ def run_sweep(
     reading: Literal["calibrated", "literal", "guarded"] | None = None,
     seed: int | None = None,
     parameters: Mapping[str, Written] | None = None,
-    estimator: str | None = None,
+    plant: StrPath | None = None,
+    estimator: StrPath | None = None,
+    controller: StrPath | None = None,
     ahrs: bool = False,
+    call_limit: float = Limits.call,
+    memory_limit: float = Limits.memory / GIB,
     dask: str | None = None,
     dask_ca: StrPath | None = None,
     dask_cert: StrPath | None = None,
@@ -338,8 +390,11 @@ def run_sweep(
         reading: over the scenario's.
         seed: of the first trial at each point; by default the scenario's.
         parameters: values over the scenario's, by `block.name`; angles in degrees.
-        estimator: of ours, in the system `full`; by default the scenario's.
+        plant, estimator, controller: what takes the places of ours, as in `run_trial`; an estimator in the
+            system `full`.
         ahrs: put our AHRS between sensors and estimator.
+        call_limit: s that one call of an FMU made elsewhere may take.
+        memory_limit: GiB that all FMUs of a trial may take, if one was made elsewhere.
         dask: the address of the scheduler of a Dask cluster; by default this machine's cores.
         dask_ca: certificate (PEM) of the cluster's authority, for an address that begins with tls://.
         dask_cert: this machine's certificate (PEM).
@@ -351,12 +406,13 @@ def run_sweep(
         UsageError: a name, a value or a path does not fit.
         CanineError: a fault in what was run; the trials that are done are kept.
     """
-    from harness.sweep import sweep, tls  # noqa: PLC0415 - compilers and pictures: trials need not wait
+    from harness.sweep import sweep  # noqa: PLC0415 - compilers and pictures: trials need not wait
 
     _check_type("thresholds", thresholds, str, 'a text, "15:90" or "15:90:5"')
     _check_type("vary", vary, Mapping, 'a mapping, {"cmec.capture_radius": "3:10:0.5"}')
     _check_type("trials", trials, Integral, "a whole number")
     _check_choice("reading", reading, tuple(READINGS))
+    limits = _limits(call_limit, memory_limit)
     notes: list[str] = []
     planned = sweep.plan_sweep(
         target if isinstance(target, Scenario) else str(target),
@@ -367,26 +423,116 @@ def run_sweep(
         reading=reading,
         seed=seed,
         settings=_settings(parameters),
-        estimator=estimator,
+        estimator=_text(estimator),
         ahrs=ahrs,
+        plant=_text(plant),
+        controller=_text(controller),
+        limits=limits,
         note=notes.append,
     )
     folder = sweep.default_folder(planned) if out is None else Path(out)
-    files = (None if path is None else Path(path) for path in (dask_ca, dask_cert, dask_key))
-    _, recommendation = sweep.run(
+    table, recommendation = sweep.run(
         planned,
         folder,
         dask,
-        certificates=tls.Certificates(*files),
+        certificates=_certificates(dask_ca, dask_cert, dask_key),
         progress=progress,
         note=notes.append,
     )
-    with (folder / sweep.CSV).open(newline="") as table:
+    with (folder / sweep.CSV).open(newline="") as lines:
         rows = [
-            {name: float(cell) if cell else None for name, cell in row.items()}
-            for row in csv.DictReader(table)
+            {name: float(cell) if cell else None for name, cell in row.items() if name != "verdict"}
+            for row in csv.DictReader(lines)
         ]
-    return SweepResult(folder, rows, recommendation, tuple(notes))
+    faults = sweep.faults_of(planned, table)
+    return SweepResult(folder, rows, recommendation, tuple(notes), tuple(faults))
+
+
+def run_matrix(
+    controllers: Sequence[StrPath] | None = None,
+    plants: Sequence[StrPath] | None = None,
+    scenarios: Sequence[StrPath | Scenario] = (DEFAULT,),
+    *,
+    trials: int = 1000,
+    system: Literal["cts", "full"] | None = None,
+    reading: Literal["calibrated", "literal", "guarded"] | None = None,
+    seed: int | None = None,
+    parameters: Mapping[str, Written] | None = None,
+    estimator: StrPath | None = None,
+    ahrs: bool = False,
+    call_limit: float = Limits.call,
+    memory_limit: float = Limits.memory / GIB,
+    dask: str | None = None,
+    dask_ca: StrPath | None = None,
+    dask_cert: StrPath | None = None,
+    dask_key: StrPath | None = None,
+    out: StrPath | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> MatrixResult:
+    """Run many trials of each controller with each plant in each scenario.
+
+    Trial i has the same seed in every cell. An interrupted matrix goes on where it was when it is called
+    again with the same arguments.
+
+    >>> from harness import run_matrix
+    >>> matrix = run_matrix(["cmec", "quarter_turn"], ["canine"], ["two_waypoint"], system="cts", trials=50)
+    >>> [(cell["controller"], cell["trials"]) for cell in matrix.cells]
+    [('cmec', 50), ('quarter_turn', 50)]
+    >>> matrix.comparisons[0]["better"]
+    'cmec'
+
+    Args:
+        controllers, plants: blocks of ours by name, or paths of FMUs; by default all of ours that obey
+            commands.
+        scenarios: `Scenario`s, names of shipped ones, or paths of .toml.
+        trials: of each cell.
+        system: `cts` gives the controller the true state, `full` the estimate; by default each scenario's.
+        reading: over the scenarios'.
+        seed: of the first trial of each cell; by default the first scenario's.
+        parameters: values over the scenarios', by `block.name`, in the cells that have the block; angles in
+            degrees.
+        estimator: one of ours by its name, or an FMU.
+        ahrs, call_limit, memory_limit, dask, dask_ca, dask_cert, dask_key: as in `run_sweep`.
+        out: the folder of the results; by default out/matrix, and what is special.
+        progress: called with the number of trials done.
+
+    Raises:
+        UsageError: a name, a value or a path does not fit.
+        CanineError: no cell can run, or a fault that is not an FMU's; the trials that are done are kept.
+    """
+    from harness.sweep import matrix  # noqa: PLC0415 - compilers and pictures: trials need not wait
+
+    for what, names in (("controllers", controllers), ("plants", plants), ("scenarios", scenarios)):
+        if names is not None and (isinstance(names, str) or not isinstance(names, Sequence)):
+            raise UsageError(f'{what} is {names!r}; expected a list, ["cmec", "mine.fmu"]')
+    _check_type("trials", trials, Integral, "a whole number")
+    _check_choice("reading", reading, tuple(READINGS))
+    limits = _limits(call_limit, memory_limit)
+    notes: list[str] = []
+    planned = matrix.plan_matrix(
+        None if controllers is None else [str(name) for name in controllers],
+        None if plants is None else [str(name) for name in plants],
+        [one if isinstance(one, Scenario) else str(one) for one in scenarios],
+        trials=trials,
+        system=system,
+        reading=reading,
+        seed=seed,
+        settings=_settings(parameters),
+        estimator=_text(estimator),
+        ahrs=ahrs,
+        limits=limits,
+        note=notes.append,
+    )
+    folder = matrix.default_folder(planned) if out is None else Path(out)
+    result = matrix.run(
+        planned,
+        folder,
+        dask,
+        certificates=_certificates(dask_ca, dask_cert, dask_key),
+        progress=progress,
+        note=notes.append,
+    )
+    return MatrixResult(folder, result.facts(), tuple(notes), tuple(result.faults))
 
 
 def run_replay(
@@ -616,3 +762,21 @@ def _settings(parameters: Mapping[str, Written] | None) -> Sequence[str]:
     """Parameters as `--set` has them."""
     _check_type("parameters", parameters, Mapping, 'a mapping, {"cmec.moving_deviation": 37}')
     return [f"{name}={toml_of(value, name)}" for name, value in (parameters or {}).items()]
+
+
+def _text(name: StrPath | None) -> str | None:
+    return None if name is None else str(name)
+
+
+def _limits(call: float, memory: float) -> Limits:
+    """The limits for FMUs of others, checked."""
+    _check_range("call_limit", call, "s", CALL_LIMIT_S)
+    _check_range("memory_limit", memory, "GiB", MEMORY_LIMIT_GIB)
+    return Limits(call=call, memory=int(memory * GIB))
+
+
+def _certificates(*paths: StrPath | None) -> Certificates:
+    """The authority's certificate, this machine's, and its key."""
+    from harness.sweep.tls import Certificates  # noqa: PLC0415 - as above
+
+    return Certificates(*(None if path is None else Path(path) for path in paths))

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 import typer
 
 from codegen.firmware.targets import TARGETS
+from harness.cosim.stepping import CALL_LIMIT_S, MEMORY_LIMIT_GIB
 from models.kit.random import MAX_SEED
 
 Seed = Annotated[int | None, typer.Option(min=0, max=MAX_SEED, help="the trial's number")]
@@ -38,3 +39,17 @@ Onboard = Annotated[
     ),
 ]
 Fmi = Annotated[Literal["2", "3"] | None, typer.Option(help="version of our FMUs; 2 by default")]
+CallLimit = Annotated[
+    float,
+    typer.Option(
+        min=CALL_LIMIT_S[0], max=CALL_LIMIT_S[1], help="s that one call of an FMU made elsewhere may take"
+    ),
+]
+MemoryLimit = Annotated[
+    float,
+    typer.Option(
+        min=MEMORY_LIMIT_GIB[0],
+        max=MEMORY_LIMIT_GIB[1],
+        help="GiB that all FMUs may take, if one was made elsewhere",
+    ),
+]

@@ -15,7 +15,7 @@ from models.kit.block import Block, Row, moves, triggered
 from models.kit.declaration import SX, Integer, Parameter
 from models.kit.geometry import all_of
 from models.kit.tracing import Condition
-from models.modes import Mode
+from models.modes import Anomaly, Mode
 
 
 class Leader(Block):
@@ -52,6 +52,7 @@ class Leader(Block):
     target_north, target_east = Cmec.target_north, Cmec.target_east
     route_north, route_east = Cmec.route_north, Cmec.route_east
     base_north, base_east = Cmec.base_north, Cmec.base_east
+    anomalies = Cmec.anomalies
     reset_turns = True  # what Cmec.advance asks: MAXTURN is per waypoint (4.1.4.2)
 
     watch = Cmec.watch
@@ -65,8 +66,10 @@ class Leader(Block):
     def begin(m) -> None:
         """Latch the mission; the first command is forward."""
         m._latch()
+        m.anomalies = ca.SX.zeros(len(Anomaly) - 1)
 
     end, interrupt, advance, aim, answer = Cmec.end, Cmec.interrupt, Cmec.advance, Cmec.aim, Cmec.answer
+    report = Cmec.report
 
     _latch: Callable[..., None] = Cmec._latch
     _begun: Callable[..., SX] = Cmec._begun

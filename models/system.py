@@ -134,7 +134,10 @@ def by_name(
 
 
 def full_system(
-    plant: type[Block] = Canine, estimator: type[Block] = FourState, ahrs: type[Block] | None = None
+    plant: type[Block] = Canine,
+    estimator: type[Block] = FourState,
+    ahrs: type[Block] | None = None,
+    controller: type[Block] = Cmec,
 ) -> System:
     """The whole loop: plant, sensors, estimator, controller, command module.
 
@@ -147,7 +150,7 @@ def full_system(
         "sensors": Sensors,
         **between,
         "estimator": estimator,
-        "controller": Cmec,
+        "controller": controller,
         "command_module": CommandModule,
         "plant": plant,
     }
@@ -177,6 +180,7 @@ ESTIMATORS: dict[str, type[Estimator]] = {
     block.title(): block for block in (FourState, SixState, SevenState, TwoBias, CanineTracker)
 }
 ESTIMATOR = FourState.title()  # by default
+PLANT, CONTROLLER = Canine.title(), Cmec.title()  # by default
 CONTROLLERS: dict[str, type[Block]] = {block.title(): block for block in (Cmec, QuarterTurn, Proportional)}
 PLANTS: dict[str, type[Block]] = {
     block.title(): block for block in (Canine, Pedestrian, DifferentialDrive, Profile)
@@ -186,6 +190,7 @@ SYSTEMS: dict[str, System] = {
     "full_ahrs": full_system(ahrs=CanineAhrs),
     "cts": trial_simulator(),
 }
+DEFAULTS = {"estimator": ESTIMATOR, "plant": PLANT, "controller": CONTROLLER}  # by role
 BLOCKS: tuple[type[Block], ...] = tuple(
     dict.fromkeys(
         [
@@ -204,21 +209,32 @@ BLOCKS: tuple[type[Block], ...] = tuple(
 
 
 @cache
-def find_system(name: str, estimator: str = ESTIMATOR) -> System:
-    """A system by its name, with the estimator of this name in it.
+def find_system(
+    name: str, estimator: str = ESTIMATOR, plant: str = PLANT, controller: str = CONTROLLER
+) -> System:
+    """A system by its name, with the blocks of these names in it.
 
     Raises:
-        UsageError: there is no such system or estimator, or the system has no place for one.
+        UsageError: there is no such system or block, or the system has no place for an estimator.
     """
     if name not in SYSTEMS:
         raise UsageError(f'there is no system "{name}"{nearest(name, SYSTEMS)}')
-    system, block = SYSTEMS[name], find_estimator(estimator)
-    if estimator == ESTIMATOR:
+    system, filter_block = SYSTEMS[name], find_estimator(estimator)
+    chosen = {"estimator": estimator, "plant": plant, "controller": controller}
+    others = [block for role, block in chosen.items() if block != DEFAULTS[role]]
+    if not others:
         return system
-    if "estimator" not in system.components:
+    for role, known in (("plant", PLANTS), ("controller", CONTROLLERS)):
+        if chosen[role] not in known:
+            raise UsageError(f'there is no {role} "{chosen[role]}"{nearest(chosen[role], known)}')
+    if "estimator" in system.components:
+        ahrs = system.components.get("ahrs")
+        made = full_system(PLANTS[plant], filter_block, ahrs, CONTROLLERS[controller])
+    elif estimator == ESTIMATOR:
+        made = trial_simulator(PLANTS[plant], CONTROLLERS[controller])
+    else:
         raise UsageError(f'system "{name}" has no estimator; {estimator} needs the system "full"')
-    own = full_system(system.components["plant"], block, system.components.get("ahrs"))
-    return replace(own, name=f"{name}_{estimator}")
+    return replace(made, name="_".join((name, *others)))
 
 
 def find_estimator(name: str) -> type[Estimator]:

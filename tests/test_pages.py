@@ -19,9 +19,9 @@ FILES = [
     f"/{path.relative_to(PROJECT)}" for floor in (*FLOORS, "tests") for path in (PROJECT / floor).rglob("*.*")
 ]
 MADE = {  # by commands, by generators, or by users
-    "block_fmu.h", "dog.toml", "fit.json", "fit.toml", "fixes.h", "mine.toml", "models.h", "mrg32k3a.h",
-    "my.toml", "navigation.h", "outages.json", "pil.json", "recommendation.json", "recording.toml",
-    "seeds.csv", "summary.json", "tune.json", "tune.toml", "units.json",
+    "block_fmu.h", "dog.toml", "fit.json", "fit.toml", "fixes.h", "matrix.json", "mine.toml", "models.h",
+    "mrg32k3a.h", "my.toml", "navigation.h", "outages.json", "pil.json", "recommendation.json",
+    "recording.toml", "seeds.csv", "summary.json", "tune.json", "tune.toml", "units.json",
 }  # fmt: skip
 
 

@@ -20,7 +20,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import islice
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -31,9 +31,11 @@ from harness.sweep.tls import Certificates, check_use, open_note, refusal, secur
 from models.commands import ENDS, Status
 from models.disturbance import FaultyLink
 from models.errors import CanineError, UsageError
+from models.kit.block import Block
 from models.modes import Anomaly
-from models.system import ESTIMATOR, find_system
+from models.system import CONTROLLER, ESTIMATOR, PLANT, System, find_system
 
+TICK_S = Block.sample_time
 ANOMALIES = tuple(a.name.lower() for a in Anomaly if a is not Anomaly.NONE)
 OBSERVED = (
     "controller.status",
@@ -41,6 +43,7 @@ OBSERVED = (
     *(f"controller.anomalies[{i + 1}]" for i in range(len(ANOMALIES))),
 )
 SUMS = ("commands", "timeouts", *ANOMALIES)  # commands: of successful trials
+RUNS = ("harness/sweep/chunks.py", "harness/sweep/cosimulated.py", "harness/cosim", "harness/trial")
 # trials in a chunk at most: it takes some tenths of a second
 LARGEST = {"cts": 32_768, "full": 4_096, "full_ahrs": 4_096}
 SMALLEST = 2048  # trials in a chunk at least: fewer would leave vector lanes empty
@@ -56,8 +59,56 @@ Note = Callable[[str], None]
 Integers = npt.NDArray[np.int64]
 
 
+Piece = tuple[int, int]  # start and stop of trials
+
+
 class ClusterError(CanineError):
     """The cluster cannot run the chunks, or no longer answers."""
+
+
+class Trials(Protocol):
+    """Trials that run in chunks: a job, or the jobs of several cells.
+
+    Attributes:
+        trials: at each point.
+        point_count: number of points.
+        type_names: of the types of trials, which take turns at each point.
+        dtype: the smallest integer type that holds the index of any tick.
+    """
+
+    @property
+    def trials(self) -> int: ...
+
+    @property
+    def point_count(self) -> int: ...
+
+    @property
+    def type_names(self) -> tuple[str, ...]: ...
+
+    @property
+    def dtype(self) -> type[np.unsignedinteger[Any]]: ...
+
+    @property
+    def total(self) -> int:
+        """Number of trials."""
+
+    def part(self, start: int, stop: int) -> Trials:
+        """The same with only the points that the trials start <= k < stop need."""
+
+    def rounds(self, outcomes: Outcomes, width: int) -> Iterator[Iterable[Piece]]:
+        """The trials that `outcomes` lacks, cut for so many cores; each round begins after the one before."""
+
+    def run(self, start: int, stop: int) -> Chunk:
+        """Run the trials start <= k < stop."""
+
+    def packed(self) -> Trials:
+        """With all that the trials need on another machine."""
+
+    def prepare(self) -> None:
+        """Make what the trials need in this process."""
+
+    def abandon(self) -> None:
+        """End the trials that run in this process: nobody wants their results."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +138,7 @@ class Job:
 
     Attributes:
         system: name of one of SYSTEMS.
-        estimator: which of ours it has, if it has one.
+        estimator, plant, controller: which of ours it has; an estimator only if it has one.
         varied: the parameters that differ between the points, `component.parameter`.
         points: (points, varied), SI.
         trial_types: they take turns; all set the same variables at the same ticks, to different values.
@@ -106,6 +157,8 @@ class Job:
     first: int = 0
     estimator: str = ESTIMATOR
     faults: tuple[FaultyLink, ...] = ()
+    plant: str = PLANT
+    controller: str = CONTROLLER
 
     def __post_init__(self) -> None:
         first, *others = self.trial_types
@@ -115,9 +168,25 @@ class Job:
                 raise ValueError(f"{trial_type.name} sets other things, or at other times, than {first.name}")
 
     @property
+    def wired(self) -> System:
+        """The system with its blocks and its faults."""
+        system = find_system(self.system, self.estimator, self.plant, self.controller)
+        return system.with_faults(self.faults)
+
+    @property
+    def point_count(self) -> int:
+        """Number of points."""
+        return len(self.points)
+
+    @property
     def total(self) -> int:
         """Number of trials."""
         return len(self.points) * self.trials
+
+    @property
+    def type_names(self) -> tuple[str, ...]:
+        """The names of the types of trials."""
+        return tuple(trial_type.name for trial_type in self.trial_types)
 
     @property
     def by_type(self) -> tuple[str, ...]:
@@ -129,17 +198,82 @@ class Job:
         """The values at each point for each type of trial: (points * types, varied + by_type)."""
         by_type = [[trial_type.flat[name] for name in self.by_type] for trial_type in self.trial_types]
         width = len(self.varied) + len(self.by_type)
-        return np.array([(*p, *v) for p in self.points for v in by_type]).reshape(-1, width)
+        rows = [(*p, *v) for p in self.points for v in by_type]
+        return np.array(rows, dtype=np.float64).reshape(len(rows), width)
 
     @property
     def dtype(self) -> type[np.unsignedinteger[Any]]:
         """The smallest integer type that holds the index of any tick."""
-        return np.uint16 if max(trial_type.ticks for trial_type in self.trial_types) < 2**16 else np.uint32
+        return index_type(max(trial_type.ticks for trial_type in self.trial_types))
 
     def part(self, start: int, stop: int) -> Job:
         """The same job with only the points that the trials start <= k < stop need."""
         first, last = start // self.trials, (stop - 1) // self.trials
         return replace(self, points=self.points[first : last + 1], first=first)
+
+    def rounds(self, outcomes: Outcomes, width: int) -> Iterator[Iterable[Piece]]:
+        """All trials that `outcomes` lacks, in one round."""
+        yield cut(outcomes.missing(), chunk_size(self, self.total - outcomes.done, width))
+
+    def packed(self) -> Job:
+        """Itself: it is plain data."""
+        return self
+
+    def prepare(self) -> None:
+        """Compile the batch runner."""
+        batch_of(self)
+
+    def abandon(self) -> None:
+        """Nothing: a chunk takes some tenths of a second."""
+
+    def run(self, start: int, stop: int) -> Chunk:
+        """Run the trials start <= k < stop in the batch runner.
+
+        Raises:
+            CompileError: the compiler refuses the batch runner.
+        """
+        point, number = np.divmod(np.arange(start, stop), self.trials)
+        first, types = self.trial_types[0], len(self.trial_types)
+        results = batch_of(self).run(
+            first.values,
+            self.rows(),
+            ((point - self.first) * types + number % types).astype(np.int32),
+            (self.seed + number).astype(np.int32),
+            first.ticks,
+            changes=first.changes,
+        )
+        status = results.values[:, 0]
+        success = status == Status.SUCCESS
+        ticks = np.where(success, results.ticks, 0).astype(self.dtype)
+        counts = results.values.astype(np.int64)
+        counts[:, 0] = np.where(success, results.values[:, 1], 0)
+        counts[:, 1] = ~np.isin(status, list(ENDS))
+        sums = np.add.reduceat(counts, np.flatnonzero(np.diff(point, prepend=-1)))
+        return Chunk(start, stop, ticks, sums)
+
+
+def index_type(last: int) -> type[np.unsignedinteger[Any]]:
+    """The smallest integer type that holds the index of a tick up to the last."""
+    return np.uint16 if last < 2**16 else np.uint32
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A fault of an FMU that ended a trial.
+
+    Attributes:
+        number: of the trial at its point.
+        kind, component, fmu, call, time: as of `harness.cosim.fmu.Fault`; kind `refused` without one.
+        text: in words.
+    """
+
+    number: int
+    kind: str
+    component: str
+    fmu: str
+    call: str
+    time: float
+    text: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,12 +284,18 @@ class Chunk:
         ticks: (stop - start,) the tick on which each trial succeeded, 0 if it failed. No trial succeeds on
             tick 0, since the dog must be recalled before.
         sums: (points, SUMS) counts at the points that the chunk touches.
+        faults: of trials, which count as failed; the numbers are those of their point, which is one only.
+        gave_up: the point's other trials are not worth while.
+        notes: what the user should know of the point's first trial.
     """
 
     start: int
     stop: int
     ticks: npt.NDArray[np.unsignedinteger[Any]]
     sums: Integers
+    faults: tuple[Ended, ...] = ()
+    gave_up: bool = False
+    notes: tuple[str, ...] = ()
 
 
 class Outcomes:
@@ -165,37 +305,51 @@ class Outcomes:
         ticks: (points, trials) as in `Chunk`.
         sums: (points, SUMS).
         spans: start and stop of each chunk that is done.
+        faults: of trials, by point; `notes`: of the first trial, by point.
+        ran: (points,) trials that are to be counted at each point: all, or those before it was given up.
     """
 
-    def __init__(self, job: Job) -> None:
+    def __init__(self, job: Trials) -> None:
         self.job = job
         self._flat = np.zeros(job.total, dtype=job.dtype)
-        self.ticks = self._flat.reshape(len(job.points), job.trials)
-        self.sums: Integers = np.zeros((len(job.points), len(SUMS)), dtype=np.int64)
-        self.spans: list[tuple[int, int]] = []
+        self.ticks = self._flat.reshape(job.point_count, job.trials)
+        self.sums: Integers = np.zeros((job.point_count, len(SUMS)), dtype=np.int64)
+        self.spans: list[Piece] = []
+        self.faults: dict[int, list[Ended]] = {}
+        self.notes: dict[int, tuple[str, ...]] = {}
+        self.ran = [job.trials] * job.point_count
 
     @property
     def done(self) -> int:
-        """Number of trials that have run."""
-        return sum(stop - start for start, stop in self.spans)
+        """Number of trials that have run, or will not."""
+        left_out = self.job.point_count * self.job.trials - sum(self.ran)
+        return left_out + sum(stop - start for start, stop in self.spans)
 
     def add(self, chunk: Chunk) -> None:
         """Add a chunk's results."""
         self._flat[chunk.start : chunk.stop] = chunk.ticks
         first = chunk.start // self.job.trials
         self.sums[first : first + len(chunk.sums)] += chunk.sums
+        if chunk.faults:
+            self.faults.setdefault(first, []).extend(chunk.faults)
+        if chunk.notes:
+            self.notes[first] = chunk.notes
+        is_alone = all(start // self.job.trials != first for start, _ in self.spans)
+        if chunk.gave_up and is_alone:
+            self.ran[first] = chunk.stop - first * self.job.trials
         self.spans.append((chunk.start, chunk.stop))
 
-    def missing(self) -> Iterator[tuple[int, int]]:
+    def missing(self) -> Iterator[Piece]:
         """Start and stop of each stretch of trials that no chunk has covered."""
-        covered = 0
-        for start, stop in [*sorted(self.spans), (self.job.total, self.job.total)]:
+        covered, trials = 0, self.job.trials
+        given_up = [(k * trials + n, (k + 1) * trials) for k, n in enumerate(self.ran) if n < trials]
+        for start, stop in [*sorted([*self.spans, *given_up]), (self.job.total, self.job.total)]:
             if start > covered:
                 yield covered, start
             covered = stop
 
 
-def cut(stretches: Iterable[tuple[int, int]], size: int) -> Iterator[tuple[int, int]]:
+def cut(stretches: Iterable[Piece], size: int) -> Iterator[Piece]:
     """Cut stretches of trials into pieces of at most `size`."""
     for start, stop in stretches:
         for first in range(start, stop, size):
@@ -213,11 +367,10 @@ def batch_of(job: Job) -> Batch:
         CompileError: the compiler refuses it.
     """
     varied = (*job.varied, *job.by_type)
-    key = (job.system, job.estimator, job.faults, varied)
+    key = (job.system, job.estimator, job.plant, job.controller, job.faults, varied)
     with _compiling:
         if key not in _batches:
-            system = find_system(job.system, job.estimator).with_faults(job.faults)
-            _batches[key] = Batch(system, varied, OBSERVED, ("controller.status", ENDS))
+            _batches[key] = Batch(job.wired, varied, OBSERVED, ("controller.status", ENDS))
         no_trials = np.zeros(0, dtype=np.int32)  # compile once, before the threads start
         first = job.trial_types[0]
         _batches[key].run(first.values, job.rows(), no_trials, no_trials, first.ticks, changes=first.changes)
@@ -227,10 +380,10 @@ def batch_of(job: Job) -> Batch:
 @cache
 def program() -> str:
     """A hash of everything that decides a trial's outcome: models, generator, this file, tools' versions."""
-    return sources((*TRACED, "harness/sweep/chunks.py"), ("ziglang", "casadi"))
+    return sources((*TRACED, *RUNS), ("ziglang", "casadi"))
 
 
-def run_chunk(job: Job, start: int, stop: int, made_for: str) -> Chunk:
+def run_chunk(job: Trials, start: int, stop: int, made_for: str) -> Chunk:
     """Run the trials start <= k < stop in this process.
 
     Args:
@@ -243,24 +396,7 @@ def run_chunk(job: Job, start: int, stop: int, made_for: str) -> Chunk:
     """
     if made_for != program():
         raise ClusterError(f"a worker runs another version of this program, {program()[:12]}")
-    point, number = np.divmod(np.arange(start, stop), job.trials)
-    first, types = job.trial_types[0], len(job.trial_types)
-    results = batch_of(job).run(
-        first.values,
-        job.rows(),
-        ((point - job.first) * types + number % types).astype(np.int32),
-        (job.seed + number).astype(np.int32),
-        first.ticks,
-        changes=first.changes,
-    )
-    status = results.values[:, 0]
-    success = status == Status.SUCCESS
-    ticks = np.where(success, results.ticks, 0).astype(job.dtype)
-    counts = results.values.astype(np.int64)
-    counts[:, 0] = np.where(success, results.values[:, 1], 0)
-    counts[:, 1] = ~np.isin(status, list(ENDS))
-    sums = np.add.reduceat(counts, np.flatnonzero(np.diff(point, prepend=-1)))
-    return Chunk(start, stop, ticks, sums)
+    return job.run(start, stop)
 
 
 def chunk_size(job: Job, left: int, width: int) -> int:
@@ -309,9 +445,22 @@ def run_all(
         ClusterError: the cluster cannot run the chunks.
         CanineError: as a chunk's run raises it.
     """
-    job, made_for = outcomes.job, program()
-    left = job.total - outcomes.done
-    pieces = cut(outcomes.missing(), size or chunk_size(job, left, pool.width))
+    if size:
+        _run_round(outcomes, cut(outcomes.missing(), size), pool, keep, progress)
+        return
+    for pieces in outcomes.job.rounds(outcomes, pool.width):
+        _run_round(outcomes, pieces, pool, keep, progress)
+
+
+def _run_round(
+    outcomes: Outcomes,
+    cut_pieces: Iterable[Piece],
+    pool: Pool,
+    keep: Callable[[Chunk], None],
+    progress: Progress | None,
+) -> None:
+    """Run these pieces."""
+    job, made_for, pieces = outcomes.job, program(), iter(cut_pieces)
     under_way: dict[Future[Chunk], tuple[int, int, int]] = {}
 
     def submit(start: int, stop: int, attempts: int = ATTEMPTS) -> None:
@@ -350,7 +499,7 @@ ADDRESS = re.compile(r"(\w+://)?(\[[0-9a-fA-F:%.]+\]|[^\s:/\[\]]+):\d{1,5}/?|inp
 
 def pool_at(
     address: str | None,
-    job: Job,
+    job: Trials,
     note: Note = lambda text: None,
     certificates: Certificates = Certificates(),  # noqa: B008 - it is frozen
 ) -> AbstractContextManager[Pool]:
@@ -369,13 +518,14 @@ def pool_at(
 
 
 @contextmanager
-def _here(job: Job) -> Iterator[Pool]:
+def _here(job: Trials) -> Iterator[Pool]:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    batch_of(job)
+    job.prepare()
     executor = ThreadPoolExecutor(cores)
     try:
         yield Pool(executor, cores)
     finally:
+        job.abandon()
         executor.shutdown(wait=False, cancel_futures=True)
 
 

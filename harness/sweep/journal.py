@@ -13,6 +13,7 @@ import os
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +21,18 @@ import numpy as np
 
 from codegen.scratch import is_there
 from harness.files import differences
-from harness.sweep.chunks import SUMS, Chunk, Job
+from harness.sweep.chunks import SUMS, Chunk, Ended, Trials
 from models.errors import CanineError, UsageError
 
-JOURNAL = "sweep.journal"
+SWEEP = "sweep"  # what a journal is of
+
+
+def file_of(what: str) -> str:
+    """The name of the journal of a sweep, or of what else runs in chunks."""
+    return f"{what}.journal"
+
+
+JOURNAL = file_of(SWEEP)
 
 
 class JournalError(CanineError):
@@ -39,7 +48,8 @@ class Journal:
         empty: the journal holds no chunk.
     """
 
-    def __init__(self, path: Path, handle: int, job: Job) -> None:
+    def __init__(self, path: Path, handle: int, job: Trials) -> None:
+        self._what = path.stem
         self.path, self._handle, self._job = path, handle, job
         self.chunks: list[Chunk] = []
         self.dropped = 0
@@ -52,12 +62,15 @@ class Journal:
             JournalError: the disk has no room.
         """
         packed = base64.b64encode(zlib.compress(chunk.ticks.astype(_packed(self._job)).tobytes(), 1))
-        line = {
+        line: dict[str, object] = {
             "start": chunk.start,
             "stop": chunk.stop,
             "sums": chunk.sums.tolist(),
             "ticks": packed.decode(),
         }
+        if chunk.faults or chunk.gave_up or chunk.notes:
+            faults = [asdict(fault) for fault in chunk.faults]
+            line |= {"faults": faults, "gave_up": chunk.gave_up, "notes": chunk.notes}
         try:
             self._write(_line(line))
         except OSError as reason:
@@ -89,17 +102,17 @@ class Journal:
             header = _parsed(first)
             if header is None or "sweep" not in header:
                 raise UsageError(
-                    f"{self.path}: its first line is damaged, or it is not a sweep's journal; remove it, or "
-                    "choose another folder with --out"
+                    f"{self.path}: its first line is damaged, or it is not a {self._what}'s journal; "
+                    "remove it, or choose another folder with --out"
                 )
             if header["sweep"] != fingerprint:
                 held = header.get("identity")
                 others = list(differences(held, identity)) if isinstance(held, dict) else []
                 differs = ", ".join(others) or "another version of the program or its models"
                 raise UsageError(
-                    f"{self.path.parent}: holds another unfinished sweep ({header.get('about')}); it differs "
-                    f"in {differs}. Run that again to finish it, remove {self.path.name}, or choose another "
-                    "folder with --out"
+                    f"{self.path.parent}: holds another unfinished {self._what} ({header.get('about')}); it "
+                    f"differs in {differs}. Run that again to finish it, remove {self.path.name}, or choose "
+                    "another folder with --out"
                 )
             size = len(first)  # of the whole lines
             chunks: list[Chunk] = []
@@ -142,17 +155,26 @@ class Journal:
             ticks = np.frombuffer(zlib.decompress(base64.b64decode(content["ticks"])), _packed(self._job))
             sums = np.array(content["sums"], dtype=np.int64)
             points = (stop - 1) // self._job.trials - start // self._job.trials + 1
+            faults = tuple(Ended(**fault) for fault in content.get("faults", ()))
         except (KeyError, ValueError, TypeError, zlib.error):
             return None
         fits = 0 <= start < stop <= self._job.total and ticks.shape == (stop - start,)
         if not fits or sums.shape != (points, len(SUMS)):
             return None
-        return Chunk(start, stop, ticks.astype(self._job.dtype), sums)
+        gave_up = bool(content.get("gave_up", False))
+        notes = tuple(map(str, content.get("notes", ())))
+        return Chunk(start, stop, ticks.astype(self._job.dtype), sums, faults, gave_up, notes)
 
 
 @contextmanager
 def open_journal(
-    folder: Path, job: Job, fingerprint: str, about: str, identity: Mapping[str, Any] | None = None
+    folder: Path,
+    job: Trials,
+    fingerprint: str,
+    about: str,
+    identity: Mapping[str, Any] | None = None,
+    *,
+    what: str = SWEEP,
 ) -> Iterator[Journal]:
     """Open and lock the journal in a folder: this job's, with the chunks done before, or a new one.
 
@@ -160,13 +182,14 @@ def open_journal(
         fingerprint: a hash of everything that decides the results.
         about: the job in words, for error messages about its journal.
         identity: what tells it from others, for what differs.
+        what: it is.
 
     Raises:
         UsageError: the file is another job's journal or not a journal, another process is writing it, or the
             folder cannot be made or written into.
         JournalError: the file cannot be written.
     """
-    path = folder / JOURNAL
+    path = folder / file_of(what)
     handle = _locked(path)
     try:
         journal = Journal(path, handle, job)
@@ -193,7 +216,7 @@ def _locked(path: Path) -> int:
         except BlockingIOError:
             os.close(handle)
             raise UsageError(
-                f"{path.parent}: another sweep is being written there; choose another folder with --out"
+                f"{path.parent}: another {path.stem} is being written there; choose another folder with --out"
             ) from None
         except BaseException:
             os.close(handle)
@@ -219,6 +242,6 @@ def _parsed(line: bytes) -> dict[str, Any] | None:
     return content if isinstance(content, dict) else None
 
 
-def _packed(job: Job) -> np.dtype[np.unsignedinteger]:
+def _packed(job: Trials) -> np.dtype[np.unsignedinteger]:
     """The type of ticks in the file: little-endian on every machine."""
     return np.dtype(job.dtype).newbyteorder("<")

@@ -12,21 +12,25 @@ import math
 import os
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from decimal import Decimal
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 from rich.console import Console
 from rich.markup import escape
 
 from codegen.batch.batch import Change
+from harness.cosim.stepping import Limits
 from harness.files import replaced, write_whole
-from harness.sweep.chunks import Job, Outcomes, Progress, TrialType, pool_at, program, run_all
-from harness.sweep.journal import open_journal
+from harness.sweep.cells import Cells
+from harness.sweep.chunks import TICK_S, Job, Outcomes, Progress, Trials, TrialType, pool_at, program, run_all
+from harness.sweep.components import Components, find_components
+from harness.sweep.cosimulated import Cosimulated
+from harness.sweep.journal import SWEEP, open_journal
 from harness.sweep.recommend import number, recommend
-from harness.sweep.table import THRESHOLD_COLUMN, TICK_S, Point, csv_of, name_of, plain, table_of
+from harness.sweep.table import THRESHOLD_COLUMN, Point, csv_of, name_of, plain, table_of
 from harness.sweep.tls import Certificates
 from harness.terminal import new_table, percent, print_table
 from harness.trial.faults import Faults, resolve_faults
@@ -38,12 +42,13 @@ from models.errors import UsageError, nearest
 from models.kit.declaration import Type, Variable
 from models.kit.random import MAX_SEED
 from models.readings import READING
-from models.system import ESTIMATOR, SYSTEMS, find_estimator, find_system
+from models.system import CONTROLLER, ESTIMATOR, PLANT, SYSTEMS, System, find_system
 
 TRIAL_TYPES = {"two": ("two_waypoint",), "three": ("right_90", "left_90", "right_45", "left_45")}
 THRESHOLD = "cmec.moving_deviation"
 TWO_WAYPOINTS, MORE_WAYPOINTS = "15:90", "15:65"  # deg, 5.3.5 and 5.3.6
 MAX_POINTS, MAX_TRIALS = 10_000, 100_000_000
+Results = TypeVar("Results")
 SHOWN = 13  # rows of the table in the terminal
 CSV, PICTURE, RECOMMENDATION = "sweep.csv", "sweep.png", "recommendation.json"
 
@@ -83,18 +88,36 @@ class Sweep:
     Attributes:
         name: `two`, `three`, or the scenario's.
         axes: one or two; the last varies first from point to point.
-        job: the trials as plain data.
+        work: the trials as plain data.
         scenarios: one for each type of trial.
         reading: of all scenarios.
+        system: its name, with those of the blocks in it that are not the usual ones.
+        seed: of the first trial at each point.
+        swaps: FMUs of others by role, as they were named.
         special: what differs from the sweep of the name alone: reading, system, seed, varied parameters.
     """
 
     name: str
     axes: tuple[Axis, ...]
-    job: Job
+    work: Job | Cells
     scenarios: tuple[Scenario, ...]
     reading: str
+    system: str
+    seed: int
+    swaps: Mapping[str, str] = field(default_factory=dict)
     special: tuple[str, ...] = ()
+
+    @property
+    def job(self) -> Job:
+        """The trials of a sweep of our own blocks."""
+        if not isinstance(self.work, Job):
+            raise TypeError(f"{self.name}: runs FMUs, {', '.join(self.swaps.values())}")
+        return self.work
+
+    @property
+    def has_fmus(self) -> bool:
+        """Does it run FMUs of others?"""
+        return bool(self.swaps)
 
     @property
     def points(self) -> list[tuple[Decimal, ...]]:
@@ -106,8 +129,9 @@ class Sweep:
         """The sweep in words."""
         ranges = ", ".join(f"{name_of(axis.column)} {_span(axis)}" for axis in self.axes)
         return (
-            f"{self.name}: {ranges}, {self.job.trials} trials a point from seed {self.job.seed} on, "
-            f"{find_system(self.job.system, self.job.estimator).name}, {self.reading}"
+            f"{self.name}: {ranges}, {self.work.trials} trials a point from seed {self.seed} on, "
+            f"{self.system}, {self.reading}"
+            + "".join(f", {role} {name}" for role, name in self.swaps.items())
         )
 
     @property
@@ -115,10 +139,11 @@ class Sweep:
         """What tells the sweep from others, as recommendation.json states it."""
         return {
             "sweep": self.name,
-            "system": find_system(self.job.system, self.job.estimator).name,
+            "system": self.system,
+            **self.swaps,
             "reading": self.reading,
-            "trials": self.job.trials,
-            "seed": self.job.seed,
+            "trials": self.work.trials,
+            "seed": self.seed,
             "varied": {
                 axis.column: {
                     "name": name_of(axis.column),
@@ -136,7 +161,7 @@ class Sweep:
     @property
     def fingerprint(self) -> str:
         """A hash of everything that decides the results."""
-        job = asdict(self.job)
+        job = asdict(self.work)
         texts = [scenario.text() for scenario in self.scenarios]
         written = [[axis.column, *map(str, axis.written)] for axis in self.axes]
         everything = json.dumps([program(), texts, written, job], sort_keys=True, default=str)
@@ -155,7 +180,11 @@ def plan_sweep(
     settings: Sequence[str] = (),
     estimator: str | None = None,
     ahrs: bool = False,
+    plant: str | None = None,
+    controller: str | None = None,
+    limits: Limits = Limits(),  # noqa: B008 - it is frozen
     note: Callable[[str], None] = lambda text: None,
+    built: Callable[[Path], None] = lambda path: None,
 ) -> Sweep:
     """Resolve the options of `canine sweep` to a sweep.
 
@@ -169,34 +198,37 @@ def plan_sweep(
         reading: overrides the scenario's.
         seed: of the first trial at each point; overrides the scenario's.
         settings: `block.name=value`; override the scenario's parameters.
-        estimator: of ours; by default the scenario's where the system has one.
+        estimator: of ours by name, or the path of an FMU; by default the scenario's where the system has one.
         ahrs: put our AHRS between sensors and estimator of the system full.
+        plant, controller: of ours by name, or the path of an FMU.
+        limits: for FMUs of others.
         note: called with a line for the user.
+        built: called with each of our FMUs that had to be built.
 
     Raises:
         ScenarioError: the scenario or a setting is invalid, or a value is out of its range.
         SweepError: a range, or the number of points, trials or seeds is invalid.
     """
-    if system not in SYSTEMS:
-        raise SweepError(f"--system {system}: there is no such system{nearest(system, SYSTEMS)}")
-    if ahrs and system not in ("full", "full_ahrs"):
-        raise SweepError(f"--ahrs: the system {system} has no sensors; sweep with --system full")
-    system = "full_ahrs" if ahrs else system
-    if estimator is not None:
-        find_estimator(estimator)
-        if system not in with_estimator():
-            raise SweepError(
-                f"--estimator {estimator}: the system {system} gives the controller the true state; "
-                "sweep with --system full"
-            )
+    components = find_components(estimator=estimator, plant=plant, controller=controller)
+    options = Options(system, estimator, ahrs, reading, seed)
     targets = (target,) if isinstance(target, Scenario) else TRIAL_TYPES.get(target, (target,))
-    scenarios = [_adapted(one, (system, estimator), reading, seed, settings) for one in targets]
+    scenarios = [adapted(one, options, settings, components) for one in targets]
     first = scenarios[0]
-    interfaces = interfaces_of_system(find_system(system, first.estimator))
+    if components.foreign:
+        cell = Cosimulated(tuple(scenarios), components.swaps, trials, first.seed, limits)
+        with cell.ready(first, built) as ready:
+            interfaces = ready.interfaces
+    else:
+        interfaces = interfaces_of_system(components.system(first))
     ranges = [_split(text) for text in vary]
     if thresholds is not None or not ranges:
         default = TWO_WAYPOINTS if len(first.waypoints) == 1 else MORE_WAYPOINTS
         ranges.insert(0, ("--thresholds", THRESHOLD, default if thresholds is None else thresholds))
+        if interfaces["controller"].block != CONTROLLER:
+            raise SweepError(
+                f"--thresholds: h' is {THRESHOLD}, which {interfaces['controller'].label} does not have; "
+                "vary a parameter of its own with --vary, or compare controllers with `canine matrix`"
+            )
     if len(ranges) > 2:
         raise SweepError(
             f"{len(ranges)} parameters are varied ({', '.join(name for _, name, _ in ranges)}); "
@@ -209,29 +241,74 @@ def plan_sweep(
         for axis in axes:
             if axis.variable in _variables(setting.partition("=")[0].strip(), interfaces):
                 raise SweepError(f"--set {setting}: the parameter is varied; leave out one of the two")
-    job = Job(
-        system,
-        tuple(axis.variable for axis in axes),
-        tuple(product(*(axis.values for axis in axes))),
-        tuple(_trial_type(scenario, interfaces, axes, note) for scenario in scenarios),
-        trials,
-        first.seed,
-        estimator=first.estimator,
-        faults=_faults(first, interfaces).links,
-    )
-    _check_size(job)
+    job: Job | Cells
+    if components.foreign:
+        job = Cells(tuple(_cell_at(point, cell, axes) for point in product(*(a.written for a in axes))))
+        check_size(job, first.seed)
+        _check_cells(job, note)
+    else:
+        job = native_job(scenarios, components, axes, trials, note)
+        check_size(job, first.seed)
     own = targets[0] if isinstance(targets[0], Scenario) else load(targets[0])
     columns = tuple(axis.column for axis in axes)
     chosen = first.reading or READING
     special = (
         *([chosen] if chosen != (own.reading or READING) else []),
-        *([system] if system != "cts" else []),
+        *([first.system] if first.system != "cts" else []),
         *([first.estimator] if first.estimator != ESTIMATOR else []),
+        *(Path(str(swap)).stem for swap in (plant, controller) if swap not in (None, PLANT, CONTROLLER)),
+        *([Path(components.names["estimator"]).stem] if "estimator" in components.fmus else []),
         *([f"seed{first.seed}"] if first.seed != own.seed else []),
         *(columns if columns != (THRESHOLD_COLUMN,) else ()),
     )
     name = target if isinstance(target, str) and target in TRIAL_TYPES else first.name
-    return Sweep(name, axes, job, tuple(scenarios), chosen, special)
+    return Sweep(
+        name, axes, job, tuple(scenarios), chosen, components.system(first).name, first.seed,
+        components.fmus, special,
+    )  # fmt: skip
+
+
+def native_job(
+    scenarios: Sequence[Scenario],
+    components: Components,
+    axes: Sequence[Axis],
+    trials: int,
+    note: Callable[[str], None],
+) -> Job:
+    """The trials of our own blocks; the scenarios take turns."""
+    first, wired = scenarios[0], components.system(scenarios[0])
+    return Job(
+        first.system,
+        tuple(axis.variable for axis in axes),
+        tuple(product(*(axis.values for axis in axes))),
+        tuple(trial_type(scenario, wired, axes, note) for scenario in scenarios),
+        trials,
+        first.seed,
+        estimator=first.estimator,
+        plant=components.block("plant") or PLANT,
+        controller=components.block("controller") or CONTROLLER,
+        faults=_faults(first, wired).links,
+    )
+
+
+def _cell_at(point: Sequence[Decimal], cell: Cosimulated, axes: Sequence[Axis]) -> Cosimulated:
+    """The trials at a point of a sweep with FMUs."""
+    scenarios = cell.scenarios
+    for axis, value in zip(axes, point, strict=True):
+        scenarios = tuple(scenario.override([f"{axis.variable}={plain(value)}"]) for scenario in scenarios)
+    return replace(cell, scenarios=scenarios)
+
+
+def _check_cells(job: Cells, note: Callable[[str], None]) -> None:
+    """Resolve the first trial of each point, so that what does not fit is told before the first one runs."""
+    notes: dict[str, None] = {}  # in order, each once
+    for turn in range(len(job.cells[0].type_names)):
+        cells = [cell for cell in job.cells if isinstance(cell, Cosimulated)]
+        with cells[0].ready(cells[0].scenarios[turn]) as ready:
+            for cell in cells:
+                notes |= dict.fromkeys(ready.planned(cell.scenarios[turn]).notes)
+    for text in notes:
+        note(text)
 
 
 def _told_by_scenario(scenario: Scenario) -> dict[str, Any]:
@@ -244,49 +321,100 @@ def _told_by_scenario(scenario: Scenario) -> dict[str, Any]:
     }
 
 
-def _check_size(job: Job) -> None:
+def check_size(job: Trials, seed: int) -> None:
+    """Refuse more trials than can be run, or than there are seeds.
+
+    Raises:
+        SweepError: there are.
+    """
     if job.trials < 1:
         raise SweepError(f"--trials {job.trials}: expected at least 1")
-    if len(job.points) > MAX_POINTS:
-        raise SweepError(f"{len(job.points)} points; expected at most {MAX_POINTS}: take larger steps")
-    if job.seed + job.trials - 1 > MAX_SEED:
+    if job.point_count > MAX_POINTS:
+        raise SweepError(f"{job.point_count} points; expected at most {MAX_POINTS}: take larger steps")
+    if seed + job.trials - 1 > MAX_SEED:
         raise SweepError(
-            f"--trials {job.trials}: the last would have seed {job.seed + job.trials - 1}, expected at most "
-            f"{MAX_SEED}; take at most {MAX_SEED - job.seed + 1} trials, or a smaller --seed"
+            f"--trials {job.trials}: the last would have seed {seed + job.trials - 1}, expected at most "
+            f"{MAX_SEED}; take at most {MAX_SEED - seed + 1} trials, or a smaller --seed"
         )
     if job.total > MAX_TRIALS:
         raise SweepError(
-            f"{len(job.points)} points of {job.trials} trials are {job.total} trials; expected at most "
-            f"{MAX_TRIALS}: take at most {MAX_TRIALS // len(job.points)} a point, or fewer points"
+            f"{job.point_count} points of {job.trials} trials are {job.total} trials; expected at most "
+            f"{MAX_TRIALS}: take at most {MAX_TRIALS // job.point_count} a point, or fewer points"
         )
 
 
-def _adapted(
+@dataclass(frozen=True)
+class Options:
+    """What overrides scenarios; None keeps the scenario's own.
+
+    Attributes:
+        system: name of one of SYSTEMS.
+        estimator: of ours by name, or the path of an FMU.
+        ahrs: put our AHRS between sensors and estimator of the system full.
+
+    Raises:
+        SweepError: the system does not exist, or has no place for the estimator or the AHRS.
+    """
+
+    system: str | None = None
+    estimator: str | None = None
+    ahrs: bool = False
+    reading: str | None = None
+    seed: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.system is not None and self.system not in SYSTEMS:
+            raise SweepError(
+                f"--system {self.system}: there is no such system{nearest(self.system, SYSTEMS)}"
+            )
+        if self.system is not None:
+            self.system_of(self.system)
+
+    def system_of(self, own: str) -> str:
+        """The system that a scenario of the system `own` is run with."""
+        system = self.system or own
+        if self.ahrs and system not in ("full", "full_ahrs"):
+            raise SweepError(f"--ahrs: the system {system} has no sensors; sweep with --system full")
+        if self.estimator is not None and system not in with_estimator():
+            raise SweepError(
+                f"--estimator {self.estimator}: the system {system} gives the controller the true state; "
+                "sweep with --system full"
+            )
+        return "full_ahrs" if self.ahrs else system
+
+
+def adapted(
     target: str | Scenario,
-    chosen: tuple[str, str | None],
-    reading: str | None,
-    seed: int | None,
+    options: Options,
     settings: Sequence[str],
+    components: Components,
 ) -> Scenario:
-    """A type of trial's scenario with the sweep's options: system and estimator, reading, seed, settings."""
-    system, estimator = chosen
+    """A type of trial's scenario with the options over it.
+
+    Args:
+        settings: `block.name=value`.
+        components: what takes the places of plant, controller and estimator.
+
+    Raises:
+        ScenarioError, SweepError: the scenario cannot be read, or an option or a setting does not fit it.
+    """
     scenario = checked(target) if isinstance(target, Scenario) else load(target, known=TRIAL_TYPES)
     if scenario.package is not None:
         raise SweepError(
             f"{scenario.name}: runs the package {scenario.system}; a sweep compiles our own systems, "
             f"{' and '.join(SYSTEMS)}: name one of them as its system, or run it with `canine run`"
         )
-    if system not in with_estimator():
-        estimator = ESTIMATOR
-    scenario = replace(scenario, system=system, estimator=estimator or scenario.estimator)
-    scenario = scenario.override(settings, seed)
-    scenario = replace(scenario, reading=reading or scenario.reading or READING)
-    owners = _owners(interfaces_of_system(find_system(system, scenario.estimator)))
+    system = options.system_of(scenario.system)
+    own = scenario.estimator if system in with_estimator() else ESTIMATOR
+    scenario = replace(scenario, system=system, estimator=components.block("estimator") or own)
+    scenario = scenario.override(settings, options.seed)
+    scenario = replace(scenario, reading=options.reading or scenario.reading or READING)
+    owners = _owners(find_system(system, scenario.estimator)) | _owners(components.system(scenario))
     disturbed = [fault.signal for fault in scenario.faults if fault.kind != LOST]
     for address in [*scenario.parameters, *(s.variable for s in scenario.sets), *disturbed]:
         owner = address.partition(".")[0]
         for other in SYSTEMS:
-            if owner not in owners and owner in _owners(interfaces_of_system(SYSTEMS[other])):
+            if owner not in owners and owner in _owners(SYSTEMS[other]):
                 raise SweepError(
                     f'{scenario.name}: {address}: the system "{system}" has no {owner}; '
                     f"sweep with --system {other}, or leave it out"
@@ -294,9 +422,9 @@ def _adapted(
     return scenario
 
 
-def _owners(interfaces: Mapping[str, Interface]) -> set[str]:
+def _owners(system: System) -> set[str]:
     """The names of the components and of their blocks."""
-    return {*interfaces, *(interface.block for interface in interfaces.values())}
+    return {*system.components, *(block.title() for block in system.components.values())}
 
 
 def _variables(address: str, interfaces: Mapping[str, Interface]) -> list[str]:
@@ -311,24 +439,23 @@ def _variables(address: str, interfaces: Mapping[str, Interface]) -> list[str]:
     ]
 
 
-def _trial_type(
+def trial_type(
     scenario: Scenario,
-    interfaces: Mapping[str, Interface],
-    axes: Sequence[Axis],
-    note: Callable[[str], None],
+    system: System,
+    axes: Sequence[Axis] = (),
+    note: Callable[[str], None] = lambda text: None,
 ) -> TrialType:
     """A scenario resolved against its system, with ticks for times.
 
     Raises:
         ScenarioError: as `plan` raises it, or the scenario sets an input that is connected.
     """
+    interfaces = interfaces_of_system(system)
     resolved = plan(scenario, interfaces, varied=[axis.variable for axis in axes])
     for text in resolved.notes:
         note(f"{scenario.name}: {text}")
     _check_windows(scenario, interfaces, axes, resolved.values)
-    connected = {
-        (link.target, link.target_variable) for link in find_system(scenario.system, scenario.estimator).links
-    }
+    connected = {(link.target, link.target_variable) for link in system.links}
     changes = []
     for event in resolved.events:
         if (event.component, event.variable) in connected:
@@ -339,23 +466,21 @@ def _trial_type(
         tick = math.ceil(event.time / TICK_S - 1e-9)
         changes.append(Change(tick, event.component, event.variable, event.value))
     last = math.floor(scenario.duration / TICK_S + 1e-9)
-    faults = _faults(scenario, interfaces)
-    _, placed = disturb(find_system(scenario.system, scenario.estimator).links, faults.links)
+    faults = _faults(scenario, system)
+    _, placed = disturb(system.links, faults.links)
     values = resolved.values | faults.values_of(placed)
     return TrialType(scenario.name, values, tuple(changes), last)
 
 
-def _faults(scenario: Scenario, interfaces: Mapping[str, Interface]) -> Faults:
+def _faults(scenario: Scenario, system: System) -> Faults:
     """The faults of a scenario's signals.
 
     Raises:
         ScenarioError: as `resolve_faults` raises it, or a fault ends trials before their time.
     """
-    faults = resolve_faults(
-        scenario, interfaces, find_system(scenario.system, scenario.estimator).links, TICK_S
-    )
+    faults = resolve_faults(scenario, interfaces_of_system(system), system.links, TICK_S)
     for link, values in zip(faults.links, faults.values, strict=True):
-        if values["kind"] == Kind.NAN and link.source == "plant" and "sensors" in interfaces:
+        if values["kind"] == Kind.NAN and link.source == "plant" and "sensors" in system.components:
             raise ScenarioError(
                 f"{scenario.name}: [[fault]] nan of plant.{link.source_variable}: the sensors answer with "
                 "what is not finite, which ends a trial; disturb a signal of the sensors"
@@ -412,7 +537,7 @@ def _axis(
         for end, field in zip(("start", "end"), text.split(":"), strict=False):
             si_value(_as_written(_number(what, field), variable), variable, f"{what}: its {end}")
         raise
-    is_threshold = variables[0] == _variables(THRESHOLD, interfaces)[0]
+    is_threshold = variables == _variables(THRESHOLD, interfaces)
     unit = variable.unit.replace("rad", "deg") if is_angular(variable) else variable.unit
     column = THRESHOLD_COLUMN if is_threshold else address
     return Axis(column, "" if unit == "1" else unit, variables[0], written, values)
@@ -492,32 +617,83 @@ def run(
         CanineError: a fault in the trials or on the disk; the chunks done before are kept.
         KeyboardInterrupt: the user ended it; the chunks done before are kept.
     """
-    for name in (CSV, PICTURE, RECOMMENDATION):
+    return run_trials(
+        sweep,
+        folder,
+        lambda outcomes: report(sweep, outcomes, folder),
+        address,
+        what=SWEEP,
+        files=(CSV, PICTURE, RECOMMENDATION),
+        certificates=certificates,
+        progress=progress,
+        note=note,
+    )
+
+
+class Asked(Protocol):
+    """What asks for trials: a sweep or a matrix."""
+
+    @property
+    def work(self) -> Trials: ...
+
+    @property
+    def about(self) -> str: ...
+
+    @property
+    def identity(self) -> dict[str, Any]: ...
+
+    @property
+    def fingerprint(self) -> str: ...
+
+
+def run_trials(
+    asked: Asked,
+    folder: Path,
+    report: Callable[[Outcomes], Results],
+    address: str | None,
+    *,
+    what: str,
+    files: tuple[str, str, str],
+    certificates: Certificates,
+    progress: Progress | None,
+    note: Callable[[str], None],
+) -> Results:
+    """Run the trials that the folder's journal lacks, and report on them; the rest is as of `run`.
+
+    Args:
+        what: is run, a sweep or a matrix.
+        files: the names of the results; the last one holds the identity.
+        report: writes the results.
+    """
+    for name in files:
         if os.path.isdir(folder / name):  # unlike Path.is_dir, it raises nothing
             raise SweepError(f"{folder / name}: is a folder; remove it, or choose another one with --out")
-    with open_journal(folder, sweep.job, sweep.fingerprint, sweep.about, sweep.identity) as journal:
-        others = replaced(folder / RECOMMENDATION, sweep.identity)
+    job, identity = asked.work, asked.identity
+    with open_journal(folder, job, asked.fingerprint, asked.about, identity, what=what) as journal:
+        others = replaced(folder / files[-1], identity)
         if others:
-            note(f"{folder}: has the results of another sweep, which these replace ({others})")
-        outcomes = Outcomes(sweep.job)
+            note(f"{folder}: has the results of another {what}, which these replace ({others})")
+        outcomes = Outcomes(job if address is None else job.packed())
         for chunk in journal.chunks:
             outcomes.add(chunk)
         if journal.dropped:
             lines = f"{journal.dropped} damaged line{'s' * (journal.dropped > 1)}"
             note(f"{journal.path}: {lines} left out; those trials run again")
         if outcomes.done:
-            note(f"{outcomes.done} of {sweep.job.total} trials are there from before; going on")
+            note(f"{outcomes.done} of {job.total} trials are there from before; going on")
             if progress:
                 progress(outcomes.done)
         try:
-            if outcomes.done < sweep.job.total:
-                with pool_at(address, sweep.job, note, certificates) as pool:
+            if outcomes.done < job.total:
+                with pool_at(address, job, note, certificates) as pool:
                     run_all(outcomes, pool, journal.append, progress)
         except BaseException:
             if journal.empty:
                 journal.remove()
             raise
-        results = report(sweep, outcomes, folder)
+        for text in dict.fromkeys(text for notes in outcomes.notes.values() for text in notes):
+            note(f"in the first of many trials, {text}")
+        results = report(outcomes)
         journal.remove()
     return results
 
@@ -535,10 +711,21 @@ def report(sweep: Sweep, outcomes: Outcomes, folder: Path) -> tuple[list[Point],
     result = {**sweep.identity, **recommend(axes, table, outcomes.ticks)}
     recommendation = (json.dumps(result, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode()
     picture = sweep_png([(axis.label, axis.written) for axis in sweep.axes], table, result, sweep.about)
-    rows = csv_of([axis.column for axis in sweep.axes], table)
+    labels = [tuple(map(plain, point)) for point in sweep.points]
+    rows = csv_of([axis.column for axis in sweep.axes], labels, table, faults=sweep.has_fmus)
     for name, content in ((CSV, rows), (PICTURE, picture), (RECOMMENDATION, recommendation)):
         write_whole(folder / name, content)
     return table, result
+
+
+def faults_of(sweep: Sweep, table: Sequence[Point]) -> list[str]:
+    """What FMUs did wrong, a line for each point at which one did."""
+    lines = []
+    for point in table:
+        if point.verdict:
+            values = zip(sweep.axes, point.written, strict=True)
+            lines.append(f"{', '.join(f'{a.column} {plain(v)}' for a, v in values)}: {point.verdict}")
+    return lines
 
 
 def show(sweep: Sweep, table: Sequence[Point], result: Mapping[str, Any], console: Console) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
@@ -13,11 +14,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from harness.sweep.chunks import ANOMALIES, SUMS, Outcomes
+from harness.sweep.chunks import ANOMALIES, SUMS, TICK_S, Ended, Outcomes
 from harness.terminal import DEVIATION_THRESHOLD
-from models.kit.block import Block
 
-TICK_S = Block.sample_time
 THRESHOLD_COLUMN = "threshold_deg"
 Z_95 = 1.959963984540054  # the normal distribution's 97.5 % point
 BLOCK = 1 << 18  # squares summed at a time: their sum stays below 2^63 for the longest trials
@@ -34,6 +33,9 @@ class Point:
         timeouts: trials cut at their last tick, before any status ended them.
         anomalies: ticks that reported each kind, over all trials.
         trial_types: successes and trials of each type; empty if there is one type only.
+        faults: of FMUs, which ended trials that count as failed.
+        asked: trials that were asked for; of fewer, the point was given up.
+        refused: why there are no trials.
     """
 
     written: tuple[Decimal, ...]
@@ -45,6 +47,21 @@ class Point:
     timeouts: int
     anomalies: Mapping[str, int]
     trial_types: Mapping[str, tuple[int, int]]
+    faults: Sequence[Ended] = ()
+    asked: int = 0
+    refused: str = ""
+
+    @property
+    def verdict(self) -> str:
+        """What FMUs did to the trials, in words; "" if nothing."""
+        if not self.faults:
+            return self.refused
+        kinds = Counter(fault.kind for fault in self.faults)
+        first = min(self.faults, key=lambda fault: fault.number)
+        words = ", ".join(f"{kind} {count}" for kind, count in kinds.most_common())
+        given_up = f", then given up ({self.asked} asked for)" if self.trials < self.asked else ""
+        ended = f"{len(self.faults)} of {self.trials} trials ended by a fault ({words}){given_up}"
+        return f"{ended}; the first: {first.text}"
 
     @property
     def success_rate(self) -> float:
@@ -88,10 +105,10 @@ def wilson(successes: int, trials: int) -> tuple[float, float]:
 
 def table_of(points: Sequence[tuple[Decimal, ...]], outcomes: Outcomes) -> list[Point]:
     """A row for each point, in the order of `points`."""
-    names = [trial_type.name for trial_type in outcomes.job.trial_types]
+    names = outcomes.job.type_names
     table = []
     for index, written in enumerate(points):
-        ticks = outcomes.ticks[index]
+        ticks = outcomes.ticks[index][: outcomes.ran[index]]
         ticks_by_type = {name: ticks[turn :: len(names)] for turn, name in enumerate(names)}
         trial_types = {name: (int(np.count_nonzero(own)), own.size) for name, own in ticks_by_type.items()}
         sums = dict(zip(SUMS, map(int, outcomes.sums[index]), strict=True))
@@ -106,6 +123,8 @@ def table_of(points: Sequence[tuple[Decimal, ...]], outcomes: Outcomes) -> list[
                 sums["timeouts"],
                 {name: sums[name] for name in ANOMALIES},
                 trial_types if len(names) > 1 else {},
+                outcomes.faults.get(index, ()),
+                outcomes.job.trials,
             )
         )
     return table
@@ -121,24 +140,39 @@ def name_of(column: str) -> str:
     return DEVIATION_THRESHOLD if column == THRESHOLD_COLUMN else column
 
 
-def csv_of(columns: Sequence[str], table: Sequence[Point]) -> bytes:
-    """The table as CSV; a cell is empty where a value is None."""
+def csv_of(
+    columns: Sequence[str],
+    labels: Sequence[Sequence[str]],
+    table: Sequence[Point],
+    *,
+    faults: bool = False,
+) -> bytes:
+    """The table as CSV; a cell is empty where a value is None.
+
+    Args:
+        columns: names of the first columns; `labels`: what stands in them, by row.
+        faults: with the columns `faults` and `verdict` at the end.
+    """
     trial_types = list(table[0].trial_types)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(
         [
             *columns, "trials", "successes", "success_rate", "ci_low", "ci_high", "mean_time_s", "sd_time_s",
-            "mean_commands", "timeouts", *ANOMALIES, *trial_types,
+            "mean_commands", "timeouts", *ANOMALIES, *trial_types, *(["faults", "verdict"] if faults else []),
         ]
     )  # fmt: skip
-    for point in table:
-        numbers = [point.success_rate, *point.interval, point.mean_time, point.sd_time, point.mean_commands]
+    for label, point in zip(labels, table, strict=True):
+        numbers: list[float | None] = [None] * 6
+        if point.trials:
+            means = point.mean_time, point.sd_time, point.mean_commands
+            numbers = [point.success_rate, *point.interval, *means]
         rates = [point.rate_of(trial_type) for trial_type in trial_types]
         writer.writerow(
             [
-                *map(plain, point.written), point.trials, point.successes, *map(_cell, numbers),
+                *label, point.trials, point.successes, *map(_cell, numbers),
                 point.timeouts, *point.anomalies.values(), *map(_cell, rates),
+                *([len(point.faults), point.verdict] if faults else []),
             ]
         )  # fmt: skip
     return text.getvalue().encode()

@@ -60,11 +60,16 @@ class LogRows:
         if onboard is not None:
             self.channels.append(onboard.channel())
 
-    def write(self, log: LogWriter, times: Array, values: Mapping[str, Array]) -> None:
-        """Write rows as `Simulation.run` hands them over."""
+    def by_roles(self, values: Mapping[str, Array]) -> dict[str, Array]:
+        """Rows in the roles' units, with the columns of `channels`; as `Simulation.run` hands them over."""
         rows = dict(values)
         for name, (picked, factor, offset) in self.scales.items():
             rows[name] = values[name][:, picked] * factor + offset
+        return rows
+
+    def write(self, log: LogWriter, times: Array, values: Mapping[str, Array]) -> None:
+        """Write rows as `Simulation.run` hands them over."""
+        rows = self.by_roles(values)
         if self.onboard is not None:
             rows["telemetry"] = np.array([self.onboard.row(time) for time in times.tolist()])
         log.write_rows(times, rows)

@@ -21,7 +21,7 @@ from models.errors import nearest
 from models.kit.declaration import Type, Variable, flatten
 from models.kit.units import UNITS
 from models.readings import READING, READINGS, start_heading_deviation
-from models.system import BLOCKS, ESTIMATORS, SYSTEMS, System
+from models.system import BLOCKS, DEFAULTS, ESTIMATORS, SYSTEMS, System
 
 if TYPE_CHECKING:  # fmpy: sweeps do without
     from harness.cosim.fmu import FmuDescription, Quantity
@@ -37,7 +37,7 @@ class Interface:
         parameters, inputs: by flat name; renamed ones by the role's name too.
         outputs: by flat name, or the role's name where they are renamed.
         label: its name in messages, `plant dog.fmu`.
-        foreign: swapped in.
+        foreign: swapped in, an FMU or another block of ours.
         renames: by the role's name, the FMU's name and the conversion.
         misfits: parameters with a role's name and another meaning, to what is wrong with them.
     """
@@ -76,6 +76,7 @@ def interfaces_of_system(system: System) -> dict[str, Interface]:
             dict(flatten(block.group("parameter"))),
             dict(flatten(block.group("input"))),
             f"{name} {block.title()}",
+            name in ("plant", "controller") and block.title() != DEFAULTS[name],
             outputs=dict(flatten(block.group("output"))),
         )
         for name, block in system.components.items()

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from fmus.folder import build_folder
@@ -36,6 +36,7 @@ class Prepared:
         renames: by swapped component, the role's name of an output to the FMU's and the conversion.
         notes: what the user should know.
         garbage: of the bytes that the firmware on board receives.
+        connected: inputs that have a source, by component.
     """
 
     system: FmuSystem
@@ -45,6 +46,18 @@ class Prepared:
     renames: Mapping[str, Mapping[str, Rename]]
     notes: tuple[str, ...]
     garbage: tuple[Garbage, ...] = ()
+    connected: Mapping[str, Collection[str]] = field(default_factory=dict)
+
+    def planned(self, scenario: Scenario) -> Prepared:
+        """The same with another scenario of the same system, such as another seed.
+
+        Raises:
+            ScenarioError: it does not fit.
+        """
+        resolved = plan(scenario, self.interfaces, _bound_values(self.system), self.connected)
+        faults = {name: own for name, own in self.plan.values.items() if name not in self.interfaces}
+        values = {name: own | {"seed": float(scenario.seed)} for name, own in faults.items()}
+        return replace(self, plan=replace(resolved, values=resolved.values | values))
 
     @property
     def plants(self) -> list[str]:
@@ -103,7 +116,14 @@ def prepared(request: Request) -> Iterator[Prepared]:
         fmus = {name: describe(disturbed.components[name].fmu) for name in values} | fmus
         resolved = replace(resolved, values=resolved.values | values)
         yield Prepared(
-            disturbed, fmus, interfaces, resolved, renames, (*notes, *resolved.notes), faults.garbage
+            disturbed,
+            fmus,
+            interfaces,
+            resolved,
+            renames,
+            (*notes, *resolved.notes),
+            faults.garbage,
+            connected,
         )
 
 

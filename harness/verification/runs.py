@@ -12,11 +12,11 @@ import numpy as np
 from codegen.scratch import Scratch
 from harness.log.channel import Array
 from harness.log.log import Log, read_log
-from harness.sweep.chunks import ANOMALIES, Outcomes, batch_of, pool_at, run_all
+from harness.sweep.chunks import ANOMALIES, TICK_S, Outcomes, batch_of, pool_at, run_all
 from harness.sweep.plots import trend
 from harness.sweep.recommend import Ticks, error_shares
 from harness.sweep.sweep import Sweep, plan_sweep
-from harness.sweep.table import TICK_S, Z_95, Point, table_of
+from harness.sweep.table import Z_95, Point, table_of
 from harness.trial import trial
 from harness.trial.plots import equal_stretches
 from harness.trial.prepare import prepared

@@ -219,6 +219,13 @@ class WorkerProcess:
                 self.hear("closed", limit=self.limits.free)
         self.end()
 
+    def abandon(self) -> None:
+        """End the process from another thread; the one that awaits its answer hears that it has gone."""
+        process = self._process
+        if process is not None and process.poll() is None:
+            with suppress(ProcessLookupError, PermissionError):
+                os.killpg(process.pid, signal.SIGKILL)
+
     def take_notes(self) -> list[str]:
         """What the user should know of the last job: what FMUs printed, whose rounding was restored."""
         self._take_printed()

@@ -14,6 +14,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from logging.handlers import BufferingHandler
 from pathlib import Path
 from types import SimpleNamespace
@@ -24,10 +25,13 @@ import pytest
 from distributed import Client
 from distributed.client import logger as log_of_client
 
-from harness.sweep import chunks, sweep
+from harness.sweep import chunks, matrix, sweep
 from harness.sweep.chunks import ClusterError
+from harness.sweep.cosimulated import Cosimulated
 from harness.sweep.sweep import plan_sweep
+from harness.trial.scenario import Scenario
 from models.errors import UsageError
+from tests.harness.cosim.tiny_fmu import V, tiny_fmu
 
 PATIENCE_S = 300.0
 
@@ -232,3 +236,31 @@ def test_a_sweep_gives_up_when_all_workers_are_gone_for_long(monkeypatch: pytest
     client.status = "closed"
     with pytest.raises(ClusterError, match="tcp://a: the cluster's scheduler has gone away"):
         check()
+
+
+def test_an_fmu_travels_to_the_workers_of_a_cluster(cluster: Cluster, tmp_path: Path) -> None:
+    # given a dog and its mapping file, which the workers cannot read where they are
+    outputs = [V(n, unit=u) for n, u in (("x", "m"), ("y", "m"), ("heading", "rad"), ("speed", "m/s"))]
+    moves = "v[4] = (v[0] == 1 || v[0] == 3) ? 5 : 0; v[1] += (v[0] == 3 ? -1 : 1) * v[4] * h;"
+    dog = tiny_fmu(tmp_path / "dog.fmu", [V("command", "input", "Integer"), *outputs], moves)
+    dog.with_suffix(".toml").write_text('[outputs]\nnorth = "x"\neast = "y"\n')
+    leg = Scenario("leg", system="cts", waypoints=((25.0, 0.0),), duration=60.0)
+    planned = matrix.plan_matrix(["cmec"], [str(dog)], [leg], trials=2)
+    elsewhere = replace(
+        planned.work.packed(), cells=tuple(_moved(cell) for cell in planned.work.packed().cells)
+    )
+    # when
+    cluster.worker()
+    with chunks.pool_at(cluster.address, elsewhere) as pool:
+        outcomes = chunks.Outcomes(elsewhere)
+        chunks.run_all(outcomes, pool, lambda chunk: None)
+    # then both trials succeed there
+    (point,) = matrix.result_of(planned, outcomes).table.values()
+    assert (point.trials, point.successes, point.faults) == (2, 2, ())
+
+
+def _moved(cell: object) -> Cosimulated:
+    """A cell whose FMU is nowhere but in the cell."""
+    assert isinstance(cell, Cosimulated)
+    dog = cell.foreign["plant"]
+    return replace(cell, swaps={**cell.swaps, "plant": replace(dog, path=Path("/nowhere/dog.fmu"))})

@@ -1,0 +1,224 @@
+"""The commands of `canine` that run many trials; `command_line` adds them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from harness.console import build_status, end_interrupted, json_of, out, print_note, progress_bar, say_where
+from harness.cosim.stepping import GIB, Limits
+from harness.options import Ahrs, CallLimit, Controller, Estimator, MemoryLimit, Plant, Settings
+from harness.trial import DEFAULT
+from models.errors import CanineError
+from models.kit.random import MAX_SEED
+
+if TYPE_CHECKING:
+    from harness.sweep.sweep import Asked
+
+Reading = Annotated[
+    Literal["calibrated", "literal", "guarded"] | None,
+    typer.Option(help="by default the scenario's, calibrated"),
+]
+FirstSeed = Annotated[
+    int | None, typer.Option(min=0, max=MAX_SEED, help="of the first trial at each point; 1 by default")
+]
+Dask = Annotated[
+    str | None,
+    typer.Option(metavar="ADDRESS", help="of the scheduler of a Dask cluster; tls:// asks for certificates"),
+]
+DaskCa = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="certificate (PEM) of the cluster's authority")
+]
+DaskCert = Annotated[Path | None, typer.Option(metavar="FILE", help="this machine's certificate (PEM)")]
+DaskKey = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="its private key (PEM), if it is not in --dask-cert")
+]
+
+
+def sweep_parameters(
+    target: Annotated[str, typer.Argument(metavar="two|three|SCENARIO.toml")],
+    *,
+    thresholds: Annotated[
+        str | None,
+        typer.Option(
+            metavar="a[:b[:step]]",
+            help="deviation threshold h' [deg]; 15:90, or 15:65 with three waypoints and more",
+        ),
+    ] = None,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(metavar="block.name=a:b:step", help="any parameter, instead or beside; angles in deg"),
+    ] = None,
+    trials: Annotated[int, typer.Option(help="at each point")] = 1000,
+    system: Annotated[
+        Literal["cts", "full"],
+        typer.Option(help="cts: the true state into the controller; full: the estimate"),
+    ] = "cts",
+    plant: Plant = None,
+    estimator: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME|X.fmu", help="with --system full: one of ours, four_state by default, or an FMU"
+        ),
+    ] = None,
+    controller: Controller = None,
+    ahrs: Ahrs = False,
+    reading: Reading = None,
+    seed: FirstSeed = None,
+    dask: Dask = None,
+    dask_ca: DaskCa = None,
+    dask_cert: DaskCert = None,
+    dask_key: DaskKey = None,
+    call_limit: CallLimit = Limits.call,
+    memory_limit: MemoryLimit = Limits.memory / GIB,
+    settings: Settings = None,
+    folder: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            file_okay=False,
+            help="by default out/sweep-<name>, with reading, system, seed and parameters if special",
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print the recommendation as JSON")] = False,
+) -> None:
+    """Run many trials at each value of a parameter: sweep.csv, sweep.png, recommendation.json.
+
+    \b
+    canine sweep two                              5.3.5: h' from 15 to 90 deg, 1000 trials each
+    canine sweep three --thresholds 15:65         5.3.6: four types of trials in turns
+    canine sweep my.toml --vary cmec.capture_radius=3:10:0.5 --trials 10000
+    canine sweep two --vary canine.drift=-3:3:0.5 --vary cmec.moving_deviation=15:60:5
+    canine sweep three --system full --estimator canine_tracker --thresholds 49
+    canine sweep two --plant dog.fmu --thresholds 30:60:10 --trials 200      with a dog made elsewhere
+    canine sweep three --dask tls://host:8786 --dask-ca ca.pem --dask-cert me.pem --dask-key me.key
+                                                  on a cluster; tcp:// where nobody else reaches it
+
+    The same command goes on where an earlier one was interrupted. With FMUs made elsewhere sweep.csv also has
+    the columns faults and verdict; exit status 1 if one of them ended a trial.
+    """
+    from harness.sweep import sweep, tls
+
+    certificates = tls.Certificates(dask_ca, dask_cert, dask_key)
+    tls.check_use(dask, certificates)
+    limits = Limits(call=call_limit, memory=int(memory_limit * GIB))
+    with build_status("building the FMUs") as done:
+        planned = sweep.plan_sweep(
+            target, thresholds=thresholds, vary=vary or [], trials=trials, system=system, reading=reading,
+            seed=seed, settings=settings or [], estimator=estimator, ahrs=ahrs, plant=plant,
+            controller=controller, limits=limits, note=print_note, built=done,
+        )  # fmt: skip
+    place = folder or sweep.default_folder(planned)
+    with _running(planned, place, as_json) as progress:
+        table, result = sweep.run(
+            planned, place, dask, certificates=certificates, progress=progress, note=print_note
+        )
+    if as_json:
+        typer.echo(json_of(result))
+    else:
+        sweep.show(planned, table, result, out())
+        say_where(place)
+    _fail_by(sweep.faults_of(planned, table))
+
+
+def compare_controllers(
+    controllers: Annotated[
+        str | None,
+        typer.Option(metavar="NAME|X.fmu,...", help="of ours by name, or FMUs; all of ours by default"),
+    ] = None,
+    plants: Annotated[
+        str | None,
+        typer.Option(metavar="NAME|X.fmu,...", help="the same; by default all of ours that obey commands"),
+    ] = None,
+    scenarios: Annotated[
+        str, typer.Option(metavar="SCENARIO.toml,...", help="files or names; also two, three, as in a sweep")
+    ] = DEFAULT,
+    *,
+    trials: Annotated[int, typer.Option(help="of each cell")] = 1000,
+    system: Annotated[
+        Literal["cts", "full"] | None,
+        typer.Option(help="cts: the true state into the controller; full: the estimate; by default each's"),
+    ] = None,
+    estimator: Estimator = None,
+    ahrs: Ahrs = False,
+    reading: Reading = None,
+    seed: FirstSeed = None,
+    dask: Dask = None,
+    dask_ca: DaskCa = None,
+    dask_cert: DaskCert = None,
+    dask_key: DaskKey = None,
+    call_limit: CallLimit = Limits.call,
+    memory_limit: MemoryLimit = Limits.memory / GIB,
+    settings: Settings = None,
+    folder: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", file_okay=False, help="by default out/matrix, with reading, system and so on if special"
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print matrix.json")] = False,
+) -> None:
+    """Run many trials of each controller with each plant in each scenario: matrix.csv, .json and .png.
+
+    \b
+    canine matrix                                 all of ours, three_waypoint, 1000 trials a cell
+    canine matrix --controllers cmec,quarter_turn --plants canine,pedestrian --trials 200
+    canine matrix --controllers cmec,mine.fmu --plants canine,dog.fmu --scenarios three_waypoint,left_90
+    canine matrix --scenarios three --system cts --set cmec.moving_deviation=37
+
+    Trial i of each cell has the same seed, so controllers are also compared trial by trial. An FMU that
+    crashes, hangs or fails spoils its own cells only: they say so, and the exit status is 1. The same
+    command goes on where an earlier one was interrupted.
+    """
+    from harness.sweep import matrix, tls
+
+    certificates = tls.Certificates(dask_ca, dask_cert, dask_key)
+    tls.check_use(dask, certificates)
+    limits = Limits(call=call_limit, memory=int(memory_limit * GIB))
+    with build_status("building the FMUs") as done:
+        planned = matrix.plan_matrix(
+            _listed(controllers), _listed(plants), _listed(scenarios) or (), trials=trials, system=system,
+            reading=reading, seed=seed, settings=settings or [], estimator=estimator, ahrs=ahrs,
+            limits=limits, note=print_note, built=done,
+        )  # fmt: skip
+    place = folder or matrix.default_folder(planned)
+    with _running(planned, place, as_json) as progress:
+        result = matrix.run(
+            planned, place, dask, certificates=certificates, progress=progress, note=print_note
+        )
+    if as_json:
+        typer.echo(json_of(result.facts()))
+    else:
+        matrix.show(result, out())
+        say_where(place)
+    _fail_by(result.faults)
+
+
+def _listed(names: str | None) -> list[str] | None:
+    """Names with commas between them."""
+    return None if names is None else [name.strip() for name in names.split(",")]
+
+
+@contextmanager
+def _running(planned: Asked, place: Path, as_json: bool) -> Iterator[Callable[[float], None] | None]:
+    """The progress of trials; Ctrl-C says what is kept of them."""
+    with progress_bar("trials", planned.work.total, quiet=as_json) as progress:
+        try:
+            yield progress
+        except KeyboardInterrupt as interrupt:
+            end_interrupted(
+                interrupt,
+                f"what is done is kept in {place}: the same command goes on there"
+                if any(place.glob("*.journal"))
+                else "nothing is done",
+            )
+
+
+def _fail_by(faults: Sequence[str]) -> None:
+    """Name the FMUs that ended trials, once all else is done."""
+    if faults:
+        raise CanineError("\n".join(faults))
