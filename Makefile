@@ -11,8 +11,9 @@ demo: .venv/ready
 
 # Tools of the tests that are not Python packages: root installs them; a test without its tool skips and says so.
 TOOLS := gcc:gcc nm:binutils clang:clang clang:libclang-rt-dev cppcheck:cppcheck \
-         arm-none-eabi-gcc:gcc-arm-none-eabi qemu-system-arm:qemu-system-arm openssl:openssl
-LIBRARIES := libtbb.so.12:libtbb12
+         arm-none-eabi-gcc:gcc-arm-none-eabi qemu-system-arm:qemu-system-arm openssl:openssl \
+         cmake:cmake qemu-aarch64:qemu-user
+LIBRARIES := libtbb.so.12:libtbb12 ld-linux-aarch64.so.1:libc6-arm64-cross
 
 test: .venv/ready
 	@if [ "$$(id -u)" = 0 ]; then \

@@ -26,6 +26,7 @@ from codegen.toolchains.compiler import (
 from fmus.archive import is_sealed, pack, stamp_of
 from fmus.description import block_header, build_description, documentation, model_description
 from fmus.folder import BUILT_FROM, STAMP, VERSIONS, FmiVersion, build_folder, digest, origin
+from fmus.reference import reference_files
 from fmus.ssp import files_of, structure_of
 from models.errors import CanineError
 from models.kit.block import Block
@@ -39,8 +40,9 @@ HEADERS: dict[FmiVersion, tuple[str, ...]] = {
 }
 TOKEN = "@token@"  # stands for the token in what the token is made of
 Generate = Callable[[type[Block], Precision], dict[str, str]]
-# both versions of an FMU hold the same C; mypy takes a class for nothing hashable
+# both versions of an FMU hold the same C and the same results; mypy takes a class for nothing hashable
 _generate: Generate = cache(generate)  # type: ignore[assignment]
+_reference_files: Callable[[type[Block]], dict[str, bytes]] = cache(reference_files)  # type: ignore[assignment]
 
 
 class BuildError(CanineError):
@@ -139,6 +141,8 @@ def contents(block: type[Block], version: FmiVersion, precision: Precision = "do
         files["sources/buildDescription.xml"] = build_description(block, sources)
     files["modelDescription.xml"] = model_description(block, version, TOKEN, sources)
     files["documentation/index.html"] = documentation(block, version).encode()
+    if precision == "double":
+        files |= _reference_files(block)
     token = f"{{{uuid.UUID(hex=digest(files)[:32])}}}"
     return {name: content.replace(TOKEN.encode(), token.encode()) for name, content in files.items()}
 

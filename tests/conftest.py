@@ -28,8 +28,14 @@ TOOLS = {
     "arm-none-eabi-gcc": "gcc-arm-none-eabi",
     "qemu-system-arm": "qemu-system-arm",
     "openssl": "openssl",
+    "cmake": "cmake",
+    "qemu-aarch64": "qemu-user",
 }
-LIBRARIES = {"libtbb.so.12": "libtbb12"}  # of ecos: library -> Debian package
+# libraries of such tools: of ecos, and of programs for ARM in an emulator; file -> Debian package
+LIBRARIES = {
+    "libtbb.so.12": "libtbb12",
+    "/usr/aarch64-linux-gnu/lib/ld-linux-aarch64.so.1": "libc6-arm64-cross",
+}
 
 
 def missing() -> dict[str, str]:
@@ -45,6 +51,8 @@ def missing() -> dict[str, str]:
 
 
 def _is_there(library: str) -> bool:
+    if library.startswith("/"):
+        return os.path.exists(library)
     try:
         ctypes.CDLL(library)
     except OSError:

@@ -8,7 +8,6 @@ import shutil
 import subprocess
 import sys
 import threading
-import xml.etree.ElementTree as ET
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -20,7 +19,7 @@ from fmpy.validation import validate_fmu
 from codegen import cache
 from codegen.blocks.block_c import generate
 from codegen.cache import FLOORS
-from codegen.toolchains.compiler import FLAGS, PLATFORMS, CompileError, this_platform
+from codegen.toolchains.compiler import PLATFORMS, CompileError, this_platform
 from fmus.archive import is_sealed
 from fmus.build import BuildError, build_all, build_fmu
 from fmus.dependencies import initial_dependencies, tick_dependencies
@@ -31,7 +30,6 @@ from models.kit.block import Block
 from models.kit.declaration import Output, State, Type, flatten
 from models.kit.units import UNITS
 from models.system import System
-from tests.fmus.instance import Instance, run, run_model, stimulus
 from tests.fmus.pulse import Pulse, Slide
 
 Fmu = Callable[[type[Block]], Path]
@@ -328,38 +326,6 @@ def test_a_variable_called_time_is_refused(tmp_path: Path) -> None:
 def library(folder: Path, version: int, name: str) -> Path:
     platform = PLATFORMS[this_platform()]
     return folder / "binaries" / {2: platform.fmi2, 3: platform.fmi3}[version] / f"{name}{platform.suffix}"
-
-
-def test_the_sources_compile_again_to_the_same_results(fmu: Fmu, tmp_path: Path, version: FmiVersion) -> None:
-    # given an unpacked FMU whose binary is gone
-    fmpy.extract(str(fmu(Pulse)), str(tmp_path))
-    binary = library(tmp_path, version, "pulse")
-    binary.unlink()
-    # when its sources are compiled as its descriptions say, by whatever compiler is there, with all warnings
-    if version == 3:
-        root = ET.parse(tmp_path / "sources" / "buildDescription.xml").getroot()
-        fileset = root.find("BuildConfiguration/SourceFileSet")
-        assert fileset is not None
-        assert fileset.get("compiler") == "clang"  # compilerOptions without compiler are refused by some
-        options = (fileset.get("compilerOptions") or "").split()
-        libraries = [f"-l{e.get('name')}" for e in root.iterfind("BuildConfiguration/Library")]
-        sources = [e.attrib["name"] for e in fileset.iterfind("SourceFile")]
-    else:
-        root = ET.parse(tmp_path / "modelDescription.xml").getroot()
-        options, libraries = ["-std=c99", "-O2", "-ffp-contract=off"], ["-lm"]
-        sources = [e.attrib["name"] for e in root.iterfind("CoSimulation/SourceFiles/File")]
-    system = shutil.which("cc")
-    compiler = [system] if system else [sys.executable, "-m", "ziglang", "cc", "-fno-sanitize=all"]
-    warnings = [flag for flag in FLAGS if flag.startswith("-W")]
-    done = subprocess.run(
-        [*compiler, "-shared", "-fPIC", *options, *warnings, *sources, "-o", str(binary), *libraries],
-        cwd=tmp_path / "sources", check=False, capture_output=True, text=True,
-    )  # fmt: skip
-    assert done.stderr == ""
-    # then the same bits come out
-    rows = stimulus(Pulse, 100)
-    with Instance(tmp_path) as unit:
-        assert run(unit.start({"seed": 3}), Pulse, rows) == run_model(Pulse, {"seed": 3}, rows)
 
 
 def test_every_function_of_the_interface_is_exported(fmu: Fmu, tmp_path: Path, version: FmiVersion) -> None:
