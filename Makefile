@@ -13,12 +13,12 @@ demo: .venv/ready
 TOOLS := gcc:gcc nm:binutils clang:clang clang:libclang-rt-dev cppcheck:cppcheck \
          arm-none-eabi-gcc:gcc-arm-none-eabi qemu-system-arm:qemu-system-arm openssl:openssl \
          cmake:cmake qemu-aarch64:qemu-user
-LIBRARIES := libtbb.so.12:libtbb12 ld-linux-aarch64.so.1:libc6-arm64-cross
+LIBRARIES := libtbb12 libc6-arm64-cross
 
 test: .venv/ready
 	@if [ "$$(id -u)" = 0 ]; then \
 	    for tool in $(TOOLS); do command -v $${tool%%:*} >/dev/null || packages="$$packages $${tool##*:}"; done; \
-	    for library in $(LIBRARIES); do ldconfig -p | grep -q "$${library%%:*}" || packages="$$packages $${library##*:}"; done; \
+	    for library in $(LIBRARIES); do dpkg -s $$library >/dev/null 2>&1 || packages="$$packages $$library"; done; \
 	    [ -z "$$packages" ] || { apt-get update -qq && apt-get install -y -qq --no-install-recommends $$packages; }; \
 	fi || true
 	@$(BIN)/python -m codegen.toolchains.sdcc >/dev/null || true
