@@ -50,7 +50,8 @@ def export(
     -Infinity stand in a CSV by these names. Parquet needs the extra guided-canine[parquet].
 
     The package holds the trial's FMUs, their wiring, and all that the scenario sets: seed, start, waypoints,
-    reading, parameters, the controller's start. It cannot hold changes by time ([[set]]).
+    reading, parameters, the controller's start. It cannot hold changes by time ([[set]],
+    a lost radio).
     """
     from harness.trial.request import Changes
 

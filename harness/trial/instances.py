@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -17,7 +18,7 @@ from codegen.firmware.targets import find_target
 from fmus.archive import is_sealed
 from fmus.folder import build_folder
 from harness.cosim.loop import Simulation
-from harness.cosim.origin import is_own
+from harness.cosim.origin import is_own, is_own_content
 from harness.cosim.worker.contained import Contained
 from harness.cosim.worker.simulation import Companion
 from harness.log.channel import Channel
@@ -27,7 +28,7 @@ from harness.onboard.processors import Processor, open_processor
 from harness.onboard.stand_in import Onboard
 from harness.trial.firmware import firmware_values, navigation_of
 from harness.trial.prepare import Prepared
-from harness.trial.request import Request
+from harness.trial.request import SCENARIO, Request
 from models.kit.link import Values
 from models.system import SYSTEMS, find_system
 
@@ -131,19 +132,27 @@ def open_simulation(
 
 def is_foreign(request: Request) -> bool:
     """Does the trial run an FMU that we did not build?"""
-    own = build_folder().resolve()
-    return not (all(is_own(path) for path in request.swaps.values()) and _is_own_package(request, own))
+    return not (all(is_own(path) for path in request.swaps.values()) and _is_own_package(request))
 
 
-def _is_own_package(request: Request, own: Path) -> bool:
+def _is_own_package(request: Request) -> bool:
     """Is the package one of ours, or a copy of it, as a log holds it?"""
     package = request.ssp.resolve()
-    if own in package.parents:
-        return is_sealed(package)
+    if build_folder().resolve() in package.parents:
+        return _is_as_built(package)
     if request.scenario.system not in SYSTEMS or not package.is_file():
         return False
     copied = request.own_package
-    return is_sealed(copied) and package.read_bytes() == copied.read_bytes()
+    return _is_as_built(copied) and package.read_bytes() == copied.read_bytes()
+
+
+def _is_as_built(package: Path) -> bool:
+    """Did we write the package, of our own FMUs alone? An exported trial may hold others."""
+    if not is_sealed(package):
+        return False
+    with zipfile.ZipFile(package) as archive:
+        fmus = set(archive.namelist()) - {"SystemStructure.ssd", SCENARIO}
+        return all(is_own_content(archive.read(name)) for name in fmus)
 
 
 def open_onboard(request: Request, ready: Prepared, start: OpenProcessor) -> Onboard:

@@ -11,7 +11,7 @@ from harness.cosim.fmu import BASE, FmuDescription
 from harness.files import make_folder, write_whole
 from harness.trial.prepare import Prepared
 from harness.trial.request import SCENARIO, Request
-from harness.trial.scenario import ScenarioError
+from harness.trial.scenario import LOST, ScenarioError
 from models.errors import UsageError
 from models.system import ESTIMATOR, SYSTEMS
 
@@ -58,6 +58,12 @@ def _check(request: Request, ready: Prepared, path: Path) -> None:
     if scenario.system not in SYSTEMS:
         raise UsageError(
             f"{scenario.name}: {scenario.system} is a package already; expected a system of ours"
+        )
+    lost = [f"{f.at:g} s" for f in scenario.faults if f.kind == LOST and (f.at > 0 or f.until is not None)]
+    if lost:
+        raise ScenarioError(
+            f"{scenario.name}: [[fault]] loses the radio from {', '.join(lost)} on; a package holds values "
+            "of the start alone: leave the lost radio out"
         )
     later = [f"{e.component}.{e.variable} at {e.time:g} s" for e in ready.plan.events if e.time > 0]
     if later:

@@ -182,7 +182,7 @@ class _Planner:
         addresses: dict[tuple[str, str], str] = {}
         for address, written in self.scenario.parameters.items():
             where = f"{self.scenario.name}: {address}"
-            for component, name in self.find(address, "parameters"):
+            for component, name in self.find(address, "parameters", where):
                 other = addresses.setdefault((component, name), address)
                 if other != address:
                     raise ScenarioError(f"{where}: {other} is the same parameter; set it once")
@@ -282,9 +282,8 @@ class _Planner:
             raise ScenarioError(f"{self.scenario.name}: {interface.misfits[name]}")
         self.values[component][own] = converted
 
-    def find(self, address: str, kind: str) -> list[tuple[str, str]]:
+    def find(self, address: str, kind: str, where: str) -> list[tuple[str, str]]:
         """The components that an address means, by their name or their block's, with the variable's name."""
-        where = f"{self.scenario.name}: {address}"
         owners = {n: {n, interface.block} for n, interface in self.interfaces.items()}
         owner, name = split_address(address, owners)
         components = [n for n, names in owners.items() if owner in names]
@@ -335,14 +334,15 @@ class _Planner:
         """The changes of inputs. The entry that started last holds; of several, the one listed last."""
         entries: dict[tuple[str, str], list[tuple[float, float, float]]] = {}
         silences = [
-            Setting("controller.link_ok", False, f.at, f.until)
+            (f"[[fault]] {LOST} radio", Setting("controller.link_ok", False, f.at, f.until))
             for f in self.scenario.faults
             if f.kind == LOST
         ]
-        for setting in (*self.scenario.sets, *silences):
-            where = f"{self.scenario.name}: [[set]] {setting.variable}"
+        sets = [(f"[[set]] {setting.variable}", setting) for setting in self.scenario.sets]
+        for origin, setting in (*sets, *silences):
+            where = f"{self.scenario.name}: {origin}"
             until = math.inf if setting.until is None else setting.until
-            for component, name in self.find(setting.variable, "inputs"):
+            for component, name in self.find(setting.variable, "inputs", where):
                 interface = self.interfaces[component]
                 for flat, value in _converted(name, setting.value, interface.inputs, where).items():
                     own, converted = interface.converted(flat, value)

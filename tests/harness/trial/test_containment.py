@@ -15,6 +15,7 @@ import pytest
 from harness.log.log import read_log
 from harness.trial import trial
 from harness.trial.instances import is_foreign
+from harness.trial.package import write_package
 from harness.trial.prepare import prepared
 from harness.trial.request import Changes, build_missing, requested
 from harness.trial.scenario import load
@@ -140,13 +141,12 @@ def test_only_what_others_built_runs_in_a_worker(tmp_path: Path) -> None:
 def test_what_has_been_changed_in_our_folder_runs_in_a_worker(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # given copies of our package and our FMU in a folder of builds, and one byte more in each
+    # given copies of our package and our FMUs in a folder of builds, and one byte more in each
     with requested("two_waypoint", Changes()) as request:
         build_missing(request)
     package, own = tmp_path / request.ssp.name, tmp_path / "fmi2" / "pedestrian.fmu"
-    own.parent.mkdir()
     shutil.copy(request.ssp, package)
-    shutil.copy(request.ssp.parent / "fmi2" / "pedestrian.fmu", own)
+    shutil.copytree(request.ssp.parent / "fmi2", own.parent)
     for module in ("harness.trial.instances", "harness.cosim.origin"):
         monkeypatch.setattr(f"{module}.build_folder", lambda: tmp_path)
     for changed in (package, own):
@@ -157,6 +157,28 @@ def test_what_has_been_changed_in_our_folder_runs_in_a_worker(
             changed.write_bytes(content + b"x")
             assert is_foreign(ours)
             changed.write_bytes(content)
+
+
+def test_a_package_that_we_wrote_of_an_fmu_of_others_runs_in_a_worker(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given packages of our own FMUs, and of a dog of others, in a folder of builds
+    dog = tiny_fmu(tmp_path / "dog.fmu", DOG, MOVES, depends=False)
+    scenario = replace(load("two_waypoint"), duration=1.0)
+    packages = []
+    for name, swaps in (("own", {}), ("evil", {"plant": dog})):
+        with requested(scenario, Changes(swaps=swaps)) as request:
+            build_missing(request)
+            with prepared(request) as ready:
+                write_package(request, ready, tmp_path / f"{name}.ssp")
+        packages.append(tmp_path / f"{name}.ssp")
+    (tmp_path / "fmi2").symlink_to(request.own_package.parent / "fmi2")
+    for module in ("harness.trial.instances", "harness.cosim.origin"):
+        monkeypatch.setattr(f"{module}.build_folder", lambda: tmp_path)
+    # when, then
+    for package, foreign in zip(packages, (False, True), strict=True):
+        with requested(str(package), Changes()) as request:
+            assert is_foreign(request) is foreign
 
 
 def test_a_fault_before_the_first_tick_leaves_an_earlier_trial_as_it_was(tmp_path: Path) -> None:

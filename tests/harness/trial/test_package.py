@@ -176,6 +176,11 @@ def test_what_the_scenario_sets_is_bound_and_nothing_else(tmp_path: Path) -> Non
             r"two_waypoint: \[\[set\]\] changes controller\.override at 3 s, controller\.override at 4\.5 s; "
             "a package holds values of the start alone",
         ),
+        (
+            replace(SHORT, faults=(Disturbance("radio", "lost", 3.0, 4.5),)),
+            "it.ssp",
+            r"two_waypoint: \[\[fault\]\] loses the radio from 3 s on; a package holds values of the start",
+        ),
         (SHORT, "it.zip", r"--ssp .*it\.zip: expected a name that ends in \.ssp"),
     ],
 )

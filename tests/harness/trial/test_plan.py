@@ -246,3 +246,13 @@ def test_parameters_of_the_log_are_those_that_the_components_start_with() -> Non
     assert values_of({"controller": renamed}, {"controller": {"hn": 0.5}}) == {
         "controller.home_north": "500.0", "controller.hn": "0.5"
     }  # fmt: skip
+
+
+def test_a_lost_radio_that_nobody_hears_is_called_a_fault() -> None:
+    # given a system whose controller takes no radio
+    plants = {"plant": CTS["plant"]}
+    scenario = parse('[[fault]]\nsignal = "radio"\nkind = "lost"\nat = 1.0\n', "my.toml")
+    with pytest.raises(
+        ScenarioError, match=r'^scenario: \[\[fault\]\] lost radio: no block or component "controller"'
+    ):
+        plan(scenario, plants)
