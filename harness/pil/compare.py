@@ -151,12 +151,12 @@ def run(
         return watched[-1]
 
     with requested(scenario, replace(changes, onboard=f"pil:{target}")) as request:
+        build_missing(request, built)
         if is_foreign(request):
             raise UsageError(
                 f"{scenario}: has an FMU that was not built here, beside which processors are not compared; "
                 f"`canine run {scenario} --onboard pil:{target}` runs it"
             )
-        build_missing(request, built)
         with prepared(request) as ready:
             place = out or default_folder(target, changes)
             make_folder(place)
