@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -364,6 +364,43 @@ def test_trials_with_any_faults_have_the_bits_of_co_simulation() -> None:
     done = batch.run(common, points, np.arange(len(trials), dtype=np.int32), seeds, trials[0].longest)
     # then each ends on the same tick, with the same bits
     ended_as(trials, done.ticks, done.values, observed)
+
+
+STALLS: list[dict[str, list[tuple[float, float | None]]]] = [
+    {"estimator": [(3.0, 5.0)]},
+    {"controller": [(4.0, 6.0)], "command_module": [(2.0, 3.0)]},
+    {"sensors": [(0.0, 1.0), (1.04, 2.0), (8.0, 8.04)], "plant": [(0.04, 1.0), (5.0, 6.0)]},
+    {
+        "sensors": [(2.0, None)],
+        "plant": [(3.0, 60.0)],
+        "estimator": [(4.0, 30.0)],
+        "controller": [(5.0, 29.96)],
+    },
+]
+
+
+def test_trials_in_which_components_stall_have_the_bits_of_co_simulation() -> None:
+    # given a runner that is compiled once, and orders while components stall and afterwards
+    system, varied, starts = SYSTEMS["full"], "controller.moving_deviation", range(6)
+    orders = (("STOP", 4.48, 4.8), ("LEFT", 9.0, 9.6))
+    sets = tuple(Setting("controller.override", *order) for order in orders)
+    plain = Scenario("stalls", waypoints=((20.0, 5.0),), duration=30.0, sets=sets)
+    for stalls in STALLS:
+        faults = tuple(Disturbance(c, "stall", *span) for c, spans in stalls.items() for span in spans)
+        scenario = replace(plain, faults=faults)
+        trials = [one for seed in starts for one in co_simulated([replace(scenario, seed=seed)])]
+        # when they run side by side
+        one, observed = trials[0], tuple(name for name in trials[0].last if "anomalies" not in name)
+        batch = Batch(system, (varied,), observed, STOP)
+        found = resolve_faults(scenario, interfaces_of_system(system), system.links, STEP).stalls
+        given = (one.values, np.array([[start_of(system, varied)]]), [0] * len(trials), starts, one.longest)
+        all_of_them = {c: found.get(c, ()) for c in system.components}
+        done = batch.run(*given, changes=one.changes, stalls=all_of_them)
+        # then each ends on the same tick, with the same bits
+        ended_as(trials, done.ticks, done.values, observed)
+        # and otherwise than without
+        other = batch.run(*given, changes=one.changes, stalls=dict.fromkeys(system.components, ()))
+        assert not np.array_equal(other.values, done.values)
 
 
 def start_of(system: System, name: str) -> float:

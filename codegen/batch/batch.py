@@ -9,6 +9,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +21,7 @@ from codegen.scratch import Scratch
 from codegen.toolchains.compiler import FLAGS, build_library, processor
 from codegen.toolchains.library import load_library
 from models.errors import ParameterError, WiringError, nearest
+from models.kit.block import Block
 from models.kit.link import Key
 from models.system import System
 
@@ -31,6 +33,8 @@ WIDE = ("-mprefer-vector-width=512",)  # where a processor has such vectors
 FLIGHTS = 128  # trials under way at a time, in each thread
 # with the last flag, a loop over lanes that does not become vectors is an error
 SPEED = ("-O3", "-march=native", "-fno-math-errno", "-Werror=pass-failed")
+ON, ALONE, STALLED = range(3)  # how a component goes on
+Stalls = Mapping[str, Sequence[tuple[int, int]]]  # ticks from and to before, by component
 Array = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.int32]
 
@@ -93,6 +97,7 @@ class Batch:
         ticks: int,
         *,
         changes: Sequence[Change] = (),
+        stalls: Stalls = MappingProxyType({}),
     ) -> Results:
         """Run trials; other threads of the process run meanwhile.
 
@@ -103,9 +108,11 @@ class Batch:
             seed: (trials,) each trial's value of every parameter `seed`.
             ticks: index of the last tick of a trial that nothing ends before.
             changes: of free inputs, in every trial; of two on one tick, the later one in the list holds.
+            stalls: ticks on which components are not stepped, in every trial: spans of one are apart, and in
+                their order.
 
         Raises:
-            ParameterError: a name or an index does not exist, or a shape is wrong.
+            ParameterError, WiringError: a name or an index does not exist, or a shape is wrong.
             CompileError: the library cannot be built.
         """
         points = np.ascontiguousarray(points, dtype=np.float64)
@@ -121,16 +128,20 @@ class Batch:
                     + nearest(f"{component}.{variable}", [f"{c}.{n}" for c, n in free])
                 )
         chosen = self._chosen(values)
+        stalling = [component for component in stalls if self._block(component) and component in self.keep]
         library = self._library(
             tuple(changing),
             tuple((key, chosen.get(key, start)) for key, start in free.items() if key not in changing),
+            tuple(stalling),
         )
         common = np.array([chosen.get(key, start) for key, start in self._common.items()])
+        planned = [(c.tick, changing.index((c.component, c.variable)), c.value) for c in changes]
+        for place, component in enumerate(stalling, start=len(changing)):
+            for first, after in stalls[component]:
+                ways = ((max(0, first - 1), ALONE), (first, STALLED), (after, ON))
+                planned += [(tick, place, float(way)) for tick, way in ways]
         schedule = np.array(
-            [
-                (c.tick, changing.index((c.component, c.variable)), c.value)
-                for c in sorted(changes, key=lambda c: c.tick)
-            ],
+            sorted(planned, key=lambda change: change[0]),
             dtype=[("tick", "i4"), ("input", "i4"), ("value", "f8")],
         )
         last, observed = np.empty(len(point), np.int32), np.empty((len(point), len(self.observed)))
@@ -174,12 +185,15 @@ class Batch:
                 raise ParameterError(f"{component}.{name} is {value}; expected a finite number")
         return chosen
 
+    def _block(self, component: str) -> type[Block]:
+        known = self.system.components
+        if component not in known:
+            raise WiringError(f'{self.system.name}: no component "{component}"{nearest(component, known)}')
+        return known[component]
+
     def _key(self, name: str, *kinds: str) -> Key:
         component, _, variable = name.partition(".")
-        if component not in self.system.components:
-            known = self.system.components
-            raise WiringError(f'{self.system.name}: no component "{component}"{nearest(component, known)}')
-        block = self.system.components[component]
+        block = self._block(component)
         names = [n for kind in kinds for n in block.flat_names(kind)]
         if variable not in names:
             what = " or ".join(kinds)
@@ -255,21 +269,27 @@ class Batch:
         """The ordinary ticks, as in `Sources.ticks`."""
         return self._sources().ticks(changing, fixed)
 
-    def sources(self, changing: Sequence[Key] = (), fixed: Mapping[Key, float] = {}) -> dict[str, str]:
+    def sources(
+        self,
+        changing: Sequence[Key] = (),
+        fixed: Mapping[Key, float] = {},
+        stalling: Sequence[str] = (),
+    ) -> dict[str, str]:
         """The C of the runner, file name to text."""
-        return self._sources().files(changing, fixed)
+        return self._sources().files(changing, fixed, stalling)
 
-    def _library(self, changing: tuple[Key, ...], fixed: tuple[tuple[Key, float], ...]) -> ctypes.CDLL:
+    def _library(
+        self, changing: tuple[Key, ...], fixed: tuple[tuple[Key, float], ...], stalling: tuple[str, ...]
+    ) -> ctypes.CDLL:
         """The runner for these changing inputs and these values of the other free inputs, from the cache."""
-        key = (changing, fixed)
+        key = (changing, fixed, stalling)
         if key not in self._libraries:
-            asked = (
-                (self._asked, changing, fixed) if self._is_shipped else self.sources(changing, dict(fixed))
-            )
+            made_of = (changing, dict(fixed), stalling)
+            asked = (self._asked, *key) if self._is_shipped else self.sources(*made_of)
             path = kept(
                 f"batch/{self.system.name}.so",
                 (asked, FLIGHTS, processor(), _flags()),
-                lambda path: self._build(self.sources(changing, dict(fixed)), path),
+                lambda path: self._build(self.sources(*made_of), path),
             )
             self._libraries[key] = _load(path)
         return self._libraries[key]

@@ -67,8 +67,14 @@ class Sources:
             return by_mode
         return [whole]
 
-    def files(self, changing: Sequence[Key], fixed: Mapping[Key, float]) -> dict[str, str]:
-        """The C of the runner, file name to text."""
+    def files(
+        self, changing: Sequence[Key], fixed: Mapping[Key, float], stalling: Sequence[str] = ()
+    ) -> dict[str, str]:
+        """The C of the runner, file name to text.
+
+        Args:
+            stalling: components that are not stepped for a while.
+        """
         components = {c: self.system.components[c] for c in self.keep}
         files: dict[str, str] = {}
         for block in dict.fromkeys(components.values()):
@@ -90,6 +96,7 @@ class Sources:
             "values": [self._place(key) for key in self.common],
             "own": [self._place(key) for key in self.varied],
             "changing": [self._place(key) for key in changing],
+            "stalling": stalling,
             "seeds": [
                 f"{c}.par.seed" for c, block in components.items() if "seed" in block.flat_names("parameter")
             ],
@@ -113,8 +120,8 @@ class Sources:
                 }
                 for tick in ticks
             ],
-            "before": list(self._calls(components, plants=False)),
-            "after": list(self._calls(components, plants=True)),
+            "before": list(self._calls(components, stalling, plants=False)),
+            "after": list(self._calls(components, stalling, plants=True)),
             "ends": " || ".join(
                 f"(f->{self._place(self.stop[0])['place']} == {value})" for value in sorted(self.stop[1])
             )
@@ -132,7 +139,9 @@ class Sources:
         )
         return {"place": f"{component}.{member_of(variable)}.{c_name(name)}", "cast": CASTS[variable.type]}
 
-    def _calls(self, components: Mapping[str, type[Block]], plants: bool) -> Iterable[str]:
+    def _calls(
+        self, components: Mapping[str, type[Block]], stalling: Collection[str], plants: bool
+    ) -> Iterable[str]:
         """The calls of a tick, the plants' steps or those before them; links are copied before each step."""
         for component, block in components.items():
             has_outputs = not self.keep[component].isdisjoint(block.flat_names("output"))
@@ -146,4 +155,5 @@ class Sources:
                     target = self._place((link.target, link.target_variable))["place"]
                     yield f"f->{target} = f->{self._place(source)['place']};"
             for component in stage:
-                yield f"{components[component].title()}_step(&f->{component});"
+                step = f"{components[component].title()}_step(&f->{component});"
+                yield f"if (f->{component}_goes != STALLED) {{ {step} }}" if component in stalling else step

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Protocol, Self
 
-from harness.cosim.fmu import Call, Clock, FmuDescription, Mark, Quantity, unmarked
+from harness.cosim.fmu import OK, WARNING, Call, Clock, FmuDescription, Mark, Quantity, unmarked
 from harness.cosim.layout import Layout
-from harness.cosim.stepping import Order
+from harness.cosim.stepping import Order, Ticks
 from harness.cosim.wiring import Wiring
 
 
@@ -32,6 +33,48 @@ class Instance(Protocol):
     def check(self, status: int, what: str, time: float) -> None: ...
 
 
+@dataclass(frozen=True)
+class Turn:
+    """When a call is made: on tick k where k modulo `every` is `phase`, but not on ticks of `stalls`."""
+
+    every: int = 1
+    phase: int = 0
+    stalls: tuple[Ticks, ...] = ()
+
+    def is_due(self, tick: int) -> bool:
+        """Is the call made on this tick?"""
+        return tick % self.every == self.phase and not any(
+            first <= tick < after for first, after in self.stalls
+        )
+
+    def lag(self, tick: int) -> int:
+        """By how many ticks the component's own time is late, since stalls were before."""
+        return sum(after - first for first, after in self.stalls if after <= tick)
+
+
+@dataclass(eq=False)
+class OwnTime:
+    """The step of a component that stalls: a step begins where its last one ended, as FMI asks for.
+
+    Attributes:
+        step: the call of it; `tick`: s.
+    """
+
+    step: Call
+    turn: Turn
+    clock: Clock
+    tick: float
+
+    def __call__(self) -> int:
+        (function, arguments), clock = self.step, self.clock
+        time, tick = clock.time, clock.position.tick
+        clock.set(time, (tick - self.turn.lag(tick)) * self.tick)
+        status: int = function(*arguments) or OK
+        if status in (OK, WARNING):
+            clock.set(time)
+        return status
+
+
 class Calls:
     """The calls of a system's components.
 
@@ -42,8 +85,7 @@ class Calls:
         free: by component, set the inputs that no link feeds.
         clock: what every step reads.
         tick: `answer` and `advance`: where a walk is in it, its recorder says.
-        turns: the calls of `tick` that are not made on each, by their place: (every, phase), which are made
-            on tick k where k modulo every is phase.
+        turns: when those calls of `tick` are made that are not made on each, by their place.
     """
 
     def __init__(
@@ -77,14 +119,19 @@ class Calls:
         steps = {}
         for name, component in components.items():
             rate = wiring.rates[name]
-            steps[name] = component.stepping(self.clock, rate.size(wiring.step), rate.substeps)
+            step = component.stepping(self.clock, rate.size(wiring.step), rate.substeps)
+            if stalls := wiring.stalls.get(name):
+                step = OwnTime(step, Turn(stalls=stalls), self.clock, wiring.step), ()
+            steps[name] = step
             self._whose[id(steps[name])] = (name, f"fmi{component.description.version}DoStep")
-        turns: dict[int, tuple[int, int]] = {}
+        turns: dict[int, Turn] = {}
         for name, rate in wiring.rates.items():
-            if rate.every > 1:
-                turns |= {id(call): (rate.every, 0) for call in (*gathers[name], *sets[name], steps[name])}
+            stalls = wiring.stalls.get(name, ())
+            if rate.every > 1 or stalls:
+                begin = Turn(rate.every, 0, stalls)
+                turns |= {id(call): begin for call in (*gathers[name], *sets[name], steps[name])}
                 phase = rate.every - 1 if name in wiring.late else 0
-                turns |= {id(call): (rate.every, phase) for call in gets[name]}
+                turns |= {id(call): Turn(rate.every, phase, stalls) for call in gets[name]}
         answering = [name for name in wiring.order if name not in wiring.plants]
         faults = [name for name in answering if name in wiring.faults]
         plants = [name for name in wiring.order if name in wiring.plants]

@@ -429,16 +429,19 @@ class Clock:
     """The time of a simulation, s: `time` of its rows; `now` of its FMUs, which begin at `start`.
 
     Attributes:
+        own: what `now` is after the start; less than `time` for a component that was not stepped for a while.
         position: shows the time of the rows to others.
     """
 
     def __init__(self, start: float = 0.0) -> None:
         self.time, self.start, self.now, self.position = 0.0, start, ctypes.c_double(start), Position()
+        self.own = 0.0
 
-    def set(self, time: float) -> None:
-        """Set it, s of the rows."""
+    def set(self, time: float, own: float | None = None) -> None:
+        """Set it, s of the rows, and what an FMU gets if that is another."""
         self.time = self.position.time = time
-        self.now.value = self.start + time
+        self.own = time if own is None else own
+        self.now.value = self.start + self.own
 
 
 @dataclass(eq=False)
@@ -462,10 +465,10 @@ class Steps:
 
     def __call__(self) -> int:
         (function, arguments), clock, asks = self.step, self.clock, self.asks
-        begin = clock.time
+        begin, own = clock.time, clock.own
         for number in range(self.count):
             if number:
-                clock.set(begin + number * self.size)
+                clock.set(begin + number * self.size, own + number * self.size)
             if (status := function(*arguments)) and status != WARNING:
                 return status
             if asks is not None:
@@ -474,7 +477,7 @@ class Steps:
                 if asks.raw != NOTHING:
                     return ASKED
         if self.count > 1:
-            clock.set(begin)
+            clock.set(begin, own)
         return OK
 
 

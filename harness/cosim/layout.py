@@ -162,7 +162,8 @@ class Layout:
             replaced = source not in wiring.plants and (
                 order == "jacobi" or stepped[source] >= stepped[target]
             )
-            if replaced or wiring.rates[target].every > 1 or not transfer.is_run:
+            is_held = wiring.rates[target].every > 1 or target in wiring.stalls
+            if replaced or is_held or not transfer.is_run:
                 transfer.slot = Slot(target, transfer.quantities[0].access, transfer.quantities)
         copies = [t.slot for t in self.transfers if t.slot is not None]
         self._faults = wiring.faults

@@ -10,6 +10,9 @@ A component may make several steps in a tick, with its inputs held. Or it makes 
 2n and so on. Then its inputs are those of that tick, as its rows show. An answer is there at once and held; a
 plant's outputs, and in jacobi order all, are read when the step has ended, n ticks on.
 
+A component that stalls takes no inputs, makes no steps and holds its outputs for a while. Then it goes on
+from where it was, also in the time that it is given.
+
 A tick is a list of C calls whose arguments are made once (`calls`) on one block of memory (`layout`); a walk
 makes them (`walk`), in C or in Python, and leaves the rows in a recorder's memory (`recorder`).
 """
@@ -275,6 +278,8 @@ class Simulation:
                 raise ParameterError(f"{event.component}.{event.variable} {wrong}")
             every = self.wiring.rates[event.component].every
             tick = every * math.ceil(math.ceil(event.time / self.wiring.step - 1e-9) / every)
+            for first, after in self.wiring.stalls.get(event.component, ()):
+                tick = after if first <= tick < after else tick
             by_component = changes.setdefault(max(0, tick), {})
             by_component.setdefault(event.component, {})[event.variable] = event.value
         return changes

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
 Order = Literal["sequential", "jacobi"]
 Loop = Literal["native", "python"]  # what makes the calls of a tick
+Ticks = tuple[int, int]  # from the first to before the second
 DURATION = 300.0  # s, after which a trial is cut
 GIB = 2**30  # bytes
 CALL_LIMIT_S, MEMORY_LIMIT_GIB = (0.1, 3600.0), (0.5, 1024.0)  # what a user may set
@@ -36,3 +38,19 @@ class Limits:
     start: float = 60.0
     free: float = 5.0
     memory: int = 2 * GIB
+
+
+def whole_steps(spans: Iterable[Ticks], every: int) -> tuple[Ticks, ...]:
+    """The ticks of the steps that begin in spans, where a step begins on every so many ticks.
+
+    Returns:
+        spans that are not empty, apart and in their order.
+    """
+    whole: list[Ticks] = []
+    for span in sorted(spans):
+        first, after = (-(-tick // every) * every for tick in span)
+        if whole and first <= whole[-1][1]:
+            whole[-1] = whole[-1][0], max(whole[-1][1], after)
+        elif first < after:
+            whole.append((first, after))
+    return tuple(whole)

@@ -46,7 +46,9 @@ typedef struct {
 } call;
 
 typedef struct { /* a call that is made on some ticks only */
-    int64_t every, phase; /* where tick modulo every is phase */
+    int64_t every, phase;  /* where tick modulo every is phase */
+    const int64_t *stalls; /* but not from a tick to before another: pairs, apart and in their order */
+    size_t count;
     call call;
 } turn;
 
@@ -212,13 +214,14 @@ static int make_step3(const call *c, double now)
     return *c->event || *c->ended || *c->early ? ASKED : status;
 }
 
-static int make_steps(walk *w, const call *c)
+static int make_steps(walk *w, const call *c, double own)
 {
     double *time = &w->position->time;
     const double begin = *time;
     for (size_t i = 0; i < c->count; i++) {
-        *time = begin + (double)i * c->step;
-        int status = c->reached ? make_step3(c, w->start + *time) : make_step2(c, w->start + *time);
+        const double passed = (double)i * c->step, now = w->start + (own + passed);
+        *time = begin + passed;
+        int status = c->reached ? make_step3(c, now) : make_step2(c, now);
         if (has_failed(status))
             return status;
     }
@@ -226,11 +229,28 @@ static int make_steps(walk *w, const call *c)
     return OK;
 }
 
+/* Is it the call's turn? A component that has stalled has a time of its own, which has no gaps. */
+static bool is_due(const walk *w, const turn *t, double *own)
+{
+    const int64_t tick = w->position->tick;
+    int64_t lag = 0;
+    if (tick % t->every != t->phase)
+        return false;
+    for (size_t i = 0; i < t->count && t->stalls[2 * i] <= tick; i++) {
+        if (tick < t->stalls[2 * i + 1])
+            return false;
+        lag += t->stalls[2 * i + 1] - t->stalls[2 * i];
+    }
+    *own = (double)(tick - lag) * w->step;
+    return true;
+}
+
 static int make(walk *w, const call *c)
 {
+    double own = w->position->time;
     if (c->kind == TURN) {
         const turn *t = c->from;
-        if (w->position->tick % t->every != t->phase)
+        if (!is_due(w, t, &own))
             return OK;
         c = &t->call;
     }
@@ -238,9 +258,9 @@ static int make(walk *w, const call *c)
     switch (c->kind) {
     case ACCESS2: return ((access2)c->function)(c->to, c->from, c->count, c->values);
     case ACCESS3: return ((access3)c->function)(c->to, c->from, c->count, c->values, c->count);
-    case STEP2: return make_step2(c, w->start + w->position->time);
-    case STEP3: return make_step3(c, w->start + w->position->time);
-    case STEPS: return make_steps(w, c);
+    case STEP2: return make_step2(c, w->start + own);
+    case STEP3: return make_step3(c, w->start + own);
+    case STEPS: return make_steps(w, c, own);
     case CAST:
         for (size_t i = 0; i < c->count; i++)
             cast(&first[i]);

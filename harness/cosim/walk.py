@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from codegen.cache import stored
 from codegen.toolchains.compiler import FLAGS, CompileError, build_library, compiler_version, this_platform
-from harness.cosim.calls import Calls
+from harness.cosim.calls import Calls, OwnTime, Turn
 from harness.cosim.fmu import Call, Function, Steps
 from harness.cosim.layout import Cast, Conversion, Layout, Replacement, copy
 from harness.cosim.recorder import Recorder
@@ -109,7 +109,7 @@ class Walk:
     def _carry_out(self, numbered: Sequence[tuple[int, Call]]) -> None:
         calls, position, guard = self.calls, self.recorder.position, self.guard
         if turns := calls.turns:
-            numbered = [(n, call) for n, call in numbered if _is_due(turns.get(n, (1, 0)), position.tick)]
+            numbered = [(n, call) for n, call in numbered if n not in turns or turns[n].is_due(position.tick)]
         for position.call, (function, arguments) in numbered:
             status = function(*arguments)
             if guard is not None and guard():
@@ -117,11 +117,6 @@ class Walk:
             if status:
                 calls.fail(status, calls.tick[position.call])
         position.call = -1
-
-
-def _is_due(turn: tuple[int, int], tick: int) -> bool:
-    every, phase = turn
-    return tick % every == phase
 
 
 class _Conversion(ctypes.Structure):
@@ -156,7 +151,13 @@ class _Call(ctypes.Structure):
 
 
 class _Turn(ctypes.Structure):
-    _fields_ = [("every", ctypes.c_int64), ("phase", ctypes.c_int64), ("call", _Call)]
+    _fields_ = [
+        ("every", ctypes.c_int64),
+        ("phase", ctypes.c_int64),
+        ("stalls", ctypes.c_void_p),
+        ("count", ctypes.c_size_t),
+        ("call", _Call),
+    ]
 
 
 class _List(ctypes.Structure):
@@ -223,19 +224,22 @@ class Native:
         array = (_Call * len(part))(*filter(None, prepared))
         for place, turn in calls.turns.items():
             if before <= place < before + len(part):
-                array[place - before] = self._in_turn(array[place - before], *turn)
+                array[place - before] = self._in_turn(array[place - before], turn)
         self._keep.append(array)
         return _List(array, len(part))
 
-    def _in_turn(self, call: _Call, every: int, phase: int) -> _Call:
+    def _in_turn(self, call: _Call, turn: Turn) -> _Call:
         """The call, made only when it is due."""
-        turn = _Turn(every, phase, call)
-        self._keep.append(turn)
-        return _Call(_TURN, from_=ctypes.addressof(turn))
+        stalls = np.array(turn.stalls, dtype=np.int64)
+        prepared = _Turn(turn.every, turn.phase, stalls.ctypes.data, len(stalls), call)
+        self._keep += [stalls, prepared]
+        return _Call(_TURN, from_=ctypes.addressof(prepared))
 
     def _prepared(self, call: Call) -> _Call | None:
         """The call for C; None if the loop there does not know it."""
         function, arguments = call
+        if isinstance(function, OwnTime):
+            return self._prepared(function.step)  # its turn knows its time
         if isinstance(function, Steps):
             one = self._prepared(function.step)
             if one is not None and function.count > 1:

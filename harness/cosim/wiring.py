@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from harness.cosim.fmu import FmuDescription, FmuError, Quantity
 from harness.cosim.ssp import FmuSystem, ScaledLink, SspError
-from harness.cosim.stepping import Order
+from harness.cosim.stepping import Order, Ticks, whole_steps
 from models.errors import WiringError
 from models.kit.declaration import Type
 from models.kit.timing import TICK
@@ -74,6 +74,7 @@ class Wiring:
         delays: of each link.
         free: inputs that nothing feeds, by component.
         faults: components that disturb a link: they delay nothing, and may give what is not finite.
+        stalls: by component, ticks on which it is not stepped: apart, in their order, whole steps of its own.
     """
 
     order: tuple[str, ...]
@@ -85,6 +86,7 @@ class Wiring:
     free: dict[str, tuple[str, ...]]
     start: float = 0.0
     faults: frozenset[str] = frozenset()
+    stalls: Mapping[str, tuple[Ticks, ...]] = field(default_factory=dict)
 
 
 def wire(
@@ -143,6 +145,9 @@ def wire(
         free=free,
         start=system.start_time,
         faults=frozenset(system.faults),
+        stalls={
+            name: spans for name, of in system.stalls.items() if (spans := whole_steps(of, rates[name].every))
+        },
     )
 
 

@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import islice
 from typing import Any, Protocol
@@ -25,7 +25,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from codegen.batch.batch import Batch, Change
+from codegen.batch.batch import Batch, Change, Stalls
 from codegen.cache import TRACED, sources
 from harness.sweep.tls import Certificates, check_use, open_note, refusal, security_of
 from models.commands import ENDS, Status
@@ -146,6 +146,7 @@ class Job:
         seed: of the first trial at each point.
         first: index of `points[0]` among all points, if this is a part of a job.
         faults: where the scenario's faults act.
+        stalls: when components are not stepped, ticks from and to before.
     """
 
     system: str
@@ -159,6 +160,7 @@ class Job:
     faults: tuple[FaultyLink, ...] = ()
     plant: str = PLANT
     controller: str = CONTROLLER
+    stalls: Stalls = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         first, *others = self.trial_types
@@ -241,6 +243,7 @@ class Job:
             (self.seed + number).astype(np.int32),
             first.ticks,
             changes=first.changes,
+            stalls=self.stalls,
         )
         status = results.values[:, 0]
         success = status == Status.SUCCESS
@@ -373,7 +376,15 @@ def batch_of(job: Job) -> Batch:
             _batches[key] = Batch(job.wired, varied, OBSERVED, ("controller.status", ENDS))
         no_trials = np.zeros(0, dtype=np.int32)  # compile once, before the threads start
         first = job.trial_types[0]
-        _batches[key].run(first.values, job.rows(), no_trials, no_trials, first.ticks, changes=first.changes)
+        _batches[key].run(
+            first.values,
+            job.rows(),
+            no_trials,
+            no_trials,
+            first.ticks,
+            changes=first.changes,
+            stalls=job.stalls,
+        )
         return _batches[key]
 
 

@@ -227,6 +227,7 @@ class Tally:
         channels = {channel.component: channel.names for channel in rows.channels}
         self.columns = {name: i for i, name in enumerate(channels.get("controller", ()))}
         self.step = simulation.wiring.step
+        self.stalls = simulation.wiring.stalls.get("controller", ())
         self.rows = 0
         self.status, self.since = math.nan, 0
         self.commands = 0
@@ -252,6 +253,8 @@ class Tally:
             self.commands = int(signals["directional_commands"][-1])
         if "anomaly" in signals:
             codes = signals["anomaly"].astype(np.int64)
+            for first, after in self.stalls:  # what is held is not reported again
+                codes[max(0, first - self.rows) : max(0, after - self.rows)] = 0
             known = codes[(codes > 0) & (codes <= len(ANOMALIES))]
             self.anomalies += np.bincount(known - 1, minlength=len(ANOMALIES))
 

@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from codegen.batch.batch import Change
-from harness.cosim.stepping import Limits
+from harness.cosim.stepping import Limits, whole_steps
 from harness.files import replaced, write_whole
 from harness.sweep.cells import Cells
 from harness.sweep.chunks import TICK_S, Job, Outcomes, Progress, Trials, TrialType, pool_at, program, run_all
@@ -277,6 +277,7 @@ def native_job(
 ) -> Job:
     """The trials of our own blocks; the scenarios take turns."""
     first, wired = scenarios[0], components.system(scenarios[0])
+    faults = _faults(first, wired)
     return Job(
         first.system,
         tuple(axis.variable for axis in axes),
@@ -287,7 +288,8 @@ def native_job(
         estimator=first.estimator,
         plant=components.block("plant") or PLANT,
         controller=components.block("controller") or CONTROLLER,
-        faults=_faults(first, wired).links,
+        faults=faults.links,
+        stalls={name: whole_steps(spans, 1) for name, spans in faults.stalls.items()},
     )
 
 

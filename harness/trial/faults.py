@@ -1,4 +1,4 @@
-"""Faults of signals: those that a scenario states, resolved to blocks in a system's links.
+"""Faults that a scenario states: of signals, resolved to blocks in a system's links; of bytes; of components.
 
 A lost radio is no signal's fault: `plan` takes `controller.link_ok` away, as `[[set]]` does.
 """
@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from harness.cosim.stepping import Ticks
 from harness.onboard.garbage import STREAMS, Garbage
 from harness.trial.plan import Interface, is_angular, split_address
-from harness.trial.scenario import FAULTS, GARBAGE, LOST, Disturbance, Scenario, ScenarioError
+from harness.trial.scenario import FAULTS, GARBAGE, LOST, STALL, Disturbance, Scenario, ScenarioError
 from models.disturbance import FAULTS as BLOCKS
 from models.disturbance import LONGEST_DELAY, MAX_FAULTS, FaultyLink, Kind, Placed
 from models.errors import nearest
@@ -25,17 +26,19 @@ ARROW = "->"
 
 @dataclass(frozen=True)
 class Faults:
-    """The faults of signals in a system.
+    """The faults in a system.
 
     Attributes:
-        links: where they act.
-        values: of the blocks' parameters, one mapping for each fault.
+        links: where those of signals act.
+        values: of their blocks' parameters, one mapping for each fault.
         garbage: of the bytes that the firmware on board receives.
+        stalls: when components are not stepped.
     """
 
     links: tuple[FaultyLink, ...] = ()
     values: tuple[Mapping[str, float], ...] = ()
     garbage: tuple[Garbage, ...] = ()
+    stalls: Mapping[str, tuple[Ticks, ...]] = field(default_factory=dict)
 
     def values_of(self, placed: Mapping[str, Placed]) -> dict[str, dict[str, float]]:
         """The parameters of the blocks, by component."""
@@ -59,12 +62,13 @@ def resolve_faults(
         inside: components of the firmware on board: what links them, and the sensors with them, lies in it.
 
     Raises:
-        ScenarioError: there is no such signal or link, the kind does not fit the signal, or a value is out of
-            its range.
+        ScenarioError: there is no such signal, link or component, the kind does not fit the signal, or a
+            value is out of its range.
     """
     resolver = _Resolver(interfaces, links, step, names or {}, inside)
     found: list[tuple[FaultyLink, dict[str, float]]] = []
     garbage: list[Garbage] = []
+    stalls: dict[str, tuple[Ticks, ...]] = {}
     for number, fault in enumerate(scenario.faults, start=1):
         where = f"{scenario.name}: [[fault]] {number}"
         if fault.kind == LOST:
@@ -77,11 +81,17 @@ def resolve_faults(
             share = fault.value or 0.0
             garbage.append(Garbage(fault.signal, share, first, after, scenario.seed, number))
             continue
+        if fault.kind == STALL:
+            resolver.check_component(fault.signal, where)
+            stalls[fault.signal] = (*stalls.get(fault.signal, ()), _window(fault, step))
+            continue
         link, values = resolver.resolve(fault, where)
         found.append((link, values | {"seed": float(scenario.seed), "number": float(len(found))}))
     if len(found) > MAX_FAULTS:
         raise ScenarioError(f"{scenario.name}: has {len(found)} faults; expected up to {MAX_FAULTS}")
-    return Faults(tuple(link for link, _ in found), tuple(values for _, values in found), tuple(garbage))
+    return Faults(
+        tuple(link for link, _ in found), tuple(values for _, values in found), tuple(garbage), stalls
+    )
 
 
 def _check_stream(fault: Disturbance, where: str, *, is_onboard: bool) -> None:
@@ -95,9 +105,10 @@ def _check_stream(fault: Disturbance, where: str, *, is_onboard: bool) -> None:
         )
 
 
-def _window(fault: Disturbance, step: float) -> tuple[int, float]:
+def _window(fault: Disturbance, step: float) -> Ticks:
     """The first tick on which a fault acts, and the first on which it is over."""
-    return tick_of(fault.at, step), COUNT_MAX if fault.until is None else tick_of(fault.until, step)
+    after = int(COUNT_MAX) if fault.until is None else tick_of(fault.until, step)
+    return tick_of(fault.at, step), after
 
 
 @dataclass(frozen=True)
@@ -136,10 +147,25 @@ class _Resolver:
         interface = self.interfaces[component]
         if name not in interface.outputs:
             hint = nearest(name, interface.outputs)
+            if not name:
+                hint = f'; name an output, or state kind = "{STALL}", which is of a component'
             if name in interface.inputs:
                 hint = "; it is an input: disturb the output that feeds it, or set it by [[set]]"
             raise ScenarioError(f'{where}: {interface.label} has no output "{name}"{hint}')
         return component, interface.outputs[name]
+
+    def check_component(self, name: str, where: str) -> None:
+        """Refuse a stall of what is no component, and of one in the firmware."""
+        if name not in self.interfaces:
+            owner = split_address(name, self.interfaces)[0]
+            known = [component for component in self.interfaces if component not in self.inside]
+            hint = f'; did you mean "{owner}"?' if owner in known else nearest(name, known)
+            raise ScenarioError(f'{where}: signal is "{name}", kind is "{STALL}"; expected a component{hint}')
+        if name in self.inside:
+            raise ScenarioError(
+                f"{where}: {name} is in the firmware on board, which goes on as a whole; "
+                "stall the sensors or the plant, or run without --onboard"
+            )
 
     def check_links(self, place: FaultyLink, whole: FaultyLink, where: str, signal: str) -> None:
         """Refuse a fault of no link, and one of a link in the firmware.

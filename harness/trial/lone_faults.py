@@ -41,6 +41,7 @@ RATE: Kinds = {"off": None, "stuck": None, "offset": 20.0, "noise": 30.0, "dropo
 FORCE: Kinds = {"off": None, "stuck": None, "offset": 3.0, "scale": 2.0, "noise": 10.0, "nan": None}
 ANGLE: Kinds = {"stuck": None, "offset": 30.0, "noise": 20.0, "delay": 0.4, "jump": 90.0, "nan": None}
 PLACE: Kinds = {"stuck": None, "offset": 5.0, "jump": 20.0, "nan": None}
+STALL: Kinds = {"stall": None}  # of what is worn: an animal does not stand still in the air
 CATALOGUE: tuple[tuple[tuple[str, ...], Kinds], ...] = (
     (("sensors.gps_north", "sensors.gps_east"), GPS),
     (("sensors.gps_speed",), {"off": None, "stuck": None, "offset": 2.0, "noise": 1.0, "nan": None}),
@@ -57,6 +58,11 @@ CATALOGUE: tuple[tuple[tuple[str, ...], Kinds], ...] = (
     (("plant.speed -> controller.speed",), {"off": None, "stuck": None, "nan": None}),
     (("plant.heading -> controller.heading",), ANGLE),
     (("controller.command -> plant.command",), {"off": None, "stuck": None, "delay": 0.4, "dropouts": 0.5}),
+    (("sensors",), STALL),
+    (("ahrs",), STALL),
+    (("estimator",), STALL),
+    (("controller",), STALL),
+    (("command_module",), STALL),
     (("radio",), {"lost": None, "garbage": 0.3}),
     (("gps",), {"garbage": 0.3}),
     (("imu",), {"garbage": 0.3}),

@@ -71,6 +71,11 @@ def _check(request: Request, ready: Prepared, path: Path) -> None:
             f"{scenario.name}: [[set]] changes {', '.join(later)}; a package holds values of the start "
             "alone: leave these changes out"
         )
+    if ready.system.stalls:
+        raise ScenarioError(
+            f"{scenario.name}: [[fault]] stalls {', '.join(ready.system.stalls)}; a package cannot say when "
+            "a component is not stepped: leave the stalls out"
+        )
 
 
 def _start_values(ready: Prepared) -> dict[str, dict[str, float]]:

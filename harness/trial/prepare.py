@@ -13,7 +13,8 @@ from harness.cosim.fmu import FmuDescription, describe
 from harness.cosim.rename import Rename
 from harness.cosim.roles import Fit, find_role, misfits, read_adapter, replace_component, roles
 from harness.cosim.ssp import FmuComponent, FmuSystem, ScaledLink, open_ssp
-from harness.cosim.wiring import find_tick
+from harness.cosim.stepping import whole_steps
+from harness.cosim.wiring import find_rate, find_tick
 from harness.files import nearest_file
 from harness.onboard import IN_FIRMWARE
 from harness.onboard.garbage import Garbage
@@ -94,10 +95,13 @@ def prepared(request: Request) -> Iterator[Prepared]:
             notes += fits[role].notes
         renames = {role: fit.outputs for role, fit in fits.items()}
         interfaces = _interfaces(scenario.own_system, fmus, fits)
+        inside: tuple[str, ...] = ()
         if request.onboard:
             from harness.trial.firmware import interfaces_on_board  # noqa: PLC0415 - the firmware's C
 
-            interfaces |= interfaces_on_board()
+            on_board = interfaces_on_board()
+            interfaces |= on_board
+            inside = (*IN_FIRMWARE, *on_board)
         connected = {
             name: {link.target_variable for link in system.links if link.target == name} for name in fmus
         }
@@ -108,15 +112,16 @@ def prepared(request: Request) -> Iterator[Prepared]:
             system.links,
             find_tick(fmus)[0],
             names={r: {name: rename.name for name, rename in f.outputs.items()} for r, f in fits.items()},
-            inside=IN_FIRMWARE if request.onboard else (),
+            inside=inside,
         )
+        notes += _idle_stalls(scenario, faults, fmus)
         disturbed, values = _with_faults(
             system, faults, build_folder() / f"fmi{request.fmi}", is_sensed=bool(request.onboard)
         )
         fmus = {name: describe(disturbed.components[name].fmu) for name in values} | fmus
         resolved = replace(resolved, values=resolved.values | values)
         yield Prepared(
-            disturbed,
+            replace(disturbed, stalls=faults.stalls),
             fmus,
             interfaces,
             resolved,
@@ -138,6 +143,19 @@ def _notes(system: FmuSystem, scenario: Scenario) -> list[str]:
             f"{scenario.system}: its experiment takes {stop - start:g} s, the trial {scenario.duration:g} s"
         )
     return notes
+
+
+def _idle_stalls(scenario: Scenario, faults: Faults, fmus: Mapping[str, FmuDescription]) -> list[str]:
+    """Stalls of slow components that never act."""
+    tick = find_tick(fmus)[0]
+    rates = {name: find_rate(name, fmus[name], tick) for name in faults.stalls}
+    return [
+        f"{scenario.name}: a stall of {name} from {first * tick:g} to {after * tick:g} s never acts: "
+        f"no step of it, one every {rates[name].size(tick):g} s, begins then"
+        for name, spans in faults.stalls.items()
+        for first, after in spans
+        if first < after and not whole_steps([(first, after)], rates[name].every)
+    ]
 
 
 def _interfaces(

@@ -56,7 +56,7 @@ from models.kit.random import MAX_SEED
 from models.readings import READINGS
 from models.system import ESTIMATOR, ESTIMATORS, SYSTEMS, System, find_system
 
-LOST, GARBAGE = "lost", "garbage"  # faults of the radio, and of bytes that the firmware receives
+LOST, GARBAGE, STALL = "lost", "garbage", "stall"  # of the radio, of bytes for the firmware, of a component
 Written = bool | int | float | str | list[Any]
 SHIPPED = Path(__file__).parents[1] / "scenarios"
 MAX_DURATION = 86_400.0  # s: a day
@@ -84,9 +84,10 @@ class Disturbance:
     """A fault as written, from `at` to `until` [s]; None is the end of the trial.
 
     Attributes:
-        signal: `component.output`, or one link of it, `component.output -> component.input`.
-        kind: one of `FAULT_KINDS`.
-        value: in the signal's unit, angles in degrees; of some kinds something else (`FAULT_KINDS`).
+        signal: `component.output`, or one link of it, `component.output -> component.input`; of some kinds
+            a stream of bytes, or a component.
+        kind: one of `FAULTS`.
+        value: in the signal's unit, angles in degrees; of some kinds something else (`FAULTS`).
     """
 
     signal: str
@@ -137,6 +138,7 @@ FAULT_KINDS = {
 FAULTS = {kind.name.lower(): what for kind, what in FAULT_KINDS.items()} | {
     LOST: FaultKind(types=frozenset()),
     GARBAGE: FaultKind("the share of bytes that arrive as others", 0, 1, types=frozenset()),
+    STALL: FaultKind(types=frozenset()),
 }
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from harness.cosim.stepping import Ticks
 from models.disturbance import FaultyLink
 from models.kit.link import Link
 
@@ -77,6 +78,7 @@ class FmuSystem:
         notes: what the package makes of itself that the user should know.
         faults: what the components that disturb links act on.
         tick: s; None for the one that follows from its FMUs.
+        stalls: when components are not stepped, ticks from and to before.
     """
 
     name: str
@@ -88,3 +90,4 @@ class FmuSystem:
     notes: tuple[str, ...] = ()
     faults: Mapping[str, FaultyLink] = field(default_factory=dict)
     tick: float | None = None
+    stalls: Mapping[str, tuple[Ticks, ...]] = field(default_factory=dict)

@@ -30,7 +30,7 @@ class Runner:
 
     def run(  # noqa: PLR0917 - as the batch runner's
         self, by_type: tuple[str, ...], values: Any, points: Any, point: Any, seed: Any, ticks: int,
-        changes: Any = (),
+        changes: Any = (), stalls: Any = (),
     ) -> Results:  # fmt: skip
         time.sleep(self.pause)
         self.seeds += seed.tolist()

@@ -19,7 +19,7 @@ from harness.sweep.matrix import plan_matrix
 from harness.sweep.sweep import SweepError, plan_sweep
 from harness.trial.prepare import prepared
 from harness.trial.request import Changes, build_missing, requested
-from harness.trial.scenario import Scenario
+from harness.trial.scenario import Disturbance, Scenario
 from harness.trial.seeds import run_seeds
 from models.errors import CanineError, UsageError
 from tests.harness import command
@@ -195,6 +195,19 @@ def test_an_fmu_runs_by_cosimulation_as_often_as_it_is_asked_to(
     point = result.table["cmec", str(fmus["well"]), "leg"]
     assert point.mean_time == pytest.approx(summary["time_s"])
     assert result.faults == []
+
+
+def test_an_anomaly_that_a_stalled_controller_holds_is_counted_once_in_either_engine(
+    tmp_path: Path, fmus: dict[str, Path]
+) -> None:
+    # given a radio that is lost for a tick, after which the controller stalls and holds what it reported
+    faults = (Disturbance("radio", "lost", 1.0, 1.04), Disturbance("controller", "stall", 1.04, 3.0))
+    plants = ["canine", str(fmus["well"])]
+    planned = plan_matrix(["cmec"], plants, [replace(LEG, faults=faults)], trials=2)
+    # when
+    result = matrix.run(planned, tmp_path / "matrix")
+    # then
+    assert [point.anomalies["lost_link"] for point in result.table.values()] == [2, 2]
 
 
 def test_an_fmu_that_fails_spoils_its_own_trials_only(

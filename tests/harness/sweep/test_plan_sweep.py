@@ -124,6 +124,14 @@ def test_a_scenarios_faults_go_with_the_job() -> None:
     values = {"kind": 4.0, "first": 25.0, "after": 75.0, "value": pytest.approx(math.pi / 2)}
     assert values.items() <= trial_type.values["fault_1"].items()
     assert [(c.tick, c.variable, c.value) for c in trial_type.changes] == [(50, "link_ok", 0.0)]
+    # and a component that stalls
+    stall = Disturbance("controller", "stall", 2.0, 3.0)
+    with_stall = plan_sweep(replace(scenario, faults=(noise, stall)), thresholds="30", trials=1)
+    assert with_stall.job.stalls == {"controller": ((50, 75),)}
+    assert (
+        with_stall.fingerprint
+        != plan_sweep(replace(scenario, faults=(noise,)), thresholds="30", trials=1).fingerprint
+    )
     # and other faults make another sweep
     other = plan_sweep(replace(scenario, faults=()), thresholds="30", trials=1)
     assert other.fingerprint != plan_sweep(scenario, thresholds="30", trials=1).fingerprint

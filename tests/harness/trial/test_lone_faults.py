@@ -118,17 +118,21 @@ def test_the_catalogue_knows_all_kinds_and_only_signals_that_there_are() -> None
         for name, _ in flatten(block.group("output"))
     }
     signals = {fault.signal.partition(" -> ")[0] for case in cases for fault in case.faults}
-    assert signals - outputs == {"radio", "gps", "imu"}
+    worn = {c for system in SYSTEMS.values() for c in system.components} - {"plant"}
+    assert signals - outputs == {"radio", "gps", "imu", *worn}
 
 
 def test_what_a_system_lacks_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     # given some of the catalogue
-    some = [c for c in shipped_cases(1.0, 2.0) if c.faults[0].kind in ("delay", "lost", "garbage")]
+    some = [c for c in shipped_cases(1.0, 2.0) if c.faults[0].kind in ("delay", "lost", "garbage", "stall")]
     request = Request(load("two_waypoint"))
     # then the full system has no link from the plant to the controller, and no bytes
     words = [case.words for case in fitting(request, some)]
     assert "delay 0.4 of sensors.heading_meas" in words
     assert "lost radio" in words
+    assert [text for text in words if "stall" in text] == [
+        f"stall of {name}" for name in ("sensors", "estimator", "controller", "command_module")
+    ]
     assert not [text for text in words if "plant.heading" in text or "garbage" in text]
 
 

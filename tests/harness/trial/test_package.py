@@ -181,6 +181,11 @@ def test_what_the_scenario_sets_is_bound_and_nothing_else(tmp_path: Path) -> Non
             "it.ssp",
             r"two_waypoint: \[\[fault\]\] loses the radio from 3 s on; a package holds values of the start",
         ),
+        (
+            replace(SHORT, faults=(Disturbance("estimator", "stall", 3.0, 4.5),)),
+            "it.ssp",
+            r"two_waypoint: \[\[fault\]\] stalls estimator; a package cannot say when",
+        ),
         (SHORT, "it.zip", r"--ssp .*it\.zip: expected a name that ends in \.ssp"),
     ],
 )
