@@ -168,7 +168,7 @@ FAULTS: dict[Type, type[Fault]] = {
 
 @dataclass(frozen=True)
 class FaultyLink:
-    """Where a fault sits: on all links of an output, or on the one to `target`."""
+    """Where a fault sits: on all links of an output (`Link.signal`), or on the one to `target`."""
 
     type: Type
     source: str
@@ -179,7 +179,7 @@ class FaultyLink:
     def holds(self, link: Link) -> bool:
         """Does the fault act on this link?"""
         end = (self.target, self.target_variable)
-        return (self.source, self.source_variable) == (link.source, link.source_variable) and (
+        return (self.source, self.source_variable) == (link.source, link.signal) and (
             not self.target or end == (link.target, link.target_variable)
         )
 

@@ -330,7 +330,7 @@ def replace_component(
             system does not link to the role yet is linked from there.
 
     Raises:
-        RoleError: the FMU does not fit.
+        RoleError: the FMU does not fit, or the system has a link of the role that no other FMU can have.
         UsageError: the system has no such component.
     """
     if role_name not in system.components:
@@ -342,8 +342,9 @@ def replace_component(
         raise RoleError("\n".join(fitted.problems))
     components = dict(system.components)
     components[role_name] = FmuComponent(role_name, fmu.path)
-    links = []
+    links, untold = [], []
     for link in system.links:
+        _check_swap(link, role_name)
         source = fitted.outputs.get(link.source_variable) if link.source == role_name else _AS_IT_IS
         target = fitted.inputs.get(link.target_variable) if link.target == role_name else _AS_IT_IS
         if source is not None and target is not None:
@@ -353,6 +354,11 @@ def replace_component(
             components[link.target] = replace(
                 part, values=part.values | {link.target_variable: StartValue(0.0)}
             )
+        elif link.target_variable not in find_role(role_name).inputs:
+            untold.append(link.target_variable)
+    if untold:
+        note = f"{role_name} {fmu.path.name}: does not receive {', '.join(untold)}, which the package gives"
+        fitted = replace(fitted, notes=(*fitted.notes, note))
     linked = {link.target_variable for link in system.links if link.target == role_name}
     for name, source_component in (sources or {}).items():
         if name in fitted.inputs and name not in linked:
@@ -361,24 +367,39 @@ def replace_component(
     return replace(system, components=components, links=tuple(links)), fitted
 
 
+def _check_swap(link: ScaledLink, role_name: str) -> None:
+    """Refuse what a package states of the FMU that it has in a role, and what no other can be asked for."""
+    if role_name not in (link.source, link.target):
+        return
+    if link.settled and link.converts:
+        raise RoleError(
+            f"link {link}: the package converts ({link.conversion}) what its own {role_name} gives or takes, "
+            f"and nobody knows whether that suits another; leave --{role_name} out, or the conversion"
+        )
+    role = find_role(role_name)
+    if link.source == role_name and link.source_variable not in role.needs:
+        raise RoleError(
+            f'link {link}: the {role_name} role has no output "{link.source_variable}"'
+            f"{nearest(link.source_variable, role.needs)}; an FMU takes the place of one that gives the "
+            "role's outputs alone"
+        )
+
+
 _AS_IT_IS = Rename("")
 _SENSED = dict(flatten(Sensors.group("output")))
 
 
 def _adapted(link: ScaledLink, source: Rename, target: Rename) -> ScaledLink:
     """The link by the FMU's names: the source's conversion, the link's own, then the target's."""
-    if link.table and any((end.factor, end.offset) != (1.0, 0.0) for end in (source, target)):
-        raise RoleError(
-            f"link {link}: the package replaces its whole numbers by a table; leave factor and offset out of "
-            "the mapping file"
-        )
+    name = source.name or link.source_variable
     factor = target.factor * link.factor * source.factor
     offset = target.factor * (link.factor * source.offset + link.offset) + target.offset
     return replace(
         link,
-        source_variable=source.name or link.source_variable,
+        source_variable=name,
         target_variable=target.name or link.target_variable,
         factor=factor,
         offset=offset,
         settled=False,
+        output="" if name == link.signal else link.signal,
     )

@@ -10,6 +10,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from harness.cosim.rename import Rename
 from harness.cosim.stepping import Ticks
 from harness.onboard.garbage import STREAMS, Garbage
 from harness.trial.plan import Interface, is_angular, split_address
@@ -22,6 +23,7 @@ from models.kit.geometry import COUNT_MAX
 from models.kit.link import Link
 
 ARROW = "->"
+IN_UNIT = (Kind.OFFSET, Kind.NOISE, Kind.JUMP)  # kinds whose value is in the signal's unit
 
 
 @dataclass(frozen=True)
@@ -51,21 +53,21 @@ def resolve_faults(
     links: Sequence[Link],
     step: float,
     *,
-    names: Mapping[str, Mapping[str, str]] | None = None,
+    renames: Mapping[str, Mapping[str, Rename]] | None = None,
     inside: Collection[str] = (),
 ) -> Faults:
     """Resolve a scenario's faults against a system.
 
     Args:
         step: of the system, s.
-        names: of swapped components' outputs, by component and the role's name.
+        renames: of swapped components' outputs, by component and the role's name.
         inside: components of the firmware on board: what links them, and the sensors with them, lies in it.
 
     Raises:
         ScenarioError: there is no such signal, link or component, the kind does not fit the signal, or a
             value is out of its range.
     """
-    resolver = _Resolver(interfaces, links, step, names or {}, inside)
+    resolver = _Resolver(interfaces, links, step, renames or {}, inside)
     found: list[tuple[FaultyLink, dict[str, float]]] = []
     garbage: list[Garbage] = []
     stalls: dict[str, tuple[Ticks, ...]] = {}
@@ -118,7 +120,7 @@ class _Resolver:
     interfaces: Mapping[str, Interface]
     links: Sequence[Link]
     step: float
-    names: Mapping[str, Mapping[str, str]]
+    renames: Mapping[str, Mapping[str, Rename]]
     inside: Collection[str]
 
     def resolve(self, fault: Disturbance, where: str) -> tuple[FaultyLink, dict[str, float]]:
@@ -132,12 +134,17 @@ class _Resolver:
                 f"expected one of {kinds}"
             )
         name = split_address(output, self.interfaces)[1]
-        own = self.names.get(component, {}).get(name, name)
-        whole = FaultyLink(variable.type, component, own)
-        target, input_name = split_address(end, self.interfaces)
-        place = replace(whole, target=target, target_variable=input_name)
-        self.check_links(place if arrow else whole, whole, where, fault.signal)
-        return place, self.values(fault, variable, where)
+        place = whole = FaultyLink(variable.type, component, name)
+        if arrow:
+            target, input_name = split_address(end, self.interfaces)
+            if target in self.interfaces:
+                input_name = self.interfaces[target].renames.get(input_name, Rename(input_name)).name
+            place = replace(whole, target=target, target_variable=input_name)
+        self.check_links(place, whole, where, fault.signal)
+        values = self.values(fault, variable, where)
+        if "value" in values:
+            values["value"] *= self.scale(Kind[fault.kind.upper()], place, where)
+        return place, values
 
     def output(self, address: str, where: str) -> tuple[str, Variable]:
         """An output's component and variable."""
@@ -176,16 +183,38 @@ class _Resolver:
         others = [link for link in self.links if whole.holds(link)]
         is_sensed = bool(self.inside) and place.source == "sensors"
         if not links and not (is_sensed and place == whole):
-            there = f"its links are {', '.join(map(str, others))}" if others else "it feeds nothing here"
+            there = f"its links are {', '.join(map(_address, others))}" if others else "it feeds nothing here"
             raise ScenarioError(f'{where}: there is no link "{signal}"; {there}')
         for link in links:
             if link.target in self.inside and (link.source in self.inside or (is_sensed and place != whole)):
-                outside = [str(other) for other in others if other.target not in self.inside]
+                outside = [_address(other) for other in others if other.target not in self.inside]
                 instead = f"{place.source}.{place.source_variable}" if is_sensed else ", ".join(outside)
                 raise ScenarioError(
-                    f'{where}: the link "{link}" lies in the firmware on board; disturb '
+                    f'{where}: the link "{_address(link)}" lies in the firmware on board; disturb '
                     f'"{instead or "a signal of the sensors or the plant"}", or run without --onboard'
                 )
+
+    def scale(self, kind: Kind, place: FaultyLink, where: str) -> float:
+        """What a value in the signal's unit is multiplied by, for a block behind what its links convert."""
+        given = self.renames.get(place.source, {}).get(place.source_variable, Rename(place.source_variable))
+        links = {link: link.factor / given.factor for link in self.links if place.holds(link)}
+        scales = set(links.values()) or {1.0}
+        if kind is Kind.SCALE:
+            for link, scale in links.items():
+                if not math.isclose(link.offset, scale * given.offset, rel_tol=1e-9):
+                    raise ScenarioError(
+                        f'{where}: the link "{_address(link)}" adds {link.offset:g} on the way, and a scale '
+                        'would act on that too; expected another kind, such as "offset"'
+                    )
+        if kind not in IN_UNIT:
+            return 1.0
+        if len(scales) > 1:
+            raise ScenarioError(
+                f"{where}: the links of {place.source}.{place.source_variable} convert it differently; "
+                f"disturb one: {', '.join(map(_address, links))}"
+            )
+        scale = scales.pop()
+        return abs(scale) if kind is Kind.NOISE else scale
 
     def values(self, fault: Disturbance, variable: Variable, where: str) -> dict[str, float]:
         """The values of a fault's block."""
@@ -200,8 +229,13 @@ class _Resolver:
                 expected = f"a delay from {step:g} to {LONGEST_DELAY * step:g} s"
                 raise ScenarioError(f"{where}: value is {fault.value:g}; expected {expected}")
             return values | {"delay": float(ticks)}
-        is_of_unit = kind in (Kind.OFFSET, Kind.NOISE, Kind.JUMP) and is_angular(variable)
+        is_of_unit = kind in IN_UNIT and is_angular(variable)
         return values | {"value": math.radians(fault.value) if is_of_unit else fault.value}
+
+
+def _address(link: Link) -> str:
+    """A link as a scenario names it."""
+    return f"{link.source}.{link.signal} {ARROW} {link.target}.{link.target_variable}"
 
 
 def tick_of(time: float, step: float) -> int:

@@ -111,7 +111,7 @@ def prepared(request: Request) -> Iterator[Prepared]:
             interfaces,
             system.links,
             find_tick(fmus)[0],
-            names={r: {name: rename.name for name, rename in f.outputs.items()} for r, f in fits.items()},
+            renames=renames,
             inside=inside,
         )
         notes += _idle_stalls(scenario, faults, fmus)

@@ -11,12 +11,22 @@ Values = Mapping[str, Mapping[str, float]]  # by component and flat name, SI
 
 @dataclass(frozen=True)
 class Link:
-    """One link: `source_variable` of component `source` feeds `target_variable` of component `target`."""
+    """One link: `source_variable` of component `source` feeds `target_variable` of component `target`.
+
+    The target gets factor * source + offset; what a system of ours links is not converted.
+    """
 
     source: str
     source_variable: str
     target: str
     target_variable: str
+    factor = 1.0
+    offset = 0.0
+
+    @property
+    def signal(self) -> str:
+        """What scenarios call the source's variable."""
+        return self.source_variable
 
     def __str__(self) -> str:
         return f"{self.source}.{self.source_variable} -> {self.target}.{self.target_variable}"

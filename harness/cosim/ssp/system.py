@@ -47,12 +47,19 @@ class ScaledLink(Link):
     Attributes:
         table: pairs of a whole number and the one that replaces it; others stay.
         settled: its package has compared the units of both ends, and the link is what it asks for.
+        output: the role's name of the source's variable, where a swapped FMU has another.
     """
 
     factor: float = 1.0
     offset: float = 0.0
     table: tuple[tuple[int, int], ...] = ()
     settled: bool = False
+    output: str = ""
+
+    @property
+    def signal(self) -> str:
+        """The role's name of the source's variable."""
+        return self.output or self.source_variable
 
     @property
     def converts(self) -> bool:

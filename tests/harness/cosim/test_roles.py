@@ -9,6 +9,7 @@ from harness.cosim.loop import Simulation
 from harness.cosim.rename import Rename
 from harness.cosim.roles import (
     MISSION,
+    Adapter,
     Fit,
     RoleError,
     find_role,
@@ -145,13 +146,53 @@ def test_it_takes_the_place_of_the_plant(tmp_path: Path) -> None:
     with Simulation(system) as simulation:
         simulation.run(duration=0, record=lambda t, v: rows.append(v["sensors"].tolist()))
     # then the sensors see 10 m/s, the acceleration that it lacks is zero, and it is told nothing
-    assert system.links == (ScaledLink("plant", "v", "sensors", "speed", 0.2777777777777778, 0.0),)
+    assert system.links == (
+        ScaledLink("plant", "v", "sensors", "speed", 0.2777777777777778, 0.0, output="speed"),
+    )
     assert system.components["sensors"].values == {"acceleration": StartValue(0.0)}
     assert rows == [[[10.0, 0.0, 0.0]]]
     assert fit.notes == (
         "plant dog.fmu: has no output acceleration; taken as zero",
         "plant dog.fmu: has no input command; does not receive the role's values of it",
     )
+
+
+@pytest.mark.parametrize(
+    ("link", "text"),
+    [
+        (
+            ScaledLink("plant", "speed", "sensors", "speed", 1 / 3.6, settled=True),
+            r"link plant\.speed -> sensors\.speed: the package converts \(\* 0\.277778 \+ 0\) what its",
+        ),
+        (
+            ScaledLink("controller", "command", "plant", "command", table=((1, 2),), settled=True),
+            r"link controller\.command -> plant\.command: the package converts \(1 as 2\) what its own plant",
+        ),
+        (
+            ScaledLink("plant", "v_kmh", "sensors", "speed", settled=True),
+            r'link plant\.v_kmh -> sensors\.speed: the plant role has no output "v_kmh"',
+        ),
+    ],
+)
+def test_what_a_package_makes_of_its_own_plant_is_not_done_to_another(
+    link: ScaledLink, text: str, tmp_path: Path
+) -> None:
+    # given a package, and another dog in m/s
+    dog = tiny_fmu(tmp_path / "dog.fmu", [V("command", "input", "Integer"), V("speed", unit="m/s")])
+    system = FmuSystem(
+        "toy", {n: FmuComponent(n, Path("own.fmu")) for n in (link.source, link.target)}, (link,)
+    )
+    with pytest.raises(RoleError, match=text):
+        replace_component(system, "plant", describe(dog), Adapter(tmp_path / "dog.toml"))
+
+
+def test_what_only_a_packages_own_plant_is_told_is_noted(tmp_path: Path) -> None:
+    dog = tiny_fmu(tmp_path / "dog.fmu", [V("command", "input", "Integer")])
+    members = {name: FmuComponent(name, Path("own.fmu")) for name in ("wind", "plant")}
+    system = FmuSystem("toy", members, (ScaledLink("wind", "force", "plant", "push", settled=True),))
+    swapped, fit = replace_component(system, "plant", describe(dog), Adapter(tmp_path / "dog.toml"))
+    assert swapped.links == ()
+    assert fit.notes == ("plant dog.fmu: does not receive push, which the package gives",)
 
 
 def test_an_unknown_role_is_refused_with_the_nearest_name() -> None:

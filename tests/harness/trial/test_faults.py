@@ -8,17 +8,21 @@ import numpy as np
 import pytest
 
 from harness.cosim.loop import Array, Simulation
+from harness.cosim.ssp import ScaledLink
 from harness.cosim.stepping import Order
 from harness.log.log import Log, read_log
 from harness.onboard import IN_FIRMWARE
 from harness.trial import trial
 from harness.trial.disturbances import disturbances
 from harness.trial.faults import resolve_faults
-from harness.trial.plan import interfaces_of_system
+from harness.trial.lone_faults import Case, fitting
+from harness.trial.plan import Interface, interfaces_of_system
 from harness.trial.prepare import prepared
 from harness.trial.request import Changes, Request, build_missing, requested
 from harness.trial.scenario import FAULTS, Disturbance, Scenario, ScenarioError, Setting, load
+from models.kit.declaration import Type, Variable
 from models.system import SYSTEMS
+from tests.harness.cosim.tiny_fmu import V, tiny_fmu
 from tests.harness.trial.test_trial import dog
 
 SHORT = replace(load("two_waypoint"), duration=2.0)
@@ -239,3 +243,96 @@ def test_a_fault_of_a_foreign_plants_mapped_output_is_in_the_roles_unit(tmp_path
     assert log["plant.speed"][19:] == pytest.approx(np.full(32, 5.0))
     expected = [10.0 if 20 <= k < 30 else 5.0 for k in range(19, 51)]
     assert log["sensors.speed"][19:].tolist() == pytest.approx(expected)
+
+
+MAPPED = [
+    V("cmd", "input", "Integer"),
+    V("psi", unit="deg"),
+    V("zero"),
+    *(V(n) for n in ("north", "east", "speed")),
+]
+
+
+def mapped(folder: Path) -> Path:
+    """A dog whose command and heading have other names, and whose pitch and roll are one output."""
+    path = tiny_fmu(folder / "dog.fmu", MAPPED, "v[1] = 90; v[3] += h * (v[0] == 1);", depends=False)
+    path.with_suffix(".toml").write_text(
+        '[outputs]\npitch = "zero"\nroll = "zero"\n'
+        'heading = { name = "psi", factor = 0.017453292519943295 }\n[inputs]\ncommand = "cmd"\n'
+    )
+    return path
+
+
+def test_a_fault_of_an_output_leaves_others_that_the_same_variable_gives(tmp_path: Path) -> None:
+    faults = (fault("plant.pitch", "offset", 0.4), fault("plant.heading -> sensors.heading", "offset", 0.4))
+    log = flown(with_faults(*faults), tmp_path / "out", swaps={"plant": mapped(tmp_path)})
+    off = [np.radians(5.0) if 10 <= k < 30 else 0.0 for k in range(51)]
+    assert log["sensors.pitch"].tolist() == pytest.approx(off)
+    assert not log["sensors.roll"].any()
+    # and of a heading that is mapped, 5 deg are 5 deg
+    assert (log["sensors.heading"] - log["plant.heading"])[2:] == pytest.approx(np.array(off[2:]))
+
+
+def test_a_link_to_a_mapped_input_is_disturbed_by_the_roles_name(tmp_path: Path) -> None:
+    # given a dog that calls its command otherwise
+    order = Setting("controller.override", "FORWARD", 0.0)
+    scenario = with_faults(
+        fault("controller.command -> plant.command", "off", 0.4), scenario=replace(SHORT, sets=(order,))
+    )
+    # when
+    log = flown(scenario, tmp_path / "out", swaps={"plant": mapped(tmp_path)})
+    # then it does not hear it for a while, and the tables of faults have that, too
+    heard = log["plant.cmd"]
+    assert (heard[10:30] == 0).all()
+    assert (heard[31:] == 1).all()
+    case = Case((fault("controller.command -> plant.command", "off"),))
+    assert fitting(Request(SHORT, swaps={"plant": tmp_path / "dog.fmu"}), [case]) == [case]
+
+
+DEGREES = [  # what a package gives in degrees its reader takes in rad; another one of it, as it is
+    ScaledLink("vane", "psi", "boat", "heading", np.radians(1.0), settled=True),
+    ScaledLink("vane", "psi", "boat", "shown", settled=True),
+    ScaledLink("vane", "warmth", "boat", "kelvin", -1.0, 273.15, settled=True),
+]
+
+
+def of_package(signal: str, kind: str, value: float) -> Any:
+    variables = {name: Variable(Type.REAL, name) for name in ("psi", "warmth", "heading", "shown", "kelvin")}
+    vane = Interface("vane", {}, {}, "vane", outputs={n: variables[n] for n in ("psi", "warmth")})
+    boat = Interface("boat", {}, {n: variables[n] for n in ("heading", "shown", "kelvin")}, "boat")
+    scenario = with_faults(Disturbance(signal, kind, 0.4, 0.8, value))
+    return resolve_faults(scenario, {"vane": vane, "boat": boat}, DEGREES, 0.04)
+
+
+@pytest.mark.parametrize(
+    ("signal", "kind", "value", "expected"),
+    [
+        ("vane.psi -> boat.heading", "offset", 20.0, np.radians(20.0)),
+        ("vane.psi -> boat.heading", "scale", 20.0, 20.0),
+        ("vane.psi -> boat.shown", "jump", 20.0, 20.0),
+        ("vane.psi", "scale", 2.0, 2.0),
+        ("vane.warmth", "offset", 3.0, -3.0),
+        ("vane.warmth", "noise", 3.0, 3.0),
+        ("vane.warmth", "dropouts", 0.5, 0.5),
+    ],
+)
+def test_a_value_is_in_the_unit_of_the_signal_whatever_a_package_makes_of_it(
+    signal: str, kind: str, value: float, expected: float
+) -> None:
+    assert of_package(signal, kind, value).values[0]["value"] == expected
+
+
+@pytest.mark.parametrize(
+    ("signal", "kind", "text"),
+    [
+        (
+            "vane.psi",
+            "offset",
+            r"convert it differently; disturb one: vane\.psi -> boat\.heading, vane\.psi -> boat\.shown",
+        ),
+        ("vane.warmth", "scale", r'link "vane\.warmth -> boat\.kelvin" adds 273\.15 on the way'),
+    ],
+)
+def test_a_value_that_conversions_leave_unclear_is_refused(signal: str, kind: str, text: str) -> None:
+    with pytest.raises(ScenarioError, match=text):
+        of_package(signal, kind, 2.0)
