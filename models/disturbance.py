@@ -7,6 +7,7 @@ lanes of a batch as every other block does, so that a fault is the same wherever
 from __future__ import annotations
 
 import enum
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
@@ -200,8 +201,11 @@ def disturb(
     A value is converted on its way to the first of them.
 
     Returns:
-        the links with the blocks between, and the blocks by component, `fault_1` and so on.
+        the links with the blocks between, and the blocks by component: `fault_1` and so on, names that the
+        system does not have.
     """
+    taken = {end for link in links for end in (link.source, link.target)}
+    unused = (name for i in itertools.count(1) if (name := f"fault_{i}") not in taken)
     feeders = list(links)  # what feeds the target of each link by now
     added: list[AnyLink] = []
     placed: dict[str, Placed] = {}
@@ -211,7 +215,7 @@ def disturb(
             if fault.holds(link):
                 inward = replace(feeders[i], target="", target_variable="signal")
                 if inward not in names:
-                    names[inward] = name = f"fault_{len(placed) + 1}"
+                    names[inward] = name = next(unused)
                     placed[name] = Placed(number, fault.type)
                     added.append(replace(inward, target=name))
                 feeders[i] = type(link)(names[inward], "disturbed", link.target, link.target_variable)

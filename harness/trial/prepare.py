@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from fmus.archive import is_sealed
 from fmus.folder import build_folder
 from harness.cosim.archive import holder
 from harness.cosim.fmu import FmuDescription, describe
@@ -22,7 +23,7 @@ from harness.trial.faults import Faults, resolve_faults
 from harness.trial.plan import Interface, Plan, interface_of_fmu, interfaces_of_system, plan
 from harness.trial.request import Request
 from harness.trial.scenario import Scenario, ScenarioError
-from models.disturbance import FAULTS, Placed, disturb
+from models.disturbance import FAULTS, FaultyLink, Placed, disturb
 from models.system import System
 
 
@@ -84,6 +85,7 @@ def prepared(request: Request) -> Iterator[Prepared]:
         raise ScenarioError(f'{scenario.name}: there is no package "{package}"{nearest_file(package)}')
     with open_ssp(request.ssp) as system:
         fmus = {name: describe(component.fmu) for name, component in system.components.items()}
+        system = _with_exported_faults(system, fmus)  # noqa: PLW2901
         notes = _notes(system, scenario)
         fits: dict[str, Fit] = {}
         for role, path in request.swaps.items():
@@ -189,6 +191,19 @@ def _bound_values(system: FmuSystem) -> dict[str, dict[str, float]]:
     }
 
 
+def _with_exported_faults(system: FmuSystem, fmus: Mapping[str, FmuDescription]) -> FmuSystem:
+    """A system whose faults are known as such: a package that a trial was exported to holds their blocks."""
+    types = {block.title(): type_ for type_, block in FAULTS.items()}
+    faults = {}
+    for link in system.links:
+        name = link.target
+        if link.target_variable == "signal" and fmus[name].model in types and is_sealed(fmus[name].path):
+            readers = [(k.target, k.target_variable) for k in system.links if k.source == name]
+            end = readers[0] if len(readers) == 1 else ("", "")
+            faults[name] = FaultyLink(types[fmus[name].model], link.source, link.source_variable, *end)
+    return replace(system, faults=faults)
+
+
 def _with_faults(
     system: FmuSystem, faults: Faults, folder: Path, *, is_sensed: bool
 ) -> tuple[FmuSystem, dict[str, dict[str, float]]]:
@@ -217,6 +232,6 @@ def _with_faults(
         system,
         components=blocks | system.components,
         links=links,
-        faults={name: faults.links[place.fault] for name, place in placed.items()},
+        faults={**system.faults, **{name: faults.links[place.fault] for name, place in placed.items()}},
     )
     return disturbed, faults.values_of(placed)

@@ -104,6 +104,28 @@ def test_a_package_runs_to_the_rows_of_its_scenario(case: str, tmp_path: Path) -
     assert packed.origin == own.origin == (47.0, 8.0)
 
 
+def test_faults_in_a_package_delay_nothing_and_give_nan_as_in_its_trial(tmp_path: Path) -> None:
+    # given a trial in which all links delay a tick, with faults of which one gives NaN, and its package
+    faults = (
+        Disturbance("sensors.pitch_meas", "nan", 1.0, 2.0),
+        Disturbance("sensors.gps_north", "offset", 1.0, 2.0, 5.0),
+        Disturbance("sensors.gps_north", "noise", 1.5, 3.0, 5.0),
+    )
+    scenario, jacobi = replace(SHORT, duration=4.0, faults=faults), Changes("jacobi")
+    package = export(scenario, jacobi, tmp_path / "it.ssp")
+    # when
+    own, packed = run(scenario, jacobi, tmp_path / "own"), run(package, jacobi, tmp_path / "packed")
+    # then
+    assert packed.values.keys() == own.values.keys()
+    for component, rows in own.values.items():
+        np.testing.assert_array_equal(packed.values[component].view(np.uint64), rows.view(np.uint64))
+    # and a further fault of it is one more
+    with requested(str(package), Changes()) as request:
+        more = replace(request, scenario=replace(request.scenario, faults=faults[:1]))
+        with prepared(more) as ready:
+            assert list(ready.system.faults) == ["fault_1", "fault_2", "fault_3", "fault_4"]
+
+
 def test_a_package_holds_a_dog_made_elsewhere_with_its_conversions(tmp_path: Path) -> None:
     # given a plant in km/h and degrees
     dog = tiny_fmu(tmp_path / "dog.fmu", DOG, MOVES, depends=False)
