@@ -141,14 +141,14 @@ class SweepResult:
         rows: the table, a row for each point by column; None where there is nothing to take a mean of.
         recommendation: the content of recommendation.json.
         notes: what the user should know.
-        faults: what FMUs did wrong, a line for each point at which one did.
+        fmu_failures: what FMUs did wrong, a line for each point at which one did.
     """
 
     folder: Path
     rows: list[dict[str, float | None]]
     recommendation: Mapping[str, Any]
     notes: tuple[str, ...] = ()
-    faults: tuple[str, ...] = ()
+    fmu_failures: tuple[str, ...] = ()
 
     @property
     def table_path(self) -> Path:
@@ -174,13 +174,13 @@ class MatrixResult:
         folder: with all of its files.
         report: the content of matrix.json.
         notes: what the user should know.
-        faults: what FMUs did wrong, a line for each cell in which one did; the other cells are complete.
+        fmu_failures: what FMUs did wrong, a line for each cell with one; the others are complete.
     """
 
     folder: Path
     report: Mapping[str, Any]
     notes: tuple[str, ...] = ()
-    faults: tuple[str, ...] = ()
+    fmu_failures: tuple[str, ...] = ()
 
     @property
     def cells(self) -> list[dict[str, Any]]:
@@ -444,8 +444,8 @@ def run_sweep(
             {name: float(cell) if cell else None for name, cell in row.items() if name != "verdict"}
             for row in csv.DictReader(lines)
         ]
-    faults = sweep.faults_of(planned, table)
-    return SweepResult(folder, rows, recommendation, tuple(notes), tuple(faults))
+    failures = sweep.fmu_failures_of(planned, table)
+    return SweepResult(folder, rows, recommendation, tuple(notes), tuple(failures))
 
 
 def run_matrix(
@@ -532,7 +532,7 @@ def run_matrix(
         progress=progress,
         note=notes.append,
     )
-    return MatrixResult(folder, result.facts(), tuple(notes), tuple(result.faults))
+    return MatrixResult(folder, result.facts(), tuple(notes), tuple(result.fmu_failures))
 
 
 def run_replay(

@@ -99,7 +99,7 @@ def sweep_parameters(
                                                   on a cluster; tcp:// where nobody else reaches it
 
     The same command goes on where an earlier one was interrupted. With FMUs made elsewhere sweep.csv also has
-    the columns faults and verdict; exit status 1 if one of them ended a trial.
+    the columns fmu_failures and verdict; exit status 1 if one of them ended a trial.
     """
     from harness.sweep import sweep, tls
 
@@ -122,7 +122,7 @@ def sweep_parameters(
     else:
         sweep.show(planned, table, result, out())
         say_where(place)
-    _fail_by(sweep.faults_of(planned, table))
+    _fail_by(sweep.fmu_failures_of(planned, table))
 
 
 def compare_controllers(
@@ -195,7 +195,7 @@ def compare_controllers(
     else:
         matrix.show(result, out())
         say_where(place)
-    _fail_by(result.faults)
+    _fail_by(result.fmu_failures)
 
 
 def _listed(names: str | None) -> list[str] | None:
@@ -218,7 +218,7 @@ def _running(planned: Asked, place: Path, as_json: bool) -> Iterator[Callable[[f
             )
 
 
-def _fail_by(faults: Sequence[str]) -> None:
+def _fail_by(failures: Sequence[str]) -> None:
     """Name the FMUs that ended trials, once all else is done."""
-    if faults:
-        raise CanineError("\n".join(faults))
+    if failures:
+        raise CanineError("\n".join(failures))

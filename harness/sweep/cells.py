@@ -36,6 +36,11 @@ class Cells:
         return len(self.cells)
 
     @property
+    def has_fmus(self) -> bool:
+        """Does a cell run FMUs?"""
+        return any(isinstance(cell, Cosimulated) for cell in self.cells)
+
+    @property
     def total(self) -> int:
         """Number of trials."""
         return len(self.cells) * self.trials

@@ -20,7 +20,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import islice
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -34,6 +34,9 @@ from models.errors import CanineError, UsageError
 from models.kit.block import Block
 from models.modes import Anomaly
 from models.system import CONTROLLER, ESTIMATOR, PLANT, System, find_system
+
+if TYPE_CHECKING:  # fmpy: sweeps of our own blocks do without
+    from harness.cosim.fmu import Fault
 
 TICK_S = Block.sample_time
 ANOMALIES = tuple(a.name.lower() for a in Anomaly if a is not Anomaly.NONE)
@@ -74,6 +77,7 @@ class Trials(Protocol):
         point_count: number of points.
         type_names: of the types of trials, which take turns at each point.
         dtype: the smallest integer type that holds the index of any tick.
+        has_fmus: does it run FMUs?
     """
 
     @property
@@ -87,6 +91,9 @@ class Trials(Protocol):
 
     @property
     def dtype(self) -> type[np.unsignedinteger[Any]]: ...
+
+    @property
+    def has_fmus(self) -> bool: ...
 
     @property
     def total(self) -> int:
@@ -186,6 +193,11 @@ class Job:
         return len(self.points) * self.trials
 
     @property
+    def has_fmus(self) -> bool:
+        """No: the batch runner has the blocks' C."""
+        return False
+
+    @property
     def type_names(self) -> tuple[str, ...]:
         """The names of the types of trials."""
         return tuple(trial_type.name for trial_type in self.trial_types)
@@ -261,21 +273,17 @@ def index_type(last: int) -> type[np.unsignedinteger[Any]]:
 
 
 @dataclass(frozen=True)
-class Ended:
+class FmuFailure:
     """A fault of an FMU that ended a trial.
 
     Attributes:
         number: of the trial at its point.
-        kind, component, fmu, call, time: as of `harness.cosim.fmu.Fault`; kind `refused` without one.
+        fault: what the FMU did; of kind `refused` where it was not run.
         text: in words.
     """
 
     number: int
-    kind: str
-    component: str
-    fmu: str
-    call: str
-    time: float
+    fault: Fault
     text: str
 
 
@@ -287,7 +295,7 @@ class Chunk:
         ticks: (stop - start,) the tick on which each trial succeeded, 0 if it failed. No trial succeeds on
             tick 0, since the dog must be recalled before.
         sums: (points, SUMS) counts at the points that the chunk touches.
-        faults: of trials, which count as failed; the numbers are those of their point, which is one only.
+        fmu_failures: ended trials, which count as failed; the numbers are those of the chunk's only point.
         gave_up: the point's other trials are not worth while.
         notes: what the user should know of the point's first trial.
     """
@@ -296,7 +304,7 @@ class Chunk:
     stop: int
     ticks: npt.NDArray[np.unsignedinteger[Any]]
     sums: Integers
-    faults: tuple[Ended, ...] = ()
+    fmu_failures: tuple[FmuFailure, ...] = ()
     gave_up: bool = False
     notes: tuple[str, ...] = ()
 
@@ -308,7 +316,7 @@ class Outcomes:
         ticks: (points, trials) as in `Chunk`.
         sums: (points, SUMS).
         spans: start and stop of each chunk that is done.
-        faults: of trials, by point; `notes`: of the first trial, by point.
+        fmu_failures: ended trials, by point; `notes`: of the first trial, by point.
         ran: (points,) trials that are to be counted at each point: all, or those before it was given up.
     """
 
@@ -318,7 +326,7 @@ class Outcomes:
         self.ticks = self._flat.reshape(job.point_count, job.trials)
         self.sums: Integers = np.zeros((job.point_count, len(SUMS)), dtype=np.int64)
         self.spans: list[Piece] = []
-        self.faults: dict[int, list[Ended]] = {}
+        self.fmu_failures: dict[int, list[FmuFailure]] = {}
         self.notes: dict[int, tuple[str, ...]] = {}
         self.ran = [job.trials] * job.point_count
 
@@ -333,8 +341,8 @@ class Outcomes:
         self._flat[chunk.start : chunk.stop] = chunk.ticks
         first = chunk.start // self.job.trials
         self.sums[first : first + len(chunk.sums)] += chunk.sums
-        if chunk.faults:
-            self.faults.setdefault(first, []).extend(chunk.faults)
+        if chunk.fmu_failures:
+            self.fmu_failures.setdefault(first, []).extend(chunk.fmu_failures)
         if chunk.notes:
             self.notes[first] = chunk.notes
         is_alone = all(start // self.job.trials != first for start, _ in self.spans)
@@ -389,9 +397,14 @@ def batch_of(job: Job) -> Batch:
 
 
 @cache
-def program() -> str:
-    """A hash of everything that decides a trial's outcome: models, generator, this file, tools' versions."""
-    return sources((*TRACED, *RUNS), ("ziglang", "casadi"))
+def program(*, has_fmus: bool) -> str:
+    """A hash of everything that decides a trial's outcome: models, generator, this file, tools' versions.
+
+    Args:
+        has_fmus: co-simulated trials depend on our FMUs' shim and on FMPy too.
+    """
+    floors, tools = (("fmus",), ("fmpy",)) if has_fmus else ((), ())
+    return sources((*TRACED, *floors, *RUNS), ("ziglang", "casadi", *tools))
 
 
 def run_chunk(job: Trials, start: int, stop: int, made_for: str) -> Chunk:
@@ -399,14 +412,15 @@ def run_chunk(job: Trials, start: int, stop: int, made_for: str) -> Chunk:
 
     Args:
         job: with at least the points of these trials.
-        made_for: `program()` of the sweep, which must be the same here: other versions give other results.
+        made_for: `program` of the sweep, which must be the same here: other versions give other results.
 
     Raises:
         ClusterError: this process runs another version.
         CompileError: the compiler refuses the batch runner.
     """
-    if made_for != program():
-        raise ClusterError(f"a worker runs another version of this program, {program()[:12]}")
+    here = program(has_fmus=job.has_fmus)
+    if made_for != here:
+        raise ClusterError(f"a worker runs another version of this program, {here[:12]}")
     return job.run(start, stop)
 
 
@@ -471,11 +485,13 @@ def _run_round(
     progress: Progress | None,
 ) -> None:
     """Run these pieces."""
-    job, made_for, pieces = outcomes.job, program(), iter(cut_pieces)
+    job, pieces = outcomes.job, iter(cut_pieces)
     under_way: dict[Future[Chunk], tuple[int, int, int]] = {}
 
     def submit(start: int, stop: int, attempts: int = ATTEMPTS) -> None:
-        future = pool.executor.submit(run_chunk, job.part(start, stop), start, stop, made_for)
+        part = job.part(start, stop)
+        made_for = program(has_fmus=part.has_fmus)
+        future = pool.executor.submit(run_chunk, part, start, stop, made_for)
         under_way[future] = start, stop, attempts
 
     for piece in islice(pieces, 2 * pool.width):
@@ -525,7 +541,7 @@ def pool_at(
         ClusterError: the cluster has no workers after ALONE_S, or one of them cannot run this program.
     """
     check_use(address, certificates)
-    return _here(job) if address is None else _cluster(address, note, certificates)
+    return _here(job) if address is None else _cluster(address, job, note, certificates)
 
 
 @contextmanager
@@ -549,7 +565,7 @@ def _host(text: str) -> str:
 
 
 @contextmanager
-def _cluster(address: str, note: Note, certificates: Certificates) -> Iterator[Pool]:
+def _cluster(address: str, job: Trials, note: Note, certificates: Certificates) -> Iterator[Pool]:
     if not ADDRESS.fullmatch(address):
         scheme, _, rest = address.rpartition("://")
         raise UsageError(
@@ -575,7 +591,7 @@ def _cluster(address: str, note: Note, certificates: Certificates) -> Iterator[P
             "address such as tcp://host:8786, as `dask scheduler` prints it"
         ) from None
     with client:
-        width = _check_workers(client, address, note)
+        width = _check_workers(client, address, note, has_fmus=job.has_fmus)
         executor = client.get_executor(pure=False, retries=2)
         try:
             yield Pool(executor, width, _watch(client, address))
@@ -594,7 +610,7 @@ async def _greet(address: str, security: Any) -> None:
         raise OSError(f"a {identity['type']} does")
 
 
-def _check_workers(client: Any, address: str, note: Note) -> int:
+def _check_workers(client: Any, address: str, note: Note, *, has_fmus: bool) -> int:
     """The number of the workers' threads; waits for a first worker, refuses those with another program."""
     if not client.nthreads():
         note(f"{address}: the cluster has no workers yet; waiting up to {ALONE_S:g} s for one")
@@ -605,15 +621,16 @@ def _check_workers(client: Any, address: str, note: Note) -> int:
             f"{address}: the cluster has no workers; start some with `dask worker {address}` in an "
             "environment with this package"
         ) from None
-    for worker, answer in client.run(program, on_error="return").items():
+    here = program(has_fmus=has_fmus)
+    for worker, answer in client.run(program, has_fmus=has_fmus, on_error="return").items():
         if isinstance(answer, Exception):
             raise ClusterError(
                 f"{address}: worker {worker} cannot run this program ({answer}); install this package there"
             )
-        if answer != program():
+        if answer != here:
             raise ClusterError(
                 f"{address}: worker {worker} has another version of this program, {answer[:12]}; "
-                f"expected {program()[:12]}; install this one there"
+                f"expected {here[:12]}; install this one there"
             )
     return max(1, sum(int(threads) for threads in client.nthreads().values()))
 

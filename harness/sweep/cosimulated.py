@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from codegen.scratch import Scratch
 from harness.cosim.stepping import Limits
-from harness.sweep.chunks import ANOMALIES, SUMS, TICK_S, Chunk, Ended, index_type
+from harness.sweep.chunks import ANOMALIES, SUMS, TICK_S, Chunk, FmuFailure, index_type
 from harness.trial.scenario import Scenario
 from models.commands import ENDS, Status
 from models.errors import CanineError, UsageError
@@ -33,7 +33,7 @@ if TYPE_CHECKING:  # fmpy: sweeps of our own blocks do without
     from harness.trial.request import Request
 
 PROBE = 25  # trials in a chunk; the first chunk of a point tells whether the others are worth while
-MOST_FAULTS = 5  # in the first chunk; with so many a point is given up
+MOST_FAILURES = 5  # of FMUs in the first chunk; with so many a point is given up
 Array = npt.NDArray[np.float64]
 
 _building = threading.Lock()
@@ -167,7 +167,7 @@ class Cosimulated:
                 yield ready
 
     def run(self, start: int, stop: int) -> Chunk:
-        """Run the trials start <= k < stop; the first chunk ends early with MOST_FAULTS faults.
+        """Run the trials start <= k < stop; the first chunk ends early with MOST_FAILURES failures.
 
         Raises:
             CanineError: a fault that is not an FMU's.
@@ -177,7 +177,8 @@ class Cosimulated:
         ticks: list[int] = []
         notes: list[str] = []
         sums = np.zeros((1, len(SUMS)), dtype=np.int64)
-        faults: list[Ended] = []
+        failures: list[FmuFailure] = []
+        gave_up = False
         with ExitStack() as stack:
             process = stack.enter_context(WorkerProcess(self.limits))
             _workers.add(process)
@@ -191,17 +192,18 @@ class Cosimulated:
                 )
                 if _ending.is_set():
                     raise CanineError("the trials were ended")
-                if isinstance(result, Ended):
+                if isinstance(result, FmuFailure):
                     ticks.append(0)
-                    faults.append(replace(result, number=number))
+                    failures.append(replace(result, number=number))
                 else:
                     ticks.append(result.success_tick)
                     sums += result.sums()
-                if start == 0 and len(faults) == MOST_FAULTS:
+                gave_up = start == 0 and len(failures) == MOST_FAILURES
+                if gave_up:
                     break
         ran = start + len(ticks)
         return Chunk(
-            start, ran, np.array(ticks, dtype=self.dtype), sums, tuple(faults), ran < stop, tuple(notes)
+            start, ran, np.array(ticks, dtype=self.dtype), sums, tuple(failures), gave_up, tuple(notes)
         )
 
 
@@ -270,9 +272,11 @@ class Tally:
         return np.array([commands, self.status not in ENDS, *self.anomalies], dtype=np.int64)
 
 
-def _trial(ready: Prepared, scenario: Scenario, process: WorkerProcess, notes: list[str]) -> Tally | Ended:
+def _trial(
+    ready: Prepared, scenario: Scenario, process: WorkerProcess, notes: list[str]
+) -> Tally | FmuFailure:
     """Run a trial: what it counted, or the fault that ended it; `notes` gets what the user should know."""
-    from harness.cosim.fmu import FmuError  # noqa: PLC0415 - fmpy
+    from harness.cosim.fmu import Fault, FmuError  # noqa: PLC0415 - fmpy
     from harness.cosim.worker.contained import Contained  # noqa: PLC0415 - fmpy
     from harness.trial.trial import stop_of  # noqa: PLC0415 - pictures
 
@@ -295,8 +299,6 @@ def _trial(ready: Prepared, scenario: Scenario, process: WorkerProcess, notes: l
             return tally
     except CanineError as error:
         fault = error.fault if isinstance(error, FmuError) else None
-        if fault is None:
-            return Ended(0, "refused", "", "", "", 0.0, str(error))
-        return Ended(0, fault.kind, fault.component, fault.fmu, fault.call, fault.time, str(error))
+        return FmuFailure(0, fault or Fault("refused", "", "", "", 0.0), str(error))
     finally:
         notes += simulation.notes if simulation else ()

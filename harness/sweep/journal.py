@@ -21,7 +21,7 @@ import numpy as np
 
 from codegen.scratch import is_there
 from harness.files import differences
-from harness.sweep.chunks import SUMS, Chunk, Ended, Trials
+from harness.sweep.chunks import SUMS, Chunk, FmuFailure, Trials
 from models.errors import CanineError, UsageError
 
 SWEEP = "sweep"  # what a journal is of
@@ -30,9 +30,6 @@ SWEEP = "sweep"  # what a journal is of
 def file_of(what: str) -> str:
     """The name of the journal of a sweep, or of what else runs in chunks."""
     return f"{what}.journal"
-
-
-JOURNAL = file_of(SWEEP)
 
 
 class JournalError(CanineError):
@@ -68,9 +65,9 @@ class Journal:
             "sums": chunk.sums.tolist(),
             "ticks": packed.decode(),
         }
-        if chunk.faults or chunk.gave_up or chunk.notes:
-            faults = [asdict(fault) for fault in chunk.faults]
-            line |= {"faults": faults, "gave_up": chunk.gave_up, "notes": chunk.notes}
+        if chunk.fmu_failures or chunk.gave_up or chunk.notes:
+            failures = [asdict(failure) for failure in chunk.fmu_failures]
+            line |= {"fmu_failures": failures, "gave_up": chunk.gave_up, "notes": chunk.notes}
         try:
             self._write(_line(line))
         except OSError as reason:
@@ -155,7 +152,7 @@ class Journal:
             ticks = np.frombuffer(zlib.decompress(base64.b64decode(content["ticks"])), _packed(self._job))
             sums = np.array(content["sums"], dtype=np.int64)
             points = (stop - 1) // self._job.trials - start // self._job.trials + 1
-            faults = tuple(Ended(**fault) for fault in content.get("faults", ()))
+            failures = tuple(map(_failure, content.get("fmu_failures", ())))
         except (KeyError, ValueError, TypeError, zlib.error):
             return None
         fits = 0 <= start < stop <= self._job.total and ticks.shape == (stop - start,)
@@ -163,7 +160,7 @@ class Journal:
             return None
         gave_up = bool(content.get("gave_up", False))
         notes = tuple(map(str, content.get("notes", ())))
-        return Chunk(start, stop, ticks.astype(self._job.dtype), sums, faults, gave_up, notes)
+        return Chunk(start, stop, ticks.astype(self._job.dtype), sums, failures, gave_up, notes)
 
 
 @contextmanager
@@ -222,6 +219,12 @@ def _locked(path: Path) -> int:
             os.close(handle)
             raise
         os.close(handle)
+
+
+def _failure(content: Mapping[str, Any]) -> FmuFailure:
+    from harness.cosim.fmu import Fault  # noqa: PLC0415 - fmpy: sweeps of our own blocks do without
+
+    return FmuFailure(content["number"], Fault(**content["fault"]), content["text"])
 
 
 def _line(content: dict[str, object]) -> bytes:

@@ -21,7 +21,7 @@ from rich.markup import escape
 from harness.cosim.stepping import Limits
 from harness.files import write_whole
 from harness.sweep.cells import Cells
-from harness.sweep.chunks import ANOMALIES, Job, Outcomes, Progress, program
+from harness.sweep.chunks import ANOMALIES, FmuFailure, Job, Outcomes, Progress, program
 from harness.sweep.components import Components, find_components
 from harness.sweep.cosimulated import Cosimulated
 from harness.sweep.paired import Comparison, compare
@@ -106,7 +106,9 @@ class Matrix:
     def fingerprint(self) -> str:
         """A hash of everything that decides the results."""
         jobs = [[*name, asdict(job)] for name, job in self.jobs.items()]
-        everything = json.dumps([program(), self.identity, jobs], sort_keys=True, default=str)
+        everything = json.dumps(
+            [program(has_fmus=self.work.has_fmus), self.identity, jobs], sort_keys=True, default=str
+        )
         return hashlib.sha256(everything.encode()).hexdigest()
 
 
@@ -277,7 +279,7 @@ class Result:
         return self.table[name].verdict if name in self.table else self.matrix.refused[name]
 
     @property
-    def faults(self) -> list[str]:
+    def fmu_failures(self) -> list[str]:
         """The verdicts of all cells with one, each with the cell's name."""
         verdicts = {name: self.verdict(name) for name in self.matrix.cells}
         return [f"{', '.join(name)}: {verdict}" for name, verdict in verdicts.items() if verdict]
@@ -307,11 +309,15 @@ class Result:
                 "ci_low": low, "ci_high": high, "mean_time_s": point.mean_time, "sd_time_s": point.sd_time,
                 "mean_commands": point.mean_commands, "timeouts": point.timeouts,
                 "anomalies": dict(point.anomalies),
-                "faults": [asdict(f) | {"seed": self.matrix.seed + f.number} for f in point.faults],
+                "fmu_failures": [self._failure(failure) for failure in point.fmu_failures],
             }  # fmt: skip
         else:
-            facts |= {"trials": 0, "faults": []}
+            facts |= {"trials": 0, "fmu_failures": []}
         return facts | {"verdict": self.verdict(name) or None}
+
+    def _failure(self, failure: FmuFailure) -> dict[str, Any]:
+        seed = self.matrix.seed + failure.number
+        return {"number": failure.number, "seed": seed, **asdict(failure.fault), "text": failure.text}
 
     def csv(self) -> bytes:
         """The content of matrix.csv; a cell that could not run has its verdict only."""
@@ -320,7 +326,7 @@ class Result:
             or Point((), 0, 0, 0, 0, 0, 0, dict.fromkeys(ANOMALIES, 0), {}, refused=self.verdict(name))
             for name in self.matrix.cells
         ]
-        return csv_of(COLUMNS, self.matrix.cells, rows, faults=True)
+        return csv_of(COLUMNS, self.matrix.cells, rows, has_fmus=True)
 
 
 def run(
@@ -376,7 +382,7 @@ def result_of(matrix: Matrix, outcomes: Outcomes) -> Result:
             cells = (first, plant, scenario), (second, plant, scenario)
             if all(cell in places for cell in cells):
                 a, b = (outcomes.ticks[places[cell]][: table[cell].trials] for cell in cells)
-                ended = {fault.number for cell in cells for fault in table[cell].faults}
+                ended = {failure.number for cell in cells for failure in table[cell].fmu_failures}
                 comparisons[first, second, plant, scenario] = compare(a, b, ended)
     return Result(matrix, table, comparisons)
 
@@ -384,7 +390,7 @@ def result_of(matrix: Matrix, outcomes: Outcomes) -> Result:
 def show(result: Result, console: Console) -> None:
     """Print the table, and which controllers are shown to be better."""
     printed = new_table(*COLUMNS)
-    for heading in ("trials", "success", "95 % interval", "time [s]", "commands", "timeouts", "faults"):
+    for heading in ("trials", "success", "95 % interval", "time [s]", "commands", "timeouts", "FMU failures"):
         printed.add_column(escape(heading), justify="right")
     for name in result.matrix.cells:
         point = result.table.get(name)
@@ -400,7 +406,7 @@ def show(result: Result, console: Console) -> None:
             f"{100 * low:.1f}-{100 * high:.1f}",
             *("-" if mean is None else f"{mean:.2f}" for mean in means),
             str(point.timeouts),
-            str(len(point.faults)),
+            str(len(point.fmu_failures)),
         )
     print_table(printed, console)
     for text in comparison_texts(result)[:SHOWN]:

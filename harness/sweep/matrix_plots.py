@@ -29,7 +29,7 @@ def matrix_png(result: Result) -> bytes:
 
 
 def matrix_figure(result: Result) -> Figure:
-    """Success rates as colours, with intervals, times, commands and faults in words."""
+    """Success rates as colours, with intervals, times, commands and failures of FMUs in words."""
     matrix = result.matrix
     scenarios = [scenario.name for scenario in matrix.scenarios]
     across = min(len(scenarios), max(1, 6 // len(matrix.plants)))
@@ -95,10 +95,10 @@ def _write(panel: Axes, result: Result, name: tuple[str, str, str], column: int,
     if point.mean_time is not None:
         lines.append(f"{point.mean_time:.1f} s, {point.mean_commands:.1f} commands")
     panel.text(column, row + 0.13, "\n".join(lines), ha="center", va="center", fontsize=9, color=color)
-    if point.faults:
+    if point.fmu_failures:
         _mark(panel, column, row)
-        gave_up = ", given up" if point.trials < point.asked else ""
-        words = f"{len(point.faults)} of {point.trials} by a fault{gave_up}"
+        gave_up = ", given up" if point.gave_up else ""
+        words = f"{len(point.fmu_failures)} of {point.trials} by a fault{gave_up}"
         panel.text(
             column, row + 0.38, words, ha="center", va="center", fontsize=8,
             color="white", bbox={"facecolor": FAULT, "edgecolor": "none", "pad": 1.5},

@@ -41,7 +41,8 @@ RULE = (
     f"than {LEAST} successes are not judged. Both: the fastest among the best for success. The range is the "
     "connected stretch of named points around the best one. Pareto: by the means as measured, of the points "
     "judged; no other one has a success rate at least as high and a time at least as short, and is better in "
-    "one of the two."
+    "one of the two. A trial that an FMU's failure ended counts as none; a point given up for such failures "
+    "is not judged."
 )
 ENDS = {(False, False): "inside", (True, False): "start", (False, True): "end", (True, True): "both"}
 WORDS = {
@@ -75,22 +76,31 @@ class Finding:
     unjudged: Mask
 
 
-def best_for_success(ticks: Ticks) -> Finding:
-    """Which of K points are not shown to succeed less often than the best; ticks (K, trials), 0 is a failure.
+def best_for_success(ticks: Ticks, ran: Mask | None = None, among: Mask | None = None) -> Finding:
+    """Which of K points are not shown to succeed less often than the best.
 
-    Of several points with the most successes, the fastest counts as the best.
+    Of several points with the highest rate, the fastest counts as the best.
+
+    Args:
+        ticks: (K, trials), 0 is a failure.
+        ran: (K, trials) the trials that no FMU ended; all by default. Pairs of them are compared.
+        among: (K,) the points to compare, one at least; all by default.
     """
+    ran = np.ones(ticks.shape, dtype=bool) if ran is None else ran
+    judged = np.ones(len(ticks), dtype=bool) if among is None else among
     successes = [int(np.count_nonzero(row)) for row in ticks]
+    rates = [n / max(int(np.count_nonzero(row)), 1) for row, n in zip(ran, successes, strict=True)]
     mean = [row.sum(dtype=np.int64) / max(n, 1) for row, n in zip(ticks, successes, strict=True)]
-    best = min(range(len(ticks)), key=lambda i: (-successes[i], mean[i], i))
-    only_best = [int(np.count_nonzero((ticks[best] > 0) & (row == 0))) for row in ticks]
-    only_this = [int(np.count_nonzero((ticks[best] == 0) & (row > 0))) for row in ticks]
+    best = min(map(int, np.flatnonzero(judged)), key=lambda i: (-rates[i], mean[i], i))
+    pairs = ran & ran[best]
+    only_best = np.count_nonzero(pairs & (ticks[best] > 0) & (ticks == 0), axis=1)
+    only_this = np.count_nonzero(pairs & (ticks[best] == 0) & (ticks > 0), axis=1)
     # if equal, a trial won at one point only is either's
     by_chance = np.array(
-        [heads(gains, gains + losses) for gains, losses in zip(only_best, only_this, strict=True)]
+        [heads(int(gains), int(gains + losses)) for gains, losses in zip(only_best, only_this, strict=True)]
     )
-    named = by_chance > ALPHA / _pairs(len(ticks))
-    return Finding(best, named, np.zeros(len(ticks), dtype=bool))
+    named = judged & (by_chance > ALPHA / _pairs(int(judged.sum())))
+    return Finding(best, named, ~judged)
 
 
 def best_for_time(ticks: Ticks, among: Mask | None = None) -> Finding | None:
@@ -161,23 +171,30 @@ def recommend(
 ) -> dict[str, Any]:
     """What the sweep recommends, with the keys of recommendation.json.
 
+    A trial that an FMU's failure ended counts as none. A point that was given up is not judged.
+
     Args:
         axes: column, unit and values of each varied parameter; the last varies first from point to point.
         table: a row for each point.
         ticks: (points, trials), the tick on which a trial succeeded, 0 if it failed.
     """
-    describe = _Describer(axes, table)
-    front = pareto(table)
-    success = best_for_success(ticks)
-    time = best_for_time(ticks)
-    both = best_for_time(ticks, success.named)
+    ran = np.ones(ticks.shape, dtype=bool)
+    for row, point in zip(ran, table, strict=True):
+        row[point.trials :] = False
+        row[[failure.number for failure in point.fmu_failures]] = False
+    judged = np.array([not point.gave_up for point in table]) & ran.any(axis=1)
+    describe = _Describer(axes, table, judged)
+    front = pareto(describe.table)
+    success = best_for_success(ticks, ran, judged) if ticks[judged].any() else None
+    time = best_for_time(ticks, judged)
+    both = best_for_time(ticks, success.named) if success else None
     no_time = f"too few successes to compare times; expected {LEAST} at a point: run more trials"
     return {
         "rule": RULE,
         "confidence": 1 - ALPHA,
         "success": describe("best success rate", success, _rate)
-        if ticks.any()
-        else {"text": "best success rate: no trial succeeded at any point"},
+        if success
+        else {"text": f"best success rate: no trial succeeded{describe.spoiled or ' at any point'}"},
         "time": describe("shortest time", time, _time) if time else {"text": no_time},
         "both": describe("fastest of those with the best success rate", both, _time)
         if both
@@ -185,7 +202,7 @@ def recommend(
         "pareto": {
             "text": describe.front(front),
             "points": [describe.point(i) for i in front],
-            "unjudged": describe.named(describe.few),
+            "unjudged": describe.named(describe.few | ~judged),
         },
     }
 
@@ -206,10 +223,20 @@ def _reaches(places: Sequence[int], size: int) -> tuple[bool, bool]:
 class _Describer:
     """Turns findings into words and plain data."""
 
-    def __init__(self, axes: Sequence[tuple[str, str, Sequence[Decimal]]], table: Sequence[Point]) -> None:
-        self.axes, self.table = axes, table
+    def __init__(
+        self, axes: Sequence[tuple[str, str, Sequence[Decimal]]], table: Sequence[Point], judged: Mask
+    ) -> None:
+        self.axes = axes
+        self.table = [
+            point.without_failures if is_judged else point
+            for point, is_judged in zip(table, judged, strict=True)
+        ]
         self.grid = tuple(len(values) for _, _, values in axes)
-        self.few = np.array([0 < point.successes < LEAST for point in table])
+        self.judged = judged
+        self.few = judged & np.array([0 < point.successes < LEAST for point in table])
+        shortened = judged & np.array([bool(point.fmu_failures) for point in table])
+        self.spoiled = self.rest("; without the trials that FMUs ended at ", shortened)
+        self.spoiled += self.rest("; not judged, since FMUs failed: ", ~judged)
 
     def __call__(self, what: str, finding: Finding, measure: Callable[[Point], str]) -> dict[str, Any]:
         """A finding's range, whether the optimum lies inside the varied range, and both in words.
@@ -219,7 +246,8 @@ class _Describer:
             measure: a point's value of the criterion in words.
         """
         region = self.around(finding.best, finding.named)
-        open_region = self.around(finding.best, finding.named | finding.unjudged)
+        unjudged = finding.unjudged | ~self.judged
+        open_region = self.around(finding.best, finding.named | unjudged)
         ranges, ends, words = {}, {}, ""
         for axis, (column, _, values) in enumerate(self.axes):
             places = self.places(region, axis)
@@ -246,13 +274,13 @@ class _Describer:
             text += f"{measure(self.table[finding.best])})"
             text += words
         text += self.rest("; besides ", finding.named & ~region)
-        text += self.rest("; too few successes to judge ", finding.unjudged)
+        text += self.rest("; too few successes to judge ", finding.unjudged & self.judged) + self.spoiled
         return {
             "text": text,
             "best": self.point(finding.best),
             "range": ranges,
             "points": self.named(finding.named),
-            "unjudged": self.named(finding.unjudged),
+            "unjudged": self.named(unjudged),
             "interior_optimum": interior,
             "flat": flat,
             "range_ends": ends,
@@ -260,7 +288,7 @@ class _Describer:
 
     def front(self, indices: Sequence[int]) -> str:
         """The Pareto front in words: its two ends and some points between them."""
-        few = self.rest("; too few successes to judge ", self.few)
+        few = self.rest("; too few successes to judge ", self.few) + self.spoiled
         if not indices:
             why = f"no point has {LEAST} successes" if self.few.any() else "no trial succeeded"
             return f"Pareto front of success rate and time: empty, {why}"

@@ -33,11 +33,11 @@ from harness.sweep.recommend import number, recommend
 from harness.sweep.table import THRESHOLD_COLUMN, Point, csv_of, name_of, plain, table_of
 from harness.sweep.tls import Certificates
 from harness.terminal import new_table, percent, print_table
-from harness.trial.faults import Faults, resolve_faults
+from harness.trial.faults import resolve_faults
 from harness.trial.pairs import check_windows, is_paired
 from harness.trial.plan import Interface, interfaces_of_system, is_angular, plan, si_value
-from harness.trial.scenario import LOST, Scenario, ScenarioError, checked, load, with_estimator
-from models.disturbance import Kind, disturb
+from harness.trial.scenario import LOST, Scenario, ScenarioError, checked, load, toml_of, with_estimator
+from models.disturbance import disturb
 from models.errors import UsageError, nearest
 from models.kit.declaration import Type, Variable
 from models.kit.random import MAX_SEED
@@ -67,6 +67,7 @@ class Axis:
         variable: `component.parameter`.
         written: the values as users write them.
         values: the values in SI.
+        settings: the values as a scenario's settings, `cmec.guarded=true`.
     """
 
     column: str
@@ -74,6 +75,7 @@ class Axis:
     variable: str
     written: tuple[Decimal, ...]
     values: tuple[float, ...]
+    settings: tuple[str, ...]
 
     @property
     def label(self) -> str:
@@ -164,7 +166,9 @@ class Sweep:
         job = asdict(self.work)
         texts = [scenario.text() for scenario in self.scenarios]
         written = [[axis.column, *map(str, axis.written)] for axis in self.axes]
-        everything = json.dumps([program(), texts, written, job], sort_keys=True, default=str)
+        everything = json.dumps(
+            [program(has_fmus=self.has_fmus), texts, written, job], sort_keys=True, default=str
+        )
         return hashlib.sha256(everything.encode()).hexdigest()
 
 
@@ -277,7 +281,7 @@ def native_job(
 ) -> Job:
     """The trials of our own blocks; the scenarios take turns."""
     first, wired = scenarios[0], components.system(scenarios[0])
-    faults = _faults(first, wired)
+    faults = resolve_faults(first, interfaces_of_system(wired), wired.links, TICK_S)
     return Job(
         first.system,
         tuple(axis.variable for axis in axes),
@@ -297,7 +301,8 @@ def _cell_at(point: Sequence[Decimal], cell: Cosimulated, axes: Sequence[Axis]) 
     """The trials at a point of a sweep with FMUs."""
     scenarios = cell.scenarios
     for axis, value in zip(axes, point, strict=True):
-        scenarios = tuple(scenario.override([f"{axis.variable}={plain(value)}"]) for scenario in scenarios)
+        setting = axis.settings[axis.written.index(value)]
+        scenarios = tuple(scenario.override([setting]) for scenario in scenarios)
     return replace(cell, scenarios=scenarios)
 
 
@@ -421,6 +426,12 @@ def adapted(
                     f'{scenario.name}: {address}: the system "{system}" has no {owner}; '
                     f"sweep with --system {other}, or leave it out"
                 )
+    for fault in scenario.faults:
+        if fault.kind == "nan" and fault.signal.startswith("plant.") and "sensors" in owners:
+            raise ScenarioError(
+                f"{scenario.name}: [[fault]] nan of {fault.signal}: the sensors answer with what is not "
+                "finite, which ends a trial; disturb a signal of the sensors"
+            )
     return scenario
 
 
@@ -468,26 +479,10 @@ def trial_type(
         tick = math.ceil(event.time / TICK_S - 1e-9)
         changes.append(Change(tick, event.component, event.variable, event.value))
     last = math.floor(scenario.duration / TICK_S + 1e-9)
-    faults = _faults(scenario, system)
+    faults = resolve_faults(scenario, interfaces, system.links, TICK_S)
     _, placed = disturb(system.links, faults.links)
     values = resolved.values | faults.values_of(placed)
     return TrialType(scenario.name, values, tuple(changes), last)
-
-
-def _faults(scenario: Scenario, system: System) -> Faults:
-    """The faults of a scenario's signals.
-
-    Raises:
-        ScenarioError: as `resolve_faults` raises it, or a fault ends trials before their time.
-    """
-    faults = resolve_faults(scenario, interfaces_of_system(system), system.links, TICK_S)
-    for link, values in zip(faults.links, faults.values, strict=True):
-        if values["kind"] == Kind.NAN and link.source == "plant" and "sensors" in system.components:
-            raise ScenarioError(
-                f"{scenario.name}: [[fault]] nan of plant.{link.source_variable}: the sensors answer with "
-                "what is not finite, which ends a trial; disturb a signal of the sensors"
-            )
-    return faults
 
 
 def _check_windows(
@@ -542,7 +537,8 @@ def _axis(
     is_threshold = variables == _variables(THRESHOLD, interfaces)
     unit = variable.unit.replace("rad", "deg") if is_angular(variable) else variable.unit
     column = THRESHOLD_COLUMN if is_threshold else address
-    return Axis(column, "" if unit == "1" else unit, variables[0], written, values)
+    settings = tuple(f"{variables[0]}={toml_of(_as_written(value, variable))}" for value in written)
+    return Axis(column, "" if unit == "1" else unit, variables[0], written, values, settings)
 
 
 def _as_written(value: Decimal, variable: Variable) -> bool | int | float:
@@ -714,13 +710,13 @@ def report(sweep: Sweep, outcomes: Outcomes, folder: Path) -> tuple[list[Point],
     recommendation = (json.dumps(result, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode()
     picture = sweep_png([(axis.label, axis.written) for axis in sweep.axes], table, result, sweep.about)
     labels = [tuple(map(plain, point)) for point in sweep.points]
-    rows = csv_of([axis.column for axis in sweep.axes], labels, table, faults=sweep.has_fmus)
+    rows = csv_of([axis.column for axis in sweep.axes], labels, table, has_fmus=sweep.has_fmus)
     for name, content in ((CSV, rows), (PICTURE, picture), (RECOMMENDATION, recommendation)):
         write_whole(folder / name, content)
     return table, result
 
 
-def faults_of(sweep: Sweep, table: Sequence[Point]) -> list[str]:
+def fmu_failures_of(sweep: Sweep, table: Sequence[Point]) -> list[str]:
     """What FMUs did wrong, a line for each point at which one did."""
     lines = []
     for point in table:

@@ -7,14 +7,14 @@ import io
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from harness.sweep.chunks import ANOMALIES, SUMS, TICK_S, Ended, Outcomes
+from harness.sweep.chunks import ANOMALIES, SUMS, TICK_S, FmuFailure, Outcomes
 from harness.terminal import DEVIATION_THRESHOLD
 
 THRESHOLD_COLUMN = "threshold_deg"
@@ -33,7 +33,7 @@ class Point:
         timeouts: trials cut at their last tick, before any status ended them.
         anomalies: ticks that reported each kind, over all trials.
         trial_types: successes and trials of each type; empty if there is one type only.
-        faults: of FMUs, which ended trials that count as failed.
+        fmu_failures: ended trials, which count as failed.
         asked: trials that were asked for; of fewer, the point was given up.
         refused: why there are no trials.
     """
@@ -47,20 +47,31 @@ class Point:
     timeouts: int
     anomalies: Mapping[str, int]
     trial_types: Mapping[str, tuple[int, int]]
-    faults: Sequence[Ended] = ()
+    fmu_failures: Sequence[FmuFailure] = ()
     asked: int = 0
     refused: str = ""
 
     @property
+    def gave_up(self) -> bool:
+        """Was the point given up?"""
+        return self.trials < self.asked
+
+    @property
+    def without_failures(self) -> Point:
+        """The same of the trials that no FMU ended."""
+        return replace(self, trials=self.trials - len(self.fmu_failures), fmu_failures=())
+
+    @property
     def verdict(self) -> str:
         """What FMUs did to the trials, in words; "" if nothing."""
-        if not self.faults:
+        failures = self.fmu_failures
+        if not failures:
             return self.refused
-        kinds = Counter(fault.kind for fault in self.faults)
-        first = min(self.faults, key=lambda fault: fault.number)
+        kinds = Counter(failure.fault.kind for failure in failures)
+        first = min(failures, key=lambda failure: failure.number)
         words = ", ".join(f"{kind} {count}" for kind, count in kinds.most_common())
-        given_up = f", then given up ({self.asked} asked for)" if self.trials < self.asked else ""
-        ended = f"{len(self.faults)} of {self.trials} trials ended by a fault ({words}){given_up}"
+        given_up = f", then given up ({self.asked} asked for)" if self.gave_up else ""
+        ended = f"{len(failures)} of {self.trials} trials ended by a fault ({words}){given_up}"
         return f"{ended}; the first: {first.text}"
 
     @property
@@ -123,7 +134,7 @@ def table_of(points: Sequence[tuple[Decimal, ...]], outcomes: Outcomes) -> list[
                 sums["timeouts"],
                 {name: sums[name] for name in ANOMALIES},
                 trial_types if len(names) > 1 else {},
-                outcomes.faults.get(index, ()),
+                outcomes.fmu_failures.get(index, ()),
                 outcomes.job.trials,
             )
         )
@@ -145,13 +156,13 @@ def csv_of(
     labels: Sequence[Sequence[str]],
     table: Sequence[Point],
     *,
-    faults: bool = False,
+    has_fmus: bool = False,
 ) -> bytes:
     """The table as CSV; a cell is empty where a value is None.
 
     Args:
         columns: names of the first columns; `labels`: what stands in them, by row.
-        faults: with the columns `faults` and `verdict` at the end.
+        has_fmus: with the columns `fmu_failures` and `verdict` at the end.
     """
     trial_types = list(table[0].trial_types)
     text = io.StringIO()
@@ -159,7 +170,8 @@ def csv_of(
     writer.writerow(
         [
             *columns, "trials", "successes", "success_rate", "ci_low", "ci_high", "mean_time_s", "sd_time_s",
-            "mean_commands", "timeouts", *ANOMALIES, *trial_types, *(["faults", "verdict"] if faults else []),
+            "mean_commands", "timeouts", *ANOMALIES, *trial_types, 
+            *(["fmu_failures", "verdict"] if has_fmus else []),
         ]
     )  # fmt: skip
     for label, point in zip(labels, table, strict=True):
@@ -172,7 +184,7 @@ def csv_of(
             [
                 *label, point.trials, point.successes, *map(_cell, numbers),
                 point.timeouts, *point.anomalies.values(), *map(_cell, rates),
-                *([len(point.faults), point.verdict] if faults else []),
+                *([len(point.fmu_failures), point.verdict] if has_fmus else []),
             ]
         )  # fmt: skip
     return text.getvalue().encode()

@@ -68,17 +68,26 @@ def test_every_trial_runs_once_with_its_own_seed(runner: Runner) -> None:
     assert Counter(runner.seeds) == dict.fromkeys(range(7, 57), 4)
 
 
-@pytest.mark.parametrize("name", ["models/cmec.py", "codegen/batch/batch.py", "harness/sweep/chunks.py"])
+@pytest.mark.parametrize(
+    ("name", "has_fmus"),
+    [
+        ("models/cmec.py", False),
+        ("codegen/batch/batch.py", False),
+        ("harness/sweep/chunks.py", False),
+        ("fmus/ssp.py", True),
+    ],
+)
 def test_one_byte_of_the_program_makes_another_program(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, has_fmus: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for part in ("models", "codegen", "harness/sweep"):
-        shutil.copytree(FLOORS / part, tmp_path / part, ignore=shutil.ignore_patterns("__pycache__"))
+    for part in ("models", "codegen", "fmus", "harness/sweep"):
+        left_out = shutil.ignore_patterns("__pycache__", "build")
+        shutil.copytree(FLOORS / part, tmp_path / part, ignore=left_out)
     monkeypatch.setattr("codegen.cache.FLOORS", tmp_path)
-    before = chunks.program.__wrapped__()
+    before = chunks.program.__wrapped__(has_fmus=has_fmus)
     content = (tmp_path / name).read_bytes()
     (tmp_path / name).write_bytes(content[:-2] + bytes([content[-2] ^ 1]) + content[-1:])
-    assert chunks.program.__wrapped__() != before
+    assert chunks.program.__wrapped__(has_fmus=has_fmus) != before
 
 
 def test_a_tick_beyond_16_bits_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -119,7 +119,7 @@ def test_a_killed_worker_costs_its_chunk_and_nothing_else(
 @pytest.mark.parametrize(
     ("preload", "message"),
     [
-        ("from harness.sweep import chunks; chunks.program = lambda: 'other'", "has another version of this"),
+        ("from harness.sweep import chunks as c; c.program = lambda **_: 'other'", "has another version"),
         ("import sys; sys.modules['harness'] = None", "cannot run this program"),
     ],
 )  # fmt: skip
@@ -256,7 +256,7 @@ def test_an_fmu_travels_to_the_workers_of_a_cluster(cluster: Cluster, tmp_path: 
         chunks.run_all(outcomes, pool, lambda chunk: None)
     # then both trials succeed there
     (point,) = matrix.result_of(planned, outcomes).table.values()
-    assert (point.trials, point.successes, point.faults) == (2, 2, ())
+    assert (point.trials, point.successes, point.fmu_failures) == (2, 2, ())
 
 
 def _moved(cell: object) -> Cosimulated:

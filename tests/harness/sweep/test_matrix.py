@@ -6,14 +6,17 @@ import csv
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from harness.sweep import chunks, matrix, sweep
-from harness.sweep.chunks import Chunk, Ended, Outcomes
-from harness.sweep.cosimulated import MOST_FAULTS, PROBE
+from harness.cosim.fmu import Fault
+from harness.sweep import chunks, cosimulated, matrix, sweep
+from harness.sweep.cells import Cells
+from harness.sweep.chunks import Chunk, ClusterError, FmuFailure, Outcomes
+from harness.sweep.cosimulated import PROBE, Cosimulated
 from harness.sweep.journal import open_journal
 from harness.sweep.matrix import plan_matrix
 from harness.sweep.sweep import SweepError, plan_sweep
@@ -112,13 +115,13 @@ def test_lists_that_do_not_fit_are_refused(arguments: tuple[list[str], ...], tex
 def test_a_cell_has_the_trials_of_canine_run(tmp_path: Path) -> None:
     # given a robot led by turns of 90 degrees
     scenario = replace(LEG, waypoints=((25.0, 0.0), (25.0, 25.0)), duration=120.0)
-    planned = plan_matrix(["quarter_turn"], ["differential_drive"], [scenario], trials=4)
+    planned = plan_matrix(["quarter_turn"], ["differential_drive"], [scenario], trials=2)
     # when
     result = matrix.run(planned, tmp_path / "matrix")
     changes = Changes(swaps={"controller": "quarter_turn", "plant": "differential_drive"})
     with requested(scenario, changes) as request:
         build_missing(request)
-        one_by_one = list(run_seeds(request, range(1, 5), tmp_path / "seeds"))
+        one_by_one = list(run_seeds(request, range(1, 3), tmp_path / "seeds"))
     # then
     (point,) = result.table.values()
     won = [summary for summary in one_by_one if summary["outcome"] == "success"]
@@ -149,21 +152,34 @@ def test_cells_do_not_depend_on_each_other_and_results_have_the_columns_of_sweep
     )
     # when
     status, printed, _ = canine(
-        capsys, "--controllers", "cmec,quarter_turn", "--plants", "canine", *arguments, "--out", tmp_path
+        capsys,
+        "--controllers",
+        "cmec,quarter_turn",
+        "--plants",
+        "differential_drive",
+        *arguments,
+        "--out",
+        tmp_path,
     )
-    swept = sweep.run(plan_sweep("two", thresholds="23", trials=300), tmp_path / "sweep")[0][0]
+    swept = sweep.run(
+        plan_sweep("two", thresholds="23", trials=300, plant="differential_drive"), tmp_path / "sweep"
+    )[0][0]
     # then
     assert status == 0
     assert {path.name for path in tmp_path.iterdir() if path.is_file()} == {
         "matrix.csv", "matrix.json", "matrix.png",
     }  # fmt: skip
     header, first, second = (tmp_path / "matrix.csv").read_text().splitlines()
-    assert header == f"controller,plant,scenario,{HEADER},faults,verdict"
+    assert header == f"controller,plant,scenario,{HEADER},fmu_failures,verdict"
     row = dict(zip(header.split(","), first.split(","), strict=True))
-    assert (row["controller"], row["plant"], row["scenario"]) == ("cmec", "canine", "two_waypoint")
+    assert (row["controller"], row["plant"], row["scenario"]) == (
+        "cmec",
+        "differential_drive",
+        "two_waypoint",
+    )
     assert int(row["successes"]) == swept.successes
     assert float(row["mean_time_s"]) == pytest.approx(swept.mean_time, abs=1e-6)
-    assert second.startswith("quarter_turn,canine,two_waypoint,300,")
+    assert second.startswith("quarter_turn,differential_drive,two_waypoint,300,")
     report = json.loads((tmp_path / "matrix.json").read_text())
     assert report["cells"][0]["successes"] == swept.successes
     (comparison,) = report["comparisons"]
@@ -191,10 +207,10 @@ def test_an_fmu_runs_by_cosimulation_as_often_as_it_is_asked_to(
         (summary,) = run_seeds(request, [1], tmp_path / "seeds")
     assert summary["outcome"] == "success"
     for point in result.table.values():
-        assert (point.trials, point.successes, point.timeouts, point.faults) == (3, 3, 0, ())
+        assert (point.trials, point.successes, point.timeouts, point.fmu_failures) == (3, 3, 0, ())
     point = result.table["cmec", str(fmus["well"]), "leg"]
     assert point.mean_time == pytest.approx(summary["time_s"])
-    assert result.faults == []
+    assert result.fmu_failures == []
 
 
 def test_an_anomaly_that_a_stalled_controller_holds_is_counted_once_in_either_engine(
@@ -211,28 +227,32 @@ def test_an_anomaly_that_a_stalled_controller_holds_is_counted_once_in_either_en
 
 
 def test_an_fmu_that_fails_spoils_its_own_trials_only(
-    tmp_path: Path, fmus: dict[str, Path], capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    fmus: dict[str, Path],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     # given a dog that crashes in trial 3, one that always does, and one that lacks outputs
+    monkeypatch.setattr(cosimulated, "MOST_FAILURES", 2)  # each costs the start of a process
     scenario = tmp_path / "leg.toml"
     scenario.write_text(LEG.text())
-    plants = ["canine", fmus["seldom"], fmus["always"], fmus["misfit"]]
+    plants = ["differential_drive", fmus["seldom"], fmus["always"], fmus["misfit"]]
     # when
     status, printed, errors = canine(
         capsys, "--controllers", "cmec", "--plants", ",".join(map(str, plants)), "--scenarios", scenario,
-        "--trials", 30, "--out", tmp_path / "out",
+        "--trials", PROBE, "--out", tmp_path / "out",
     )  # fmt: skip
     # then the others are complete
     assert status == 1
     with (tmp_path / "out" / "matrix.csv").open(newline="") as file:
         own, seldom, always, misfit = csv.DictReader(file)
-    assert (own["trials"], own["faults"], own["verdict"]) == ("30", "0", "")
-    assert (seldom["trials"], seldom["successes"], seldom["faults"]) == ("30", "29", "1")
+    assert (own["trials"], own["fmu_failures"], own["verdict"]) == ("25", "0", "")
+    assert (seldom["trials"], seldom["successes"], seldom["fmu_failures"]) == ("25", "24", "1")
     text = "plant seldom.fmu: fmi2DoStep ended the process at t = 1 s: segmentation fault"
-    assert seldom["verdict"] == f"1 of 30 trials ended by a fault (crash 1); the first: {text}"
+    assert seldom["verdict"] == f"1 of 25 trials ended by a fault (crash 1); the first: {text}"
     # and what cannot be done is given up
-    assert always["trials"] == always["faults"] == str(MOST_FAULTS)
-    assert f"(crash {MOST_FAULTS}), then given up (30 asked for)" in always["verdict"]
+    assert always["trials"] == always["fmu_failures"] == "2"
+    assert "(crash 2), then given up (25 asked for)" in always["verdict"]
     assert (misfit["trials"], misfit["success_rate"]) == ("0", "")
     assert 'misfit.fmu: has no output "east"' in misfit["verdict"]
     # and all are named at the end
@@ -240,7 +260,7 @@ def test_an_fmu_that_fails_spoils_its_own_trials_only(
     for line, name in zip(last, ("seldom", "always", "misfit"), strict=True):
         assert line.startswith(f"canine: cmec, {fmus[name]}, leg: ")
     report = json.loads((tmp_path / "out" / "matrix.json").read_text())
-    (fault,) = report["cells"][1]["faults"]
+    (fault,) = report["cells"][1]["fmu_failures"]
     assert (fault["seed"], fault["kind"], fault["fmu"], fault["call"]) == (
         3,
         "crash",
@@ -259,9 +279,10 @@ def test_nothing_that_fits_is_a_fault(fmus: dict[str, Path]) -> None:
 def test_a_cell_is_given_up_by_its_first_chunk_alone(fmus: dict[str, Path], tmp_path: Path) -> None:
     # given a matrix whose second cell gave up after seven trials
     planned = plan_matrix(["cmec"], ["canine", str(fmus["well"])], [LEG], trials=100)
-    fault = Ended(2, "crash", "plant", "dog.fmu", "fmi2DoStep", 1.0, "plant dog.fmu crashed")
+    fault = Fault("crash", "plant", "dog.fmu", "fmi2DoStep", 1.0)
+    failure = FmuFailure(2, fault, "plant dog.fmu crashed")
     gave_up = Chunk(
-        100, 107, np.zeros(7, np.uint16), np.ones((1, len(chunks.SUMS)), np.int64), (fault,), gave_up=True
+        100, 107, np.zeros(7, np.uint16), np.ones((1, len(chunks.SUMS)), np.int64), (failure,), gave_up=True
     )
     # when the journal is read again
     with open_journal(tmp_path, planned.work, planned.fingerprint, planned.about) as journal:
@@ -271,10 +292,38 @@ def test_a_cell_is_given_up_by_its_first_chunk_alone(fmus: dict[str, Path], tmp_
     outcomes = Outcomes(planned.work)
     outcomes.add(chunk)
     # then its other trials are not missing, and no other trial is cut
-    assert chunk.faults == (fault,)
+    assert chunk.fmu_failures == (failure,)
     assert list(outcomes.missing()) == [(0, 100)]
     assert outcomes.done == 100
     assert matrix.result_of(planned, outcomes).table["cmec", str(fmus["well"]), "leg"].trials == 7
+
+
+def test_a_cell_is_given_up_though_its_fifth_failure_is_in_the_probes_last_trial(
+    fmus: dict[str, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given a dog of which the last five of the first 25 trials crash
+    planned = plan_matrix(["cmec"], [str(fmus["well"])], [LEG], trials=100)
+    seeds = iter(range(1, 101))
+    failure = FmuFailure(0, Fault("crash", "plant", "dog.fmu", "fmi2DoStep", 1.0), "plant dog.fmu crashed")
+    good = SimpleNamespace(success_tick=300, sums=lambda: np.zeros(len(chunks.SUMS), np.int64))
+    monkeypatch.setattr(cosimulated, "_trial", lambda *_: failure if next(seeds) > 20 else good)
+    # when
+    planned.work.prepare()
+    outcomes = Outcomes(planned.work)
+    outcomes.add(planned.work.run(0, PROBE))
+    # then its other trials do not run
+    assert (outcomes.done, list(outcomes.missing())) == (100, [])
+
+
+def test_the_program_of_cosimulated_trials_is_not_that_of_the_batch(fmus: dict[str, Path]) -> None:
+    # given the batch and an FMU
+    work = plan_matrix(["cmec"], ["canine", str(fmus["well"])], [LEG], trials=30).work
+    # then a worker does not run the one with the program of the other
+    native = chunks.program(has_fmus=False)
+    with pytest.raises(ClusterError, match="a worker runs another version of this program"):
+        chunks.run_chunk(work.part(30, 55), 30, 55, native)
+    assert not work.part(0, 30).has_fmus
+    assert work.has_fmus
 
 
 def test_the_trials_of_fmus_begin_with_a_probe_and_are_cut_at_the_same_places(fmus: dict[str, Path]) -> None:
@@ -295,17 +344,32 @@ def test_a_sweep_runs_an_fmu_at_each_point(
     # given a threshold, and a dog that crashes in one trial
     scenario = tmp_path / "leg.toml"
     scenario.write_text(LEG.text())
-    arguments = ("--trials", 4, "--out", tmp_path / "out", "--plant", fmus["seldom"])
+    arguments = ("--trials", 3, "--out", tmp_path / "out", "--plant", fmus["seldom"])
     # when
     status, _, errors = command.canine(capsys, "sweep", scenario, "--thresholds", "30:60:30", *arguments)
     # then
     assert status == 1
     header, *rows = (tmp_path / "out" / "sweep.csv").read_text().splitlines()
-    assert header == f"threshold_deg,{HEADER},faults,verdict"
-    assert [row.split(",")[:3] for row in rows] == [["30", "4", "3"], ["60", "4", "3"]]
-    assert "canine: threshold_deg 30: 1 of 4 trials ended by a fault (crash 1)" in errors
+    assert header == f"threshold_deg,{HEADER},fmu_failures,verdict"
+    assert [row.split(",")[:3] for row in rows] == [["30", "3", "2"], ["60", "3", "2"]]
+    assert "canine: threshold_deg 30: 1 of 3 trials ended by a fault (crash 1)" in errors
     report = json.loads((tmp_path / "out" / "recommendation.json").read_text())
-    assert (report["plant"], report["trials"]) == (str(fmus["seldom"]), 4)
+    assert (report["plant"], report["trials"]) == (str(fmus["seldom"]), 3)
+
+
+def test_a_truth_value_is_varied_with_an_fmu(fmus: dict[str, Path]) -> None:
+    planned = plan_sweep(LEG, vary=["cmec.guarded=0:1"], plant=str(fmus["well"]), trials=1)
+    assert isinstance(planned.work, Cells)
+    cells = [cell for cell in planned.work.cells if isinstance(cell, Cosimulated)]
+    assert [cell.scenarios[0].parameters["controller.guarded"] for cell in cells] == [False, True]
+
+
+def test_a_fault_that_the_sensors_cannot_take_is_refused_with_an_fmu_too(fmus: dict[str, Path]) -> None:
+    scenario = replace(LEG, system="full", faults=(Disturbance("plant.speed", "nan", 1.0),))
+    with pytest.raises(UsageError, match=r"nan of plant\.speed: the sensors answer with what is not finite"):
+        plan_sweep(scenario, system="full", plant=str(fmus["well"]), thresholds="30")
+    with pytest.raises(UsageError, match=r"nan of plant\.speed: the sensors answer with what is not finite"):
+        plan_matrix(["cmec"], [str(fmus["well"])], [scenario])
 
 
 def test_h_is_swept_with_the_cmec_only() -> None:

@@ -13,7 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binomtest, ttest_rel
 
-from harness.sweep.chunks import Job, Outcomes, TrialType
+from harness.cosim.fmu import Fault
+from harness.sweep.chunks import FmuFailure, Job, Outcomes, TrialType
 from harness.sweep.recommend import LEAST, best_for_success, best_for_time, pareto, recommend
 from harness.sweep.table import Point, table_of
 
@@ -216,6 +217,53 @@ def test_a_sweep_without_a_success_says_so() -> None:
     }
     # and no point counts as the best
     assert set(advice["success"]) == {"text"}
+
+
+def with_failures(ticks: Numbers, failures: dict[int, list[int]], ran: list[int]) -> dict[str, Any]:
+    """A recommendation where FMUs ended these trials by point, after which points of fewer trials stopped."""
+    done = outcomes(ticks)
+    fault = Fault("crash", "plant", "dog.fmu", "fmi2DoStep", 1.0)
+    done.fmu_failures = {
+        point: [FmuFailure(trial, fault, "dog.fmu crashed") for trial in numbers]
+        for point, numbers in failures.items()
+    }
+    done.ran = ran
+    grid = [Decimal(point) for point in range(len(ticks))]
+    return recommend([("x", "deg", grid)], table_of([(value,) for value in grid], done), ticks)
+
+
+def test_trials_that_never_ran_are_no_failures_of_the_dog() -> None:
+    # given a point that was given up after 25 trials, of which the dog won all that no FMU ended
+    ticks = np.full((3, 1000), 500, np.uint16)
+    ticks[1, 20:] = 0
+    # when
+    advice = with_failures(ticks, {1: [20, 21, 22, 23, 24]}, [1000, 25, 1000])
+    # then nothing is said against it
+    for key in ("success", "time", "both", "pareto"):
+        assert advice[key]["unjudged"] == [1]
+        assert "; not judged, since FMUs failed: 1" in advice[key]["text"]
+    assert advice["success"]["points"] == [0, 2]
+    # and without any point that is judged nothing is recommended
+    advice = with_failures(ticks[1:2], {0: [20, 21, 22, 23, 24]}, [25])
+    assert advice["success"] == {
+        "text": "best success rate: no trial succeeded; not judged, since FMUs failed: 0"
+    }
+
+
+def test_a_trial_that_an_fmu_ended_is_no_failure_of_the_dog() -> None:
+    # given a dog that wins all, of which an FMU ended 20 trials at one point
+    ticks = np.full((2, 1000), 500, np.uint16)
+    ticks[1, 30:50] = 0
+    # when
+    advice = with_failures(ticks, {1: list(range(30, 50))}, [1000, 1000])
+    # then no point is better
+    assert advice["success"]["flat"]
+    assert advice["success"]["text"].endswith("; without the trials that FMUs ended at 1")
+    assert [point["success_rate"] for point in advice["pareto"]["points"]] == [1.0, 1.0]
+    # but the same lost by the dog show that it is
+    lost = with_failures(ticks, {}, [1000, 1000])
+    assert lost["success"]["points"] == [0]
+    assert "FMU" not in lost["success"]["text"]
 
 
 def test_a_sweep_of_one_point_compares_nothing() -> None:

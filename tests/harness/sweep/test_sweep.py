@@ -472,7 +472,7 @@ def test_a_sweep_does_not_go_on_with_another_version_of_the_models(
 ) -> None:
     with pytest.raises(KeyboardInterrupt):
         sweep.run(plan_sweep("two", **ASKED), tmp_path, progress=interrupt_after(50))
-    monkeypatch.setattr(sweep, "program", lambda: "another")
+    monkeypatch.setattr(sweep, "program", lambda **_: "another")
     with pytest.raises(UsageError, match=r"holds another unfinished sweep .* in another version of the prog"):
         sweep.run(plan_sweep("two", **ASKED), tmp_path)
 
