@@ -17,7 +17,18 @@ from harness.console import (
     progress_bar,
     short,
 )
-from harness.options import Ahrs, Controller, Estimator, Onboard, Plant, Seed, Settings
+from harness.cosim.stepping import GIB, Limits
+from harness.options import (
+    Ahrs,
+    CallLimit,
+    Controller,
+    Estimator,
+    MemoryLimit,
+    Onboard,
+    Plant,
+    Seed,
+    Settings,
+)
 from models.errors import UsageError
 
 
@@ -31,6 +42,8 @@ def try_faults(
     controller: Controller = None,
     ahrs: Ahrs = False,
     onboard: Onboard = None,
+    call_limit: CallLimit = Limits.call,
+    memory_limit: MemoryLimit = Limits.memory / GIB,
     at: Annotated[float, typer.Option(min=0, help="s at which those of the catalogue begin")] = 3.0,
     lasting: Annotated[float, typer.Option(min=0.04, help="s that those of the catalogue last")] = 4.0,
     folder: Annotated[
@@ -56,14 +69,17 @@ def try_faults(
     from harness.trial.request import Changes, build_missing, requested
 
     swaps = {"plant": plant, "controller": controller}
+    limits = Limits(call=call_limit, memory=int(memory_limit * GIB))
     changes = Changes(
-        swaps=swaps, settings=settings or [], seed=seed, onboard=onboard, estimator=estimator, ahrs=ahrs
-    )
+        swaps=swaps, settings=settings or [], seed=seed, onboard=onboard, estimator=estimator, ahrs=ahrs,
+        limits=limits,
+    )  # fmt: skip
     with requested(target, changes) as request:
         own = lone_faults.own_cases(request.scenario.faults)
         cases = own or lone_faults.shipped_cases(at, at + lasting)
         with build_status("building the FMUs") as done:
-            build_missing(lone_faults.with_faults(request, cases[0].faults), done)
+            every = tuple(fault for case in cases for fault in case.faults)
+            build_missing(lone_faults.with_faults(request, every), done)
         with prepared(request) as ready:
             for note in (*request.notes, *ready.notes):
                 print_note(note)

@@ -43,6 +43,7 @@ class Alone:
 
     Attributes:
         step: s, the tick.
+        every: ticks from one step to the next.
         position: gets the tick.
 
     Raises:
@@ -57,7 +58,7 @@ class Alone:
         try:
             wiring, self.layout = plan_alone(name, self.instance.description, step)
             self._calls = Calls({name: self.instance}, self.layout, wiring, "sequential", mark)
-            self.step, self._every, self.position = wiring.step, wiring.rates[name].every, Position()
+            self.step, self.every, self.position = wiring.step, wiring.rates[name].every, Position()
         except BaseException:
             self.close()
             raise
@@ -75,9 +76,11 @@ class Alone:
     def run(self, inputs: Mapping[str, Array], rows: Rows, first: int = 0) -> None:
         """Step it from the tick `first` on, and fill a row for each.
 
-        A row has the inputs, and the outputs behind the step; both are held where its step takes several.
+        A row has the inputs and the outputs as those of a `Simulation` have: without feedthrough the outputs
+        are those before the step. Where a step takes several ticks, both are held.
 
         Args:
+            first: a tick on which a step begins.
             inputs: by name (ticks,), from tick 0 on; an input that is not there keeps its start value.
 
         Raises:
@@ -93,15 +96,19 @@ class Alone:
                     table[:, i] = inputs[quantity.name][:ticks]
             tables.append((self.layout.view(slot), table))
         calls.clock.position = self.position
+        calls.carry_out(calls.first)
+        numbered = list(enumerate(calls.tick))
+        answer, advance = numbered[: len(calls.answer)], numbered[len(calls.answer) :]
         for tick in range(first, ticks):
-            if tick % self._every == 0:
-                self.position.tick = tick
-                calls.clock.set(tick * self.step)
+            self.position.tick = tick
+            calls.clock.set(tick * self.step)
+            if tick % self.every == 0:
                 for view, table in tables:
                     view[:] = table[tick]
                 calls.carry_out(calls.free[self.name])
-                calls.carry_out(calls.tick)
+            calls.carry_out([call for place, call in answer if calls.is_due(place, tick)])
             rows[tick - first] = self.layout.block
+            calls.carry_out([call for place, call in advance if calls.is_due(place, tick)])
 
 
 def outputs_of(layout: Layout, name: str, rows: Rows) -> dict[str, Array]:

@@ -172,6 +172,11 @@ class Calls:
                 self.fail(status, call)
         self._mark("", "")
 
+    def is_due(self, place: int, tick: int) -> bool:
+        """Is the call at a place of `tick` made on this tick?"""
+        turn = self.turns.get(place)
+        return turn is None or turn.is_due(tick)
+
     def whose(self, call: Call) -> tuple[str, str]:
         """A call's component, and its function with the variables."""
         return self._whose[id(call)]

@@ -68,7 +68,7 @@ def live(alone: Alone, inputs: Mapping[str, Array], ticks: int) -> list[str]:
     Raises:
         FmuError: a call failed, an output is not finite, or it does not repeat itself.
     """
-    instance, half = alone.instance, ticks // 2
+    instance, half = alone.instance, ticks // 2 // alone.every * alone.every
     states, done = States(instance), ["runs"]
     rows: Rows = np.zeros((ticks, len(alone.layout.block)), np.uint8)
     again = np.zeros_like(rows)

@@ -108,8 +108,8 @@ class Walk:
 
     def _carry_out(self, numbered: Sequence[tuple[int, Call]]) -> None:
         calls, position, guard = self.calls, self.recorder.position, self.guard
-        if turns := calls.turns:
-            numbered = [(n, call) for n, call in numbered if n not in turns or turns[n].is_due(position.tick)]
+        if calls.turns:
+            numbered = [(n, call) for n, call in numbered if calls.is_due(n, position.tick)]
         for position.call, (function, arguments) in numbered:
             status = function(*arguments)
             if guard is not None and guard():

@@ -47,7 +47,7 @@ class Receiver:
         # whole units, since pyubx2 truncates
         latitude, longitude = round(latitude * 1e7) / 1e7, round(longitude * 1e7) / 1e7
         when, course = round(time * 1000) % WEEK_MS, math.degrees(signals["gps_course"]) % 360
-        speed, s_acc = signals["gps_speed"], signals["gps_s_acc"]
+        speed, s_acc = max(signals["gps_speed"], 0.0), signals["gps_s_acc"]  # over ground: never negative
         h_acc = max(round(signals["gps_h_acc"] * 1000), 1)  # no receiver states an accuracy of 0
         if self.pvt:
             fields = {

@@ -61,10 +61,14 @@ class Components:
         plant, controller = self.block("plant") or PLANT, self.block("controller") or CONTROLLER
         return find_system(scenario.system, scenario.estimator, plant, controller)
 
+    @property
+    def blocks(self) -> dict[str, str]:
+        """The names of our blocks, by role."""
+        return {role: part for role, part in self.swaps.items() if isinstance(part, str)}
+
     def block(self, role: str) -> str | None:
         """The name of our block in a role's place; None for an FMU, or if nothing was named."""
-        part = self.swaps.get(role)
-        return part if isinstance(part, str) else None
+        return self.blocks.get(role)
 
 
 def find_components(**names: str | Path | None) -> Components:

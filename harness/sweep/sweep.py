@@ -299,10 +299,10 @@ def native_job(
 
 def _cell_at(point: Sequence[Decimal], cell: Cosimulated, axes: Sequence[Axis]) -> Cosimulated:
     """The trials at a point of a sweep with FMUs."""
-    scenarios = cell.scenarios
+    scenarios, blocks = cell.scenarios, {r: part for r, part in cell.swaps.items() if isinstance(part, str)}
     for axis, value in zip(axes, point, strict=True):
         setting = axis.settings[axis.written.index(value)]
-        scenarios = tuple(scenario.override([setting]) for scenario in scenarios)
+        scenarios = tuple(scenario.override([setting], swaps=blocks) for scenario in scenarios)
     return replace(cell, scenarios=scenarios)
 
 
@@ -414,7 +414,7 @@ def adapted(
     system = options.system_of(scenario.system)
     own = scenario.estimator if system in with_estimator() else ESTIMATOR
     scenario = replace(scenario, system=system, estimator=components.block("estimator") or own)
-    scenario = scenario.override(settings, options.seed)
+    scenario = scenario.override(settings, options.seed, components.blocks)
     scenario = replace(scenario, reading=options.reading or scenario.reading or READING)
     owners = _owners(find_system(system, scenario.estimator)) | _owners(components.system(scenario))
     disturbed = [fault.signal for fault in scenario.faults if fault.kind != LOST]

@@ -50,7 +50,8 @@ def firmware_of(
         settings: `block.name=value` over it.
         estimator: its name; None for the scenario's.
         ahrs: with the AHRS before it, even if the scenario has none.
-        note: is told what of the scenario the operator does by radio instead: the mission, and orders.
+        note: is told what of the scenario is not built in: the mission and orders, which the operator sends
+            by radio, and faults.
 
     Raises:
         ScenarioError: it cannot be read, or a parameter does not exist or is out of its range.
@@ -62,6 +63,8 @@ def firmware_of(
         note(f"{scenario}: {' and '.join(mission)} are not built in; the operator's MISSION sends them")
     if written.sets:
         note(f"{scenario}: its [[set]] are not built in; the operator orders by radio")
+    if written.faults:
+        note(f"{scenario}: its [[fault]] are not built in; a trial has them, `canine run --onboard`")
     written = replace(written, reading=written.reading or ON_BOARD)
     name = "full_ahrs" if ahrs or written.system == "full_ahrs" else "full"
     system = find_system(name, estimator or written.estimator)

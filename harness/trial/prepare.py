@@ -218,11 +218,13 @@ def _with_faults(
     links, placed = disturb(system.links, faults.links)
     if is_sensed:
         ends = {place.fault for place in placed.values()}
+        feeders: dict[tuple[str, str], tuple[str, str]] = {}  # by output, what gives it by now
         for number, fault in enumerate(faults.links):
             if number not in ends:
-                name = f"fault_{len(placed) + 1}"
+                name, output = f"fault_{len(placed) + 1}", (fault.source, fault.source_variable)
                 placed[name] = Placed(number, fault.type)
-                links = (*links, ScaledLink(fault.source, fault.source_variable, name, "signal"))
+                links = (*links, ScaledLink(*feeders.get(output, output), name, "signal"))
+                feeders[output] = (name, "disturbed")
     blocks = {
         name: FmuComponent(name, folder / f"{FAULTS[place.type].title()}.fmu")
         for name, place in placed.items()

@@ -134,14 +134,16 @@ def requested(target: str | Scenario, changes: Changes) -> Iterator[Request]:
         request = _with_ahrs(_with_estimator(request, changes.estimator), changes.ahrs)
         swaps = {role: _fmu(request, role, fmu) for role, fmu in changes.swaps.items() if fmu is not None}
         onboard = request.onboard if changes.onboard is None else _processor(changes.onboard)
-        scenario = request.scenario.override(changes.settings, changes.seed)
+        swaps = {**request.swaps, **swaps}
+        blocks = _blocks_of(swaps) if changes.settings and request.scenario.parameters else {}
+        scenario = request.scenario.override(changes.settings, changes.seed, blocks)
         reading = scenario.reading or (ON_BOARD if onboard else READING)
         yield _checked(
             replace(
                 request,
                 scenario=replace(scenario, reading=reading),
                 order=changes.order or request.order,
-                swaps={**request.swaps, **swaps},
+                swaps=swaps,
                 onboard=onboard,
                 loop=changes.loop,
                 limits=changes.limits,
@@ -241,6 +243,14 @@ def _fmu(request: Request, role: str, fmu: str | Path) -> Path:
     if path.suffix == ".fmu":
         raise UsageError(f'there is no FMU "{fmu}"{nearest_file(path)}')
     raise UsageError(f'there is no {role} "{fmu}"; {expected}{nearest(str(fmu), ours)}')
+
+
+def _blocks_of(swaps: Mapping[str, Path]) -> dict[str, str]:
+    """The names of the blocks in swapped FMUs, by role."""
+    from harness.cosim.fmu import describe  # noqa: PLC0415 - fmpy
+
+    # one that is not there is ours, and will be built
+    return {r: describe(path).model if os.path.isfile(path) else path.stem for r, path in swaps.items()}
 
 
 def _with_estimator(request: Request, estimator: str | None) -> Request:

@@ -187,11 +187,12 @@ class Scenario:
         """The system of ours that it runs; None for a package."""
         return find_system(self.system, self.estimator) if self.system in SYSTEMS else None
 
-    def _component_of(self, address: str) -> str:
+    def _component_of(self, address: str, swaps: Mapping[str, str]) -> str:
         """An address by its component's name, where its block's name is given."""
         owner, dot, name = address.partition(".")
-        components = self.own_system.components if self.own_system else {}
-        return f"{next((c for c, block in components.items() if block.title() == owner), owner)}{dot}{name}"
+        own = self.own_system.components if self.own_system else {}
+        blocks = {**{component: block.title() for component, block in own.items()}, **swaps}
+        return f"{next((c for c, block in blocks.items() if block == owner), owner)}{dot}{name}"
 
     def text(self) -> str:
         """The scenario as TOML. Equal scenarios have equal texts, and a text reads back to its scenario."""
@@ -229,8 +230,13 @@ class Scenario:
             ]
         return "\n".join(lines) + "\n"
 
-    def override(self, settings: Iterable[str], seed: int | None = None) -> Scenario:
+    def override(
+        self, settings: Iterable[str], seed: int | None = None, swaps: Mapping[str, str] | None = None
+    ) -> Scenario:
         """The scenario with `block.name=value` settings over its parameters, and another seed.
+
+        Args:
+            swaps: by component, the name of the block that takes the place of the system's own.
 
         Raises:
             ScenarioError: a setting without "=", a parameter set twice, or a seed that no trial can have.
@@ -246,7 +252,8 @@ class Scenario:
                     f'--set {setting}: expected block.name=value, as in "cmec.moving_deviation=37"'
                 )
             name = name.strip()
-            same = {other for other in parameters if self._component_of(other) == self._component_of(name)}
+            address = self._component_of(name, swaps or {})
+            same = {other for other in parameters if self._component_of(other, swaps or {}) == address}
             twice = next((settings_by_name[other] for other in same if other in settings_by_name), None)
             if twice is not None:
                 raise ScenarioError(f"--set {setting}: --set {twice} is the same parameter; set it once")

@@ -27,6 +27,7 @@ from harness.interrupts import IN_WORKER
 from models.errors import CanineError, ParameterError, UsageError, WiringError, printable
 
 POLL = 0.05  # s
+DEATHS = 40  # times that what the worker started is ended; a process may wait for a device and stay
 BUSY = 60.0  # s that the worker may take between calls
 ADDRESSES = 4  # times the memory limit: of addresses that are not used
 LINES, WIDTH = 5, 200  # of what an FMU prints, that are shown
@@ -273,11 +274,14 @@ class WorkerProcess:
         """Can what the worker shares be as the worker left it?"""
         recorder = self.memory.recorder
         position, most = recorder.position, self._taken + recorder.room
+        calls = max(1, len(self.subject.calls))
         return (
             self.memory.flight.is_sound
             and self._taken <= position.rows <= most
             and 0 <= position.tick <= most
-            and -1 <= position.call < max(1, len(self.subject.calls))
+            and -1 <= position.call < calls
+            and 0 <= position.restorer < calls
+            and position.restored >= 0
         )
 
     def check_memory(self) -> None:
@@ -317,10 +321,14 @@ class WorkerProcess:
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
-        while strays := _processes_with(f"TMPDIR={self.folder}"):
+        for _ in range(DEATHS):
+            if not (strays := _processes_with(f"TMPDIR={self.folder}")):
+                return
             for number in strays:
                 with suppress(ProcessLookupError, PermissionError):
                     os.kill(number, signal.SIGKILL)
+            time.sleep(POLL)
+        self._notes.append(f"processes that an FMU started cannot be ended: {', '.join(map(str, strays))}")
 
     def _fail_as_it_ended(self) -> NoReturn:
         """The worker has gone, or cannot be heard any more."""

@@ -196,15 +196,22 @@ def test_a_bundle_of_a_reading_without_limits_says_so(
 @pytest.mark.parametrize(
     ("mission", "what"),
     [
-        ("waypoints = [[20, 0]]", "waypoints are"),
-        ("waypoints = [[20, 0]]\nfence = [[-9, -9], [30, -9], [30, 9]]", "waypoints and fence are"),
+        ("waypoints = [[20, 0]]", "waypoints are not built in; the operator's MISSION sends them"),
+        (
+            "waypoints = [[20, 0]]\nfence = [[-9, -9], [30, -9], [30, 9]]",
+            "waypoints and fence are not built in; the operator's MISSION sends them",
+        ),
+        (
+            '[[fault]]\nsignal = "radio"\nkind = "lost"\nat = 1',
+            "its [[fault]] are not built in; a trial has them, `canine run --onboard`",
+        ),
         ("", None),
     ],
 )
-def test_a_scenarios_mission_that_is_not_built_in_is_noted(
+def test_what_of_a_scenario_is_not_built_in_is_noted(
     mission: str, what: str | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    # given a scenario with a mission or without
+    # given a scenario with a mission, with a fault, or with neither
     scenario = tmp_path / "park.toml"
     scenario.write_text(f"{mission}\n")
     # when its parameters are built in
@@ -212,8 +219,7 @@ def test_a_scenarios_mission_that_is_not_built_in_is_noted(
     assert main.run(["firmware", *options, "--parameters", str(scenario)]) == 0
     # then a note says what is not
     notes = [line for line in capsys.readouterr().err.splitlines() if "built in" in line]
-    expected = f"note: {scenario}: {what} not built in; the operator's MISSION sends them"
-    assert notes == ([expected] if what else [])
+    assert notes == ([f"note: {scenario}: {what}"] if what else [])
 
 
 def test_the_default_bundle_has_the_limits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

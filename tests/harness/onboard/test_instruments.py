@@ -94,6 +94,30 @@ def test_a_damaged_byte_is_found_by_the_checksum(pvt: bool) -> None:
 
 
 @pytest.mark.parametrize("pvt", [False, True])
+def test_a_receiver_never_sends_a_speed_below_0(pvt: bool) -> None:
+    messages = read(Receiver(ORIGIN, pvt).fix(1.0, FIX | {"gps_speed": -0.5}))
+    assert messages["NAV-PVT" if pvt else "NAV-VELNED"].gSpeed == 0
+
+
+EXTREMES = [*(s * x for x in (0.0, 5e-324, 0.5, 1.9999e6, 2e6, 2.1e6, 1e9, 1e308) for s in (1, -1)), math.inf]
+
+
+@given(
+    st.dictionaries(st.sampled_from([*FIX, *SAMPLE]), st.sampled_from([*EXTREMES, -math.inf, math.nan])),
+    st.booleans(),
+    st.floats(-90, 90),
+)
+def test_whatever_a_fault_makes_of_the_signals_there_are_whole_messages_or_none(
+    values: dict[str, float], pvt: bool, latitude: float
+) -> None:
+    place = TangentPlane(math.radians(latitude), math.radians(179.0))
+    values = FIX | SAMPLE | values
+    messages = read(Receiver(place, pvt).fix(1.0, values))
+    assert len(messages) in (0, 1 if pvt else 3)
+    assert len(InertialUnit(pvt).sample(7, values)) == 5 + 50
+
+
+@pytest.mark.parametrize("pvt", [False, True])
 def test_the_receiver_sends_nothing_without_a_fix(pvt: bool) -> None:
     assert Receiver(ORIGIN, pvt).fix(1.0, FIX | {"gps_fix": 0.0}) == b""
 

@@ -255,6 +255,24 @@ def test_an_estimator_with_a_step_of_its_own_is_replayed_at_it(
     assert estimate["y"].tolist() == [signals.accel_x[tick] for tick in taken]
 
 
+@pytest.mark.parametrize("size", [0.04, 0.2])
+def test_an_estimator_without_feedthrough_gives_what_it_was_before_the_step(
+    tmp_path: Path, size: float
+) -> None:
+    # given one that gives the acceleration of its last step, and whose outputs depend on its state alone
+    variables = [V("accel_x", "input"), V("y"), V("n", type="Integer")]
+    step = strict(size) + "v[1] = v[0];"
+    path = tiny_fmu(tmp_path / "own.fmu", variables, step, step_size=size, fixed=True, depends=False)
+    signals = open_source(write(tmp_path / "trial.mcap", walk_of_log(1))).signals([])
+    # when
+    estimate = run_fmu(path, signals, 12, {})
+    # then an answer is there when the step has ended, as in a trial
+    every = round(size / 0.04)
+    assert estimate["n"].tolist() == [tick // every for tick in range(12)]
+    began = [(tick // every - 1) * every for tick in range(12)]
+    assert estimate["y"].tolist() == [signals.accel_x[tick] if tick >= 0 else 0 for tick in began]
+
+
 def test_an_estimator_that_asks_to_end_ends_the_replay(tmp_path: Path) -> None:
     variables = [V("accel_x", "input"), V("y")]
     path = tiny_fmu(tmp_path / "ends.fmu", variables, "v[31] = t > 0.1;", version=3)

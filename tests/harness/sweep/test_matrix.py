@@ -88,6 +88,11 @@ def test_a_setting_of_a_block_acts_in_the_cells_that_have_it() -> None:
     assert "controller.turn_deviation" not in values["cmec", "canine"]
     assert [("plant.drift" in own) for own in values.values()] == [True, False, True, False]
     assert {own["controller.capture_radius"] for own in values.values()} == {5.0}
+    # and it replaces the scenario's under the block's name
+    leg = replace(LEG, parameters={"quarter_turn.capture_radius": 6.0})
+    (job,) = plan_matrix(["quarter_turn"], ["canine"], [leg], settings=settings[2:]).jobs.values()
+    assert isinstance(job, chunks.Job)
+    assert job.trial_types[0].flat["controller.capture_radius"] == 5
     with pytest.raises(UsageError, match='no block or component "quarter_trun"; did you mean'):
         plan_matrix(["quarter_turn"], ["canine"], [LEG], settings=["quarter_trun.turn_deviation=50"])
 

@@ -55,9 +55,10 @@ def test_a_crash_ends_the_command_with_1_and_all_files_up_to_it(tmp_path: Path) 
     assert log["plant.north"].tolist() == pytest.approx([0.2 * k for k in range(51)], abs=1e-9)
 
 
-def test_a_limit_of_the_command_line_ends_a_hanging_fmu(tmp_path: Path) -> None:
+@pytest.mark.parametrize("command", [("run", "two_waypoint"), ("faults", "faulty")])
+def test_a_limit_of_the_command_line_ends_a_hanging_fmu(tmp_path: Path, command: tuple[str, ...]) -> None:
     dog = tiny_fmu(tmp_path / "dog.fmu", DOG, MOVES + "if (t > 1.99) for (volatile int i = 0;; i++) { }")
-    ran = canine(tmp_path, "run", "two_waypoint", "--plant", dog, "--call-limit", "0.5")
+    ran = canine(tmp_path, *command, "--plant", dog, "--call-limit", "0.5")
     assert ran.returncode == 1
     assert "plant dog.fmu: fmi2DoStep did not come back within 0.5 s at t = 2 s" in ran.stderr
 

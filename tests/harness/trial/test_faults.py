@@ -231,6 +231,23 @@ def test_the_instruments_read_disturbed_signals() -> None:
     assert disturbed == pytest.approx(true + 5)
 
 
+def test_on_board_the_later_of_two_faults_acts_on_what_the_other_gives() -> None:
+    # given two faults of what no link takes, and one of what the estimator takes too
+    for signal in ("sensors.accel_z", "sensors.accel_x"):
+        request = Request(with_faults(*[fault(signal, "offset", 0.0, 9.0)] * 2), onboard="host")
+        build_missing(request)
+        # when
+        with prepared(request) as ready, Simulation(ready.system, ready.plan.values) as simulation:
+            simulation.run(duration=0.4)
+            name = signal.partition(".")[2]
+            given = [
+                values[names.index(name)] for names, values in simulation.outputs("sensors") if name in names
+            ]
+            # then the instruments read both
+            true, *disturbed = map(float, given)
+        assert disturbed == pytest.approx([true + 5, true + 10])
+
+
 def test_a_fault_of_a_foreign_plants_mapped_output_is_in_the_roles_unit(tmp_path: Path) -> None:
     # given a dog in a worker, whose km/h a mapping makes m/s
     plant = dog(tmp_path)

@@ -7,9 +7,11 @@ from pathlib import Path
 import pytest
 
 from harness.trial import lone_faults
+from harness.trial.faults import fault_fmus
 from harness.trial.lone_faults import Case, fitting, shipped_cases
 from harness.trial.request import Request
 from harness.trial.scenario import FAULTS, Disturbance, load
+from models.errors import UsageError
 from models.kit.declaration import flatten
 from models.system import SYSTEMS
 from tests.harness.command import canine
@@ -98,6 +100,26 @@ def test_an_fmu_that_a_fault_makes_go_wrong_is_a_result(
     (line,) = [line for line in text.splitlines() if line.startswith("nan of plant.speed")]
     assert "failed" in line
     assert 'sensors sensors.fmu: output "' in line
+
+
+def test_what_all_faults_need_is_built_though_the_first_needs_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given a lost radio before a fault that is a block
+    lost = '[[fault]]\nsignal = "radio"\nkind = "lost"\nat = 1.0\n'
+    stuck = '[[fault]]\nsignal = "sensors.gyro_z"\nkind = "stuck"\nat = 1.0\n'
+    (tmp_path / "two.toml").write_text(f"waypoints = [[20.0, 0.0]]\nduration = 2.0\n{lost}{stuck}")
+    asked: list[list[Path]] = []
+
+    def build(request: Request, done: object) -> None:
+        asked.append(fault_fmus(request.scenario, tmp_path))
+        raise UsageError("enough")
+
+    monkeypatch.setattr("harness.trial.request.build_missing", build)
+    # when
+    canine(capsys, "faults", tmp_path / "two.toml", "--out", tmp_path / "out")
+    # then
+    assert tmp_path / "real_fault.fmu" in asked[0]
 
 
 def test_a_group_of_signals_is_told_in_few_words() -> None:

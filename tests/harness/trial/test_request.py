@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from fmus.archive import AlteredError, pack
+from fmus.build import build_fmu
 from fmus.folder import build_folder
 from harness.log.channel import Channel
 from harness.log.log import read_log
@@ -18,6 +19,7 @@ from harness.trial import trial
 from harness.trial.prepare import prepared
 from harness.trial.request import Changes, Request, build_missing, requested
 from harness.trial.scenario import Scenario, ScenarioError, load
+from models.differential_drive import DifferentialDrive
 from models.errors import UsageError
 
 NOTHING = Changes()
@@ -147,6 +149,24 @@ def test_changes_override_the_target_and_keep_what_they_do_not_name(tmp_path: Pa
         # then
         scenario = replace(load("two_waypoint"), seed=5, parameters={"cmec.max_turns": 3})
         assert request == Request(scenario, "jacobi", 3, {"plant": dog})
+
+
+def test_a_setting_replaces_the_targets_under_either_name_of_a_swapped_block(tmp_path: Path) -> None:
+    # given a parameter of a controller and a plant that are not the system's own
+    written = {"quarter_turn.capture_radius": 6.0, "differential_drive.wheel_slip_deviation": 0.0}
+    scenario = Scenario("my", waypoints=((20.0, 0.0),), parameters=written)
+    plant = build_fmu(DifferentialDrive, tmp_path, 2).rename(tmp_path / "robot.fmu")
+    settings = ["controller.capture_radius=5", "plant.wheel_slip_deviation=0.1"]
+    # when
+    changes = Changes(swaps={"controller": "quarter_turn", "plant": plant}, settings=settings)
+    with requested(scenario, changes) as request:
+        # then
+        assert request.scenario.parameters == {
+            "controller.capture_radius": 5, "plant.wheel_slip_deviation": 0.1
+        }  # fmt: skip
+    # and the system's own blocks have other names
+    with requested(scenario, Changes(settings=settings)) as request:
+        assert len(request.scenario.parameters) == 4
 
 
 def test_a_block_of_ours_takes_a_role_by_its_name_in_the_fmi_version_of_the_trial() -> None:

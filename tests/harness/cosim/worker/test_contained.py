@@ -3,6 +3,7 @@
 import os
 import re
 import signal
+import subprocess
 import threading
 import time
 from collections.abc import Mapping
@@ -415,6 +416,7 @@ def test_one_worker_runs_many_simulations_and_a_fault_harms_none_of_the_others(t
     assert not process.folder.exists()
 
 
+POSITION = "8 + 8 + 8 + 400 + 8"  # behind the call that is being made
 OVERWRITES = """extern void *fopen(const char *, const char *); extern char *fgets(char *, int, void *);
 extern char *strstr(const char *, const char *); extern unsigned long strtoul(const char *, char **, int);
 extern void *memset(void *, int, unsigned long);
@@ -424,10 +426,18 @@ if (t > 0.39) { void *f = fopen("/proc/self/maps", "r"); char line[999]; while (
 """
 
 
-@pytest.mark.parametrize("place", ["0", "8 + 8 + 8 + 400 + 8"])  # all, or the position alone
-def test_an_fmu_that_writes_over_what_the_worker_shares_is_found_out(tmp_path: Path, place: str) -> None:
+@pytest.mark.parametrize(
+    ("place", "size"),
+    [
+        ("0", "strtoul(end + 1, 0, 16) - from"),  # all
+        (POSITION, "24"),
+        (f"{POSITION} + 24", "16"),  # behind tick, call and rows: who changed the rounding, and how often
+    ],
+)
+def test_an_fmu_that_writes_over_what_the_worker_shares_is_found_out(
+    tmp_path: Path, place: str, size: str
+) -> None:
     # given a plant that fills its rows' memory with rubbish, and comes back never or after a while
-    size = "strtoul(end + 1, 0, 16) - from" if place == "0" else "24"
     step = OVERWRITES % (place, size) + "extern unsigned sleep(unsigned); if (t > 0.39) sleep(9);"
     # when
     result = run(toy(tmp_path, step=step))
@@ -453,6 +463,21 @@ def test_a_process_that_an_fmu_sends_into_a_session_of_its_own_is_ended(tmp_path
     # then
     assert result.error is None
     assert not lives_alone(int(told.read_text()))
+
+
+def test_a_process_that_cannot_be_ended_is_a_note_and_holds_nothing_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given one that has ended already, and so cannot be ended
+    dead = subprocess.Popen(["true"])
+    os.waitid(os.P_PID, dead.pid, os.WEXITED | os.WNOWAIT)
+    monkeypatch.setattr("harness.cosim.worker.process._processes_with", lambda variable: [dead.pid])
+    # when
+    result = run(toy(tmp_path))
+    dead.wait()
+    # then
+    assert result.error is None
+    assert result.notes == [f"processes that an FMU started cannot be ended: {dead.pid}"]
 
 
 def lives_alone(number: int) -> bool:
