@@ -3,7 +3,7 @@
 | topic | schema | made from | when |
 |---|---|---|---|
 | `/map/truth` | foxglove.LocationFix | the plant's `north east` | at 5 Hz |
-| `/map/gps` | foxglove.LocationFix | the sensors' `gps_fix gps_north gps_east` | every fix |
+| `/map/gps` | foxglove.LocationFix | the sensors' `gps_fix gps_north gps_east`, as they arrived | every fix |
 | `/map/estimate` | foxglove.LocationFix | the estimator's `north east` | at 5 Hz |
 | `/3d/frames` | foxglove.FrameTransforms | `map` (axes east, north, up) to `dog`, `estimate` | at 5 Hz |
 | `/3d/scene` | foxglove.SceneUpdate | waypoints, capture circles, the fence, an arrow for each frame | once |
@@ -188,7 +188,7 @@ class Views:
     """The topics above, for what a log's components provide.
 
     `signals` are the names of each component's signals in the order of its rows, `origin` the latitude and
-    longitude of north = east = 0 in degrees, `route` the waypoints.
+    longitude of north = east = 0 in degrees, `route` the waypoints, `receiver` whose GPS fixes there are.
     """
 
     def __init__(
@@ -197,6 +197,7 @@ class Views:
         signals: Mapping[str, Sequence[str]],
         origin: tuple[float, float],
         route: Route | None,
+        receiver: str = "sensors",
     ) -> None:
         plane = TangentPlane(*map(math.radians, origin))
         columns = {role: {name: i for i, name in enumerate(names)} for role, names in signals.items()}
@@ -220,10 +221,10 @@ class Views:
         self.drawing = SceneUpdate(entities=entities).SerializeToString()
 
         self.gps: _Fixes | None = None
-        if position := find("sensors", "gps_north", "gps_east"):
+        if position := find(receiver, "gps_north", "gps_east"):
             channel = _topic(container, "/map/gps", LocationFix)
-            self.gps = _Fixes(channel, "sensors", position + find("sensors", "gps_h_acc"), plane)
-        self.fix = find("sensors", "gps_fix")
+            self.gps = _Fixes(channel, receiver, position + find(receiver, "gps_h_acc"), plane)
+        self.fix = find(receiver, "gps_fix")
 
         names = [n for n in ("status", "command", "waypoint", "anomaly") if find("controller", n)]
         self.events: _Events | None = None
@@ -251,7 +252,7 @@ class Views:
             for view in self.regular:
                 messages += view.encode(moments, values, due)
         if self.gps and self.fix:
-            fixes = np.flatnonzero(values["sensors"][:, self.fix[0]])
+            fixes = np.flatnonzero(values[self.gps.component][:, self.fix[0]])
             messages += self.gps.encode(_moments(times[fixes]), values, fixes)
         if self.events:
             messages += self.events.encode(times, values)

@@ -16,6 +16,7 @@ import numpy as np
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
 from harness.interrupts import held_interrupts
+from harness.log.arrived import receiver
 from harness.log.channel import SECOND, Array, Channel
 from harness.log.container import Container, Times
 from harness.log.log import CHECK_RECORD, END_RECORD, FORMAT, OWN_RECORD, PROFILE, LogError, checksums
@@ -85,7 +86,8 @@ class LogWriter:
         self._channels = [self._add(channel) for channel in channels]
         self._rows = Rows(channels)
         signals = {channel.component: channel.names for channel in channels}
-        self._views = Views(self._container, signals, origin, Route.of(metadata.get("parameters", {})))
+        route, gps = Route.of(metadata.get("parameters", {})), receiver(channels, metadata)
+        self._views = Views(self._container, signals, origin, route, gps)
         self._file.flush()
 
     def _add(self, channel: Channel) -> int:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from harness.log.arrived import READER, SENSORS, arrived, disturbed
 from harness.log.log import Log, read_log
 from harness.recording.attitude import ANGLES, SAMPLES, TICK_S, own_attitude
 from harness.recording.holes import HOLE_OF_IMU_S, Hole, holes, holes_of_imu
@@ -99,13 +100,14 @@ def _of_log(path: Path, attitude: str) -> ReplaySource:
             "`canine run three_waypoint` makes"
         )
     _require_ticks(path, log)
-    gps = [f"sensors.{f.name}" for f in fields(SensorSignals) if f.name.startswith("gps_")]
-    finite_fix = np.all([np.isfinite(log[name]) for name in gps if name in log], axis=0)
+    taken = {name: log[signal] for name, signal in arrived(log.channels, log.metadata).items()}
+    gps = [f.name for f in fields(SensorSignals) if f.name.startswith("gps_")]
+    finite_fix = np.all([np.isfinite(taken[name]) for name in gps if name in taken], axis=0)
     names = {name for block in ESTIMATORS.values() for name in block.flat_names("input")}
-    imu = [f"sensors.{n}" for n in names if not n.startswith("gps_") and f"sensors.{n}" in log]
-    finite_sample = np.all([np.isfinite(log[name]) for name in imu], axis=0)
-    arrived = log["sensors.gps_fix"] > 0
-    received = arrived & finite_fix
+    imu = [name for name in names if not name.startswith("gps_") and name in taken]
+    finite_sample = np.all([np.isfinite(taken[name]) for name in imu], axis=0)
+    fixes = taken["gps_fix"] > 0
+    received = fixes & finite_fix
 
     def signals_without(windows: Sequence[Window]) -> SensorSignals:
         used = received.copy()
@@ -114,7 +116,7 @@ def _of_log(path: Path, attitude: str) -> ReplaySource:
         latest = np.maximum.accumulate(np.where(used, np.arange(len(used)), 0))  # tick of the held fix
         columns: dict[str, Any] = {}
         for name in (f.name for f in fields(SensorSignals)):
-            logged = log[f"sensors.{name}"] if f"sensors.{name}" in log else np.zeros(len(used))
+            logged = taken.get(name, np.zeros(len(used)))
             columns[name] = logged[latest] if name.startswith("gps_") else logged
         for name in ("north", "east", "speed", "course"):
             columns[f"reference_{name}"] = log[f"sensors.gps_{name}"]
@@ -128,7 +130,7 @@ def _of_log(path: Path, attitude: str) -> ReplaySource:
         return SensorSignals(**columns)
 
     dropped = {
-        "fixes with a value that is not finite": int((arrived & ~finite_fix).sum()),
+        "fixes with a value that is not finite": int((fixes & ~finite_fix).sum()),
         "IMU samples with a value that is not finite": int((~finite_sample).sum()),
     }
     scenario = log.metadata.get("scenario", {})
@@ -139,7 +141,23 @@ def _of_log(path: Path, attitude: str) -> ReplaySource:
         {cause: number for cause, number in dropped.items() if number},
         attitude=attitude or RECORDED,
         broken=log.broken,
+        notes=_notes_of_faults(log),
     )
+
+
+def _notes_of_faults(log: Log) -> tuple[str, ...]:
+    """Which faults of the trial its estimators have here too, and which they have not."""
+    signals = arrived(log.channels, log.metadata)
+    names = sorted(signal.removeprefix("sensors.") for signal in disturbed(log.metadata))
+    within = [name for name in names if signals.get(name) == f"{READER}.{name}"]
+    without = [name for name in names if name in ("gps", "imu") or signals.get(name) == f"{SENSORS}.{name}"]
+    notes = []
+    if within:
+        notes.append(f"the trial's faults of {', '.join(within)} are in the signals, not in the reference")
+    if without:
+        others = f"the trial's faults of {', '.join(without)} are not in the signals"
+        notes.append(f"{others}: the log does not have what arrived")
+    return tuple(notes)
 
 
 def _require_ticks(path: Path, log: Log) -> None:

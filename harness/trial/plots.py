@@ -47,6 +47,7 @@ from harness.drawing import (
     set_title,
     shade,
 )
+from harness.log.arrived import arrived, receiver
 from harness.log.channel import Array
 from harness.log.log import Log, named
 from harness.terminal import DEVIATION_THRESHOLD
@@ -171,9 +172,10 @@ def draw_path(axes: Axes, log: Log) -> list[Line2D | Patch]:
         if log.route.fence:
             axes.add_patch(Polygon([(east, north) for north, east in log.route.fence], **FENCE))
             handles.append(Patch(label="fence", **FENCE))
-    if "sensors.gps_fix" in log:
-        fixes = log["sensors.gps_fix"] > 0
-        axes.plot(log["sensors.gps_east"][fixes], log["sensors.gps_north"][fixes], **FIX_STYLE, zorder=3)
+    gps = receiver(log.channels, log.metadata)
+    if f"{gps}.gps_fix" in log:
+        fixes = log[f"{gps}.gps_fix"] > 0
+        axes.plot(log[f"{gps}.gps_east"][fixes], log[f"{gps}.gps_north"][fixes], **FIX_STYLE, zorder=3)
         handles.append(Line2D([], [], **FIX_STYLE))
     if "estimator.north" in log:
         handles.append(Line2D([], [], **ON_MAP))
@@ -349,9 +351,10 @@ def _draw_over_time(
 
 def draw_speed(axes: Axes, log: Log) -> None:
     """Draw the speed of the dog over that of the GPS fixes and of the estimate, and V'."""
-    if "sensors.gps_speed" in log:
-        fixes = log["sensors.gps_fix"] > 0
-        axes.plot(log.time[fixes], log["sensors.gps_speed"][fixes], **FIX_STYLE, zorder=3)
+    signals = arrived(log.channels, log.metadata)
+    if "gps_speed" in signals:
+        fixes = log[signals["gps_fix"]] > 0
+        axes.plot(log.time[fixes], log[signals["gps_speed"]][fixes], **FIX_STYLE, zorder=3)
     if "plant.speed" in log:
         axes.plot(log.time, log["plant.speed"], **TRUTH_STYLE)
     _threshold(axes, "V'", log.parameter("controller.stopped_speed"), "m/s", both=False)

@@ -44,11 +44,12 @@ def shown(
     route: Route | None = None,
     batch: int = 25,
     step: int = TICK,
+    receiver: str = "sensors",
 ) -> Shown:
     """What a viewer gets of ticks from t = 0: by topic the time in ns and the message."""
     file = io.BytesIO()
     container = Container(file, "test")
-    views = Views(container, signals, origin, route)
+    views = Views(container, signals, origin, route, receiver)
     values = {name: np.array(ticks, dtype=float) for name, ticks in rows.items()}
     times = np.arange(len(next(iter(values.values()))), dtype=np.int64) * step
     for start in range(0, len(times), batch):
@@ -137,6 +138,14 @@ def test_the_map_has_every_gps_fix_with_its_accuracy() -> None:
         [variance, 0, 0, 0, variance, 0, 0, 0, 0] for variance in (4.0, 4.0, 2.25)
     ]
     assert {fix.position_covariance_type for _, fix in fixes} == {1}  # APPROXIMATED
+
+
+def test_the_map_has_the_fixes_that_the_estimator_got_where_they_are_others() -> None:
+    rows = {"sensors": [[1, 5.0, 5.0, 4.0]] * 2, "estimator": [[0, 9.0, 5.0, 4.0], [1, 9.0, 5.0, 4.0]]}
+    names = {"sensors": SENSORS, "estimator": SENSORS}
+    ((time, fix),) = shown(names, rows, receiver="estimator")["/map/gps"]
+    assert time == TICK
+    assert fix.latitude == pytest.approx(9 / 110_574.3, abs=1e-9)
 
 
 def test_a_gps_without_an_accuracy_has_no_covariance() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -26,14 +27,19 @@ def walk(seconds: float = 30.0) -> dict[str, Array]:
     return signals
 
 
-def write(path: Path, signals: dict[str, Array], at: Array | None = None) -> Path:
+def write(
+    path: Path,
+    signals: dict[str, Array],
+    at: Array | None = None,
+    metadata: Mapping[str, Mapping[str, str]] | None = None,
+) -> Path:
     """Write a log of these signals, at every tick from 0 s on by default."""
     names = tuple(signals)
     types = tuple("Boolean" if name in BOOLEANS else "Real" for name in names)
     channel = Channel("sensors", "sensors", names, ("",) * len(names), types, names)
     rows = np.column_stack(list(signals.values()))
     times = np.arange(len(rows), dtype=np.float64) * TICK_S if at is None else at
-    with LogWriter(path, [channel], origin=(0, 0), metadata={}, attachments={}) as log:
+    with LogWriter(path, [channel], origin=(0, 0), metadata=metadata or {}, attachments={}) as log:
         for start in range(0, len(rows), 25):
             log.write_rows(times[start : start + 25], {"sensors": rows[start : start + 25]})
     return path

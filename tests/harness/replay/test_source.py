@@ -108,6 +108,15 @@ def test_a_log_without_a_signal_is_refused_by_the_signals_name(tmp_path: Path, n
         open_source(write(tmp_path / "trial.mcap", signals))
 
 
+def test_a_fault_that_the_log_does_not_have_as_it_arrived_is_noted(tmp_path: Path) -> None:
+    toml = '[[fault]]\nsignal = "{}"\n'.format
+    records = {"scenario": {"toml": toml("sensors.accel_x") + toml("imu") + toml("controller.command")}}
+    source = open_source(write(tmp_path / "trial.mcap", walk(), metadata=records))
+    assert source.notes == (
+        "the trial's faults of accel_x, imu are not in the signals: the log does not have what arrived",
+    )
+
+
 def test_a_log_with_another_step_is_refused_by_its_row(tmp_path: Path) -> None:
     # given a log with a row every 0.08 s, over which the estimator would step as over 0.04 s
     signals = walk(8)

@@ -1,18 +1,23 @@
 """Faults of a scenario in a trial: what reads a signal gets it disturbed, and what gives it does not."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
 
 from harness.cosim.loop import Array, Simulation
 from harness.cosim.ssp import ScaledLink
 from harness.cosim.stepping import Order
+from harness.log.geodesy import TangentPlane
 from harness.log.log import Log, read_log
 from harness.onboard import IN_FIRMWARE
-from harness.trial import trial
+from harness.replay.source import open_source
+from harness.trial import plots, trial
 from harness.trial.disturbances import disturbances
 from harness.trial.faults import resolve_faults
 from harness.trial.lone_faults import Case, fitting
@@ -229,6 +234,27 @@ def test_the_instruments_read_disturbed_signals() -> None:
     # then what comes later holds
     true, disturbed = signals["gps_north"]
     assert disturbed == pytest.approx(true + 5)
+
+
+def test_picture_map_and_replay_have_the_fixes_that_arrived(tmp_path: Path) -> None:
+    # given a receiver that is 5 m too far north
+    log = flown(with_faults(fault("sensors.gps_north", "offset", 0.0, 9.0)), tmp_path)
+    fixes = log["sensors.gps_fix"] > 0
+    north = log["sensors.gps_north"][fixes]
+    # then
+    (dots,) = [line for line in plots.trial_figure(log).axes[0].lines if line.get_label() == "GPS fix"]
+    assert np.asarray(dots.get_ydata()) == pytest.approx(north + 5)
+    with (tmp_path / "trial.mcap").open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        shown = [fix.latitude for *_, fix in reader.iter_decoded_messages(["/map/gps"])]
+    plane = TangentPlane(*map(math.radians, log.origin))
+    assert shown == pytest.approx([plane.place(x + 5, 0.0)[0] for x in north], abs=1e-9)
+    # and estimators are replayed with the fault, and judged against what the receiver gave
+    source = open_source(tmp_path / "trial.mcap")
+    signals = source.signals([])
+    assert signals.gps_north[signals.gps_fix] == pytest.approx(north + 5)
+    assert signals.reference_north[signals.reference_fix] == pytest.approx(north)
+    assert source.notes == ("the trial's faults of gps_north are in the signals, not in the reference",)
 
 
 def test_on_board_the_later_of_two_faults_acts_on_what_the_other_gives() -> None:
