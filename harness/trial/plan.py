@@ -192,11 +192,16 @@ class _Planner:
         events = tuple(self.events())
         self.notes += [
             f"{self.interfaces[component].label}: the package binds {_bases(names)}; the scenario's not set"
-            for component, names in self.kept.items()
+            for component, kept in self.kept.items()
+            if (names := [name for name in kept if not self.sets(component, name)])
         ]
         self.check_pairs(varied)
         self.notes += idle_notes(self.scenario, self.interfaces, self.all_values, varied)
         return Plan(self.values, events, tuple(self.notes))
+
+    def sets(self, component: str, name: str) -> bool:
+        """Does the plan set the parameter, over what the package binds?"""
+        return self.interfaces[component].converted(name, 0.0)[0] in self.values[component]
 
     @property
     def reading(self) -> str:

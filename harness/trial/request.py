@@ -21,6 +21,7 @@ from harness.trial import DEFAULT
 from harness.trial.faults import fault_fmus
 from harness.trial.scenario import Scenario, ScenarioError, checked, load, parse, with_estimator
 from models.canine_ahrs import CanineAhrs
+from models.disturbance import FAULTS
 from models.errors import UsageError, nearest, printable
 from models.kit.block import Block
 from models.readings import ON_BOARD, READING
@@ -28,6 +29,8 @@ from models.system import CONTROLLERS, ESTIMATOR, ESTIMATORS, PLANTS, SYSTEMS, f
 
 PACKAGE = "system.ssp"  # a log's attachment
 SCENARIO = "resources/scenario.toml"  # in a package that was exported from a scenario
+SEEDED = ("plant", "sensors")
+FAULT_NAMES = {block.title() for block in FAULTS.values()}
 OURS: dict[str, Mapping[str, type[Block]]] = {  # what takes a role's place by name
     "plant": PLANTS,
     "controller": CONTROLLERS,
@@ -135,20 +138,42 @@ def requested(target: str | Scenario, changes: Changes) -> Iterator[Request]:
         swaps = {role: _fmu(request, role, fmu) for role, fmu in changes.swaps.items() if fmu is not None}
         onboard = request.onboard if changes.onboard is None else _processor(changes.onboard)
         swaps = {**request.swaps, **swaps}
+        request = replace(request, swaps=swaps)
+        if changes.seed is not None:
+            request = with_seed(request, changes.seed)
         blocks = _blocks_of(swaps) if changes.settings and request.scenario.parameters else {}
-        scenario = request.scenario.override(changes.settings, changes.seed, blocks)
+        scenario = request.scenario.override(changes.settings, swaps=blocks)
         reading = scenario.reading or (ON_BOARD if onboard else READING)
         yield _checked(
             replace(
                 request,
                 scenario=replace(scenario, reading=reading),
                 order=changes.order or request.order,
-                swaps=swaps,
                 onboard=onboard,
                 loop=changes.loop,
                 limits=changes.limits,
             )
         )
+
+
+def with_seed(request: Request, seed: int) -> Request:
+    """The request with another seed, also where its package binds one: in the dog, the sensors, and faults.
+
+    Raises:
+        ScenarioError: no trial can have the seed.
+        CanineError: the package cannot be read.
+    """
+    scenario = request.scenario.override((), seed)
+    is_foreign = request.package is not None or scenario.package is not None
+    if is_foreign and os.path.exists(holder(request.ssp)):  # unlike Path's, it raises nothing
+        from harness.cosim.fmu import describe  # noqa: PLC0415 - fmpy
+        from harness.cosim.ssp import open_ssp  # noqa: PLC0415 - fmpy
+
+        with open_ssp(request.ssp) as system:
+            binding = [c for c in system.components.values() if "seed" in c.values]
+            drawing = [c.name for c in binding if c.name in SEEDED or describe(c.fmu).model in FAULT_NAMES]
+        scenario = scenario.override(f"{c}.seed={seed}" for c in drawing if c not in request.swaps)
+    return replace(request, scenario=scenario)
 
 
 def _request_of(target: str | Scenario, folder: Path) -> Request:

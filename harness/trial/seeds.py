@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Generator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ from harness.files import make_folder, write_whole
 from harness.terminal import new_table, percent, print_table
 from harness.trial import trial
 from harness.trial.prepare import prepared
-from harness.trial.request import Request
+from harness.trial.request import Request, with_seed
 from models.errors import UsageError
 from models.kit.random import MAX_SEED
 
@@ -70,7 +69,7 @@ def run_seeds(
         try:
             for seed in seeds:
                 folder = out / str(seed)
-                one = replace(request, scenario=replace(request.scenario, seed=seed))
+                one = with_seed(request, seed)
                 with prepared(one) as ready:
                     others = "" if summaries else trial.replaced(one, ready, folder)
                     for text in (*request.notes, *ready.notes, *([others] if others else [])):

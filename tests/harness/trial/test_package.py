@@ -19,6 +19,7 @@ from harness.trial.package import write_package
 from harness.trial.prepare import prepared
 from harness.trial.request import Changes, Request, build_missing, requested
 from harness.trial.scenario import Disturbance, Scenario, Setting, Written, load
+from harness.trial.seeds import run_seeds
 from models.errors import UsageError
 from tests.harness.cosim.tiny_fmu import tiny_fmu
 from tests.harness.trial.test_loops import DOG, MAPPING, MOVES
@@ -149,6 +150,29 @@ def test_a_package_holds_a_dog_made_elsewhere_with_its_conversions(tmp_path: Pat
         np.testing.assert_array_equal(
             packed.values[component].view(np.uint64), own.values[component].view(np.uint64)
         )
+
+
+def test_a_seed_that_is_asked_for_wins_over_the_packages_own(tmp_path: Path) -> None:
+    # given a package with seed 4, in which the dog, the sensors and the noise of a fault draw
+    scenario, changes = CASES["faults of signals"]
+    package = export(scenario, changes, tmp_path / "it.ssp")
+    # when it is run with seed 8, once, among several, and again from its log
+    own = run(replace(scenario, seed=8), changes, tmp_path / "own")
+    asked = run(package, Changes(seed=8), tmp_path / "asked")
+    with requested(str(package), Changes()) as request:
+        (summary,) = run_seeds(request, [8], tmp_path / "seeds")
+    among = read_log(tmp_path / "seeds" / "8" / trial.LOG)
+    again = run(tmp_path / "asked" / trial.LOG, Changes(), tmp_path / "again")
+    back = run(tmp_path / "asked" / trial.LOG, Changes(seed=4), tmp_path / "back")
+    # then it is the trial of seed 8
+    assert summary["seed"] == 8
+    assert not [note for note in summary["notes"] if "seed" in note]
+    for log in (asked, among, again):
+        for component, rows in own.values.items():
+            np.testing.assert_array_equal(log.values[component].view(np.uint64), rows.view(np.uint64))
+    # and the log's with seed 4 is the package's own
+    for component, rows in run(package, Changes(), tmp_path / "packed").values.items():
+        np.testing.assert_array_equal(back.values[component].view(np.uint64), rows.view(np.uint64))
 
 
 def test_a_log_is_exported_as_its_trial(tmp_path: Path) -> None:
