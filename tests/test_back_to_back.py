@@ -14,7 +14,8 @@ import pytest
 from harness.cosim.loop import Simulation
 from harness.trial import trial
 from harness.trial.prepare import prepared
-from harness.trial.request import OURS, Changes, build_missing, requested
+from harness.trial.replacements import OURS
+from harness.trial.request import Changes, build_missing, requested
 from harness.trial.scenario import Scenario, load
 from models.interconnect import interconnect
 from models.kit.timing import TICK

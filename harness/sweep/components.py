@@ -2,33 +2,20 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from fmus.folder import build_folder, is_current
-from harness.files import nearest_file
 from harness.sweep.cosimulated import ForeignFmu
+from harness.trial.replacements import OURS, find_replacement
 from harness.trial.scenario import Scenario
-from models.errors import UsageError, nearest
-from models.kit.block import Block
 from models.system import (
     CONTROLLER,
-    CONTROLLERS,
-    ESTIMATORS,
     PLANT,
-    PLANTS,
     System,
-    find_estimator,
     find_system,
 )
-
-OURS: dict[str, dict[str, type[Block]]] = {
-    "controller": dict(CONTROLLERS),
-    "plant": dict(PLANTS),
-    "estimator": dict(ESTIMATORS),
-}
 
 
 @dataclass(frozen=True)
@@ -83,20 +70,9 @@ def find_components(**names: str | Path | None) -> Components:
     for role, name in names.items():
         if name is None:
             continue
-        text, known = str(name), OURS[role]
-        if text in known:
-            swaps[role] = text
-            continue
-        path = Path(text)
-        if not os.path.isfile(path):  # unlike Path's, it raises nothing
-            if role == "estimator" and path.suffix != ".fmu":
-                find_estimator(text)
-            hint = nearest_file(path) if path.suffix == ".fmu" else nearest(text, known)
-            raise UsageError(
-                f'there is no {role} "{text}"; expected the path of an FMU, or the name of one of ours{hint}'
-            )
-        own = _own_block(path, role)
-        swaps[role] = own if own is not None else ForeignFmu.of(path)
+        part = find_replacement(role, name)
+        own = part if isinstance(part, str) else _own_block(part, role)
+        swaps[role] = ForeignFmu.of(Path(name)) if own is None else own
     return Components(swaps, {role: str(name) for role, name in names.items() if name is not None})
 
 

@@ -19,23 +19,17 @@ from harness.files import nearest_file
 from harness.onboard import ROLES
 from harness.trial import DEFAULT
 from harness.trial.faults import fault_fmus
+from harness.trial.replacements import find_replacement
 from harness.trial.scenario import Scenario, ScenarioError, checked, load, parse, with_estimator
-from models.canine_ahrs import CanineAhrs
 from models.disturbance import FAULTS
-from models.errors import UsageError, nearest, printable
-from models.kit.block import Block
+from models.errors import UsageError, printable
 from models.readings import ON_BOARD, READING
-from models.system import CONTROLLERS, ESTIMATOR, ESTIMATORS, PLANTS, SYSTEMS, find_estimator, find_system
+from models.system import ESTIMATOR, ESTIMATORS, SYSTEMS, find_system
 
 PACKAGE = "system.ssp"  # a log's attachment
 SCENARIO = "resources/scenario.toml"  # in a package that was exported from a scenario
 SEEDED = ("plant", "sensors")
 FAULT_NAMES = {block.title() for block in FAULTS.values()}
-OURS: dict[str, Mapping[str, type[Block]]] = {  # what takes a role's place by name
-    "plant": PLANTS,
-    "controller": CONTROLLERS,
-    "estimator": ESTIMATORS,
-}
 
 
 @dataclass(frozen=True)
@@ -257,17 +251,8 @@ def _fmu(request: Request, role: str, fmu: str | Path) -> Path:
     Raises:
         UsageError: it is neither.
     """
-    path, ours = Path(str(fmu)), OURS.get(role, {})
-    if str(fmu) in ours:
-        return build_folder() / f"fmi{request.fmi}" / f"{fmu}.fmu"
-    if os.path.isfile(path):  # unlike Path's, it raises nothing
-        return path
-    expected = "expected the path of an FMU, or the name of one of ours"
-    if os.path.isdir(path):
-        raise UsageError(f'"{fmu}" is a folder; {expected}')
-    if path.suffix == ".fmu":
-        raise UsageError(f'there is no FMU "{fmu}"{nearest_file(path)}')
-    raise UsageError(f'there is no {role} "{fmu}"; {expected}{nearest(str(fmu), ours)}')
+    part = find_replacement(role, fmu)
+    return part if isinstance(part, Path) else build_folder() / f"fmi{request.fmi}" / f"{part}.fmu"
 
 
 def _blocks_of(swaps: Mapping[str, Path]) -> dict[str, str]:
@@ -287,8 +272,6 @@ def _with_estimator(request: Request, estimator: str | None) -> Request:
     if estimator is None:
         return request
     scenario, swaps = request.scenario, dict(request.swaps)
-    if estimator == CanineAhrs.title():
-        find_estimator(estimator)  # raises an error that says what it is for
     if estimator not in ESTIMATORS or scenario.system not in SYSTEMS:
         return replace(request, swaps=swaps | {"estimator": _fmu(request, "estimator", estimator)})
     if scenario.system not in with_estimator():

@@ -101,7 +101,7 @@ def test_a_setting_of_a_block_acts_in_the_cells_that_have_it() -> None:
     ("arguments", "text"),
     [
         ((["cmce"], ["canine"]), 'there is no controller "cmce".*did you mean "cmec"'),
-        ((["cmec"], ["dog.fmu"]), 'there is no plant "dog.fmu"'),
+        ((["cmec"], ["dog.fmu"]), 'there is no FMU "dog.fmu"'),
         ((["cmec", "cmec"], ["canine"]), "--controllers: cmec is named twice"),
         ((["cmec"], [""]), "--plants: has an empty name"),
         ((["cmec"], ["canine"], [LEG, LEG]), "--scenarios: leg is named twice"),
