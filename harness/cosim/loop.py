@@ -34,7 +34,7 @@ from harness.cosim.fmu import Fault, FmuDescription, FmuError, FmuInstance, Mark
 from harness.cosim.layout import REALS, Array, Layout
 from harness.cosim.recorder import Memory, Recorder, recorder_size
 from harness.cosim.ssp import FmuSystem
-from harness.cosim.stepping import DURATION, Event, Loop, Order
+from harness.cosim.stepping import DURATION, Event, Loop, Order, first_tick
 from harness.cosim.walk import MANY, Guard, Native, NativeWalk, NotNativeError, Pause, Walk, Watched
 from harness.cosim.wiring import Wiring, wire
 from harness.interrupts import held_interrupts, holdable_interrupts
@@ -277,10 +277,10 @@ class Simulation:
                     wrong = "is connected; only free inputs can be set"
                 raise ParameterError(f"{event.component}.{event.variable} {wrong}")
             every = self.wiring.rates[event.component].every
-            tick = every * math.ceil(math.ceil(event.time / self.wiring.step - 1e-9) / every)
+            tick = every * math.ceil(first_tick(event.time, self.wiring.step) / every)
             for first, after in self.wiring.stalls.get(event.component, ()):
                 tick = after if first <= tick < after else tick
-            by_component = changes.setdefault(max(0, tick), {})
+            by_component = changes.setdefault(tick, {})
             by_component.setdefault(event.component, {})[event.variable] = event.value
         return changes
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
@@ -12,6 +13,11 @@ Ticks = tuple[int, int]  # from the first to before the second
 DURATION = 300.0  # s, after which a trial is cut
 GIB = 2**30  # bytes
 CALL_LIMIT_S, MEMORY_LIMIT_GIB = (0.1, 3600.0), (0.5, 1024.0)  # what a user may set
+
+
+def first_tick(time: float, step: float) -> int:
+    """The first tick of `step` [s] at or after a time [s] of the trial."""
+    return max(0, math.ceil(time / step - 1e-9))
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ from matplotlib.lines import Line2D
 from rich.console import Console
 
 from codegen.batch.series import Series
+from harness.cosim.stepping import first_tick
 from harness.drawing import BELOW, ESTIMATES, GRID, TRUTH, Style, house_style, new_figure, set_title
 from harness.studies.study import Options, Progress, Result
 from harness.terminal import new_table, print_table
@@ -98,7 +99,7 @@ def by_events(
 
     A turn is a whole number of ticks, so that the cycle remembers the deviation `start` [rad] it came from.
     """
-    step, late = rate * TICK, _ticks(delay)
+    step, late = rate * TICK, first_tick(delay, TICK)
     peak, peaks, halves = start, [], []
     for _ in range(CYCLES):
         to_end = math.floor((peak - TURN_END) / step + 1e-9) + 1  # the turn ends inside `turn_end_deviation`
@@ -108,7 +109,7 @@ def by_events(
             return None
         peak = (to_stop + late) * step - rest
         peaks.append(peak)
-        halves.append(to_end + to_stop + late + _ticks(HOLD))
+        halves.append(to_end + to_stop + late + first_tick(HOLD, TICK))
     settled = slice(CYCLES // 2, None)
     return float(np.mean(peaks[settled])), 2 * TICK * float(np.mean(halves[settled]))
 
@@ -123,10 +124,6 @@ def drifting(threshold: float) -> tuple[float, float, float]:
     ticks = math.floor((peak - TURN_END) / (LEFT_RATE * TICK)) + 1
     least = peak - ticks * LEFT_RATE * TICK
     return least, peak, (threshold - least) / DRIFT + to_rest + ticks * TICK
-
-
-def _ticks(time: float) -> int:
-    return math.ceil(time / TICK - 1e-9)
 
 
 class Loop:

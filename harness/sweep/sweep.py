@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from codegen.batch.batch import Change
-from harness.cosim.stepping import Limits, whole_steps
+from harness.cosim.stepping import Limits, first_tick, whole_steps
 from harness.files import replaced, write_whole
 from harness.sweep.cells import Cells
 from harness.sweep.chunks import TICK_S, Job, Outcomes, Progress, Trials, TrialType, pool_at, program, run_all
@@ -476,7 +476,7 @@ def trial_type(
                 f"{scenario.name}: [[set]] {event.component}.{event.variable} is connected; "
                 "only free inputs can be set"
             )
-        tick = math.ceil(event.time / TICK_S - 1e-9)
+        tick = first_tick(event.time, TICK_S)
         changes.append(Change(tick, event.component, event.variable, event.value))
     last = math.floor(scenario.duration / TICK_S + 1e-9)
     faults = resolve_faults(scenario, interfaces, system.links, TICK_S)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from harness.cosim.rename import Rename
-from harness.cosim.stepping import Ticks
+from harness.cosim.stepping import Ticks, first_tick
 from harness.onboard.garbage import STREAMS, Garbage
 from harness.trial.plan import Interface, is_angular, split_address
 from harness.trial.scenario import FAULTS, GARBAGE, LOST, STALL, Disturbance, Scenario, ScenarioError
@@ -68,7 +68,7 @@ def resolve_faults(
             value is out of its range.
     """
     resolver = _Resolver(interfaces, links, step, renames or {}, inside)
-    found: list[tuple[FaultyLink, dict[str, float]]] = []
+    placed: list[tuple[FaultyLink, dict[str, float]]] = []
     garbage: list[Garbage] = []
     stalls: dict[str, tuple[Ticks, ...]] = {}
     for number, fault in enumerate(scenario.faults, start=1):
@@ -88,11 +88,11 @@ def resolve_faults(
             stalls[fault.signal] = (*stalls.get(fault.signal, ()), _window(fault, step))
             continue
         link, values = resolver.resolve(fault, where)
-        found.append((link, values | {"seed": float(scenario.seed), "number": float(len(found))}))
-    if len(found) > MAX_FAULTS:
-        raise ScenarioError(f"{scenario.name}: has {len(found)} faults; expected up to {MAX_FAULTS}")
+        placed.append((link, values | {"seed": float(scenario.seed), "number": float(len(placed))}))
+    if len(placed) > MAX_FAULTS:
+        raise ScenarioError(f"{scenario.name}: has {len(placed)} faults; expected up to {MAX_FAULTS}")
     return Faults(
-        tuple(link for link, _ in found), tuple(values for _, values in found), tuple(garbage), stalls
+        tuple(link for link, _ in placed), tuple(values for _, values in placed), tuple(garbage), stalls
     )
 
 
@@ -109,8 +109,8 @@ def _check_stream(fault: Disturbance, where: str, *, is_onboard: bool) -> None:
 
 def _window(fault: Disturbance, step: float) -> Ticks:
     """The first tick on which a fault acts, and the first on which it is over."""
-    after = int(COUNT_MAX) if fault.until is None else tick_of(fault.until, step)
-    return tick_of(fault.at, step), after
+    after = int(COUNT_MAX) if fault.until is None else first_tick(fault.until, step)
+    return first_tick(fault.at, step), after
 
 
 @dataclass(frozen=True)
@@ -196,12 +196,12 @@ class _Resolver:
 
     def scale(self, kind: Kind, place: FaultyLink, where: str) -> float:
         """What a value in the signal's unit is multiplied by, for a block behind what its links convert."""
-        given = self.renames.get(place.source, {}).get(place.source_variable, Rename(place.source_variable))
-        links = {link: link.factor / given.factor for link in self.links if place.holds(link)}
+        mapping = self.renames.get(place.source, {}).get(place.source_variable, Rename(place.source_variable))
+        links = {link: link.factor / mapping.factor for link in self.links if place.holds(link)}
         scales = set(links.values()) or {1.0}
         if kind is Kind.SCALE:
             for link, scale in links.items():
-                if not math.isclose(link.offset, scale * given.offset, rel_tol=1e-9):
+                if not math.isclose(link.offset, scale * mapping.offset, rel_tol=1e-9):
                     raise ScenarioError(
                         f'{where}: the link "{_address(link)}" adds {link.offset:g} on the way, and a scale '
                         'would act on that too; expected another kind, such as "offset"'
@@ -236,11 +236,6 @@ class _Resolver:
 def _address(link: Link) -> str:
     """A link as a scenario names it."""
     return f"{link.source}.{link.signal} {ARROW} {link.target}.{link.target_variable}"
-
-
-def tick_of(time: float, step: float) -> int:
-    """The first tick at or after a time [s]."""
-    return max(0, math.ceil(time / step - 1e-9))
 
 
 def fault_fmus(scenario: Scenario, folder: Path) -> list[Path]:

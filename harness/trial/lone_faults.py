@@ -212,7 +212,7 @@ def judge(
 
 def _first_difference(reference: Log, log: Log, start: int) -> tuple[str | None, int | None]:
     """What of the controller's signals differs first from a tick on, in words, and after how many ticks."""
-    found: list[tuple[int, str]] = []
+    differences: list[tuple[int, str]] = []
     for name, names in SIGNALS.items():
         signal = f"controller.{name}"
         if signal in log and signal in reference:
@@ -220,10 +220,10 @@ def _first_difference(reference: Log, log: Log, start: int) -> tuple[str | None,
             differs = np.flatnonzero(log[signal][start:count] != reference[signal][start:count])
             if differs.size:
                 value = named(names, log[signal][start + differs[0]])
-                found.append((int(differs[0]), f"{name} {value.lower().replace('_', ' ')}"))
-    if not found:
+                differences.append((int(differs[0]), f"{name} {value.lower().replace('_', ' ')}"))
+    if not differences:
         return None, None
-    after, words = min(found, key=lambda pair: pair[0])  # of several, the anomaly
+    after, words = min(differences, key=lambda pair: pair[0])  # of several, the anomaly
     return words, after
 
 

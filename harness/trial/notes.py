@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from codegen.firmware.telemetry import Flag, Refusal
+from harness.cosim.stepping import first_tick
 from harness.trial.pairs import windows
 from harness.trial.scenario import Scenario
 from models.canine import Canine
@@ -46,7 +47,7 @@ def idle_notes(
         for name, number, begin, until in windows(block, own):
             if begin == until:
                 yield f"{block}.{name}[{number}]: the window is empty, it starts and ends at {begin:g} s"
-            elif scenario.system in SYSTEMS and _tick(begin) == _tick(until):
+            elif scenario.system in SYSTEMS and first_tick(begin, TICK) == first_tick(until, TICK):
                 yield (
                     f"{block}.{name}[{number}]: no tick (every {TICK:g} s) is in the window "
                     f"from {begin:g} to {until:g} s"
@@ -125,7 +126,7 @@ def _below_a_tick(scenario: Scenario) -> Iterator[str]:
     spans = [(f"[[set]] {i}, {s.variable}", s.at, s.until) for i, s in enumerate(scenario.sets, start=1)]
     spans += [(f"[[fault]] {i}, {f.words}", f.at, f.until) for i, f in enumerate(scenario.faults, start=1)]
     for what, at, until in spans:
-        if until is not None and _tick(at) == _tick(until):
+        if until is not None and first_tick(at, TICK) == first_tick(until, TICK):
             yield f"{what} from {at:g} to {until:g} s, never acts: no tick (every {TICK:g} s) is in it"
 
 
@@ -137,11 +138,6 @@ def _search(values: Mapping[str, float]) -> Iterator[str]:
             f"canine.bumper_search_max is {longest:g} s, below bumper_search_min: each search lasts "
             f"{shortest:g} s"
         )
-
-
-def _tick(time: float) -> int:
-    """The first tick at or after a time [s]."""
-    return math.ceil(time / TICK - 1e-9)
 
 
 def _fence(scenario: Scenario, interface: Interface, values: Mapping[str, float]) -> Iterator[str]:

@@ -105,8 +105,8 @@ def interface_of_fmu(
         renames = {n: r for n, r in {**fit.inputs, **fit.parameters}.items() if r.mapped}
         parameters |= {n: role.parameters[n] for n in fit.parameters if n in renames}
         inputs |= {n: role.inputs[n] for n in fit.inputs if n in renames}
-        given = {rename.name for rename in fit.outputs.values()}
-        outputs = {n: v for n, v in outputs.items() if n not in given}
+        mapped = {rename.name for rename in fit.outputs.values()}
+        outputs = {n: v for n, v in outputs.items() if n not in mapped}
         outputs |= {n: role.needs[n] for n in fit.outputs}
     label = f"{name} {fmu.path.name}"
     return Interface(fmu.model, parameters, inputs, label, fit is not None, renames, misfits or {}, outputs)

@@ -128,11 +128,10 @@ class Flattened:
         for binding in part.bindings:
             unknown = list(binding.lacking)
             for assignment in binding.assignments:
-                found = False
-                for (component, variable), value in self._targets(part, assignment.name, assignment):
+                targets = list(self._targets(part, assignment.name, assignment))
+                for (component, variable), value in targets:
                     values.setdefault(component, {})[variable] = value
-                    found = True
-                if not found:
+                if not targets:
                     unknown.append(assignment.name)
             if unknown:
                 more = ", ..." if len(unknown) > SHOWN else ""

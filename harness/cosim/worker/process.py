@@ -375,13 +375,13 @@ class WorkerProcess:
 
 def _processes_with(variable: str) -> list[int]:
     """The processes that run with a variable in their environment: what a worker started has its folder."""
-    found = []
+    processes = []
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError, ValueError):
             is_alive = (folder / "stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
             if is_alive and variable.encode() in (folder / "environ").read_bytes().split(b"\0"):
-                found.append(int(folder.name))
-    return found
+                processes.append(int(folder.name))
+    return processes
 
 
 def _error(message: Mapping[str, Any]) -> CanineError:
