@@ -17,7 +17,7 @@ from models.errors import CanineError
 from models.kit.random import MAX_SEED
 
 if TYPE_CHECKING:
-    from harness.sweep.sweep import Asked
+    from harness.sweep.run import Asked
 
 Reading = Annotated[
     Literal["calibrated", "literal", "guarded"] | None,

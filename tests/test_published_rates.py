@@ -16,7 +16,7 @@ import pytest
 from scipy.stats import chi2
 
 from codegen.batch.batch import Batch
-from harness.sweep.sweep import TRIAL_TYPES
+from harness.sweep.trials import TRIAL_TYPES
 from harness.trial.plan import interfaces_of_system, plan
 from harness.trial.scenario import load
 from models.commands import Status

@@ -126,5 +126,6 @@ def _counts(description: FmuDescription) -> str:
     for causality, many in EXCHANGED.items():
         taken = len(getattr(description, many))
         left = sum(refused.causality == causality for refused in description.refused.values())
-        counts.append(f"{taken} {many}" + (f" and {left} not exchanged" if left else ""))
+        what = causality if taken == 1 else many
+        counts.append(f"{taken} {what}" + (f" and {left} not exchanged" if left else ""))
     return ", ".join(counts)

@@ -20,22 +20,16 @@ from rich.markup import escape
 
 from harness.cosim.stepping import Limits
 from harness.files import write_whole
+from harness.sweep.axis import SweepError
 from harness.sweep.cells import Cells
 from harness.sweep.chunks import ANOMALIES, FmuFailure, Job, Outcomes, Progress, program
 from harness.sweep.components import Components, find_components
 from harness.sweep.cosimulated import Cosimulated
 from harness.sweep.paired import Comparison, compare
-from harness.sweep.sweep import (
-    TRIAL_TYPES,
-    Options,
-    SweepError,
-    adapted,
-    check_size,
-    native_job,
-    run_trials,
-)
+from harness.sweep.run import run_trials
 from harness.sweep.table import Point, csv_of, table_of
 from harness.sweep.tls import Certificates
+from harness.sweep.trials import TRIAL_TYPES, Options, adapted, check_size, native_job
 from harness.terminal import new_table, percent, print_table
 from harness.trial import DEFAULT
 from harness.trial.scenario import Scenario

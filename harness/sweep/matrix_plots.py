@@ -20,6 +20,7 @@ CELL, SIDE, ABOVE = (2.3, 1.25), 2.2, 1.5  # in: of a square, of what stands bes
 NONE, DARK = "#E3E6EA", 0.55  # no trials; a success rate below which text is white
 LONGEST = 22  # columns of a name
 FAULT = "#D7263D"
+NO_BREAK = "\u00a0"  # a title is broken behind commas only
 
 
 @house_style()
@@ -45,7 +46,8 @@ def matrix_figure(result: Result) -> Figure:
     mesh = panels[0].images[0]
     bar = figure.colorbar(mesh, ax=list(panels), pad=0.02, shrink=0.8)
     bar.set_label("success rate [%]")
-    figure.suptitle(textwrap.fill(drawable(matrix.about, 300), max(40, int(width * 9))), fontsize=11)
+    title = drawable(matrix.about, 300).replace(" ", NO_BREAK).replace(f",{NO_BREAK}", ", ")
+    figure.suptitle(textwrap.fill(title, max(40, int(width * 9))), fontsize=11)
     return figure
 
 

@@ -9,78 +9,39 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import os
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from decimal import Decimal
 from itertools import product
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
 
-from codegen.batch.batch import Change
-from harness.cosim.stepping import Limits, first_tick, whole_steps
-from harness.files import replaced, write_whole
+from harness.cosim.stepping import Limits
+from harness.files import write_whole
+from harness.sweep.axis import THRESHOLD, Axis, SweepError, axis_of, span_of, split_option, variables_at
 from harness.sweep.cells import Cells
-from harness.sweep.chunks import TICK_S, Job, Outcomes, Progress, Trials, TrialType, pool_at, program, run_all
-from harness.sweep.components import Components, find_components
+from harness.sweep.chunks import Job, Outcomes, Progress, program
+from harness.sweep.components import find_components
 from harness.sweep.cosimulated import Cosimulated
-from harness.sweep.journal import SWEEP, open_journal
+from harness.sweep.journal import SWEEP
 from harness.sweep.recommend import number, recommend
+from harness.sweep.run import run_trials
 from harness.sweep.table import THRESHOLD_COLUMN, Point, csv_of, name_of, plain, table_of
 from harness.sweep.tls import Certificates
+from harness.sweep.trials import TRIAL_TYPES, Options, adapted, check_size, native_job
 from harness.terminal import new_table, percent, print_table
-from harness.trial.faults import resolve_faults
-from harness.trial.pairs import check_windows, is_paired
-from harness.trial.plan import Interface, interfaces_of_system, is_angular, plan, si_value
-from harness.trial.scenario import LOST, Scenario, ScenarioError, checked, load, toml_of, with_estimator
-from models.disturbance import disturb
-from models.errors import UsageError, nearest
-from models.kit.declaration import Type, Variable
-from models.kit.random import MAX_SEED
+from harness.trial.plan import interfaces_of_system
+from harness.trial.scenario import Scenario, load
 from models.readings import READING
-from models.system import CONTROLLER, ESTIMATOR, PLANT, SYSTEMS, System, find_system
+from models.system import CONTROLLER, ESTIMATOR, PLANT
 
-TRIAL_TYPES = {"two": ("two_waypoint",), "three": ("right_90", "left_90", "right_45", "left_45")}
-THRESHOLD = "cmec.moving_deviation"
 TWO_WAYPOINTS, MORE_WAYPOINTS = "15:90", "15:65"  # deg, 5.3.5 and 5.3.6
-MAX_POINTS, MAX_TRIALS = 10_000, 100_000_000
-Results = TypeVar("Results")
 SHOWN = 13  # rows of the table in the terminal
 CSV, PICTURE, RECOMMENDATION = "sweep.csv", "sweep.png", "recommendation.json"
-
-
-class SweepError(UsageError):
-    """A sweep's options are invalid."""
-
-
-@dataclass(frozen=True)
-class Axis:
-    """A varied parameter.
-
-    Attributes:
-        column: its name in the table: its address, or `threshold_deg`.
-        unit: of `written`; deg for angles.
-        variable: `component.parameter`.
-        written: the values as users write them.
-        values: the values in SI.
-        settings: the values as a scenario's settings, `cmec.guarded=true`.
-    """
-
-    column: str
-    unit: str
-    variable: str
-    written: tuple[Decimal, ...]
-    values: tuple[float, ...]
-    settings: tuple[str, ...]
-
-    @property
-    def label(self) -> str:
-        """Its name and unit in tables and pictures."""
-        return name_of(self.column) + (f" [{self.unit}]" if self.unit else "")
 
 
 @dataclass(frozen=True)
@@ -129,7 +90,7 @@ class Sweep:
     @property
     def about(self) -> str:
         """The sweep in words."""
-        ranges = ", ".join(f"{name_of(axis.column)} {_span(axis)}" for axis in self.axes)
+        ranges = ", ".join(f"{name_of(axis.column)} {span_of(axis)}" for axis in self.axes)
         return (
             f"{self.name}: {ranges}, {self.work.trials} trials a point from seed {self.seed} on, "
             f"{self.system}, {self.reading}"
@@ -224,7 +185,7 @@ def plan_sweep(
             interfaces = ready.interfaces
     else:
         interfaces = interfaces_of_system(components.system(first))
-    ranges = [_split(text) for text in vary]
+    ranges = [split_option(text) for text in vary]
     if thresholds is not None or not ranges:
         default = TWO_WAYPOINTS if len(first.waypoints) == 1 else MORE_WAYPOINTS
         ranges.insert(0, ("--thresholds", THRESHOLD, default if thresholds is None else thresholds))
@@ -238,12 +199,12 @@ def plan_sweep(
             f"{len(ranges)} parameters are varied ({', '.join(name for _, name, _ in ranges)}); "
             "expected one or two"
         )
-    axes = tuple(_axis(option, address, text, first, interfaces) for option, address, text in ranges)
+    axes = tuple(axis_of(option, address, text, first, interfaces) for option, address, text in ranges)
     if len({axis.variable for axis in axes}) < len(axes):
         raise SweepError(f"{axes[0].variable} is varied twice; vary it once")
     for setting in settings:
         for axis in axes:
-            if axis.variable in _variables(setting.partition("=")[0].strip(), interfaces):
+            if axis.variable in variables_at(setting.partition("=")[0].strip(), interfaces):
                 raise SweepError(f"--set {setting}: the parameter is varied; leave out one of the two")
     job: Job | Cells
     if components.foreign:
@@ -270,31 +231,6 @@ def plan_sweep(
         name, axes, job, tuple(scenarios), chosen, components.system(first).name, first.seed,
         components.fmus, special,
     )  # fmt: skip
-
-
-def native_job(
-    scenarios: Sequence[Scenario],
-    components: Components,
-    axes: Sequence[Axis],
-    trials: int,
-    note: Callable[[str], None],
-) -> Job:
-    """The trials of our own blocks; the scenarios take turns."""
-    first, wired = scenarios[0], components.system(scenarios[0])
-    faults = resolve_faults(first, interfaces_of_system(wired), wired.links, TICK_S)
-    return Job(
-        first.system,
-        tuple(axis.variable for axis in axes),
-        tuple(product(*(axis.values for axis in axes))),
-        tuple(trial_type(scenario, wired, axes, note) for scenario in scenarios),
-        trials,
-        first.seed,
-        estimator=first.estimator,
-        plant=components.block("plant") or PLANT,
-        controller=components.block("controller") or CONTROLLER,
-        faults=faults.links,
-        stalls={name: whole_steps(spans, 1) for name, spans in faults.stalls.items()},
-    )
 
 
 def _cell_at(point: Sequence[Decimal], cell: Cosimulated, axes: Sequence[Axis]) -> Cosimulated:
@@ -326,260 +262,6 @@ def _told_by_scenario(scenario: Scenario) -> dict[str, Any]:
         for key, value in content.items()
         if key not in ("name", "system", "estimator", "reading", "seed")
     }
-
-
-def check_size(job: Trials, seed: int) -> None:
-    """Refuse more trials than can be run, or than there are seeds.
-
-    Raises:
-        SweepError: there are.
-    """
-    if job.trials < 1:
-        raise SweepError(f"--trials {job.trials}: expected at least 1")
-    if job.point_count > MAX_POINTS:
-        raise SweepError(f"{job.point_count} points; expected at most {MAX_POINTS}: take larger steps")
-    if seed + job.trials - 1 > MAX_SEED:
-        raise SweepError(
-            f"--trials {job.trials}: the last would have seed {seed + job.trials - 1}, expected at most "
-            f"{MAX_SEED}; take at most {MAX_SEED - seed + 1} trials, or a smaller --seed"
-        )
-    if job.total > MAX_TRIALS:
-        raise SweepError(
-            f"{job.point_count} points of {job.trials} trials are {job.total} trials; expected at most "
-            f"{MAX_TRIALS}: take at most {MAX_TRIALS // job.point_count} a point, or fewer points"
-        )
-
-
-@dataclass(frozen=True)
-class Options:
-    """What overrides scenarios; None keeps the scenario's own.
-
-    Attributes:
-        system: name of one of SYSTEMS.
-        estimator: of ours by name, or the path of an FMU.
-        ahrs: put our AHRS between sensors and estimator of the system full.
-
-    Raises:
-        SweepError: the system does not exist, or has no place for the estimator or the AHRS.
-    """
-
-    system: str | None = None
-    estimator: str | None = None
-    ahrs: bool = False
-    reading: str | None = None
-    seed: int | None = None
-
-    def __post_init__(self) -> None:
-        if self.system is not None and self.system not in SYSTEMS:
-            raise SweepError(
-                f"--system {self.system}: there is no such system{nearest(self.system, SYSTEMS)}"
-            )
-        if self.system is not None:
-            self.system_of(self.system)
-
-    def system_of(self, own: str) -> str:
-        """The system that a scenario of the system `own` is run with."""
-        system = self.system or own
-        if self.ahrs and system not in ("full", "full_ahrs"):
-            raise SweepError(f"--ahrs: the system {system} has no sensors; sweep with --system full")
-        if self.estimator is not None and system not in with_estimator():
-            raise SweepError(
-                f"--estimator {self.estimator}: the system {system} gives the controller the true state; "
-                "sweep with --system full"
-            )
-        return "full_ahrs" if self.ahrs else system
-
-
-def adapted(
-    target: str | Scenario,
-    options: Options,
-    settings: Sequence[str],
-    components: Components,
-) -> Scenario:
-    """A type of trial's scenario with the options over it.
-
-    Args:
-        settings: `block.name=value`.
-        components: what takes the places of plant, controller and estimator.
-
-    Raises:
-        ScenarioError, SweepError: the scenario cannot be read, or an option or a setting does not fit it.
-    """
-    scenario = checked(target) if isinstance(target, Scenario) else load(target, known=TRIAL_TYPES)
-    if scenario.package is not None:
-        raise SweepError(
-            f"{scenario.name}: runs the package {scenario.system}; a sweep compiles our own systems, "
-            f"{' and '.join(SYSTEMS)}: name one of them as its system, or run it with `canine run`"
-        )
-    system = options.system_of(scenario.system)
-    own = scenario.estimator if system in with_estimator() else ESTIMATOR
-    scenario = replace(scenario, system=system, estimator=components.block("estimator") or own)
-    scenario = scenario.override(settings, options.seed, components.blocks)
-    scenario = replace(scenario, reading=options.reading or scenario.reading or READING)
-    owners = _owners(find_system(system, scenario.estimator)) | _owners(components.system(scenario))
-    disturbed = [fault.signal for fault in scenario.faults if fault.kind != LOST]
-    for address in [*scenario.parameters, *(s.variable for s in scenario.sets), *disturbed]:
-        owner = address.partition(".")[0]
-        for other in SYSTEMS:
-            if owner not in owners and owner in _owners(SYSTEMS[other]):
-                raise SweepError(
-                    f'{scenario.name}: {address}: the system "{system}" has no {owner}; '
-                    f"sweep with --system {other}, or leave it out"
-                )
-    for fault in scenario.faults:
-        if fault.kind == "nan" and fault.signal.startswith("plant.") and "sensors" in owners:
-            raise ScenarioError(
-                f"{scenario.name}: [[fault]] nan of {fault.signal}: the sensors answer with what is not "
-                "finite, which ends a trial; disturb a signal of the sensors"
-            )
-    return scenario
-
-
-def _owners(system: System) -> set[str]:
-    """The names of the components and of their blocks."""
-    return {*system.components, *(block.title() for block in system.components.values())}
-
-
-def _variables(address: str, interfaces: Mapping[str, Interface]) -> list[str]:
-    """`component.parameter` of an address; a vector's name stands for all its elements."""
-    owner, _, name = address.partition(".")
-    return [
-        f"{component}.{flat}"
-        for component, interface in interfaces.items()
-        if owner in (component, interface.block)
-        for flat in interface.parameters
-        if name in (flat, flat.partition("[")[0])
-    ]
-
-
-def trial_type(
-    scenario: Scenario,
-    system: System,
-    axes: Sequence[Axis] = (),
-    note: Callable[[str], None] = lambda text: None,
-) -> TrialType:
-    """A scenario resolved against its system, with ticks for times.
-
-    Raises:
-        ScenarioError: as `plan` raises it, or the scenario sets an input that is connected.
-    """
-    interfaces = interfaces_of_system(system)
-    resolved = plan(scenario, interfaces, varied=[axis.variable for axis in axes])
-    for text in resolved.notes:
-        note(f"{scenario.name}: {text}")
-    _check_windows(scenario, interfaces, axes, resolved.values)
-    connected = {(link.target, link.target_variable) for link in system.links}
-    changes = []
-    for event in resolved.events:
-        if (event.component, event.variable) in connected:
-            raise ScenarioError(
-                f"{scenario.name}: [[set]] {event.component}.{event.variable} is connected; "
-                "only free inputs can be set"
-            )
-        tick = first_tick(event.time, TICK_S)
-        changes.append(Change(tick, event.component, event.variable, event.value))
-    last = math.floor(scenario.duration / TICK_S + 1e-9)
-    faults = resolve_faults(scenario, interfaces, system.links, TICK_S)
-    _, placed = disturb(system.links, faults.links)
-    values = resolved.values | faults.values_of(placed)
-    return TrialType(scenario.name, values, tuple(changes), last)
-
-
-def _check_windows(
-    scenario: Scenario,
-    interfaces: Mapping[str, Interface],
-    axes: Sequence[Axis],
-    values: Mapping[str, Mapping[str, float]],
-) -> None:
-    """Refuse a point of the sweep at which a window ends before it starts."""
-    owners = [axis.variable.partition(".") for axis in axes]
-    if not any(is_paired(interfaces[component].block, name) for component, _, name in owners):
-        return
-    for point in product(*(axis.values for axis in axes)):
-        at_point = {component: dict(own) for component, own in values.items()}
-        for (component, _, name), value in zip(owners, point, strict=True):
-            at_point[component][name] = value
-        for component, interface in interfaces.items():
-            check_windows(interface.block, at_point[component], scenario.name)
-
-
-def _split(text: str) -> tuple[str, str, str]:
-    """The option's text, the address and the range of `--vary`."""
-    address, equals, values = text.partition("=")
-    if not equals or not address.strip() or not values.strip():
-        raise SweepError(f"--vary {text}: expected block.name=a:b:step, as in cmec.capture_radius=3:10:0.5")
-    return f"--vary {text}", address.strip(), values.strip()
-
-
-def _axis(
-    option: str, address: str, text: str, scenario: Scenario, interfaces: Mapping[str, Interface]
-) -> Axis:
-    """A varied parameter, each of whose values is checked as `--set` checks one."""
-    what = option if option.startswith("--vary") else f"--thresholds {text}"
-    written = _range(what, text)
-    variables = _variables(address, interfaces)
-    if len(variables) != 1:
-        if len(variables) > 1:
-            raise SweepError(f"{what}: is a vector; vary one element, as in {address}[1]")
-        alone = replace(scenario, name=what, parameters={address: float(written[0])}, sets=())
-        plan(alone, interfaces)  # raises an error that names the nearest address
-        raise SweepError(f"{what}: there is nothing to vary")
-    component, _, name = variables[0].partition(".")
-    variable = interfaces[component].parameters[name]
-    if name == "seed":
-        raise SweepError(f"{what}: each trial has its own seed; choose the first with --seed")
-    try:
-        values = tuple(si_value(_as_written(value, variable), variable, what) for value in written)
-    except ScenarioError:
-        for end, field in zip(("start", "end"), text.split(":"), strict=False):
-            si_value(_as_written(_number(what, field), variable), variable, f"{what}: its {end}")
-        raise
-    is_threshold = variables == _variables(THRESHOLD, interfaces)
-    unit = variable.unit.replace("rad", "deg") if is_angular(variable) else variable.unit
-    column = THRESHOLD_COLUMN if is_threshold else address
-    settings = tuple(f"{variables[0]}={toml_of(_as_written(value, variable))}" for value in written)
-    return Axis(column, "" if unit == "1" else unit, variables[0], written, values, settings)
-
-
-def _as_written(value: Decimal, variable: Variable) -> bool | int | float:
-    """A value of a range as a scenario states it: 0 and 1 of a Boolean are false and true."""
-    if variable.type is Type.BOOLEAN and value in (0, 1):
-        return bool(value)
-    return int(value) if value == int(value) else float(value)
-
-
-def _range(what: str, text: str) -> tuple[Decimal, ...]:
-    """The values of `a`, `a:b` or `a:b:step`, b too if a step falls on it.
-
-    They are decimals, so that 0.1:0.3:0.1 has 0.3.
-    """
-    fields = text.split(":")
-    if not text or len(fields) > 3:
-        raise SweepError(f"{what}: expected a:b:step, as in 15:90:5")
-    numbers = [_number(what, field) for field in fields]
-    first, last, step = numbers[0], (*numbers, numbers[0])[1], (*numbers[2:], Decimal(1))[0]
-    if step <= 0:
-        raise SweepError(f"{what}: the step is {step}; expected more than 0")
-    if last < first:
-        raise SweepError(f"{what}: the range is empty, {first} is more than {last}; expected a:b with a <= b")
-    if (last - first) / step >= MAX_POINTS:
-        raise SweepError(f"{what}: has more than {MAX_POINTS} points; take larger steps")
-    return tuple(first + k * step for k in range(int((last - first) / step) + 1))
-
-
-def _number(what: str, text: str) -> Decimal:
-    try:
-        if math.isfinite(float(text)) and abs(float(text)) <= 1e12:
-            return Decimal(text.strip())
-    except (ValueError, ArithmeticError):
-        pass
-    raise SweepError(f'{what}: "{text}" is not a number; expected a:b:step, as in 15:90:5')
-
-
-def _span(axis: Axis) -> str:
-    first, last = axis.written[0], axis.written[-1]
-    step = f" in steps of {plain(axis.written[1] - first)}" if len(axis.written) > 1 else ""
-    return f"{plain(first)} to {plain(last)} {axis.unit}".rstrip() + step
 
 
 def default_folder(sweep: Sweep) -> Path:
@@ -626,74 +308,6 @@ def run(
         progress=progress,
         note=note,
     )
-
-
-class Asked(Protocol):
-    """What asks for trials: a sweep or a matrix."""
-
-    @property
-    def work(self) -> Trials: ...
-
-    @property
-    def about(self) -> str: ...
-
-    @property
-    def identity(self) -> dict[str, Any]: ...
-
-    @property
-    def fingerprint(self) -> str: ...
-
-
-def run_trials(
-    asked: Asked,
-    folder: Path,
-    report: Callable[[Outcomes], Results],
-    address: str | None,
-    *,
-    what: str,
-    files: tuple[str, str, str],
-    certificates: Certificates,
-    progress: Progress | None,
-    note: Callable[[str], None],
-) -> Results:
-    """Run the trials that the folder's journal lacks, and report on them; the rest is as of `run`.
-
-    Args:
-        what: is run, a sweep or a matrix.
-        files: the names of the results; the last one holds the identity.
-        report: writes the results.
-    """
-    for name in files:
-        if os.path.isdir(folder / name):  # unlike Path.is_dir, it raises nothing
-            raise SweepError(f"{folder / name}: is a folder; remove it, or choose another one with --out")
-    job, identity = asked.work, asked.identity
-    with open_journal(folder, job, asked.fingerprint, asked.about, identity, what=what) as journal:
-        others = replaced(folder / files[-1], identity)
-        if others:
-            note(f"{folder}: has the results of another {what}, which these replace ({others})")
-        outcomes = Outcomes(job if address is None else job.packed())
-        for chunk in journal.chunks:
-            outcomes.add(chunk)
-        if journal.dropped:
-            lines = f"{journal.dropped} damaged line{'s' * (journal.dropped > 1)}"
-            note(f"{journal.path}: {lines} left out; those trials run again")
-        if outcomes.done:
-            note(f"{outcomes.done} of {job.total} trials are there from before; going on")
-            if progress:
-                progress(outcomes.done)
-        try:
-            if outcomes.done < job.total:
-                with pool_at(address, job, note, certificates) as pool:
-                    run_all(outcomes, pool, journal.append, progress)
-        except BaseException:
-            if journal.empty:
-                journal.remove()
-            raise
-        for text in dict.fromkeys(text for notes in outcomes.notes.values() for text in notes):
-            note(f"in the first of many trials, {text}")
-        results = report(outcomes)
-        journal.remove()
-    return results
 
 
 def report(sweep: Sweep, outcomes: Outcomes, folder: Path) -> tuple[list[Point], dict[str, Any]]:

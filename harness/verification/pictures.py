@@ -10,7 +10,7 @@ from matplotlib.ticker import FuncFormatter
 
 from harness.drawing import BELOW, BESIDE, GRID, Style, new_figure
 from harness.sweep.plots import TYPE_COLOURS
-from harness.sweep.sweep import TRIAL_TYPES
+from harness.sweep.trials import TRIAL_TYPES
 from harness.terminal import DEVIATION_THRESHOLD, percent
 from harness.trial.plots import trial_figure
 from harness.verification.published import (

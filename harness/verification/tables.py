@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from harness.sweep.recommend import recommend
-from harness.sweep.sweep import TRIAL_TYPES
 from harness.sweep.table import Point
+from harness.sweep.trials import TRIAL_TYPES
 from harness.terminal import percent
 from harness.verification.published import (
     ALL_FROM,

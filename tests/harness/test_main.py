@@ -163,7 +163,7 @@ def test_check_says_what_is_wrong_or_that_it_fits(tmp_path: Path, capsys: pytest
     dog.with_suffix(".toml").write_text(MAPPING)
     status, text, _ = canine(capsys, "check", dog, "--role", "plant")
     assert status == 0
-    counts = "1 inputs, 4 outputs, 0 parameters; any step: every tick of 0.04 s"
+    counts = "1 input, 4 outputs, 0 parameters; any step: every tick of 0.04 s"
     assert text == f"dog.fmu: FMI 2 co-simulation, {counts}; runs, resets; fits the plant role\n"
 
 

@@ -29,7 +29,7 @@ def test_an_fmu_of_ours_lives_as_fmi_promises(version: Literal[2, 3]) -> None:
     line, notes = checked(fmu, "plant")
     assert notes == []
     assert re.fullmatch(
-        rf"pedestrian\.fmu: FMI {version} co-simulation, 1 inputs, \d+ outputs, \d+ parameters; "
+        rf"pedestrian\.fmu: FMI {version} co-simulation, 1 input, \d+ outputs, \d+ parameters; "
         r"a fixed step of 0\.04 s: every tick of 0\.04 s; "
         r"runs, saves its state, serializes it, resets; fits the plant role",
         line,
@@ -43,7 +43,7 @@ def test_an_fmu_made_elsewhere_is_stepped_with_each_command_and_reset(tmp_path: 
     fmu = tiny_fmu(tmp_path / "x.fmu", variables, GROWS, version=version, restore="")
     line, _ = checked(fmu)
     assert line == (
-        f"x.fmu: FMI {version} co-simulation, 1 inputs, 1 outputs, 0 parameters; "
+        f"x.fmu: FMI {version} co-simulation, 1 input, 1 output, 0 parameters; "
         "any step: every tick of 0.04 s; runs, saves its state, serializes it, resets"
     )
     # and one that fails on RECALL (3), the fourth command
@@ -85,7 +85,7 @@ def test_what_is_not_exchanged_is_counted_and_named_by_kind(tmp_path: Path) -> N
     # when
     line, notes = checked(fmu)
     # then
-    assert "0 inputs and 1 not exchanged, 1 outputs and 6 not exchanged, 0 parameters; any step" in line
+    assert "0 inputs and 1 not exchanged, 1 output and 6 not exchanged, 0 parameters; any step" in line
     text = "\n".join(notes)
     assert "x.fmu: 1 output not exchanged, s: has type String; expected one of Float64" in text
     assert "x.fmu: 1 input not exchanged, b: has type Binary" in text

@@ -14,12 +14,13 @@ from matplotlib.image import imread
 
 from harness.cosim.fmu import Fault
 from harness.sweep import chunks, cosimulated, matrix, sweep
+from harness.sweep.axis import SweepError
 from harness.sweep.cells import Cells
 from harness.sweep.chunks import Chunk, ClusterError, FmuFailure, Outcomes
 from harness.sweep.cosimulated import PROBE, Cosimulated
 from harness.sweep.journal import open_journal
 from harness.sweep.matrix import plan_matrix
-from harness.sweep.sweep import SweepError, plan_sweep
+from harness.sweep.sweep import plan_sweep
 from harness.trial.prepare import prepared
 from harness.trial.request import Changes, build_missing, requested
 from harness.trial.scenario import Disturbance, Scenario

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from harness.front_door import run_sweep
+from harness.sweep.axis import SweepError
 from harness.sweep.chunks import Job, TrialType, pool_at
-from harness.sweep.sweep import SweepError, plan_sweep
+from harness.sweep.sweep import plan_sweep
 from harness.trial.scenario import Disturbance, Scenario, ScenarioError, Setting
 from models.errors import UsageError
 

@@ -18,7 +18,8 @@ from matplotlib.image import imread
 from scipy.stats import binomtest
 
 from harness.sweep import chunks, journal, sweep
-from harness.sweep.sweep import SweepError, plan_sweep
+from harness.sweep.axis import SweepError
+from harness.sweep.sweep import plan_sweep
 from harness.sweep.table import wilson
 from models.commands import Status
 from models.errors import UsageError

@@ -140,7 +140,7 @@ def test_check_tells_how_an_fmu_is_stepped(
     for role, fits in ((["--role", "plant"], "; fits the plant role"), ([], "")):
         assert canine(capsys, "check", path, *role)[:2] == (
             0,
-            f"dog.fmu: FMI 2 co-simulation, 1 inputs, 4 outputs, 0 parameters; {text}; runs, resets{fits}\n",
+            f"dog.fmu: FMI 2 co-simulation, 1 input, 4 outputs, 0 parameters; {text}; runs, resets{fits}\n",
         )
 
 
@@ -155,7 +155,7 @@ def test_a_step_that_fits_no_tick_fails_the_check_of_a_role_and_the_trial_alone(
         assert f"plant {told} of our blocks: export it with 0.02 or 0.04 s" in error
     # and without a role it runs alone, with a note
     status, text, error = canine(capsys, "check", path)
-    counts = "1 inputs, 4 outputs, 0 parameters"
+    counts = "1 input, 4 outputs, 0 parameters"
     assert status == 0
     assert text == f"dog.fmu: FMI 3 co-simulation, {counts}; a fixed step of 0.03 s; runs, resets\n"
     assert told in error
