@@ -1,0 +1,61 @@
+"""The parts as text, for a page that holds all of its scripts and styles, and the policy of such a page."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import re
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+
+PARTS = Path(__file__).parent / "parts"
+LIBRARIES = ("leaflet-1.9.4/leaflet.js", "uplot-1.6.32/uPlot.iife.min.js")
+SCRIPTS = (*LIBRARIES, "canine.js", "map.js", "plots.js", "strip.js")  # each after those that it uses
+STYLES = ("leaflet-1.9.4/leaflet.css", "uplot-1.6.32/uPlot.min.css", "style.css")
+COMMENT = re.compile(r"/\*(?!!).*?\*/", re.DOTALL)
+RULE = re.compile(r"(?P<selectors>[^{}]+)\{[^{}]*\}")
+# rules of the libraries for what no part draws: pictures, pop-ups, an old browser
+UNUSED = re.compile(
+    r"popup|tooltip|layers|vml|oldie|attribution|default-icon|\.u-(legend|inline|series|title)"
+)
+
+
+@cache
+def script(name: str) -> str:
+    """A script of `parts/` without comments of whole lines, indentation, or a link to a map of its source."""
+    return _compact((PARTS / name).read_text(encoding="utf-8"))
+
+
+@cache
+def style(name: str) -> str:
+    """A style sheet of `parts/` without comments, blanks, and the libraries' rules for what no part draws."""
+    text = COMMENT.sub("", (PARTS / name).read_text(encoding="utf-8"))
+    if "/" in name:
+        text = RULE.sub(lambda rule: "" if UNUSED.search(rule["selectors"]) else rule[0], text)
+    return re.sub(r"\s*([{};,])\s*", r"\1", re.sub(r"\s+", " ", text)).strip()
+
+
+def policy(scripts: Iterable[str], styles: Iterable[str]) -> str:
+    """The Content-Security-Policy by which a page runs these scripts and styles alone, and asks for nothing."""
+    return "; ".join(
+        [
+            "default-src 'none'",
+            f"script-src {' '.join(map(_source, scripts))}",
+            f"style-src {' '.join(map(_source, styles))}",
+            "img-src data:",
+            "base-uri 'none'",
+            "form-action 'none'",
+        ]
+    )
+
+
+def _source(text: str) -> str:
+    """A script or style as the policy names it: by its hash."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+
+def _compact(text: str) -> str:
+    """A script of which no literal goes over several lines, with the same meaning and fewer bytes."""
+    lines = (line.strip() for line in text.splitlines())
+    return "\n".join(line for line in lines if line and not line.startswith("//"))

@@ -1,0 +1,199 @@
+// A map of metres north and east, or of latitude and longitude: grid, tracks, missions, the animal.
+(function () {
+  "use strict";
+  const canine = (window.canine = window.canine || {});
+  const SEMI_MAJOR_AXIS = 6378137.0, ECCENTRICITY_SQUARED = 6.69437999014e-3; // WGS 84
+  const LEAST_VIEW = 10; // m, so that an animal that stands still is no magnified point
+  const MOST_GLYPHS = 300; // of turns on a track; more would hide it
+  const ARROW = "M0 -13 8 9 0 4 -8 9z";
+
+  // The plane that touches the earth at an origin [latitude, longitude], as the logs have it.
+  canine.plane = function ([latitude, longitude]) {
+    const radians = Math.PI / 180, bend = 1 - ECCENTRICITY_SQUARED * Math.sin(latitude * radians) ** 2;
+    const north = ((SEMI_MAJOR_AXIS * (1 - ECCENTRICITY_SQUARED)) / bend ** 1.5) * radians;
+    const east = (SEMI_MAJOR_AXIS / Math.sqrt(bend)) * Math.cos(latitude * radians) * radians;
+    return {
+      toDegrees: ([n, e]) => [latitude + n / north, longitude + e / east],
+      toMetres: ([lat, lon]) => [(lat - latitude) * north, (lon - longitude - 360 * Math.round((lon - longitude) / 360)) * east],
+    };
+  };
+  const isPlace = (place) => place && canine.isNumber(place[0]) && canine.isNumber(place[1]);
+
+  // A map in an element. Positions are [north, east] in m, or with `degrees` [latitude, longitude].
+  canine.map = function (element, { degrees = false, origin = [0, 0], label = "map" } = {}) {
+    const limits = degrees ? { minZoom: 2, maxZoom: 23 } : { minZoom: -8, maxZoom: 8 };
+    element.classList.add("map");
+    element.setAttribute("role", "region");
+    element.setAttribute("aria-label", label);
+    const leaflet = L.map(element, {
+      crs: degrees ? L.CRS.EPSG3857 : L.CRS.Simple, attributionControl: false, zoomSnap: 0.25, zoomDelta: 0.5, ...limits,
+    });
+    let plane = canine.plane(origin);
+    for (const [name, level] of [["grid", 150], ["trails", 350], ["marks", 620]]) {
+      leaflet.createPane(name).style.zIndex = level;
+    }
+    leaflet.setView(degrees ? origin : [0, 0], degrees ? 18 : 3);
+    L.control.scale({ imperial: false }).addTo(leaflet);
+    const content = L.featureGroup().addTo(leaflet);
+    const path = (className, more) => ({ className, interactive: false, color: null, fillColor: null, ...more });
+
+    const map = {
+      leaflet,
+      content,
+      toMetres: (place) => (degrees ? plane.toMetres(place) : place),
+      fromMetres: (place) => (degrees ? plane.toDegrees(place) : place),
+      setOrigin(place) {
+        plane = canine.plane(place);
+        drawGrid();
+      },
+      // Shows all that is drawn.
+      fit() {
+        const bounds = content.getBounds();
+        if (!bounds.isValid()) return;
+        const [n, e] = map.toMetres([bounds.getCenter().lat, bounds.getCenter().lng]), half = LEAST_VIEW / 2;
+        bounds.extend(map.fromMetres([n - half, e - half])).extend(map.fromMetres([n + half, e + half]));
+        leaflet.fitBounds(bounds, { padding: [24, 24], animate: false });
+      },
+      // A line, coloured by the command in force if `commands` are given: set(points, commands), add(point, command).
+      track(className) {
+        const group = L.featureGroup().addTo(content);
+        let open = null, command = null;
+        const begin = function (name, points) {
+          const colour = name === null || name === undefined ? "" : " command-" + name;
+          return L.polyline(points, path("track " + (className || "") + colour, { smoothFactor: 0.7 })).addTo(group);
+        };
+        const turned = function (name, place) {
+          if (name === "LEFT" || name === "RIGHT") glyph(place, canine.GLYPHS[name], "turn", name.toLowerCase()).addTo(group);
+        };
+        const track = {
+          layer: group,
+          clear() {
+            group.clearLayers();
+            open = command = null;
+          },
+          set(points, commands) {
+            track.clear();
+            if (!commands) return void begin(null, pieces(points, 0, points.length - 1));
+            const lines = new Map(), parts = canine.stretches(commands);
+            for (const { first, last, value } of parts) {
+              if (!lines.has(value)) lines.set(value, []);
+              lines.get(value).push(...pieces(points, first, last));
+            }
+            for (const [name, line] of lines) begin(name, line);
+            const turns = parts.filter(({ value, first }) => (value === "LEFT" || value === "RIGHT") && isPlace(points[first]));
+            if (turns.length <= MOST_GLYPHS) turns.forEach(({ value, first }) => turned(value, points[first]));
+          },
+          add(point, name) {
+            if (!isPlace(point)) return void (open = null);
+            if (open === null || name !== command) {
+              const last = open && open.getLatLngs().at(-1);
+              open = begin(name, last ? [last, point] : [point]);
+              command = name;
+              turned(name, point);
+            } else open.addLatLng(point);
+          },
+        };
+        return track;
+      },
+      // Dots, such as GPS fixes.
+      dots(className, points, radius) {
+        const renderer = L.svg({ pane: "trails" });
+        return L.featureGroup(
+          points.filter(isPlace).map((point) => L.circleMarker(point, path(className, { radius: radius || 2, renderer })))
+        ).addTo(content);
+      },
+      // Broad bands under the track, such as where a fault acted: arrays of points.
+      trails(className, lines) {
+        const drawn = lines.map((line) => line.filter(isPlace)).filter((line) => line.length);
+        return L.polyline(drawn.map((line) => (line.length > 1 ? line : [line[0], line[0]])),
+          path("trail " + className, { pane: "trails" })).addTo(content);
+      },
+      // A sign with a name, such as an anomaly.
+      mark: (place, sign, name) => glyph(place, sign, "mark", name).addTo(content),
+      // Waypoints with their capture circles, home, legs and fence; `className` "drafted" is dashed.
+      mission({ waypoints = [], home = null, radius = 0, fence = [] }, className) {
+        const group = L.featureGroup().addTo(content), places = [...waypoints, ...(home ? [home] : [])];
+        if (fence.length) L.polygon(fence, path("fence " + (className || ""))).addTo(group);
+        if (radius) places.forEach((place) => L.circle(place, path("capture " + (className || ""), { radius })).addTo(group));
+        L.polyline(places, path("leg")).addTo(group);
+        places.forEach((place, index) => {
+          const isHome = index === waypoints.length;
+          const text = isHome ? "H" : String(index + 1), name = isHome ? "home" : "waypoint " + text;
+          const icon = L.divIcon({ className: "", iconSize: [22, 22],
+            html: canine.element("div", { class: "waypoint" + (isHome ? " home" : ""), title: name }, text) });
+          L.marker(place, { icon, interactive: false, keyboard: false, alt: name }).addTo(group);
+        });
+        return group;
+      },
+      // An arrow as the animal looks, and its 2-sigma ellipse: place(position, heading, [north sd, east sd]), rad and m.
+      animal(className) {
+        const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
+        const arrow = document.createElementNS("http://www.w3.org/2000/svg", "path");
+        svg.setAttribute("viewBox", "-14 -14 28 28");
+        svg.setAttribute("aria-hidden", "true");
+        arrow.setAttribute("d", ARROW);
+        svg.append(arrow);
+        const icon = L.divIcon({ className: "", iconSize: [28, 28], html: canine.element("div", { class: "animal " + (className || "") }, svg) });
+        const marker = L.marker([0, 0], { icon, interactive: false, keyboard: false, pane: "marks" });
+        const ellipse = L.polygon([], path("sigma"));
+        return {
+          marker,
+          place(position, heading, sigma) {
+            if (!isPlace(position)) return [marker, ellipse].forEach((layer) => layer.remove());
+            marker.setLatLng(position).addTo(leaflet);
+            arrow.style.transform = canine.isNumber(heading) ? `rotate(${heading}rad)` : "";
+            arrow.setAttribute("d", canine.isNumber(heading) ? ARROW : "M-7 0a7 7 0 1 0 14 0a7 7 0 1 0-14 0");
+            if (!isPlace(sigma)) return ellipse.remove();
+            const [n, e] = map.toMetres(position);
+            const around = Array.from({ length: 36 }, (_, i) => (i * Math.PI) / 18).map((angle) =>
+              map.fromMetres([n + 2 * sigma[0] * Math.cos(angle), e + 2 * sigma[1] * Math.sin(angle)]));
+            return ellipse.setLatLngs(around).addTo(leaflet);
+          },
+        };
+      },
+    };
+
+    function glyph(place, sign, className, name) {
+      const icon = L.divIcon({ className: "", iconSize: [16, 16], html: canine.element("div", { class: className, title: name }, sign) });
+      return L.marker(place, { icon, interactive: false, keyboard: false, alt: name });
+    }
+    // A line's points from first to last, cut where there is no place.
+    function pieces(points, first, last) {
+      const found = [[]];
+      for (let row = first; row <= last; row++) {
+        if (isPlace(points[row])) found.at(-1).push(points[row]);
+        else if (found.at(-1).length) found.push([]);
+      }
+      return found.filter((piece) => piece.length > 1);
+    }
+
+    const grid = L.layerGroup().addTo(leaflet);
+    function drawGrid() {
+      grid.clearLayers();
+      const bounds = leaflet.getBounds();
+      const [south, west] = map.toMetres([bounds.getSouth(), bounds.getWest()]);
+      const [north, east] = map.toMetres([bounds.getNorth(), bounds.getEast()]);
+      const raw = ((east - west) / Math.max(leaflet.getSize().x, 1)) * 60, power = 10 ** Math.floor(Math.log10(raw));
+      const step = power * [1, 2, 5, 10].find((digit) => digit * power >= raw);
+      if (!Number.isFinite(step) || east - west > 1e6) return;
+      const line = function (from, to, value) {
+        const className = "grid" + (Math.abs(value) < step / 2 ? " grid-origin" : "");
+        L.polyline([map.fromMetres(from), map.fromMetres(to)], path(className, { pane: "grid" })).addTo(grid);
+      };
+      for (let n = Math.ceil(south / step) * step; n <= north; n += step) line([n, west], [n, east], n);
+      for (let e = Math.ceil(west / step) * step; e <= east; e += step) line([south, e], [north, e], e);
+    }
+    leaflet.on("moveend resize", drawGrid);
+    drawGrid();
+
+    const readout = L.control({ position: "bottomright" });
+    readout.onAdd = () => canine.element("div", { class: "place number", "aria-hidden": "true" });
+    readout.addTo(leaflet);
+    leaflet.on("mousemove", ({ latlng }) => {
+      const [n, e] = map.toMetres([latlng.lat, latlng.lng]);
+      readout.getContainer().textContent = `north ${n.toFixed(1)} m, east ${e.toFixed(1)} m`;
+    });
+    new ResizeObserver(() => leaflet.invalidateSize({ pan: false })).observe(element);
+    return map;
+  };
+})();
