@@ -37,7 +37,7 @@ def style(name: str) -> str:
 
 
 def policy(scripts: Iterable[str], styles: Iterable[str]) -> str:
-    """The Content-Security-Policy by which a page runs these scripts and styles alone, and asks for nothing."""
+    """The Content-Security-Policy of a page that runs these scripts and styles alone."""
     return "; ".join(
         [
             "default-src 'none'",
