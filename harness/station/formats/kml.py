@@ -1,0 +1,64 @@
+"""KML: the line, or else the points; a point "home"; the polygon is the fence."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import fastkml
+from fastkml.exceptions import FastKMLError
+from fastkml.utils import find_all
+from pygeoif import LineString, Point, Polygon
+
+from harness.files import in_words
+from harness.station.draft import DIGITS, FENCE, Draft, MissionFileError, pair
+from harness.station.formats.shapes import Shape, labelled, of_shapes, ring
+from harness.station.formats.xml import check_xml
+from models.errors import printable
+
+
+def read(data: bytes) -> Draft:
+    """The mission in such a file.
+
+    Raises:
+        MissionFileError: it holds none, or several.
+    """
+    check_xml(data, "kml")
+    try:
+        document = fastkml.KML.parse(io.BytesIO(data), strict=True, validate=False)
+        marks = list(find_all(document, of_type=fastkml.Placemark))
+        return of_shapes([_shape(number, mark) for number, mark in enumerate(marks, start=1)])
+    except (FastKMLError, ValueError, TypeError, AttributeError) as reason:
+        raise MissionFileError(f"is no KML: {printable(reason)}") from None
+
+
+def _shape(number: int, mark: Any) -> Shape:
+    where = f"placemark {number}" + (f" ({printable(in_words(mark.name))})" if mark.name else "")
+    geometry = mark.geometry
+    match geometry:
+        case Point():
+            places: list[Any] = list(geometry.coords)
+        case Polygon():
+            if list(geometry.interiors):
+                raise MissionFileError(f"{where}: the polygon has holes, expected none")
+            places = list(geometry.exterior.coords)
+        case LineString():
+            places = list(geometry.coords)
+        case None if mark.kml_geometry is not None:
+            raise MissionFileError(f"{where}: has no place, expected longitude,latitude in deg")
+        case _:
+            places = []
+    return Shape(where, mark.name, type(geometry).__name__, places)
+
+
+def write(draft: Draft, name: str) -> bytes:
+    """A mission of this name as such a file."""
+
+    def mark(label: str, geometry: Point | Polygon) -> fastkml.Placemark:
+        return fastkml.Placemark(name=label, geometry=geometry)
+
+    marks = [mark(label, Point(*reversed(pair(position)))) for label, position in labelled(draft)]
+    if draft.fence:
+        marks.append(mark(FENCE, Polygon(ring(draft.fence))))
+    document = fastkml.Document(name=name, features=marks)
+    return fastkml.KML(features=[document]).to_string(prettyprint=True, precision=DIGITS).encode()

@@ -1,0 +1,57 @@
+"""XML from elsewhere, checked before a library reads it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from xml.parsers import expat
+
+from harness.station.draft import MissionFileError
+from models.errors import printable
+
+MAX_DEPTH = 32  # elements within elements; those of KML's folders need 10
+
+
+def check_xml(
+    data: bytes, root: str, see: Callable[[int, str, dict[str, str]], None] = lambda *_: None
+) -> None:
+    """Refuse what is no such XML, and what could do harm, before a library reads it.
+
+    Args:
+        see: is given line, name and attributes of each element.
+    """
+    parser = expat.ParserCreate()
+    depth = 0
+
+    def begin(name: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        if not depth and name != root:
+            raise MissionFileError(f"its first element is <{printable(name)}>, expected <{root}>")
+        depth += 1
+        if depth > MAX_DEPTH:
+            raise MissionFileError(
+                f"line {parser.CurrentLineNumber}: elements are nested deeper than {MAX_DEPTH}"
+            )
+        see(parser.CurrentLineNumber, name, attributes)
+
+    def end(name: str) -> None:
+        nonlocal depth
+        depth -= 1
+
+    def refuse(*doctype: object) -> None:
+        raise MissionFileError(
+            f"line {parser.CurrentLineNumber}: has a document type (<!DOCTYPE), which may define entities; "
+            "remove it"
+        )
+
+    parser.StartElementHandler, parser.EndElementHandler = begin, end
+    parser.StartDoctypeDeclHandler = refuse
+    try:
+        parser.Parse(data, True)
+    except expat.ExpatError as reason:
+        raise MissionFileError(
+            f"line {reason.lineno}: is no XML ({expat.errors.messages[reason.code]}); save it again"
+        ) from None
+    except (LookupError, ValueError) as reason:  # an encoding that is unknown, or has several bytes
+        raise MissionFileError(
+            f"is in an encoding that cannot be read ({reason}); save it as UTF-8"
+        ) from None
