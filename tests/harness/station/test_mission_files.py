@@ -150,7 +150,7 @@ def test_a_scenario_gives_its_start_as_home() -> None:
         ("a.gpx", b"<gpx/>", "a.gpx: holds no waypoint, expected 1 to 16"),
         ("a.gpx", b'<gpx>' + b'<wpt lat="1" lon="1"/>' * 17 + b"</gpx>", "holds 17 waypoints, expected"),
         ("a.gpx", b"<gpx><rte><name>x</name></rte><rte/></gpx>", "2 routes (x, without a name), expected"),
-        ("a.gpx", b'<?xml version="1.0" encoding="nonsense"?><gpx/>', "encoding that cannot be read (unknown"),
+        ("a.gpx", b'<?xml version="1.0" encoding="nonsense"?><gpx/>', "an encoding that cannot be read"),
         ("a.kml", b'<kml xmlns="http://www.opengis.net/kml/2.2"><Placemark><name>p</name><Point><coordinates>1'
                   b"</coordinates></Point></Placemark></kml>", "placemark 1 (p): has no place, expected"),
         ("a.kml", b'<kml xmlns="http://www.opengis.net/kml/2.2"><Placemark><Point><coordinates>a,b'
