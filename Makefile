@@ -12,7 +12,7 @@ demo: .venv/ready
 # Tools of the tests that are not Python packages: root installs them; a test without its tool skips and says so.
 TOOLS := gcc:gcc nm:binutils clang:clang clang:libclang-rt-dev cppcheck:cppcheck \
          arm-none-eabi-gcc:gcc-arm-none-eabi qemu-system-arm:qemu-system-arm openssl:openssl \
-         cmake:cmake qemu-aarch64:qemu-user
+         cmake:cmake qemu-aarch64:qemu-user chromium:chromium
 LIBRARIES := libtbb12 libc6-arm64-cross
 
 test: .venv/ready

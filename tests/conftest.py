@@ -18,6 +18,7 @@ from codegen.toolchains import sdcc
 from codegen.toolchains.compiler import NUMERICS, CompileError, build_library
 from models.kit.block import Block
 from models.kit.declaration import Type, flatten
+from tests.browser import browser, open_page  # noqa: F401 (fixtures)
 
 # second opinions beside pip's compiler, and tools that are no Python packages: program -> Debian package
 TOOLS = {
@@ -30,6 +31,7 @@ TOOLS = {
     "openssl": "openssl",
     "cmake": "cmake",
     "qemu-aarch64": "qemu-user",
+    "chromium": "chromium",
 }
 # libraries of such tools: of ecos, and of programs for ARM in an emulator; file -> Debian package
 LIBRARIES = {

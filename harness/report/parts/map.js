@@ -79,7 +79,7 @@
               if (!lines.has(value)) lines.set(value, []);
               lines.get(value).push(...pieces(points, first, last));
             }
-            for (const [name, line] of lines) begin(name, line);
+            for (const [name, line] of lines) if (line.length) begin(name, line);
             const turns = parts.filter(({ value, first }) => (value === "LEFT" || value === "RIGHT") && isPlace(points[first]));
             if (turns.length <= MOST_GLYPHS) turns.forEach(({ value, first }) => turned(value, points[first]));
           },

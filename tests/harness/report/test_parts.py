@@ -2,11 +2,15 @@
 
 import base64
 import hashlib
+import math
 import re
+from pathlib import Path
 
 import pytest
 
+from harness.log.geodesy import TangentPlane
 from harness.report.inline import LIBRARIES, PARTS, SCRIPTS, STYLES, policy, script, style
+from tests.browser import OpenPage
 
 PUBLISHED = {  # SHA-256 of the files in the packages that npm serves
     "leaflet-1.9.4/leaflet.js": "db49d009c841f5ca34a888c96511ae936fd9f5533e90d8b2c4d57596f4e5641a",
@@ -68,3 +72,97 @@ def test_the_policy_names_each_script_and_style_by_its_hash() -> None:
         "default-src 'none'",
         f"script-src 'sha256-{digest}'",
     ]
+
+
+PAGE = """<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>parts</title>
+<meta http-equiv="Content-Security-Policy" content="{policy}"><style>{style}</style></head>
+<body><main><h1>parts</h1><div id="map"></div><div id="strip"></div><div id="plots"></div></main>
+{scripts}</body></html>"""
+DRAW = """
+const times = [0, 1, 2, 3, 4], commands = ["NONE", "FORWARD", "FORWARD", "LEFT", "STOP"];
+window.timeline = canine.timeline(0, 4);
+const of = (id) => document.getElementById(id);
+window.map = canine.map(of("map"), { origin: [32.6, -85.5] });
+map.mission({ waypoints: [[40, 0]], home: [0, 0], radius: 5 });
+map.track("").set([[0, 0], [10, 0], [20, 1], null, [40, 0]], commands);
+map.fit();
+canine.strip(of("strip"), timeline).set({ command: canine.commandBlocks(times, commands) });
+const plots = canine.plots(of("plots"), timeline);
+const series = [{ label: "h", colour: "truth" }];
+const panel = plots.add({ title: "deviation", unit: "rad", turn: 2 * Math.PI, series });
+panel.set(times, [[0, 0.5, 1, null, -Math.PI / 2]]);
+window.shown = () => ({
+  reading: document.querySelector(".reading .number").textContent,
+  cursors: [...document.querySelectorAll(".time-cursor")].map((cursor) => parseFloat(cursor.style.left)),
+  blocks: [...document.querySelectorAll(".strip-block")].map((b) => [b.title, parseFloat(b.style.width)]),
+  drawn: panel.u.data[1], tracks: document.querySelectorAll("path.track").length,
+});
+"""
+
+
+@pytest.fixture
+def parts_page(tmp_path: Path) -> str:
+    scripts = [*(script(name) for name in SCRIPTS), DRAW]
+    sheet = "".join(style(name) for name in STYLES)
+    body = "".join(f"<script>{text}</script>" for text in scripts)
+    page = tmp_path / "parts.html"
+    page.write_text(PAGE.format(policy=policy(scripts, [sheet]), style=sheet, scripts=body))
+    return page.as_uri()
+
+
+def test_all_parts_show_the_time_of_the_cursor(parts_page: str, open_page: OpenPage) -> None:
+    # given a page of a map, a strip and a plot; when time moves to the second row
+    visit = open_page(parts_page)
+    visit.page.evaluate("timeline.move(1.5)")
+    shown = visit.page.evaluate("shown()")
+    # then the plot reads that row (0.5 rad), and both cursors stand at 1.5 s of 4 s
+    assert shown["reading"] == "28.6 deg"
+    assert shown["cursors"] == [37.5, 37.5]
+    assert shown["drawn"] == pytest.approx([0, 28.648, 57.296, None, -90], abs=1e-3)
+    # and commands are blocks from their first row to the next command's
+    assert shown["blocks"] == [
+        ["NONE from 0.00 s to 1.00 s", 25],
+        ["FORWARD from 1.00 s to 3.00 s", 50],
+        ["LEFT from 3.00 s to 4.00 s", 25],
+    ]
+    assert shown["tracks"] == 2  # the two stretches that have places at both ends
+    assert visit.errors == []
+    assert visit.requests == [parts_page]
+
+
+def test_zooming_is_common_and_stays_within_the_trial(parts_page: str, open_page: OpenPage) -> None:
+    visit = open_page(parts_page)
+    visit.page.evaluate("timeline.move(3); timeline.zoom(0.5)")
+    assert visit.page.evaluate("timeline.shown") == [1.5, 3.5]
+    assert visit.page.evaluate("shown().cursors") == [75, 75]
+    visit.page.evaluate("timeline.move(4)")  # beyond what is shown
+    assert visit.page.evaluate("timeline.shown") == [2, 4]
+    visit.page.evaluate("timeline.zoom(Infinity)")
+    assert visit.page.evaluate("timeline.shown") == [0, 4]
+
+
+def test_time_that_goes_on_takes_the_cursor_along(parts_page: str, open_page: OpenPage) -> None:
+    page = open_page(parts_page).page
+    page.evaluate("timeline.move(4); timeline.extend(5)")
+    assert page.evaluate("[timeline.time, ...timeline.shown]") == [5, 0, 5]
+    page.evaluate("timeline.show(3, 5); timeline.move(4); timeline.extend(6)")
+    assert page.evaluate("[timeline.time, ...timeline.shown]") == [4, 4, 6]
+
+
+def test_the_map_has_the_plane_of_the_logs(parts_page: str, open_page: OpenPage) -> None:
+    plane = TangentPlane(math.radians(32.6), math.radians(-85.5))
+    place = open_page(parts_page).page.evaluate("canine.plane([32.6, -85.5]).toDegrees([120, -70])")
+    assert place == pytest.approx(plane.place(120, -70), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(12.345, "12.35 s"), (59.994, "59.99 s"), (187.5, "3:07.5"), (3723, "1:02:03"), (None, "\u2013")],
+)
+def test_times_read_as_clocks_do(parts_page: str, open_page: OpenPage, seconds: float, text: str) -> None:
+    assert open_page(parts_page).page.evaluate("(s) => canine.clock(s)", seconds) == text
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_the_parts_keep_nobody_out(parts_page: str, open_page: OpenPage, theme: str) -> None:
+    assert open_page(parts_page, theme=theme).harm() == []
