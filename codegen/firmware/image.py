@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from codegen.blocks.block_c import write_files
 from codegen.cache import stored
 from codegen.firmware.bundle import SOURCES
+from codegen.firmware.key import SIMULATION_KEY, Key
 from codegen.firmware.targets import Target
 from codegen.scratch import Scratch
 from codegen.toolchains.compiler import (
     NUMERICS,
     WARNINGS,
+    CompileError,
     build_library,
     compiler_version,
     this_platform,
@@ -74,3 +76,23 @@ def host_image(target: Target, files: Mapping[str, str]) -> Image:
 
     asked = (compiler_version(), this_platform(), flags, sorted(files.items()))
     return Image(stored(f"firmware/{target.name}/onboard.so", asked, make), {})
+
+
+def with_key(image: Image, key: Key, folder: Path) -> Image:
+    """The image with this key in the place of the simulation's: no compiler and no cache sees a secret.
+
+    Args:
+        image: of a program that was made with SIMULATION_KEY.
+        folder: gets the file; nobody else may read it.
+
+    Raises:
+        CompileError: the key's bytes do not stand in the image's file once.
+    """
+    if key == SIMULATION_KEY:
+        return image
+    content = image.path.read_bytes()
+    if (found := content.count(SIMULATION_KEY.data)) != 1:
+        raise CompileError(f"{image.path.name}: has {found} places for a key, expected one")
+    path = folder / image.path.name
+    path.write_bytes(content.replace(SIMULATION_KEY.data, key.data))
+    return replace(image, path=path)

@@ -10,6 +10,7 @@ On board, north = east = 0 is the first fix. Outputs are shifted here: zero is t
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import count
 from typing import Any
@@ -38,13 +39,15 @@ from models.kit.link import Values
 Live = list[tuple[list[str], npt.NDArray[Any]]]  # names, and values that change under them
 
 
-class Onboard:
-    """A processor with its instruments and its operator, in the place of the components of `ROLES`.
+class Instrumented(ABC):
+    """A processor with its instruments, in the place of the components of `ROLES`.
+
+    Who is at the other end of the radio, a subclass tells.
 
     Args:
         processor: a processor that runs the onboard program.
         origin: latitude and longitude of north = east = 0 [deg].
-        values: the controller's and the command module's parameters (SI) by component, mission included.
+        values: the command module's parameters (SI) by component.
         pvt: the receiver is a newer one (see `Receiver`).
         navigation: of its program.
         garbage: of the bytes that it receives.
@@ -68,8 +71,6 @@ class Onboard:
         self.plane = TangentPlane(*(math.radians(x) for x in origin))
         self.receiver, self.unit = Receiver(self.plane, pvt), InertialUnit()
         self._garbled = Garbler(garbage)
-        link = Link(SIMULATION_KEY, count(1).__next__)  # each trial the same
-        self.operator = Operator(self._mission(values.get("controller", {})), link)
         self._commands = commands(values.get("command_module", {}))
         self._telemetry: Telemetry | None = None
         self._rows: dict[float, Telemetry | None] = {}  # the last telemetry by the time of each tick
@@ -80,34 +81,21 @@ class Onboard:
         self._stand_ins: dict[str, StandIn] = {}
         self._sensors: Live = []
 
-    def _mission(self, values: Mapping[str, float]) -> Mission:
-        def position(north: str, east: str) -> Position:
-            return Position(*self.plane.place(values.get(north, 0.0), values.get(east, 0.0)))
-
-        used = range(1, min(int(values.get("waypoint_count", 1)), MAX_WAYPOINTS) + 1)
-        waypoints = (position(f"waypoint_north[{i}]", f"waypoint_east[{i}]") for i in used)
-        corners = range(1, int(values.get("fence_count", 0)) + 1)
-        fence = (position(f"fence_north[{i}]", f"fence_east[{i}]") for i in corners)
-        return Mission(position("home_north", "home_east"), tuple(waypoints), tuple(fence))
-
     def step(self, time: float, signals: Mapping[str, float], wishes: Mapping[str, float]) -> Reply:
         """One tick: the sensors' signals and the controller's free inputs in, commands and telemetry out.
 
         Raises:
             ProcessorError: the program runs away, or plays something that stands for no command.
         """
-        link_ok = bool(wishes.get("link_ok", 1.0))
-        start, override = bool(wishes.get("start", 0.0)), Command(int(wishes.get("override", 0.0)))
         received = Received(
             self._garbled("gps", self.tick, self.receiver.fix(time, signals)),
             self._garbled("imu", self.tick, self.unit.sample(self.tick, signals)),
-            self._garbled("radio", self.tick, self.operator.send(time, start, override, link_ok)),
+            self._garbled("radio", self.tick, self._hear(time, wishes)),
         )
         reply = self.processor.tick(received)
         self.tick += 1
         self.memory = Memory(reply.record, self.navigation)
-        telemetry = self.operator.receive(reply.sent) if link_ok else None
-        self._telemetry = telemetry or self._telemetry
+        self._telemetry = self._tell(reply.sent, wishes) or self._telemetry
         self._rows[time] = self._telemetry
         played = (reply.tone_hz, reply.vibrate_left, reply.vibrate_right)
         if played not in self._commands:
@@ -118,6 +106,14 @@ class Onboard:
             )
         self.command = self._commands[played]
         return reply
+
+    @abstractmethod
+    def _hear(self, time: float, wishes: Mapping[str, float]) -> bytes:
+        """The bytes that the radio brings on a tick."""
+
+    @abstractmethod
+    def _tell(self, sent: bytes, wishes: Mapping[str, float]) -> Telemetry | None:
+        """Take the bytes that the radio sends on a tick; the last telemetry that arrives, if any does."""
 
     def output(self, component: str, name: str) -> float:
         """An output of one of the components of `ROLES`."""
@@ -160,6 +156,11 @@ class Onboard:
         telemetry = self._rows.pop(time, None)
         return [field.factor * getattr(telemetry, name, 0) for name, field in FIELDS.items()]
 
+    def forget(self, times: Iterable[float]) -> None:
+        """Drop the rows of ticks whose telemetry nobody logs."""
+        for time in times:
+            del self._rows[time]
+
     def stand_ins(self, fmus: Mapping[str, FmuDescription]) -> dict[str, StandIn]:
         """The stand-ins for the components' FMUs in the loop."""
         names = [name for name in (*self.navigation.chain, *ROLES) if name in fmus]
@@ -172,17 +173,56 @@ class Onboard:
 
     def make_tick(self, time: float) -> None:
         """One tick of the loop, with the present outputs of its other components."""
-        self.step(time, _by_name(self._sensors), _by_name(self._stand_ins["controller"].inputs))
+        self.step(time, by_name(self._sensors), by_name(self._stand_ins["controller"].inputs))
 
     def close(self) -> None:
         """Stop the processor."""
         self.processor.close()
 
 
+class Onboard(Instrumented):
+    """A processor with its instruments and its operator, who carries out the scenario's wishes.
+
+    Args:
+        values: the controller's parameters too, mission included; else as for `Instrumented`.
+    """
+
+    def __init__(
+        self,
+        processor: Processor,
+        origin: tuple[float, float],
+        values: Values,
+        *,
+        pvt: bool = False,
+        navigation: Navigation = DEFAULT,
+        garbage: Sequence[Garbage] = (),
+    ) -> None:
+        super().__init__(processor, origin, values, pvt=pvt, navigation=navigation, garbage=garbage)
+        link = Link(SIMULATION_KEY, count(1).__next__)  # each trial the same
+        self.operator = Operator(self._mission(values.get("controller", {})), link)
+
+    def _mission(self, values: Mapping[str, float]) -> Mission:
+        def position(north: str, east: str) -> Position:
+            return Position(*self.plane.place(values.get(north, 0.0), values.get(east, 0.0)))
+
+        used = range(1, min(int(values.get("waypoint_count", 1)), MAX_WAYPOINTS) + 1)
+        waypoints = (position(f"waypoint_north[{i}]", f"waypoint_east[{i}]") for i in used)
+        corners = range(1, int(values.get("fence_count", 0)) + 1)
+        fence = (position(f"fence_north[{i}]", f"fence_east[{i}]") for i in corners)
+        return Mission(position("home_north", "home_east"), tuple(waypoints), tuple(fence))
+
+    def _hear(self, time: float, wishes: Mapping[str, float]) -> bytes:
+        start, override = bool(wishes.get("start", 0.0)), Command(int(wishes.get("override", 0.0)))
+        return self.operator.send(time, start, override, is_in_reach(wishes))
+
+    def _tell(self, sent: bytes, wishes: Mapping[str, float]) -> Telemetry | None:
+        return self.operator.receive(sent) if is_in_reach(wishes) else None
+
+
 class StandIn:
     """A component of the loop that the onboard computer replaces: the first of them makes its tick."""
 
-    def __init__(self, onboard: Onboard, name: str, description: FmuDescription) -> None:
+    def __init__(self, onboard: Instrumented, name: str, description: FmuDescription) -> None:
         self.onboard, self.name, self.description = onboard, name, description
         self.label = f"{name} on board"
         self.inputs: Live = []
@@ -223,7 +263,13 @@ class StandIn:
         """The onboard computer is closed by its owner."""
 
 
-def _by_name(live: Live) -> dict[str, float]:
+def is_in_reach(wishes: Mapping[str, float]) -> bool:
+    """Does the radio bring anything, either way?"""
+    return bool(wishes.get("link_ok", 1.0))
+
+
+def by_name(live: Live) -> dict[str, float]:
+    """The values as they are now, by name."""
     return {n: float(v) for names, values in live for n, v in zip(names, values, strict=True)}
 
 

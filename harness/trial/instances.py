@@ -19,13 +19,14 @@ from fmus.archive import is_sealed
 from fmus.folder import build_folder
 from harness.cosim.loop import Simulation
 from harness.cosim.origin import is_own, is_own_content
+from harness.cosim.stepping import Loop
 from harness.cosim.worker.contained import Contained
 from harness.cosim.worker.simulation import Companion
 from harness.log.channel import Channel
 from harness.onboard import IN_FIRMWARE
 from harness.onboard.garbage import Garbage
 from harness.onboard.processors import Processor, open_processor
-from harness.onboard.stand_in import Onboard
+from harness.onboard.stand_in import Instrumented, Onboard
 from harness.trial.firmware import firmware_values, navigation_of
 from harness.trial.prepare import Prepared
 from harness.trial.request import SCENARIO, Request
@@ -33,7 +34,7 @@ from models.kit.link import Values
 from models.system import SYSTEMS, find_system
 
 OpenProcessor = Callable[[str, Values, Navigation], Processor]
-Kind = TypeVar("Kind", bound=Onboard)
+Kind = TypeVar("Kind", bound=Instrumented)
 
 
 class Telemetry(Protocol):
@@ -88,7 +89,6 @@ def open_simulation(
     Raises:
         CanineError: an FMU, or the firmware, cannot be started.
     """
-    loop = request.loop or ("python" if request.onboard else "native")
     if is_foreign(request):
         companion: Callable[[], Companion] | None = None
         width, labels = 0, {}
@@ -105,15 +105,23 @@ def open_simulation(
             labels=labels,
             companion=companion,
             width=width,
-            loop=loop,
+            loop=_loop_of(request),
             limits=request.limits,
         )
         stack.callback(lambda: notes.extend(contained.notes))
         stack.enter_context(contained)
         return contained, RowsOfWorker(contained) if request.onboard else None
-    onboard = None
-    if request.onboard:
-        onboard = open_onboard(request, ready, start)
+    onboard = open_onboard(request, ready, start) if request.onboard else None
+    simulation = simulate_here(request, ready, onboard, stack)
+    stack.callback(lambda: notes.extend(simulation.notes))
+    return simulation, onboard
+
+
+def simulate_here(
+    request: Request, ready: Prepared, onboard: Instrumented | None, stack: ExitStack
+) -> Simulation:
+    """The trial's instances in this process, with a computer on board in its place; the stack frees both."""
+    if onboard is not None:
         stack.callback(onboard.close)
     simulation = Simulation(
         ready.system,
@@ -121,13 +129,16 @@ def open_simulation(
         request.order,
         plants=ready.plants,
         stand_ins=onboard.stand_ins(ready.fmus) if onboard else None,
-        loop=loop,
+        loop=_loop_of(request),
     )
-    stack.callback(lambda: notes.extend(simulation.notes))
     stack.enter_context(simulation)
     if onboard is not None:
         onboard.connect(simulation.outputs("sensors"))
-    return simulation, onboard
+    return simulation
+
+
+def _loop_of(request: Request) -> Loop:
+    return request.loop or ("python" if request.onboard else "native")
 
 
 def is_foreign(request: Request) -> bool:
@@ -157,7 +168,12 @@ def _is_as_built(package: Path) -> bool:
 
 def open_onboard(request: Request, ready: Prepared, start: OpenProcessor) -> Onboard:
     """The onboard computer with the scenario's parameters in its firmware."""
-    return _open(Onboard, _firmware(request, ready), start)
+    return open_as(Onboard, request, ready, start)
+
+
+def open_as(kind: Callable[..., Kind], request: Request, ready: Prepared, start: OpenProcessor) -> Kind:
+    """The same as another kind, which is given the arguments of `Instrumented`."""
+    return _open(kind, _firmware(request, ready), start)
 
 
 @dataclass(frozen=True)
@@ -176,7 +192,7 @@ def _firmware(request: Request, ready: Prepared) -> _Firmware:
     return _Firmware(request.onboard, navigation, request.scenario.origin, ready.values, ready.garbage)
 
 
-def _open(kind: type[Kind], firmware: _Firmware, start: OpenProcessor) -> Kind:
+def _open(kind: Callable[..., Kind], firmware: _Firmware, start: OpenProcessor) -> Kind:
     values, navigation, target = firmware.values, firmware.navigation, firmware.target
     processor = start(target, firmware_values(values, navigation), navigation)
     try:

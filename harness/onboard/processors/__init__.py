@@ -6,7 +6,8 @@ from harness.onboard.processors.processor import (
     ProcessorError,
     Received,
     Reply,
+    Resettable,
     open_processor,
 )
 
-__all__ = ["Cost", "Processor", "ProcessorError", "Received", "Reply", "open_processor"]
+__all__ = ["Cost", "Processor", "ProcessorError", "Received", "Reply", "Resettable", "open_processor"]

@@ -17,9 +17,11 @@ from unicorn.unicorn_py3.unicorn import Uc, UcError
 
 from codegen.firmware.bundle import recorded
 from codegen.firmware.cortex_m4f import cortex_m4f_image
-from codegen.firmware.image import Image
+from codegen.firmware.image import Image, with_key
+from codegen.firmware.key import SIMULATION_KEY, Key
 from codegen.firmware.navigation import DEFAULT, Navigation
 from codegen.firmware.targets import Target
+from codegen.scratch import Scratch
 from harness.interrupts import held_interrupts
 from harness.onboard.processors.processor import (
     COUNTS,
@@ -47,12 +49,11 @@ class CortexM4F:
     """The processor from its reset on, stopped before each tick."""
 
     def __init__(self, image: Image, navigation: Navigation = DEFAULT) -> None:
-        self.image, self.mailbox = image, Mailbox()
+        self.image = image
         self._record_bytes = 4 * len(recorded(navigation))
         self.instructions = 0  # executed since the last stop
-        self._fault = ""
         self._lengths: dict[tuple[int, int], int] = {}  # instructions by address and bytes of a block
-        self._enabled = 0  # CPACR
+        self._segments: list[tuple[int, int, bytes]] = []  # address in flash and of use, content
         self.simulator = _simulator()
         self.simulator.ctl_set_cpu_model(UC_CPU_ARM_CORTEX_M4)
         # before any run: code that was translated without the stops would run through them
@@ -72,12 +73,25 @@ class CortexM4F:
             if name.endswith("_Handler") and name != "Reset_Handler":
                 self.simulator.hook_add(u.UC_HOOK_BLOCK, self._handler, name, begin, begin)
         self._reset()
-        self.start = self._record()
+
+    def reset(self, session: int) -> None:
+        """As `Resettable.reset`."""
+        self.simulator.mem_write(self._place_in_flash("pil_session"), session.to_bytes(4, "little"))
+        self._reset()
+
+    def _place_in_flash(self, name: str) -> int:
+        """Where the start-up gets a variable's value from."""
+        address = self.image.symbols[name]
+        for there, begin, data in self._segments:
+            if begin <= address < begin + len(data):
+                return there + address - begin
+        raise ProcessorError(f"cortex-m4f: the image has no value for {name}")
 
     def _load(self) -> None:
         with self.image.path.open("rb") as file:
             elf: Any = ELFFile(file)
             for segment in elf.iter_segments("PT_LOAD"):
+                self._segments.append((segment["p_paddr"], segment["p_vaddr"], segment.data()))
                 self.simulator.mem_write(segment["p_paddr"], segment.data())
             for symbol in elf.get_section_by_name(".symtab").iter_symbols():
                 if symbol["st_info"]["type"] == "STT_FUNC":
@@ -85,6 +99,8 @@ class CortexM4F:
                     self.functions.append((begin, begin + symbol["st_size"], symbol.name))
 
     def _reset(self) -> None:
+        self.mailbox, self._fault = Mailbox(), ""
+        self._enabled = 0  # CPACR
         stack, reset = struct.unpack("<II", self.simulator.mem_read(FLASH, 8))
         self.simulator.reg_write(UC_ARM_REG_SP, stack)
         self._run(reset, "pil_wait")
@@ -93,6 +109,7 @@ class CortexM4F:
                 f"cortex-m4f: the start-up leaves the FPU off, whose first instruction would be a fault: "
                 f"CPACR is {self._enabled:#010x}, expected {FPU_ACCESS:#010x}"
             )
+        self.start = self._record()
 
     # --- hooks, called while it runs ---
 
@@ -231,6 +248,12 @@ def instructions_in(block: bytes) -> int:
     return count
 
 
-def start(target: Target, files: Mapping[str, str], navigation: Navigation = DEFAULT) -> CortexM4F:
-    """The processor with a program of these sources."""
-    return CortexM4F(cortex_m4f_image(target, files), navigation)
+def start(
+    target: Target,
+    files: Mapping[str, str],
+    navigation: Navigation = DEFAULT,
+    key: Key = SIMULATION_KEY,
+) -> CortexM4F:
+    """The processor with a program of these sources, and this key in the place of the simulation's."""
+    with Scratch() as folder:
+        return CortexM4F(with_key(cortex_m4f_image(target, files), key, folder), navigation)

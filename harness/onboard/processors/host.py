@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from codegen.firmware.bundle import recorded
-from codegen.firmware.image import Image, host_image
+from codegen.firmware.image import Image, host_image, with_key
+from codegen.firmware.key import SIMULATION_KEY, Key
 from codegen.firmware.navigation import DEFAULT, Navigation
 from codegen.firmware.targets import Target
 from codegen.scratch import Scratch
@@ -22,7 +23,7 @@ class Host:
     """The program in this process. Each instance loads a copy of the library, whose state is static."""
 
     def __init__(self, image: Image, navigation: Navigation = DEFAULT) -> None:
-        self.image, self.mailbox = image, Mailbox()
+        self.image = image
         self._scratch = Scratch()
         try:
             copy = shutil.copy(image.path, self._scratch.path / image.path.name)
@@ -41,6 +42,14 @@ class Host:
         self._left = self._variable("pil_vibrate_left", ctypes.c_uint8)
         self._right = self._variable("pil_vibrate_right", ctypes.c_uint8)
         self._record = self._variable("pil_recorded", ctypes.c_uint32 * len(recorded(navigation)))
+        self._session = self._variable("pil_session", ctypes.c_uint32)
+        self.reset(self._session.value)
+
+    def reset(self, session: int) -> None:
+        """As `Resettable.reset`."""
+        self.mailbox = Mailbox()
+        ctypes.memset(self._counts, 0, ctypes.sizeof(self._counts))
+        self._session.value = session
         self._library.pil_start()
         self.start = bytes(self._record)
 
@@ -71,6 +80,12 @@ class Host:
         self._scratch.close()
 
 
-def start(target: Target, files: Mapping[str, str], navigation: Navigation = DEFAULT) -> Host:
-    """The processor with a program of these sources."""
-    return Host(host_image(target, files), navigation)
+def start(
+    target: Target,
+    files: Mapping[str, str],
+    navigation: Navigation = DEFAULT,
+    key: Key = SIMULATION_KEY,
+) -> Host:
+    """The processor with a program of these sources, and this key in the place of the simulation's."""
+    with Scratch() as folder:
+        return Host(with_key(host_image(target, files), key, folder), navigation)

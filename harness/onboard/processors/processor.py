@@ -10,6 +10,7 @@ from typing import Protocol
 
 from codegen.firmware import bundle
 from codegen.firmware.image import Image
+from codegen.firmware.key import SIMULATION_KEY, Key
 from codegen.firmware.navigation import DEFAULT, Navigation
 from codegen.firmware.targets import Target, find_target
 from models.errors import CanineError
@@ -94,14 +95,27 @@ class Processor(Protocol):
         ...
 
 
+class Resettable(Processor, Protocol):
+    """A processor that can be reset."""
+
+    def reset(self, session: int) -> None:
+        """Run the program from its start, in a session of this number; `start` is the record then.
+
+        Raises:
+            ProcessorError: it does not come to its first tick.
+        """
+        ...
+
+
 def open_processor(
     target: str,
     values: Values | None = None,
     navigation: Navigation = DEFAULT,
     *,
     constants: bool = False,
+    key: Key | None = SIMULATION_KEY,
 ) -> Processor:
-    """A processor that runs the onboard program with these parameters (see `bundle.library`).
+    """A processor that runs the onboard program with these parameters and this key (see `bundle.library`).
 
     Raises:
         UsageError: the target is unknown.
@@ -110,13 +124,18 @@ def open_processor(
     """
     chosen = find_target(target)
     files = bundle.library(
-        values, navigation, constants=constants, addressed=chosen.addressed, banked=chosen.banked
+        values,
+        navigation,
+        constants=constants,
+        addressed=chosen.addressed,
+        banked=chosen.banked,
+        key=key and SIMULATION_KEY,
     )
     files |= bundle.processor_in_the_loop(navigation)
     # imported here: only users of a simulator need it
     module = import_module(f"harness.onboard.processors.{chosen.folder}")
-    start: Callable[[Target, Mapping[str, str], Navigation], Processor] = module.start
-    return start(chosen, files, navigation)
+    start: Callable[[Target, Mapping[str, str], Navigation, Key], Processor] = module.start
+    return start(chosen, files, navigation, key or SIMULATION_KEY)
 
 
 class Mailbox:

@@ -14,10 +14,12 @@ from typing import Any
 
 from codegen.cache import stored
 from codegen.firmware.bundle import recorded
-from codegen.firmware.image import Image
+from codegen.firmware.image import Image, with_key
+from codegen.firmware.key import SIMULATION_KEY, Key
 from codegen.firmware.navigation import DEFAULT, Navigation
 from codegen.firmware.rabbit4000 import rabbit4000_image
 from codegen.firmware.targets import Target
+from codegen.scratch import Scratch
 from codegen.toolchains.compiler import NUMERICS, WARNINGS, build_library, compiler_version, this_platform
 from codegen.toolchains.sdcc import home
 from harness.interrupts import IN_WORKER
@@ -276,6 +278,12 @@ def _group(match: Any, number: int) -> bytes:
     return group
 
 
-def start(target: Target, files: Mapping[str, str], navigation: Navigation = DEFAULT) -> Rabbit4000:
-    """The processor with a program of these sources."""
-    return Rabbit4000(rabbit4000_image(target, files), navigation)
+def start(
+    target: Target,
+    files: Mapping[str, str],
+    navigation: Navigation = DEFAULT,
+    key: Key = SIMULATION_KEY,
+) -> Rabbit4000:
+    """The processor with a program of these sources, and this key in the place of the simulation's."""
+    with Scratch() as folder:
+        return Rabbit4000(with_key(rabbit4000_image(target, files), key, folder), navigation)
