@@ -1,7 +1,8 @@
 """Pages in a real browser: Debian's Chromium, led by Playwright.
 
-`open_page(url)` is a fixture. What it gives has noted all that the page said and asked for; `harm` names what
-keeps users out who cannot see well or point. Playwright is imported by the tests that need it alone.
+`open_page(url)` is a fixture; `prepare` is called with the page before it goes there. What it gives has noted
+all that the page said and asked for; `harm` names what keeps users out who cannot see well or point.
+Playwright is imported by the tests that need it alone.
 """
 
 from __future__ import annotations
@@ -62,7 +63,12 @@ def open_page(browser: Browser) -> Iterator[OpenPage]:
     """Opens an address in a window of its own: nothing is left of other pages."""
     contexts = []
 
-    def open_one(url: str, size: tuple[int, int] = DESK, theme: Literal["light", "dark"] = "light") -> Visit:
+    def open_one(
+        url: str,
+        size: tuple[int, int] = DESK,
+        theme: Literal["light", "dark"] = "light",
+        prepare: Callable[[Page], None] = lambda page: None,
+    ) -> Visit:
         context = browser.new_context(viewport={"width": size[0], "height": size[1]}, color_scheme=theme)
         contexts.append(context)
         visit = Visit(context.new_page())
@@ -74,6 +80,7 @@ def open_page(browser: Browser) -> Iterator[OpenPage]:
                 visit.errors.append(message.text) if message.type in ("error", "warning") else None
             ),
         )
+        prepare(visit.page)
         visit.page.goto(url)
         return visit
 

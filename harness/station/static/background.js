@@ -1,0 +1,89 @@
+// What lies under the map: a picture with its world file, or a .pmtiles file of pictures. Both stay in the browser.
+(function () {
+  "use strict";
+  const canine = (window.canine = window.canine || {});
+  const MOST_BYTES = 60e6; // of a picture
+  const PICTURE = /\.(png|jpe?g|webp|gif)$/i, WORLD = /\.(pgw|jgw|wld|tfw|gfw|pngw|jpgw)$/i, TILES = /\.pmtiles$/i;
+  const RASTER = { 2: "PNG", 3: "JPEG", 4: "WebP", 5: "AVIF" }; // PMTiles' types of tiles that are pictures
+
+  // A world file: six numbers, line by line: the pixel's size in x, two rotations, its size in y, the first pixel's centre.
+  canine.readWorld = function (text) {
+    const numbers = text.trim().split(/\s+/).map(Number);
+    if (numbers.length !== 6 || !numbers.every(Number.isFinite)) {
+      throw new Error(`the world file has ${numbers.length} values, expected 6 numbers, one on a line`);
+    }
+    const [width, skew, shear, height, x, y] = numbers;
+    if (skew !== 0 || shear !== 0) throw new Error(`the picture is rotated (${skew}, ${shear}), expected north up: both 0`);
+    if (!(width > 0) || !(height < 0)) throw new Error(`a pixel is ${width} by ${height}, expected above 0 and below 0: north up`);
+    return { width, height, x, y };
+  };
+  // The corners of a picture of so many pixels, [[south, west], [north, east]] in deg.
+  canine.corners = function ({ width, height, x, y }, [columns, rows], crs, home) {
+    const west = x - width / 2, north = y - height / 2, east = west + columns * width, south = north + rows * height;
+    if (crs === "metres") {
+      if (!home) throw new Error("home is not marked, and the world file counts metres from it");
+      const plane = canine.plane(home);
+      return [plane.toDegrees([south, west]), plane.toDegrees([north, east])];
+    }
+    const place = crs === "mercator"
+      ? ([e, n]) => { const { lat, lng } = L.CRS.EPSG3857.unproject(L.point(e, n)); return [lat, lng]; }
+      : ([e, n]) => [n, e];
+    const corners = [place([west, south]), place([east, north])];
+    if (!corners.every(([latitude, longitude]) => Math.abs(latitude) <= 90 && Math.abs(longitude) <= 180)) {
+      throw new Error(`the picture reaches to ${corners[1].map((value) => value.toFixed(1))}, expected degrees; is the world file in metres?`);
+    }
+    return corners;
+  };
+
+  canine.background = function (leaflet, { files, crs, opacity, remove, said }, homeOf) {
+    let layer = null, address = null;
+    leaflet.createPane("ground").style.zIndex = 120;
+    const clear = function () {
+      if (layer) layer.remove();
+      if (address) URL.revokeObjectURL(address);
+      layer = address = null;
+    };
+    const setOpacity = () => layer && layer.setOpacity(Number(opacity.value));
+
+    async function picture(image, world) {
+      if (!world) throw new Error(`${image.name} has no world file; choose both together, such as map.png and map.pgw`);
+      if (image.size > MOST_BYTES) throw new Error(`${image.name} has ${image.size} bytes, expected ${MOST_BYTES} at most`);
+      const corners = canine.readWorld(await world.text()), drawn = await createImageBitmap(image);
+      const bounds = canine.corners(corners, [drawn.width, drawn.height], crs.value, homeOf());
+      drawn.close();
+      clear();
+      address = URL.createObjectURL(image);
+      layer = L.imageOverlay(address, bounds, { pane: "ground", alt: "" }).addTo(leaflet);
+      leaflet.fitBounds(bounds);
+      return `${image.name} lies under the map`;
+    }
+    async function tiles(file) {
+      const archive = new pmtiles.PMTiles(new pmtiles.FileSource(file)), header = await archive.getHeader();
+      if (!RASTER[header.tileType]) throw new Error(`${file.name} holds no pictures (type ${header.tileType}), expected ${Object.values(RASTER).join(", ")}`);
+      clear();
+      const bounds = [[header.minLat, header.minLon], [header.maxLat, header.maxLon]];
+      layer = pmtiles.leafletRasterLayer(archive, { pane: "ground", minNativeZoom: header.minZoom, maxNativeZoom: header.maxZoom,
+        minZoom: header.minZoom, maxZoom: 23, bounds }).addTo(leaflet);
+      leaflet.fitBounds(bounds);
+      return `${file.name} lies under the map: ${RASTER[header.tileType]}, zoom ${header.minZoom} to ${header.maxZoom}`;
+    }
+    async function choose() {
+      const some = [...files.files], find = (kind) => some.find(({ name }) => kind.test(name));
+      try {
+        const archive = find(TILES), image = find(PICTURE);
+        if (!archive && !image) throw new Error("no picture and no .pmtiles among the files");
+        said.textContent = archive ? await tiles(archive) : await picture(image, find(WORLD));
+        setOpacity();
+      } catch (error) {
+        said.textContent = "Not drawn: " + error.message;
+      }
+      files.value = "";
+    }
+    files.addEventListener("change", choose);
+    opacity.addEventListener("input", setOpacity);
+    remove.addEventListener("click", () => {
+      clear();
+      said.textContent = "";
+    });
+  };
+})();

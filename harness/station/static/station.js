@@ -1,0 +1,480 @@
+// The station's page: what the server tells is shown, what the operator does is sent.
+(function () {
+  "use strict";
+  const canine = window.canine, id = (name) => document.getElementById(name);
+  const HOLD_S = 1; // of START
+  const ALIVE_MS = 200, DRAW_MS = 100, DRAFT_MS = 250, SEEK_MS = 100; // between two of a kind
+  const TAKE_MS = 1500; // between two attempts to take the command
+  const MOST_EVENTS = 500; // on the screen; the log has all
+  const KEYS = { FORWARD: "F", LEFT: "L", RIGHT: "R", RECALL: "C" };
+  const CUES = { FORWARD: { tone_hz: 1500 }, STOP: { tone_hz: 3500 }, RECALL: { tone_hz: 9500 },
+    LEFT: { vibrate_left: true }, RIGHT: { vibrate_right: true } }; // Table 4.1
+  const STEPS = ["disconnected", "connected", "loaded", "ready", "running"];
+
+  let hello = null, state = null, begun = null, drawnHistory = false, isCentred = false;
+  const draft = canine.draft(), sound = canine.sound();
+  const alarms = canine.alarms({ warnings: id("warnings"), cautions: id("cautions"), calm: id("calm") }, sound);
+  const numbers = canine.numbers(id("numbers")), vest = canine.numbers(id("vest"));
+  const gauge = canine.gauge(id("gauge")), cue = canine.cue(), age = canine.ages();
+  const course = canine.course(id("strip"), id("plots"));
+  id("cue").append(cue.element);
+  id("theme").replaceWith(canine.themeSwitch());
+  const say = (text) => (id("said").textContent = text);
+  const places = canine.places(id("places"), id("total"), draft, say);
+  const chart = canine.chart(id("map"), draft, [0, 0]);
+  canine.background(chart.map.leaflet, { files: id("ground"), crs: id("ground-crs"), opacity: id("ground-opacity"),
+    remove: id("ground-remove"), said: id("ground-said") }, () => draft.value.home);
+
+  const link = canine.connect({ react, changed });
+  const send = (message) => link.send(message) || void tell({ level: "warning", text: `not sent, nobody answers: ${message.do}` });
+  const isReplay = () => Boolean(hello && hello.replay);
+  const commands = () => Boolean(link.isOpen() && hello && state && !isReplay() && state.commander === hello.you);
+  const isRunning = () => Boolean(state && state.link === "running");
+  const name = (kind, value) => {
+    const names = hello && hello.enums && hello.enums[kind];
+    return typeof value === "number" && names ? names[value] : value;
+  };
+
+  // what the server tells
+
+  function changed(open) {
+    if (!open) canine.leave("the station is not heard");
+    drawSoon();
+  }
+  function react(message) {
+    if (message.is === "hello") begin(message);
+    else if (hello === null) return; // what was told before it greeted
+    else if (message.is === "state") take(message);
+    else if (message.is === "history") recall(message);
+    else if (message.is === "event") tell(message);
+    else if (message.is === "error") {
+      say(message.text);
+      tell({ time: state && state.time, level: "caution", text: message.text });
+    }
+  }
+  function begin(message) {
+    const first = hello === null;
+    hello = message;
+    state = null;
+    lastTake = -Infinity;
+    drawnHistory = false;
+    id("source").textContent = hello.source || "";
+    id("signed").hidden = !hello.insecure;
+    document.title = (hello.source ? hello.source + " \u2013 " : "") + "Guided Canine station";
+    document.body.classList.toggle("replay", isReplay());
+    const thresholds = hello.thresholds || {};
+    gauge.setThresholds(thresholds);
+    course.setThresholds(thresholds);
+    course.fixed = isReplay();
+    chart.radius = places.radius = thresholds.capture_radius || 0;
+    if (hello.limits) chart.limits = hello.limits;
+    if (first && isReplay()) buildPlayback();
+    id("playback").hidden = !isReplay();
+    id("scenario").hidden = !hello.scenario;
+  }
+  // The map begins where the mission is, or else the scenario's, or the animal.
+  function centre() {
+    const place = draft.value.home || (hello.scenario && hello.scenario.home) || state.place;
+    if (isCentred || !place) return;
+    isCentred = true;
+    chart.map.setOrigin(place);
+    chart.map.leaflet.setView(place, 19);
+    if (draft.value.waypoints.length) chart.map.fit();
+  }
+  function take(message) {
+    const before = state;
+    state = message;
+    if (state.draft && (before === null || !commands())) draft.adopt(state.draft);
+    centre();
+    chart.homeAtHand = state.place || (hello.scenario && hello.scenario.home);
+    const { telemetry } = state;
+    if (telemetry) {
+      const told = name("command", telemetry.command), added = !isReplay() && course.add({
+        ...telemetry, time: state.time, latitude: state.place && state.place[0], longitude: state.place && state.place[1],
+        command: told, mode: name("mode", telemetry.mode) });
+      if (added && drawnHistory) chart.follow(state.place, told);
+      const wasRunning = before && before.link === "running";
+      if (!isRunning()) begun = null;
+      else if (!wasRunning || begun === null) begun = before ? state.time : sinceStart(state.time);
+    }
+    if (!drawnHistory && before) drawnHistory = true;
+    tryTake();
+    drawSoon();
+  }
+  // The time at which the trial that goes on began, from what was told before.
+  function sinceStart(now) {
+    const { time, mode } = course.rows, last = mode.lastIndexOf("IDLE");
+    return time.length ? time[Math.min(last + 1, time.length - 1)] : now;
+  }
+  function recall({ columns, events }) {
+    const named = { ...columns, command: (columns.command || []).map((value) => name("command", value)),
+      mode: (columns.mode || []).map((value) => name("mode", value)) };
+    course.take(named);
+    if (!isCentred && isReplay()) isCentred = true;
+    chart.setTrack(points(named), named.command);
+    drawnHistory = true;
+    id("events").replaceChildren();
+    for (const event of events || []) tell(event);
+    if (isReplay()) chart.map.fit();
+  }
+  const points = ({ latitude = [], longitude = [] }) => latitude.map((value, row) => [value, longitude[row]]);
+
+  function tell({ time, level, text }) {
+    const list = id("events");
+    list.prepend(canine.element("li", { class: level },
+      canine.element("span", { class: "number when" }, canine.isNumber(time) ? canine.clock(time) : ""), " ",
+      canine.element("span", { class: "level" }, level), " ", canine.element("span", {}, text)));
+    while (list.children.length > MOST_EVENTS) list.lastChild.remove();
+  }
+
+  // the command
+
+  let lastTake = -Infinity;
+  // A page takes the command by itself only if nobody has it and no mission is under way.
+  function tryTake() {
+    const free = state.commander === null && !isRunning() && !isReplay() && !document.hidden;
+    if (!free || performance.now() - lastTake < TAKE_MS) return;
+    lastTake = performance.now();
+    send({ do: "take" });
+  }
+  // A page that nobody sees does not command: Space would not reach it.
+  setInterval(() => {
+    if (commands() && !document.hidden) link.send({ do: "alive" });
+  }, ALIVE_MS);
+  const stop = function () {
+    manual.letGo("STOP");
+    start.letGo("STOP");
+    send({ do: "stop" });
+  };
+  id("stop").addEventListener("pointerdown", (event) => {
+    if (event.button === 0) stop();
+  });
+  id("stop").addEventListener("click", (event) => {
+    if (event.detail === 0) stop(); // by Enter, or by a screen reader
+  });
+  const mayMove = () => isRunning() || manual.held !== null || Boolean(state && (state.holding || state.starting));
+  for (const type of ["keydown", "keyup"]) {
+    window.addEventListener(type, (event) => {
+      if (event.code !== "Space" || isReplay()) return;
+      if (canine.isText(event.target) && (event.shiftKey || !mayMove())) return; // writes a space
+      event.preventDefault();
+      event.stopImmediatePropagation();
+      if (type === "keydown" && !event.repeat) stop();
+    }, { capture: true });
+  }
+  const start = canine.heldFor(id("start"), "G", HOLD_S, () => send({ do: "start" }));
+  const manual = canine.manual([...document.querySelectorAll("#manual button")], KEYS, send);
+  const press = (button, act) => id(button).addEventListener("click", act);
+  press("abort", () => send({ do: "abort" }));
+  press("clear-stop", () => send({ do: "clear_stop" }));
+  press("take", () => send({ do: "take" }));
+  press("hand-over", () => send({ do: "hand_over" }));
+
+  // the mission
+
+  let draftTimer = null;
+  draft.listen((_, mine) => {
+    drawSoon();
+    if (!mine || draftTimer !== null) return;
+    draftTimer = setTimeout(sendDraft, DRAFT_MS);
+  });
+  function sendDraft() {
+    clearTimeout(draftTimer);
+    draftTimer = null;
+    if (commands()) send({ do: "draft", mission: draft.value });
+  }
+  press("upload", () => {
+    sendDraft();
+    say("");
+    send({ do: "upload" });
+  });
+  press("undo", () => draft.undo());
+  press("redo", () => draft.redo());
+  press("clear", () => draft.change({ waypoints: [], fence: [] }));
+  press("scenario", () => {
+    draft.change(hello.scenario);
+    chart.map.fit();
+  });
+  press("home-here", () => draft.change({ home: state.place }));
+  press("add-waypoint", () => mark("waypoint", chart.centre()));
+  press("add-corner", () => mark("fence", chart.centre()));
+  press("fit", () => chart.map.fit());
+  press("follow", () => id("follow").setAttribute("aria-pressed", String(!isPressed("follow"))));
+  const isPressed = (button) => id(button).getAttribute("aria-pressed") === "true";
+  const mark = (kind, place) => chart.add(kind, place);
+  const tools = [...document.querySelectorAll("[data-tool]")];
+  for (const button of tools) {
+    button.addEventListener("click", () => {
+      for (const other of tools) other.setAttribute("aria-pressed", String(other === button));
+      chart.tool = button.dataset.tool;
+    });
+  }
+  const headers = () => (canine.token() ? { "X-Token": canine.token() } : {});
+  async function ask(path, body, what) {
+    const answer = await fetch(path, { method: "POST", body, headers: headers() });
+    if (answer.ok) return answer;
+    const reason = await answer.json().catch(() => ({ error: `${answer.status} ${answer.statusText}` }));
+    throw new Error(`${what}: ${reason.error}`);
+  }
+  id("import").addEventListener("change", async () => {
+    const [file] = id("import").files;
+    if (!file) return;
+    try {
+      const mission = await (await ask("/import?name=" + encodeURIComponent(file.name), file, "Import")).json();
+      draft.change({ waypoints: mission.waypoints, fence: mission.fence, ...(mission.home ? { home: mission.home } : {}) });
+      say([`${file.name}: ${mission.waypoints.length} waypoints`, ...mission.notes].join("; "));
+      chart.map.fit();
+    } catch (error) {
+      say(error.message);
+    }
+    id("import").value = "";
+  });
+  id("export").addEventListener("change", async () => {
+    const to = id("export").value;
+    id("export").value = "";
+    if (!to) return;
+    try {
+      const file = await (await ask("/export?to=" + to, JSON.stringify({ mission: draft.value }), "Export")).blob();
+      const address = URL.createObjectURL(file), anchor = canine.element("a", { href: address, download: "mission." + to });
+      anchor.click();
+      URL.revokeObjectURL(address);
+      say("");
+    } catch (error) {
+      say(error.message);
+    }
+  });
+
+  // the rest of the page
+
+  id("note-form").addEventListener("submit", (event) => {
+    event.preventDefault();
+    const text = id("note").value.trim();
+    if (text && send({ do: "note", text })) id("note").value = "";
+  });
+  const mute = function () {
+    sound.muted = !sound.muted;
+    id("mute").setAttribute("aria-pressed", String(sound.muted));
+    id("mute").textContent = sound.muted ? "Muted" : "Mute";
+  };
+  press("mute", mute);
+  press("help", () => id("keys").showModal());
+  window.addEventListener("keydown", (event) => {
+    if (canine.isText(event.target)) return;
+    const key = event.key.toLowerCase();
+    if (key === "m" && !event.ctrlKey && !event.metaKey && !event.repeat) mute();
+    if (!(event.ctrlKey || event.metaKey) || !commands() || (key !== "z" && key !== "y")) return;
+    event.preventDefault();
+    if (key === "y" || event.shiftKey) draft.redo();
+    else draft.undo();
+  });
+  const tabs = [...document.querySelectorAll("[role=tab]")];
+  const select = function (tab) {
+    for (const other of tabs) {
+      other.setAttribute("aria-selected", String(other === tab));
+      other.tabIndex = other === tab ? 0 : -1;
+      id(other.getAttribute("aria-controls")).hidden = other !== tab;
+    }
+  };
+  tabs.forEach((tab, index) => {
+    tab.addEventListener("click", () => select(tab));
+    tab.addEventListener("keydown", ({ key }) => {
+      const step = { ArrowRight: 1, ArrowLeft: -1 }[key];
+      if (!step) return;
+      const next = tabs[(index + step + tabs.length) % tabs.length];
+      select(next);
+      next.focus();
+    });
+  });
+
+  // A timeline whose time is the server's.
+  function buildPlayback() {
+    const listeners = new Set();
+    let asked = null;
+    const replay = {
+      ...hello.replay, time: hello.replay.from, speed: 1, playing: false,
+      listen(react) {
+        listeners.add(react);
+        react(replay);
+      },
+      move(time) {
+        replay.time = time;
+        if (asked === null) {
+          asked = setTimeout(() => {
+            asked = null;
+            send({ do: "seek", time: replay.time });
+          }, SEEK_MS);
+        }
+        listeners.forEach((react) => react(replay));
+      },
+      play: (speed) => send({ do: "play", speed: speed || replay.speed }),
+      pause: () => send({ do: "pause" }),
+      show(told) {
+        if (!told || asked !== null) return;
+        Object.assign(replay, { time: told.time, playing: told.playing });
+        listeners.forEach((react) => react(replay));
+        course.move(told.time);
+      },
+    };
+    playback = replay;
+    id("playback").append(canine.playback(replay));
+  }
+  let playback = null;
+
+  // drawing, at most each DRAW_MS
+
+  let drawTimer = null;
+  function drawSoon() {
+    if (drawTimer === null) drawTimer = setTimeout(draw, DRAW_MS);
+  }
+  setInterval(drawSoon, 1000); // ages grow, alarms sound again
+  function draw() {
+    drawTimer = null;
+    drawDesk();
+    drawConduct();
+    drawAlarms();
+    drawMission();
+    if (!state) return;
+    drawReadings();
+    if (!isReplay()) course.draw();
+    if (playback) playback.show(state.replay);
+    document.body.dataset.drawn = state.time; // the state that is seen
+  }
+  function drawDesk() {
+    const step = link.isOpen() && state ? state.link : "disconnected";
+    for (const item of id("steps").children) {
+      const rank = STEPS.indexOf(item.dataset.step);
+      item.classList.toggle("passed", rank < STEPS.indexOf(step) && rank > 0);
+      if (item.dataset.step === step) item.setAttribute("aria-current", "step");
+      else item.removeAttribute("aria-current");
+    }
+    let words = "the station does not answer";
+    if (link.isOpen() && isReplay()) words = "replay of a log";
+    else if (link.isOpen() && state) {
+      const who = state.commander;
+      words = who === null ? "nobody commands" : who === hello.you ? "you command" : `operator ${who} commands, you watch`;
+      if (state.offered) words += who === hello.you ? "; handed over to who takes it" : "; the command is offered";
+    }
+    if (id("who").textContent !== words) id("who").textContent = words;
+    const watches = link.isOpen() && state && !isReplay();
+    id("take").hidden = !(watches && (state.commander !== hello.you || state.offered));
+    id("take").textContent = commands() ? "Keep command" : "Take command";
+    id("take").disabled = Boolean(watches && state.commander !== null && state.commander !== hello.you && state.commander_alive && !state.offered);
+    id("hand-over").hidden = !(commands() && state.operators.length > 1 && !state.offered);
+  }
+  function drawConduct() {
+    const mine = commands(), latched = Boolean(state && state.stop_latched), heard = Boolean(state && state.link !== "disconnected");
+    const reasons = whyNot();
+    id("stop").classList.toggle("latched", latched);
+    id("stop").setAttribute("aria-pressed", String(latched));
+    const [title, hint] = id("stop").children;
+    title.textContent = latched ? "STOPPED" : "STOP";
+    hint.textContent = latched ? "STOP holds until it is cleared" : "Space";
+    id("stop").disabled = isReplay();
+    id("clear-stop").hidden = !latched;
+    id("clear-stop").disabled = !mine;
+    id("start").disabled = !mine || reasons.length > 0 || state.link !== "ready" || !isUploaded();
+    id("abort").disabled = !mine || !heard;
+    if (id("start").disabled) start.letGo("START is not offered any more");
+    if (!mine || !heard) manual.letGo("the command or the vest is lost"); // a button that is off hears no release
+    for (const button of document.querySelectorAll("#manual button")) {
+      button.disabled = !mine || !heard;
+      button.classList.toggle("active", Boolean(state && state.holding === button.dataset.command));
+    }
+    const items = reasons.map((reason) => canine.element("li", {}, reason)), shown = id("why");
+    const head = isRunning() ? "" : reasons.length ? "Not ready to start:" : state && state.starting ? "START was sent" : "ready for START";
+    const text = head + reasons.join();
+    if (shown.dataset.text === text) return;
+    shown.dataset.text = text;
+    shown.replaceChildren(...(head ? [canine.element("p", {}, head)] : []), canine.element("ul", {}, ...items));
+  }
+  // Why START cannot be given now, in words.
+  function whyNot() {
+    if (isReplay()) return ["this is a log"];
+    if (!link.isOpen() || !state) return ["the station does not answer"];
+    if (isRunning()) return [];
+    const reasons = (state.missing || []).map(({ words }) => words);
+    if (state.refusal) reasons.push("the last START was refused: " + state.refusal);
+    return reasons;
+  }
+  const isUploaded = () =>
+    Boolean(state && state.on_board && (state.on_board.mission ? canine.sameMission(state.on_board.mission, draft.value) : state.on_board.id === state.draft_id));
+
+  function drawAlarms() {
+    const told = state && link.isOpen() && Array.isArray(state.alarms) ? state.alarms : [];
+    const own = link.isOpen() || !hello ? [] : [{ key: "station", level: "warning", since: null,
+      text: "the station does not answer: nothing can be sent, not even STOP; the vest stops by itself when it hears nobody" }];
+    alarms.show([...own, ...told], state && state.time);
+  }
+  function drawMission() {
+    const mine = commands();
+    chart.mayEdit = places.mayEdit = mine;
+    id("undo").disabled = !mine || !draft.canUndo;
+    id("redo").disabled = !mine || !draft.canRedo;
+    for (const button of ["add-waypoint", "add-corner", "clear", "scenario", "import"]) id(button).disabled = !mine;
+    for (const button of tools) button.disabled = !mine && button.dataset.tool !== "move";
+    id("home-here").disabled = !mine || !state.place;
+    const { home, waypoints } = draft.value, board = state && state.on_board;
+    id("export").disabled = waypoints.length === 0;
+    id("upload").disabled = !mine || !home || waypoints.length === 0 || state.link === "disconnected" || isRunning() || isUploaded();
+    chart.onBoard = (board && board.mission) || null;
+    let words = "No mission is on board";
+    if (state && state.uploading) words = "Uploading ...";
+    else if (board) {
+      const shown = isUploaded() ? "on screen is what is on board" : board.mission ? "on board differs from the screen" : "on board was given by another, and is not known here";
+      words = `Mission ${board.id.toString(16).padStart(4, "0")}: ${shown}`;
+    }
+    if (waypoints.length && !home) words += "; home is not marked yet";
+    if (id("on-board").textContent !== words) id("on-board").textContent = words;
+  }
+  function drawReadings() {
+    const { telemetry, place, link_quality: quality = {} } = state, heard = telemetry && state.link !== "disconnected";
+    const told = telemetry ? name("command", telemetry.command) : "NONE", shown = telemetry || {};
+    cue.set(told, (hello.cues || CUES)[told] || {});
+    const moving = hello.thresholds && hello.thresholds.moving_deviation;
+    gauge.set(telemetry && isRunning() ? telemetry.deviation : null, moving);
+    const mission = state.on_board && state.on_board.mission, total = mission ? mission.waypoints.length : null;
+    const aim = mission && isRunning() ? mission.waypoints[shown.waypoint] || mission.home : null;
+    chart.show(place, shown.heading, shown.position_sd, aim);
+    if (id("follow").getAttribute("aria-pressed") === "true" && (isRunning() || isReplay())) chart.keep(place);
+    const gps = age("gps", shown.gps_frames, state.time), imu = age("imu", shown.imu_frames, state.time);
+    const stale = (seconds) => (!heard ? "stale" : seconds > 2 ? "warning" : seconds > 1 ? "caution" : "");
+    const format = canine.format, dim = heard ? "" : "stale";
+    numbers.set({
+      "Speed": [format(shown.speed, "m/s", 1), dim],
+      "Heading": [canine.isNumber(shown.heading) ? format((shown.heading + 2 * Math.PI) % (2 * Math.PI), "rad", 0) : "\u2013", dim],
+      "To target": [isRunning() ? format(shown.distance, "m", 1) : "\u2013", dim],
+      "Reached": [telemetry ? `${shown.waypoint}${total === null ? "" : " of " + total}` : "\u2013", dim],
+      "Mode": [telemetry ? String(name("mode", shown.mode)).toLowerCase().replaceAll("_", " ") : "\u2013", dim],
+      "Trial": [begun === null ? "\u2013" : canine.clock(state.time - begun), dim],
+      "GPS 2-sigma": [format(2 * shown.position_sd, "m", 1), dim],
+      "GPS age": [telemetry ? format(gps, "s", 1) : "\u2013", stale(gps)],
+      "IMU": [telemetry ? (imu > 1 ? `silent ${format(imu, "s", 0)}` : "ok") : "\u2013", stale(imu)],
+      "Turns used": [telemetry ? String(shown.directional_commands) : "\u2013", dim],
+      "Turns left": [canine.leftOf.issues(shown.issues_left), dim],
+      "Link age": [format(quality.age_s, "s", 1), stale(quality.age_s)],
+    });
+    vest.set({
+      "Status": String(name("status", shown.status) || "\u2013").toLowerCase(),
+      "Anomaly": String(name("anomaly", shown.anomaly) || "\u2013").toLowerCase().replaceAll("_", " "),
+      "Last anomaly": String(name("anomaly", shown.last_anomaly) || "\u2013").toLowerCase().replaceAll("_", " "),
+      "Vibration left": canine.leftOf.seconds(shown.vibration_left),
+      "Tone left": canine.leftOf.seconds(shown.tone_left),
+      "Battery": canine.battery(shown.battery),
+      "Temperature": canine.temperature(shown.temperature),
+      "GPS errors": String(shown.gps_errors ?? "\u2013"),
+      "IMU errors": String(shown.imu_errors ?? "\u2013"),
+      "Fixes rejected": String(shown.rejected_fixes ?? "\u2013"),
+      "Round trip": format(quality.round_trip_s, "s", 2),
+      "Frames lost": String(quality.lost ?? "\u2013"),
+      "Frames late": String(quality.late ?? "\u2013"),
+      "Frames damaged": String(quality.errors ?? "\u2013"),
+      "Frames forged": String(quality.forged ?? "\u2013"),
+      "Sessions": String(quality.sessions ?? "\u2013"),
+      "Vest: damaged": String(shown.link_errors ?? "\u2013"),
+      "Vest: forged": String(shown.link_forged ?? "\u2013"),
+      "Vest: replayed": String(shown.link_replayed ?? "\u2013"),
+      "Radio": hello.insecure ? ["not signed", "caution"] : "signed",
+    });
+  }
+  draw();
+})();
