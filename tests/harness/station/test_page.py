@@ -179,7 +179,7 @@ def test_files_are_imported_and_exported_by_the_station(page: Page, station: Pla
         200,
         json.dumps({**OTHER, "home": None, "notes": ["1 track left out"]}).encode(),
     )
-    page.set_input_files("#import", {"name": "walk.gpx", "mimeType": "", "buffer": b"<gpx/>"})
+    page.set_input_files("#import", file("walk.gpx", b"<gpx/>"))
     order = station.await_order("draft", lambda order: order["mission"]["waypoints"] == OTHER["waypoints"])
     assert order["mission"]["home"] == HOME  # the file has none
     assert page.locator("#said").inner_text() == "walk.gpx: 2 waypoints; 1 track left out"
@@ -188,7 +188,7 @@ def test_files_are_imported_and_exported_by_the_station(page: Page, station: Pla
         page.select_option("#export", "csv")
     assert download.value.suggested_filename == "mission.csv"
     station.answers["/import"] = (400, json.dumps({"error": "x.kml: holds no waypoint"}).encode())
-    page.set_input_files("#import", {"name": "x.kml", "mimeType": "", "buffer": b"<kml/>"})
+    page.set_input_files("#import", file("x.kml", b"<kml/>"))
     page.get_by_text("Import: x.kml: holds no waypoint").wait_for()
     (path, query, body), (_, to, sent), _ = station.posts
     assert (path, query, body) == ("/import", "name=walk.gpx", b"<gpx/>")
@@ -455,22 +455,21 @@ def test_events_are_text_with_their_times(page: Page, station: PlayedStation, vi
     assert visit.errors == []
 
 
+def file(name: str, content: bytes) -> FilePayload:
+    return {"name": name, "mimeType": "", "buffer": content}
+
+
 def test_a_picture_with_a_world_file_lies_under_the_map(page: Page, visit: Visit) -> None:
     page.click("#tab-background")
-    picture: FilePayload = {"name": "field.png", "mimeType": "image/png", "buffer": PIXEL}
+    picture = file("field.png", PIXEL)
     page.set_input_files("#ground", [picture])
     page.get_by_text("Not drawn: field.png has no world file").wait_for()
-    world: FilePayload = {
-        "name": "field.pgw",
-        "mimeType": "",
-        "buffer": b"0.001\n0\n0\n-0.001\n-85.4877\n32.6062\n",
-    }
-    page.set_input_files("#ground", [picture, world])
+    page.set_input_files("#ground", [picture, file("field.pgw", b"0.001\n0\n0\n-0.001\n-85.4877\n32.6062\n")])
     page.get_by_text("field.png lies under the map").wait_for()
     assert page.locator("#map img").count() == 1
-    page.set_input_files("#ground", [picture, {**world, "buffer": b"1\n0.5\n0.5\n-1\n0\n0\n"}])
+    page.set_input_files("#ground", [picture, file("field.pgw", b"1\n0.5\n0.5\n-1\n0\n0\n")])
     page.get_by_text("Not drawn: the picture is rotated").wait_for()
-    page.set_input_files("#ground", [{"name": "a.pmtiles", "mimeType": "", "buffer": b"no tiles"}])
+    page.set_input_files("#ground", [file("a.pmtiles", b"no tiles")])
     page.get_by_text("Not drawn: ").last.wait_for()
     page.click("#ground-remove")
     assert page.locator("#map img").count() == 0
