@@ -217,8 +217,8 @@ class Views:
         if frames:
             self.regular.append(_Frames(_topic(container, "/3d/frames", FrameTransforms), frames))
         self.scene = _topic(container, "/3d/scene", SceneUpdate) if frames or route else None
-        entities = [_arrow(frame) for frame in frames] + (_circles(route) + _fence(route) if route else [])
-        self.drawing = SceneUpdate(entities=entities).SerializeToString()
+        self._scene, self._arrows = self.scene, [_arrow(frame) for frame in frames]
+        self.drawing = _drawing(self._arrows, route)
 
         self.gps: _Fixes | None = None
         if position := find(receiver, "gps_north", "gps_east"):
@@ -232,6 +232,15 @@ class Views:
             by_name = {name: columns["controller"][name] for name in names}
             self.events = _Events(_topic(container, "/log/events", Event), by_name)
         self.period = np.array([-1])  # the last one that had a tick
+
+    def settle(self, origin: tuple[float, float], route: Route | None) -> None:
+        """Origin and waypoints are known now, or others: the scene is drawn anew with the next tick."""
+        plane = TangentPlane(*map(math.radians, origin))
+        for view in (*self.regular, self.gps):
+            if isinstance(view, _Fixes):
+                view.plane = plane
+        self.scene = self._scene
+        self.drawing = _drawing(self._arrows, route)
 
     def encode(self, times: Times, values: Mapping[str, Array]) -> list[Message]:
         """What is due in a batch of ticks.
@@ -278,6 +287,13 @@ def _arrow(frame: str) -> SceneEntity:
         color=GREEN if frame == "dog" else ORANGE,
     )
     return SceneEntity(id=frame, frame_id=frame, frame_locked=True, arrows=[arrow])
+
+
+def _drawing(arrows: list[SceneEntity], route: Route | None) -> bytes:
+    """The scene: an arrow for each frame, waypoints, fence."""
+    entities = arrows + (_circles(route) + _fence(route) if route else [])
+    data: bytes = SceneUpdate(entities=entities).SerializeToString()
+    return data
 
 
 def _circles(route: Route) -> list[SceneEntity]:

@@ -39,6 +39,7 @@ FORMAT = "2"  # "1" had no checksums of metadata and file; it is read too
 OWN_RECORD = "log"  # metadata of the log itself: format and origin
 CHECK_RECORD = "crc32"  # metadata with the checksums of the other metadata and the attachments
 END_RECORD = "ended"  # metadata of a run that a fault ended
+LATE_RECORD = "settled"  # metadata of what a run learned on its way, parameters and origin; the last holds
 MAX_RECORD = 512 * 2**20  # bytes: an attached package is as large at most (MAX_BYTES in cosim/archive)
 
 
@@ -202,15 +203,17 @@ def read_log(path: Path) -> Log:
         when = damage or "it was closed"
         raise LogError(f"log {path}: no tick to read, {when} before the first; run the trial again")
     origin = 0.0, 0.0
-    own = _checked_head(path, contents)
+    own, late = _checked_head(path, contents), contents.metadata.pop(LATE_RECORD, {})
     try:
-        origin = float(own.get("latitude", 0)), float(own.get("longitude", 0))
+        origin = _origin({**own, **late})
     except ValueError:
         damage = damage or "the file is damaged (its origin is not a number)"
     time = np.array(ticks, dtype=np.float64) / SECOND
     if damage:
         damage += f"; its ticks up to {time[-1]:g} s are kept"
     reason = printable(contents.metadata.pop(END_RECORD, {}).get("reason", ""))
+    if parameters := {name: value for name, value in late.items() if name not in _ORIGIN}:
+        contents.metadata["parameters"] = contents.metadata.get("parameters", {}) | parameters
     topics = list(contents.topics.values())
     return Log(
         path,
@@ -223,6 +226,19 @@ def read_log(path: Path) -> Log:
         damage or reason,
         damage,
     )
+
+
+_ORIGIN = ("latitude", "longitude")
+
+
+def _origin(stated: Mapping[str, str]) -> tuple[float, float]:
+    """Latitude and longitude of north = east = 0, in degrees.
+
+    Raises:
+        ValueError: one is no number.
+    """
+    latitude, longitude = (float(stated.get(name, 0)) for name in _ORIGIN)
+    return latitude, longitude
 
 
 def read_records(path: Path, file: IO[bytes], size: int, contents: Contents) -> str:
@@ -305,7 +321,8 @@ def _checked_head(path: Path, contents: Contents) -> dict[str, str]:
     Raises:
         LogError: one is missing or damaged, or the format is not known.
     """
-    head = {name: values for name, values in contents.metadata.items() if name != END_RECORD}
+    late = (END_RECORD, LATE_RECORD)
+    head = {name: values for name, values in contents.metadata.items() if name not in late}
     own, stated = contents.metadata.pop(OWN_RECORD, {}), contents.metadata.pop(CHECK_RECORD, {})
     if "format" not in own:
         raise LogError(f'log {path}: damaged, it has no metadata "{OWN_RECORD}"; take another copy')

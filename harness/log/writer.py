@@ -19,7 +19,16 @@ from harness.interrupts import held_interrupts
 from harness.log.arrived import receiver
 from harness.log.channel import SECOND, Array, Channel
 from harness.log.container import Container, Times
-from harness.log.log import CHECK_RECORD, END_RECORD, FORMAT, OWN_RECORD, PROFILE, LogError, checksums
+from harness.log.log import (
+    CHECK_RECORD,
+    END_RECORD,
+    FORMAT,
+    LATE_RECORD,
+    OWN_RECORD,
+    PROFILE,
+    LogError,
+    checksums,
+)
 from harness.log.route import Route
 from harness.log.rows import Rows
 
@@ -94,6 +103,54 @@ class LogWriter:
         schema = self._container.add_schema(channel.block, SchemaEncoding.JSONSchema, channel.schema())
         stated = {"component": channel.component, "block": channel.block}
         return self._container.add_channel(f"/{channel.component}", MessageEncoding.JSON, schema, stated)
+
+    def add_topic(self, topic: str, schema: str, description: bytes = b"{}") -> int:
+        """A topic of JSON messages beside the rows; its channel.
+
+        Args:
+            schema: its name, by which viewers know it.
+            description: the JSON Schema.
+        """
+        number = self._container.add_schema(schema, SchemaEncoding.JSONSchema, description)
+        return self._container.add_channel(topic, MessageEncoding.JSON, number)
+
+    def write_messages(self, messages: Sequence[tuple[int, float, bytes]]) -> None:
+        """Write messages of such topics: channel, time in s, JSON. They are on disk with the next `flush`.
+
+        Raises:
+            LogError: the file cannot be written.
+        """
+        if messages:
+            channels, times, data = zip(*messages, strict=True)
+            moments = np.rint(np.array(times) * SECOND).astype(np.int64)
+            try:
+                self._container.add_messages(channels, moments, data)
+            except OSError as error:
+                raise self._failure(error) from error
+
+    def settle(self, origin: tuple[float, float], parameters: Mapping[str, str]) -> None:
+        """State the origin and parameters that became known on the way; the last statement holds.
+
+        Raises:
+            LogError: the file cannot be written.
+        """
+        late = {"latitude": repr(origin[0]), "longitude": repr(origin[1]), **parameters}
+        try:
+            self._container.add_metadata(LATE_RECORD, late)
+        except OSError as error:
+            raise self._failure(error) from error
+        self._views.settle(origin, Route.of(parameters))
+
+    def flush(self) -> None:
+        """Hand all that was written to the operating system.
+
+        Raises:
+            LogError: the file cannot be written.
+        """
+        try:
+            self._container.flush()
+        except OSError as error:
+            raise self._failure(error) from error
 
     def write_rows(self, times: Array, values: Mapping[str, Array]) -> None:
         """Write a batch of ticks.

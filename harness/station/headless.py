@@ -1,0 +1,109 @@
+"""A mission without a browser: this program commands, from the upload to the end."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import orjson
+
+from harness.station.conduct import LinkState
+from harness.station.desk import OrderError
+from harness.station.draft import Draft, as_json
+from harness.station.events import Event
+from harness.station.session import POLL_S, Session
+from models.errors import CanineError
+
+HEARD_S, READY_S = 30.0, 120.0  # s within which the vest is to be heard, and to be ready
+ALIVE_S = 0.2  # s between two signs of life
+AGAIN_S = 1.0  # s between two tries of an upload
+OPERATOR = 0
+
+
+class HeadlessError(CanineError):
+    """A mission could not be begun."""
+
+
+class Headless:
+    """The one operator of a session.
+
+    Args:
+        session: a station at work.
+        tell: is given each event.
+        sleep: waits for so many s.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        tell: Callable[[Event], None] = lambda event: None,
+        sleep: Callable[[float], object] = time.sleep,
+    ) -> None:
+        self.session, self._tell, self._sleep = session, tell, sleep
+        self._alive_at = 0.0
+        session.join(OPERATOR)
+        self._order("take")
+
+    def lead(self, mission: Draft, *, start: bool) -> None:
+        """Upload a mission; start it, and wait for its end.
+
+        Raises:
+            HeadlessError: the vest is not heard, does not take the mission, or is not ready to start.
+        """
+        self._order("draft", mission=as_json(mission))
+        self._wait(lambda: self._state is not LinkState.DISCONNECTED, HEARD_S, "the vest was not heard")
+        self._upload()
+        if not start:
+            return
+        self._wait(lambda: self._state is LinkState.READY, READY_S, "the vest was not ready")
+        self._order("start")
+        self._wait(lambda: self._conduct.pending()["starting"] is False, READY_S, "START was not answered")
+        if self._state is not LinkState.RUNNING:
+            raise HeadlessError(f"the mission has not begun: {self._missing()}")
+        self._wait(lambda: not self._conduct.is_under_way)
+
+    def _upload(self) -> None:
+        """Upload the mission on screen; an ABORT makes room where another has ended without one.
+
+        Raises:
+            OrderError: it is no mission, or one is under way.
+        """
+        if self._state is LinkState.RUNNING:
+            raise OrderError("upload: a mission is under way on the vest; ABORT it at its station first")
+        self._order("abort")
+        self._wait(lambda: self._conduct.pending()["aborting"] is False, HEARD_S, "ABORT was not answered")
+        deadline = self.session.now + READY_S
+        while self._conduct.on_board is None:
+            if self.session.now > deadline:
+                raise HeadlessError(f"the vest did not take the mission within {READY_S:g} s")
+            self._order("upload")
+            self._wait(lambda: self._conduct.pending()["uploading"] is False, HEARD_S, "no answer")
+
+    @property
+    def _conduct(self) -> Any:
+        return self.session.conduct
+
+    @property
+    def _state(self) -> LinkState:
+        return self.session.conduct.state(self.session.now)
+
+    def _missing(self) -> str:
+        return "; ".join(reason["words"] for reason in self.session.conduct.missing(self.session.now))
+
+    def _order(self, name: str, **content: Any) -> None:
+        self.session.order(OPERATOR, orjson.loads(orjson.dumps({"do": name, **content})))
+
+    def _wait(self, until: Callable[[], bool], longest: float | None = None, what: str = "") -> None:
+        """Look at the port until something is so."""
+        begun = self.session.now
+        while not until():
+            now = self.session.now
+            if longest is not None and now - begun > longest:
+                raise HeadlessError(f"{what} within {longest:g} s: {self._missing() or 'no answer'}")
+            if now - self._alive_at >= ALIVE_S:
+                self._alive_at = now
+                self._order("alive")
+            for event in self.session.poll().events:
+                self._tell(event)
+            self._sleep(POLL_S)

@@ -1,0 +1,227 @@
+"""A log that is played: the same states and events, at any speed, from any time."""
+
+from __future__ import annotations
+
+import math
+import time
+from bisect import bisect_right
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import orjson
+
+from codegen.firmware.telemetry import FIELDS, NOT_READY, Flag, Ready, Refusal, Telemetry
+from harness.log.channel import SECOND
+from harness.log.contents import MESSAGE, Contents
+from harness.log.log import Log, LogError, read_log, read_records
+from harness.station.conduct import LinkState
+from harness.station.desk import OrderError
+from harness.station.draft import Draft, as_json
+from harness.station.events import Event, Level
+from harness.station.history import History
+from harness.station.session import cues, thresholds
+from harness.station.shown import TRACK, News, event_message, hello
+from harness.station.sink import EVENTS, SEVERITY, STATE, values_of
+from models.modes import ENDED
+
+SPEEDS = 0.1, 100.0
+LEVELS = {number: level for level, number in SEVERITY.items()}
+SHOW_S = 0.04  # s between two states that are shown, at least
+
+
+class _Recorded(Contents):
+    """What a station showed: the messages of some topics, with their times in s."""
+
+    def __init__(self, size: int, topics: tuple[str, ...]) -> None:
+        super().__init__(size)
+        self.messages: dict[str, list[tuple[float, bytes]]] = {topic: [] for topic in topics}
+
+    def _take_message(self, data: bytes, start: int, end: int) -> None:
+        super()._take_message(data, start, end)
+        channel, moment = MESSAGE.unpack_from(data, start)
+        messages = self.messages.get(self._channels[channel].topic)
+        if messages is not None:
+            messages.append((moment / SECOND, data[start + MESSAGE.size : end]))
+
+
+class _Frame(NamedTuple):
+    time: float
+    state: Callable[[], dict[str, Any]]
+
+
+class Playback:
+    """A log that is played.
+
+    Args:
+        path: of a station's log, or of a trial with the firmware on board.
+        clock: gives s that only grow.
+
+    Raises:
+        LogError: it cannot be read, or has no telemetry.
+    """
+
+    def __init__(self, path: Path, clock: Callable[[], float] = time.monotonic) -> None:
+        self._log, self._clock = read_log(path), clock
+        if "telemetry.session" not in self._log:
+            raise LogError(
+                f"log {path}: has no telemetry; expected one of `canine station` or `canine run --onboard`"
+            )
+        with path.open("rb") as file:
+            recorded = _Recorded(path.stat().st_size, (STATE, EVENTS))
+            read_records(path, file, path.stat().st_size, recorded)
+        self._frames = [
+            _Frame(moment, lambda state=state: orjson.loads(state))  # type: ignore[misc]
+            for moment, state in sorted(recorded.messages[STATE])
+        ] or _of_rows(self._log)
+        self._times = [frame.time for frame in self._frames]
+        self._events = [_event(moment, data) for moment, data in recorded.messages[EVENTS]]
+        self._begin, self._end = float(self._log.time[0]), float(self._log.time[-1])
+        self._operators: set[int] = set()
+        self._at, self._speed, self._playing = self._begin, 1.0, False
+        self._looked = clock()
+        self._dirty, self._shown_at = True, -math.inf
+        self._history = self._track()
+
+    def _track(self) -> History:
+        history = History(TRACK)
+        for i in range(len(self._log.time)):
+            telemetry = _telemetry(self._log, i)
+            if Flag.FIXED in Flag(telemetry.flags):
+                place = {"latitude": telemetry.latitude * 1e-7, "longitude": telemetry.longitude * 1e-7}
+                history.add(values_of(telemetry) | place | {"time": float(self._log.time[i])})
+        return history
+
+    def join(self, operator: int) -> list[bytes]:
+        """As `Shown`."""
+        self._operators.add(operator)
+        self._dirty = True
+        parameters = self._log.metadata.get("parameters", {})
+        first = hello(
+            operator,
+            commander=None,
+            insecure=bool(int(self._log["telemetry.flags"][-1]) & Flag.INSECURE),
+            replay={"from": self._begin, "until": self._end},
+            thresholds=thresholds(parameters),
+            cues=cues(parameters),
+            source=f"replay of {self._log.path.name}",
+            scenario=None,
+        )
+        events = [event_message(event) for event in self._events]
+        past = {"is": "history", "columns": self._history.columns(), "events": events}
+        return [orjson.dumps(first), orjson.dumps(past)]
+
+    def leave(self, operator: int) -> None:
+        """As `Shown`."""
+        self._operators.discard(operator)
+
+    def order(self, operator: int, order: dict[str, Any]) -> None:
+        """As `Shown`: seek, play, pause; signs of life are taken."""
+        match order.get("do"):
+            case "seek":
+                self._at = min(max(self._number(order, "time", -math.inf, math.inf), self._begin), self._end)
+            case "play":
+                self._advance()
+                self._speed = self._number({"speed": 1.0} | order, "speed", *SPEEDS)
+                self._at = self._begin if self._at >= self._end else self._at
+                self._playing = True
+            case "pause":
+                self._advance()
+                self._playing = False
+            case "alive":
+                return
+            case _:
+                raise OrderError("a log is replayed: nothing can be ordered but seek, play and pause")
+        self._dirty = True
+
+    @staticmethod
+    def _number(order: dict[str, Any], name: str, least: float, most: float) -> float:
+        value = order.get(name)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
+            limits = f" from {least:g} to {most:g}" if math.isfinite(least) else ""
+            raise OrderError(f"{order['do']}: {name} is {value!r:.80}; expected a number{limits}")
+        return float(value)
+
+    def _advance(self) -> None:
+        now = self._clock()
+        if self._playing:
+            self._at += (now - self._looked) * self._speed
+            self._dirty = True
+            if self._at >= self._end:
+                self._at, self._playing = self._end, False
+        self._looked = now
+
+    def poll(self) -> News:
+        """As `Shown`."""
+        self._advance()
+        now = self._clock()
+        if not self._dirty or now - self._shown_at < SHOW_S:
+            return News(None)
+        self._dirty, self._shown_at = False, now
+        place = max(bisect_right(self._times, self._at) - 1, 0)
+        state = self._frames[place].state()
+        replay = {"time": self._at, "playing": self._playing, "speed": self._speed}
+        return News(orjson.dumps(state | {"operators": sorted(self._operators), "replay": replay}))
+
+    def close(self) -> None:
+        """As `Shown`."""
+
+
+def _event(moment: float, data: bytes) -> Event:
+    content = orjson.loads(data)
+    return Event(moment, LEVELS.get(content["level"], Level.CAUTION), str(content["message"]))
+
+
+def _telemetry(log: Log, row: int) -> Telemetry:
+    """A row's telemetry, in the units in which it was sent."""
+    numbers = [
+        log[f"telemetry.{name.removesuffix('_ms')}"][row] / wire.factor for name, wire in FIELDS.items()
+    ]
+    return Telemetry(*(round(number) for number in numbers))
+
+
+def _of_rows(log: Log) -> list[_Frame]:
+    """States from the telemetry alone, where no station recorded what it showed."""
+
+    def state(row: int) -> dict[str, Any]:
+        told = _telemetry(log, row)
+        flags, bits = Flag(told.flags), list(Ready)
+        missing = Ready(told.ready).missing
+        refusal = Refusal(told.refusal) if told.refusal in set(Refusal) else Refusal.NONE
+        link = (
+            LinkState.READY
+            if not missing
+            else LinkState.LOADED
+            if Flag.LOADED in flags
+            else LinkState.CONNECTED
+        )
+        if Flag.STARTED in flags and told.mode not in ENDED:
+            link = LinkState.RUNNING
+        return {
+            "is": "state",
+            "time": float(log.time[row]),
+            "link": link if told.session else LinkState.DISCONNECTED,
+            "telemetry": values_of(told),
+            "place": [told.latitude * 1e-7, told.longitude * 1e-7] if Flag.FIXED in flags else None,
+            "missing": [
+                {"bit": str(bit.name).lower(), "words": Refusal(NOT_READY + bits.index(bit)).words}
+                for bit in missing
+            ],
+            "refusal": refusal.words if refusal else None,
+            "draft": as_json(Draft()),
+            "draft_id": None,
+            "on_board": {"id": told.mission_id, "mission": None} if Flag.LOADED in flags else None,
+            "stop_latched": False,
+            "holding": None,
+            "uploading": False,
+            "starting": False,
+            "aborting": False,
+            "commander": None,
+            "commander_alive": False,
+            "offered": False,
+            "operators": [],
+            "link_quality": None,
+            "alarms": [],
+        }
+
+    return [_Frame(float(moment), lambda row=row: state(row)) for row, moment in enumerate(log.time)]  # type: ignore[misc]

@@ -1,0 +1,348 @@
+"""The server: the page, and one WebSocket for each browser. README.md in this folder states its messages."""
+
+from __future__ import annotations
+
+import asyncio
+import socket as sockets
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import orjson
+import uvicorn
+from starlette.applications import Starlette
+from starlette.datastructures import MutableHeaders
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from harness.station.desk import OrderError
+from harness.station.draft import as_json, from_json
+from harness.station.guard import SUBPROTOCOL, Guard, token_of
+from harness.station.mission_files import FORMATS, MAX_BYTES, read, write
+from harness.station.session import POLL_S, failure
+from harness.station.shown import MESSAGE_BYTES, MESSAGES_PER_S, Shown, event_message
+from models.errors import CanineError, UsageError
+
+STATIC = Path(__file__).parent / "static"
+PARTS = Path(__file__).parents[1] / "report" / "parts"
+MOST_OPERATORS = 16
+WAITING = 256  # messages that wait for a slow browser, beside the last state
+SEND_S = 10.0  # s after which a browser that takes nothing is left
+BURST = 2 * MESSAGES_PER_S
+TRY_LATER, POLICY = 1013, 1008  # codes with which a socket is closed
+HEADERS = {
+    "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
+    "img-src 'self' blob: data:; connect-src 'self'; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'",
+    "x-content-type-options": "nosniff",
+    "x-frame-options": "DENY",
+    "referrer-policy": "no-referrer",
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+    "cache-control": "no-store",
+}
+
+
+class Outbox:
+    """What waits for a browser: the last state alone, and some other messages. A slow one harms nobody."""
+
+    def __init__(self) -> None:
+        self._state: bytes | None = None
+        self._others: deque[bytes] = deque()
+        self._left_out = 0
+        self._filled = asyncio.Event()
+
+    def show(self, state: bytes) -> None:
+        """A state, in the place of the one that waits."""
+        self._state = state
+        self._filled.set()
+
+    def put(self, message: bytes) -> None:
+        """Another message; the oldest makes room for it."""
+        if len(self._others) == WAITING:
+            self._others.popleft()
+            self._left_out += 1
+        self._others.append(message)
+        self._filled.set()
+
+    async def take(self) -> list[bytes]:
+        """What waits, once there is something."""
+        await self._filled.wait()
+        self._filled.clear()
+        messages, self._others = list(self._others), deque()
+        if self._left_out:
+            text = f"{self._left_out} messages were left out, since this browser is too slow"
+            messages.insert(0, orjson.dumps({"is": "error", "text": text}))
+            self._left_out = 0
+        if self._state is not None:
+            messages.append(self._state)
+            self._state = None
+        return messages
+
+
+class Rate:
+    """Counts a browser's messages: MESSAGES_PER_S, and BURST of them at once."""
+
+    def __init__(self) -> None:
+        self._room, self._at = float(BURST), time.monotonic()
+
+    def allows(self) -> bool:
+        """May another one come?"""
+        now = time.monotonic()
+        self._room = min(BURST, self._room + (now - self._at) * MESSAGES_PER_S)
+        self._at = now
+        self._room -= 1
+        return self._room >= 0
+
+
+class Station:
+    """Serves what is shown to browsers.
+
+    Args:
+        shown: a station at work, or a log that is played.
+        guard: who may come in.
+    """
+
+    def __init__(self, shown: Shown, guard: Guard) -> None:
+        self.shown, self.guard = shown, guard
+        self._outboxes: dict[int, Outbox] = {}
+        self._operators = 0
+        routes = [
+            Route("/", self._page),
+            Route("/import", self._import, methods=["POST"]),
+            Route("/export", self._export, methods=["POST"]),
+            WebSocketRoute("/ws", self._socket),
+            Mount("/static", StaticFiles(directory=STATIC, check_dir=False)),
+            Mount("/parts", StaticFiles(directory=PARTS, check_dir=False)),
+        ]
+        self.app: ASGIApp = _Guarded(Starlette(routes=routes), guard)
+
+    async def work(self) -> None:
+        """Look at the port again and again, and tell the browsers what is new."""
+        while True:
+            news = self.shown.poll()
+            messages = [orjson.dumps(event_message(event)) for event in news.events]
+            for outbox in self._outboxes.values():
+                for message in messages:
+                    outbox.put(message)
+                if news.state is not None:
+                    outbox.show(news.state)
+            await asyncio.sleep(POLL_S)
+
+    async def _page(self, request: Request) -> Response:
+        return FileResponse(STATIC / "index.html")
+
+    async def _import(self, request: Request) -> Response:
+        if response := self._refused(request):
+            return response
+        data = bytearray()
+        async for part in request.stream():
+            data += part
+            if len(data) > MAX_BYTES:
+                return _error(f"the file has more than {MAX_BYTES} bytes")
+        try:
+            return JSONResponse(as_json(read(request.query_params.get("name", ""), bytes(data))))
+        except CanineError as reason:
+            return _error(str(reason))
+
+    async def _export(self, request: Request) -> Response:
+        if response := self._refused(request):
+            return response
+        data = bytearray()
+        async for part in request.stream():
+            data += part
+            if len(data) > MESSAGE_BYTES:
+                return _error(f"the mission has more than {MESSAGE_BYTES} bytes")
+        to = request.query_params.get("to", "")
+        try:
+            content = orjson.loads(bytes(data))
+            mission = content.get("mission") if isinstance(content, dict) else None
+            written = write(from_json(mission), to)
+        except orjson.JSONDecodeError as reason:
+            return _error(f"the mission is no JSON ({reason})")
+        except CanineError as reason:
+            return _error(str(reason))
+        name = f"mission.{to}" if to in FORMATS else "mission"
+        disposition = {"content-disposition": f'attachment; filename="{name}"'}
+        return Response(written, media_type="application/octet-stream", headers=disposition)
+
+    def _refused(self, request: Request) -> Response | None:
+        why = self.guard.refusal(request.headers, request.headers.get("x-token", ""))
+        return JSONResponse({"error": why}, 403) if why else None
+
+    async def _socket(self, browser: WebSocket) -> None:
+        if self.guard.refusal(browser.headers, token_of(browser.scope["subprotocols"])):
+            await browser.close(POLICY)  # before it is accepted: 403
+            return
+        carries = SUBPROTOCOL in browser.scope["subprotocols"]
+        await browser.accept(SUBPROTOCOL if carries else None)
+        if len(self._outboxes) >= MOST_OPERATORS:
+            await browser.close(TRY_LATER, f"{MOST_OPERATORS} browsers are connected, the most there may be")
+            return
+        self._operators += 1
+        operator, outbox = self._operators, Outbox()
+        for message in self.shown.join(operator):
+            outbox.put(message)
+        self._outboxes[operator] = outbox
+        sender = asyncio.create_task(_send(browser, outbox))
+        receiver = asyncio.create_task(self._receive(browser, operator, outbox))
+        try:
+            await asyncio.wait((sender, receiver), return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            del self._outboxes[operator]
+            self.shown.leave(operator)
+            for task in (sender, receiver):
+                task.cancel()
+            results = await asyncio.gather(sender, receiver, return_exceptions=True)
+        for result in results:
+            if isinstance(result, Exception):
+                raise result
+
+    async def _receive(self, browser: WebSocket, operator: int, outbox: Outbox) -> None:
+        rate = Rate()
+        while True:
+            message = await browser.receive()
+            if message["type"] != "websocket.receive":
+                return
+            if not rate.allows():
+                await browser.close(POLICY, f"more than {MESSAGES_PER_S} messages a second")
+                return
+            try:
+                self.shown.order(operator, _order(message))
+            except OrderError as reason:
+                outbox.put(failure(reason))
+
+
+def _order(message: Message) -> dict[str, Any]:
+    """A browser's order.
+
+    Raises:
+        OrderError: it is none.
+    """
+    expected = 'expected a JSON object such as {"do": "alive"}'
+    try:
+        order = orjson.loads(message.get("text") or b"")
+    except orjson.JSONDecodeError as reason:
+        raise OrderError(f"the message is no JSON ({reason}); {expected}") from None
+    if not isinstance(order, dict):
+        raise OrderError(f"the message is a {type(order).__name__}; {expected}")
+    return order
+
+
+async def _send(browser: WebSocket, outbox: Outbox) -> None:
+    """Send what waits, until the browser is gone, or takes nothing for SEND_S."""
+    while True:
+        for message in await outbox.take():
+            try:
+                async with asyncio.timeout(SEND_S):
+                    await browser.send_text(message.decode())
+            except (WebSocketDisconnect, TimeoutError, RuntimeError):  # the last one: it is closed already
+                return
+
+
+def _error(text: str) -> Response:
+    return JSONResponse({"error": text}, 400)
+
+
+class _Guarded:
+    """Refuses requests for other hosts, and adds the headers that keep a page to itself."""
+
+    def __init__(self, app: ASGIApp, guard: Guard) -> None:
+        self._app, self._guard = app, guard
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+
+        async def guarded(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                MutableHeaders(scope=message).update(HEADERS)
+            await send(message)
+
+        if why := self._guard.refusal_of_host(Request(scope).headers):
+            await PlainTextResponse(why, 403)(scope, receive, guarded)
+        else:
+            await self._app(scope, receive, guarded)
+
+
+@contextmanager
+def listening(bind: str, number: int) -> Iterator[sockets.socket]:
+    """A socket that listens; port 0 takes any that is free.
+
+    Raises:
+        UsageError: the address is not this machine's, or the port is taken.
+    """
+    try:
+        family, kind, protocol, _, address = sockets.getaddrinfo(bind, number, type=sockets.SOCK_STREAM)[0]
+        listener = sockets.socket(family, kind, protocol)
+    except (OSError, UnicodeError) as reason:
+        raise UsageError(f"--bind {bind}: no address of this machine ({reason})") from None
+    with listener:
+        listener.setsockopt(sockets.SOL_SOCKET, sockets.SO_REUSEADDR, 1)
+        try:
+            listener.bind(address)
+            listener.listen()
+        except OSError as reason:
+            raise UsageError(
+                f"--bind {bind} --http-port {number}: cannot be listened on ({reason.strerror}); "
+                "choose another port, or 0 for any that is free"
+            ) from None
+        yield listener
+
+
+def address_of(listener: sockets.socket, guard: Guard) -> str:
+    """What a browser opens; the token is in the fragment, which browsers do not send."""
+    host, number = listener.getsockname()[:2]
+    shown = f"[{host}]" if ":" in host else host
+    if guard.bind in ("localhost", "127.0.0.1"):
+        shown = "localhost"
+    return f"http://{shown}:{number}/" + (f"#token={guard.token}" if guard.token else "")
+
+
+async def serve(
+    shown: Shown,
+    guard: Guard,
+    listener: sockets.socket,
+    ready: Callable[[uvicorn.Server], None] = lambda server: None,
+) -> None:
+    """Serve until the server is told to end (`should_exit`), or a signal ends it.
+
+    Args:
+        ready: is given the server, once it answers.
+    """
+    station = Station(shown, guard)
+    config = uvicorn.Config(
+        station.app,
+        lifespan="off",
+        log_level="error",
+        access_log=False,
+        server_header=False,
+        ws="websockets-sansio",
+        ws_max_size=MESSAGE_BYTES,
+        ws_per_message_deflate=False,
+        h11_max_incomplete_event_size=MESSAGE_BYTES,
+        limit_concurrency=8 * MOST_OPERATORS,
+        timeout_graceful_shutdown=2,
+    )
+    server = uvicorn.Server(config)
+    serving = asyncio.create_task(server.serve(sockets=[listener]))
+    work = asyncio.create_task(station.work())
+    try:
+        while not server.started and not serving.done():
+            await asyncio.sleep(POLL_S)
+        ready(server)
+        await asyncio.wait((serving, work), return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        server.should_exit = True
+        work.cancel()
+        with suppress(asyncio.CancelledError):
+            await work
+        await serving

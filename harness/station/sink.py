@@ -1,0 +1,292 @@
+"""The sink: all that passes at a station, in a log that a killed station leaves readable.
+
+| topic | what |
+|---|---|
+| `/telemetry` | each telemetry as it was told, as `canine run --onboard` logs it |
+| `/estimator`, `/controller` | what it says of these two, by the names that the log of a trial has |
+| `/radio/received`, `/radio/sent` | every byte with its time |
+| `/station/state` | what was shown |
+| `/station/orders`, `/station/events` | what operators ordered and wrote; what happened |
+
+A row stands at the telemetry's own time. Where one is missing the row before is repeated. Time follows the
+vest's clock while the vest is heard, and else this machine's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import orjson
+
+from codegen.firmware.telemetry import FIELDS, Flag, Telemetry
+from harness.files import make_folder
+from harness.log.channel import SECOND, Channel
+from harness.log.geodesy import TangentPlane
+from harness.log.log import FILE
+from harness.log.writer import LogWriter
+from harness.onboard.radio import Mission
+from harness.onboard.stand_in import Onboard
+from harness.station.events import ENDS_A_TRIAL, Event, Level
+from models.commands import Command, Status
+
+REPORT_S = 0.2  # between two telemetries (watchdog.report_period)
+LEAST_S = 0.001  # between two rows
+LONGEST_S = 0.29  # between two rows; a report waits for two ticks at most
+SILENT_S = 0.5  # s without telemetry after which the last row is repeated
+FLUSH_S = 1.0
+RECEIVED, SENT, STATE = "/radio/received", "/radio/sent", "/station/state"
+ORDERS, EVENTS = "/station/orders", "/station/events"
+SCHEMAS = {RECEIVED: "bytes", SENT: "bytes", STATE: "state", ORDERS: "order", EVENTS: "foxglove.Log"}
+SEVERITY = {Level.ADVISORY: 2, Level.CAUTION: 3, Level.WARNING: 4}  # of foxglove.Log: info, warning, error
+ESTIMATOR = {  # by the name in a trial's log: the field of the telemetry
+    "speed": "speed",
+    "heading": "heading",
+    "north_sd": "position_sd",
+    "east_sd": "position_sd",
+    "speed_sd": "speed_sd",
+}
+COMPONENTS = ("telemetry", "estimator", "controller")
+CONTROLLER = ("command", "mode", "status", "waypoint", "distance", "deviation", "directional_commands")
+
+
+def channels() -> tuple[Channel, Channel, Channel]:
+    """Telemetry, estimator, controller: the signals of a station's log."""
+    estimator = [("north", "m", "Real", "estimated position"), ("east", "m", "Real", "estimated position")]
+    estimator += [
+        (name, FIELDS[field].si, "Real", FIELDS[field].meaning) for name, field in ESTIMATOR.items()
+    ]
+    estimator.append(("valid", "", "Boolean", Flag.VALID.meaning))
+    controller = [("start", "", "Boolean", Flag.STARTED.meaning)]
+    controller.append(("override", "", "Integer", "the operator's command that this station sends"))
+    controller.append(("link_ok", "", "Boolean", Flag.LINK_OK.meaning))
+    for name in CONTROLLER:
+        wire = FIELDS[name]
+        controller.append((name, wire.si, "Real" if wire.si else "Integer", wire.meaning))
+    controller.append(("anomaly", "", "Integer", "reported with this telemetry for the first time"))
+    return (
+        Onboard.channel(),
+        _channel("estimator", "telemetry", estimator),
+        _channel("controller", "telemetry", controller),
+    )
+
+
+def _channel(component: str, block: str, signals: list[tuple[str, str, str, str]]) -> Channel:
+    names, units, types, meanings = zip(*signals, strict=True)
+    return Channel(component, block, names, units, types, meanings)
+
+
+def values_of(telemetry: Telemetry) -> dict[str, float | int]:
+    """The telemetry's fields in SI, by the names of the log; those without a unit are whole numbers."""
+    values: dict[str, float | int] = {}
+    for name, wire in FIELDS.items():
+        number = getattr(telemetry, name)
+        values[name.removesuffix("_ms")] = number * wire.factor if wire.si else number
+    return values
+
+
+class Clock:
+    """The time of the log: the vest's clock while the vest is heard, and else this machine's.
+
+    Args:
+        speed: trial time over this machine's, of a simulated vest.
+    """
+
+    def __init__(self, speed: float = 1.0) -> None:
+        self._speed = speed
+        self._log = self._now = 0.0  # the same moment by both clocks
+        self._session: int | None = None
+        self._shift = 0.0  # s, of the log's time over the vest's
+
+    def at(self, now: float) -> float:
+        """The log's time at a time of this machine."""
+        return self._log + max(0.0, now - self._now) * self._speed
+
+    def follow(self, now: float, telemetry: Telemetry) -> float:
+        """The log's time of a telemetry that comes now."""
+        time = telemetry.time_ms / 1000
+        if telemetry.session != self._session:
+            self._session, self._shift = telemetry.session, self.at(now) - time
+        self._log, self._now = time + self._shift, now
+        return self._log
+
+
+class Sink:
+    """Writes a station's log.
+
+    Args:
+        folder: it is made if need be; an earlier log in it is replaced.
+        metadata: of the log, by record; `parameters` are those of the vest, if they are known.
+        speed: trial time over this machine's, of a simulated vest.
+        origin: latitude and longitude of north = east = 0 in degrees; None for the first fix.
+
+    Raises:
+        UsageError: the folder cannot be made.
+        LogError: from every method, if the log cannot be written.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        metadata: Mapping[str, Mapping[str, str]],
+        *,
+        speed: float = 1.0,
+        origin: tuple[float, float] | None = None,
+    ) -> None:
+        make_folder(folder)
+        self.path, self.clock = folder / FILE, Clock(speed)
+        self.origin = origin
+        self._parameters = dict(metadata.get("parameters", {}))
+        versions = {"guided-canine": version("guided-canine"), "numpy": version("numpy")}
+        self._writer = LogWriter(
+            self.path,
+            channels(),
+            origin=origin or (0.0, 0.0),
+            metadata={"versions": versions, **metadata},
+            attachments={},
+        )
+        self._topics = {topic: self._writer.add_topic(topic, schema) for topic, schema in SCHEMAS.items()}
+        self._messages: list[tuple[int, float, bytes]] = []
+        self._rows: list[tuple[float, dict[str, list[float]]]] = []
+        self._plane = TangentPlane(*map(math.radians, origin)) if origin else None
+        self._before: Telemetry | None = None
+        self._last = 0.0  # s, of the last row
+        self._row = self._values(None, Command.NONE)
+        self._write_row(0.0, self._row)
+        self._write_row(REPORT_S, self._row)  # a reader takes a step much longer than this for a hole
+        self._flushed = 0.0
+
+    def receive(self, now: float, data: bytes) -> None:
+        """Bytes came by radio."""
+        self._write(RECEIVED, self.clock.at(now), {"bytes": data.hex()})
+
+    def send(self, now: float, data: bytes) -> None:
+        """Bytes went by radio."""
+        self._write(SENT, self.clock.at(now), {"bytes": data.hex()})
+
+    def order(self, now: float, operator: int, order: Mapping[str, Any]) -> None:
+        """An operator ordered something."""
+        self._write(ORDERS, self.clock.at(now), {"operator": operator, **order})
+
+    def show(self, now: float, state: bytes) -> None:
+        """A state was shown, JSON."""
+        self._messages.append((self._topics[STATE], self.clock.at(now), state))
+
+    def event(self, event: Event) -> None:
+        """Something happened."""
+        seconds, rest = divmod(round(event.time * SECOND), SECOND)
+        stamp = {"sec": seconds, "nsec": rest}
+        what = {"level": SEVERITY[event.level], "message": event.text, "name": "station"}
+        self._write(EVENTS, event.time, {"timestamp": stamp, **what, "file": "", "line": 0})
+
+    def tell(self, now: float, telemetry: Telemetry, override: Command) -> None:
+        """A telemetry that can be believed: a row, and the rows that are missing before it."""
+        time = max(self.clock.follow(now, telemetry), self._last + LEAST_S)
+        self._settle_at(telemetry)
+        self._fill(time - LONGEST_S)
+        self._row = self._values(telemetry, override)
+        self._write_row(time, self._row)
+        self._row["controller"][-1] = 0.0  # an anomaly is reported once
+        self._before = telemetry
+
+    def take_mission(self, mission: Mission) -> None:
+        """A mission is on board: waypoints, home and fence as parameters of the controller."""
+        if self.origin is None:
+            self.origin = mission.home.latitude, mission.home.longitude
+        self._plane = TangentPlane(*map(math.radians, self.origin))
+        self._parameters |= mission_parameters(mission, self._plane)
+        self._flush_rows()
+        self._writer.settle(self.origin, self._parameters)
+
+    def step(self, now: float) -> None:
+        """Repeat the last row while the vest is silent; flush each second."""
+        self._fill(self.clock.at(now) - SILENT_S)
+        if now - self._flushed >= FLUSH_S:
+            self._flushed = now
+            self.flush()
+
+    def flush(self) -> None:
+        """Hand all so far to the operating system."""
+        self._flush_rows()
+        self._writer.write_messages(self._messages)
+        self._messages = []
+        self._writer.flush()
+
+    def close(self) -> None:
+        """Write what is left, and the log's end."""
+        self.flush()
+        self._writer.close()
+
+    def _settle_at(self, telemetry: Telemetry) -> None:
+        """The first fix becomes the origin, if there is none yet."""
+        if self.origin is None and Flag.FIXED in Flag(telemetry.flags):
+            self.origin = telemetry.latitude * 1e-7, telemetry.longitude * 1e-7
+            self._plane = TangentPlane(*map(math.radians, self.origin))
+            self._writer.settle(self.origin, self._parameters)
+
+    def _fill(self, until: float) -> None:
+        """Repeat the last row up to a time."""
+        while self._last + REPORT_S <= until:
+            self._write_row(self._last + REPORT_S, self._row)
+
+    def _values(self, telemetry: Telemetry | None, override: Command) -> dict[str, list[float]]:
+        """A row, by component; zeros before the first telemetry, but for the position, which is not known."""
+        told = telemetry or Telemetry(*[0] * len(FIELDS))
+        numbers, flags = values_of(told), Flag(told.flags)
+        north = east = math.nan
+        if telemetry and self._plane and Flag.FIXED in flags:
+            north, east = self._plane.to_plane(numbers["latitude"], numbers["longitude"])
+        estimator = [north, east, *(numbers[field] for field in ESTIMATOR.values()), Flag.VALID in flags]
+        controller: list[float] = [Flag.STARTED in flags, override, Flag.LINK_OK in flags]
+        controller += [numbers[name] for name in CONTROLLER]
+        controller.append(self._anomaly(telemetry) if telemetry else 0)
+        rows: dict[str, list[float]] = {
+            "telemetry": list(numbers.values()),
+            "estimator": estimator,
+            "controller": controller,
+        }
+        return {name: [float(value) for value in row] for name, row in rows.items()}
+
+    def _anomaly(self, told: Telemetry) -> int:
+        """What the controller noticed since the telemetry before, as far as that is told."""
+        before = self._before
+        ends = told.status == Status.STOPPED and (before is None or before.status != Status.STOPPED)
+        if ends and told.last_anomaly in ENDS_A_TRIAL:
+            return told.last_anomaly
+        if before is None or before.session != told.session or told.last_anomaly != before.last_anomaly:
+            return told.last_anomaly
+        return told.anomaly if told.anomaly != before.anomaly else 0
+
+    def _write_row(self, time: float, row: dict[str, list[float]]) -> None:
+        self._rows.append((time, {name: list(values) for name, values in row.items()}))
+        self._last = time
+
+    def _flush_rows(self) -> None:
+        if self._rows:
+            times = np.array([time for time, _ in self._rows])
+            self._writer.write_rows(
+                times, {name: np.array([row[name] for _, row in self._rows]) for name in self._row}
+            )
+            self._rows = []
+
+    def _write(self, topic: str, time: float, content: Mapping[str, Any]) -> None:
+        self._messages.append((self._topics[topic], time, orjson.dumps(content)))
+
+
+def mission_parameters(mission: Mission, plane: TangentPlane) -> dict[str, str]:
+    """A mission as the parameters of a controller, as the log of a trial states them."""
+    places = {"home": [mission.home], "waypoint": mission.waypoints, "fence": mission.fence}
+    numbers: dict[str, float] = {
+        "waypoint_count": len(mission.waypoints),
+        "fence_count": len(mission.fence),
+    }
+    for kind, positions in places.items():
+        for i, position in enumerate(positions, 1):
+            at = "" if kind == "home" else f"[{i}]"
+            north, east = plane.to_plane(math.radians(position.latitude), math.radians(position.longitude))
+            numbers |= {f"{kind}_north{at}": float(north), f"{kind}_east{at}": float(east)}
+    return {f"controller.{name}": repr(value) for name, value in numbers.items()}

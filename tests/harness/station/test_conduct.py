@@ -1,0 +1,495 @@
+"""What operators order reaches the program on board, and what does not."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+
+from codegen.firmware.telemetry import Ready
+from harness.station.conduct import ORDERS, LinkState
+from harness.station.desk import OrderError
+from harness.station.draft import as_json
+from harness.station.events import Level
+from models.commands import Command, Status
+from models.kit.timing import TICK
+from tests.harness.station.rig import HOME, MISSION, OTHER, Rig
+
+
+def bits(rig: Rig) -> set[str]:
+    return {reason["bit"] for reason in rig.conduct.missing(rig.now)}
+
+
+# from the first telemetry to a mission that is under way --------------------------------------------------
+
+
+def test_a_vest_is_connected_loaded_ready_running() -> None:
+    rig = Rig()
+    assert rig.conduct.state(rig.now) is LinkState.DISCONNECTED
+    rig.run(1)
+    assert rig.conduct.state(rig.now) is LinkState.CONNECTED, "it is greeted though nobody commands"
+    rig.load()
+    assert rig.conduct.state(rig.now) is LinkState.LOADED
+    assert bits(rig) == {"planned"}, "one place is projected on a tick"
+    rig.until(lambda: rig.conduct.state(rig.now) is LinkState.READY)
+    rig.order("start")
+    rig.until(lambda: rig.conduct.state(rig.now) is LinkState.RUNNING, 0.5)
+    assert rig.run(1)[-1] is Command.FORWARD
+
+
+def test_each_bit_that_the_vest_lacks_is_named_in_words() -> None:
+    rig = Rig()
+    rig.take()
+    rig.run(1)
+    named = {reason["bit"]: reason["words"] for reason in rig.conduct.missing(rig.now)}
+    assert rig.conduct.telemetry is not None
+    told = Ready(rig.conduct.telemetry.ready).missing
+    assert set(named) == {str(bit.name).lower() for bit in told}
+    assert named["mission"] == "the vest holds no mission"
+
+
+def test_a_mission_counts_as_on_board_once_telemetry_shows_its_id() -> None:
+    rig = Rig()
+    rig.take()
+    rig.order("draft", mission=as_json(MISSION))
+    rig.run(1)
+    rig.downlink = False
+    rig.order("upload")
+    rig.run(1)
+    assert rig.conduct.on_board is None, "nothing was heard"
+    rig.downlink = True
+    rig.run(0.5)
+    assert rig.conduct.on_board is not None
+    assert rig.conduct.on_board.id == rig.vest.telemetry.mission_id == rig.conduct.draft_id
+
+
+def test_a_mission_that_is_lost_on_the_air_is_sent_again() -> None:
+    rig = Rig()
+    rig.take()
+    rig.order("draft", mission=as_json(MISSION))
+    rig.run(1)
+    rig.uplink = False
+    rig.order("upload")
+    rig.run(0.6)
+    rig.uplink = True
+    rig.until(lambda: rig.conduct.on_board is not None, 1)
+
+
+def test_an_upload_that_nobody_acknowledges_is_given_up_and_told() -> None:
+    rig = Rig()
+    rig.take()
+    rig.order("draft", mission=as_json(MISSION))
+    rig.run(1)
+    rig.uplink = False
+    rig.order("upload")
+    rig.run(5.2)
+    assert not rig.conduct.pending()["uploading"]
+    assert "not acknowledged within 5 s" in rig.texts()
+
+
+def test_a_start_that_is_refused_is_told_and_not_repeated() -> None:
+    rig = Rig()
+    rig.load()
+    rig.until(lambda: not rig.conduct.missing(rig.now))
+    rig.downlink = False
+    rig.vest.inside.radio.mission.count = 0  # the vest loses what the last telemetry told
+    rig.order("start")
+    rig.run(0.4)
+    rig.downlink = True
+    rig.run(0.6)
+    assert "START was refused: the vest holds no mission" in rig.texts()
+    assert not rig.conduct.pending()["starting"]
+    assert not rig.is_started
+
+
+def test_a_start_that_is_not_answered_is_forgotten_after_3_s() -> None:
+    rig = Rig()
+    rig.load()
+    rig.until(lambda: not rig.conduct.missing(rig.now))
+    rig.uplink = False
+    rig.order("start")
+    rig.run(3.2)
+    rig.uplink = True
+    rig.run(2)
+    assert "START was not answered within 3 s" in rig.texts()
+    assert not rig.is_started
+
+
+@pytest.mark.parametrize(
+    ("before", "says"),
+    [
+        (lambda rig: rig.order("stop"), "STOP is latched"),
+        (lambda rig: rig.order("hold", command="LEFT"), "a command is held"),
+        (lambda rig: rig.order("draft", mission=as_json(OTHER)), "not the one on board: upload"),
+    ],
+)
+def test_a_start_is_refused_here_while_something_tells_against_it(before: object, says: str) -> None:
+    rig = Rig()
+    rig.load()
+    rig.until(lambda: not rig.conduct.missing(rig.now))
+    before(rig)  # type: ignore[operator]
+    with pytest.raises(OrderError, match=says):
+        rig.order("start")
+
+
+def test_a_mission_that_another_station_gave_is_not_started() -> None:
+    rig = Rig()
+    rig.load()
+    rig.until(lambda: not rig.conduct.missing(rig.now))
+    other = Rig(first=1000)
+    other.processor, other.vest, other.now = rig.processor, rig.vest, rig.now
+    other.take()
+    other.run(1)
+    assert other.conduct.state(other.now) is LinkState.CONNECTED
+    assert bits(other) == {"upload"}
+    with pytest.raises(OrderError, match="the mission on board is not from this station"):
+        other.order("start")
+
+
+def test_a_mission_that_takes_the_place_of_ours_is_told() -> None:
+    rig = Rig()
+    rig.load()
+    rig.until(lambda: not rig.conduct.missing(rig.now))
+    rig.vest.inside.radio.mission.id ^= 1
+    rig.run(0.5)
+    assert (Level.WARNING, True) in [(level, "another station" in text) for level, text in rig.events]
+    assert rig.conduct.on_board is None
+
+
+def test_no_mission_is_uploaded_while_one_is_under_way() -> None:
+    rig = Rig()
+    rig.begin()
+    rig.order("draft", mission=as_json(OTHER))
+    with pytest.raises(OrderError, match="ABORT first"):
+        rig.order("upload")
+    assert rig.conduct.on_board is not None
+    assert rig.conduct.on_board.id != rig.conduct.draft_id, "what is on screen differs from what is led"
+    rig.run(1)
+    assert rig.conduct.state(rig.now) is LinkState.RUNNING
+
+
+# STOP -----------------------------------------------------------------------------------------------------
+
+
+def test_stop_is_played_within_two_ticks_and_latches() -> None:
+    rig = Rig()
+    rig.begin()
+    assert rig.run(1)[-1] is Command.FORWARD
+    rig.order("stop")
+    played = rig.run(5)
+    assert Command.STOP in played[:2], "a tick with a fix makes the radio wait for one"
+    assert set(played[2:]) == {Command.STOP}
+    rig.order("clear_stop")
+    assert rig.run(4)[-1] is Command.FORWARD, "the mission goes on"
+
+
+def test_stop_that_is_lost_on_the_air_is_sent_again() -> None:
+    rig = Rig()
+    rig.begin()
+    rig.uplink = False
+    rig.order("stop")
+    rig.run(0.2)
+    rig.uplink = True
+    assert Command.STOP in rig.run(0.5)
+
+
+def test_who_watches_may_stop_and_may_do_nothing_else() -> None:
+    rig = Rig()
+    rig.begin()
+    rig.conduct.desk.join(2)
+    for name in set(ORDERS) - {"stop", "note", "alive", "take"}:
+        with pytest.raises(OrderError, match="operator 1 commands, operator 2 watches"):
+            rig.order(name, 2, command="LEFT", mission=as_json(OTHER))
+    rig.order("stop", 2)
+    assert set(rig.run(2)[2:]) == {Command.STOP}
+    with pytest.raises(OrderError):
+        rig.order("clear_stop", 2)
+
+
+def test_a_hold_is_refused_while_stop_is_latched() -> None:
+    rig = Rig()
+    rig.begin()
+    rig.order("stop")
+    with pytest.raises(OrderError, match="STOP is latched, and beats LEFT"):
+        rig.order("hold", command="LEFT")
+
+
+def test_a_latched_stop_holds_over_a_vest_that_begins_anew() -> None:
+    rig = Rig()
+    rig.begin()
+    rig.order("stop")
+    rig.run(1)
+    rig.reset()
+    assert Command.STOP in rig.run(2)
+    assert rig.conduct.latched
+    assert Ready.RELEASED not in Ready(rig.vest.telemetry.ready), "an override is in force"
+
+
+def test_when_nobody_commands_a_mission_that_a_latched_stop_holds_is_aborted_and_never_goes_on() -> None:
+    rig = Rig()
+    rig.begin()
+    rig.order("stop")
+    rig.run(1)
+    rig.alive.clear()
+    played = rig.run(6)
+    assert Command.FORWARD not in played
+    assert not rig.is_started
+    assert "STOP is latched and nobody commands: the mission is aborted" in rig.texts()
+
+
+# ABORT ----------------------------------------------------------------------------------------------------
+
+
+def test_an_abort_ends_the_mission_and_what_is_held() -> None:
+    rig = Rig()
+    rig.begin()
+    rig.order("hold", command="RECALL")
+    rig.run(0.2)
+    rig.order("abort")
+    assert set(rig.run(1)[2:]) == {Command.STOP}
+    assert not rig.is_started
+    assert rig.conduct.holding is None
+    assert not rig.conduct.pending()["aborting"], "the telemetry showed its effect"
+
+
+def test_an_abort_is_sent_until_the_vest_has_heard_it() -> None:
+    rig = Rig()
+    rig.begin()
+    rig.uplink = False
+    rig.order("abort")
+    rig.run(0.5)
+    assert rig.conduct.pending()["aborting"]
+    rig.uplink = True
+    rig.run(1)
+    assert not rig.is_started
+    assert rig.vest.telemetry.status in (Status.STOPPED, Status.IDLE)
+
+
+# what is held ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", ["FORWARD", "LEFT", "RIGHT", "RECALL"])
+def test_a_command_is_played_while_it_is_held_and_let_go_by_a_release(command: str) -> None:
+    rig = Rig()
+    rig.take()
+    rig.run(1)
+    played = []
+    for _ in range(10):
+        rig.order("hold", command=command)
+        played += rig.run(0.12)
+    assert set(played[2:]) == {Command[command]}
+    rig.order("release")
+    assert Command[command] not in rig.run(1)[2:]
+
+
+def test_a_hold_that_is_not_renewed_for_three_tenths_is_let_go() -> None:
+    rig = Rig()
+    rig.take()
+    rig.run(1)
+    rig.order("hold", command="LEFT")
+    played = rig.run(1)
+    held = sum(command is Command.LEFT for command in played) * TICK
+    assert 0.24 <= held <= 0.3 + 3 * TICK
+    assert "LEFT is let go" in rig.texts()
+
+
+def test_what_a_commander_holds_is_let_go_when_it_leaves_hands_over_or_another_takes() -> None:
+    for end in ("leave", "hand_over", "take"):
+        rig = Rig()
+        rig.take()
+        rig.run(1)
+        rig.order("hold", command="LEFT")
+        rig.tick()
+        if end == "leave":
+            rig.conduct.leave(rig.now, 1)
+        elif end == "hand_over":
+            rig.order("hand_over")
+        else:
+            rig.conduct.desk.offered = True
+            rig.order("take", 2)
+        assert rig.conduct.holding is None, end
+        assert Command.LEFT not in rig.run(0.4)[3:], end
+
+
+def test_stop_cannot_be_held_and_nonsense_is_refused_with_what_is_expected() -> None:
+    rig = Rig()
+    rig.take()
+    rig.run(1)
+    with pytest.raises(OrderError, match="expected one of FORWARD, LEFT, RIGHT, RECALL"):
+        rig.order("hold", command="STOP")
+    with pytest.raises(OrderError, match="expected one of alive, take"):
+        rig.order("sit")
+    with pytest.raises(OrderError, match="expected one of alive, take"):
+        rig.conduct.order(rig.now, 1, {"do": ["stop"]})
+    with pytest.raises(OrderError, match="draft: waypoints"):
+        rig.order("draft", mission={"home": None, "waypoints": [[91, 0]]})
+    with pytest.raises(OrderError, match="the mission has no home"):
+        rig.order("upload")
+
+
+# who commands ---------------------------------------------------------------------------------------------
+
+
+def test_a_dead_tab_is_not_kept_alive_the_vest_ends_its_mission_as_with_a_lost_link() -> None:
+    rig = Rig()
+    rig.begin()
+    rig.alive.clear()
+    rig.run(1.1)
+    assert "is silent: the heartbeat to the vest ends" in rig.texts()
+    quiet = [rig.tick() and rig.sent for _ in range(round(3 / TICK))]
+    assert not any(quiet[1:]), "not a byte is sent"
+    assert rig.vest.telemetry.status in (Status.STOPPED, Status.IDLE)
+    assert "anomaly LOST_LINK" in rig.texts()
+
+
+def test_a_socket_that_is_gone_ends_the_heartbeat_at_once() -> None:
+    rig = Rig()
+    rig.begin()
+    rig.conduct.leave(rig.now, 1)
+    rig.alive.clear()
+    rig.tick()
+    assert not any(rig.tick() and rig.sent for _ in range(25))
+    assert "operator 1, who commanded, is gone" in rig.texts()
+
+
+def test_a_second_commander_is_refused_while_the_first_one_lives() -> None:
+    rig = Rig()
+    rig.begin()
+    with pytest.raises(OrderError, match="take: operator 1 commands; expected that it hands over"):
+        rig.order("take", 2)
+    assert rig.conduct.desk.commander == 1
+
+
+def test_another_may_take_the_command_of_a_dead_tab() -> None:
+    rig = Rig()
+    rig.begin()
+    rig.alive.clear()
+    rig.run(1.2)
+    rig.take(2)
+    rig.run(2)
+    assert rig.conduct.desk.commander == 2
+    assert rig.conduct.state(rig.now) is LinkState.RUNNING, "it took it before the vest lost its link"
+
+
+def test_a_hand_over_keeps_the_vest_going_until_the_other_takes() -> None:
+    rig = Rig()
+    rig.begin()
+    rig.order("hand_over")
+    rig.run(3)
+    assert rig.conduct.desk.commander == 1
+    rig.take(2)
+    rig.alive = {2}
+    rig.run(3)
+    assert rig.conduct.desk.commander == 2
+    assert not rig.conduct.desk.offered
+    assert rig.conduct.state(rig.now) is LinkState.RUNNING
+    with pytest.raises(OrderError, match="operator 2 commands"):
+        rig.order("abort", 1)
+
+
+def test_who_hands_over_may_think_better_of_it() -> None:
+    rig = Rig()
+    rig.take()
+    rig.order("hand_over")
+    rig.order("take")
+    with pytest.raises(OrderError):
+        rig.order("take", 2)
+
+
+def test_without_a_commander_greetings_are_too_rare_to_keep_a_mission_going() -> None:
+    rig = Rig()
+    rig.begin()
+    rig.conduct.leave(rig.now, 1)
+    rig.alive.clear()
+    times = []
+    for k in range(round(9 / TICK)):
+        if k % 10 == 0:  # somebody plays a recording: the session flips
+            rig.conduct.telemetry = None
+        rig.tick()
+        if rig.sent:
+            times.append(rig.now)
+    gaps = [later - before for before, later in pairwise(times)]
+    assert times
+    assert min(gaps) > 2 + TICK, "longer than watchdog.link_timeout"
+
+
+# the vest -------------------------------------------------------------------------------------------------
+
+
+def test_a_vest_that_begins_anew_needs_mission_and_start_again() -> None:
+    rig = Rig()
+    rig.begin()
+    rig.reset()
+    rig.run(3)
+    assert "the vest has begun anew: the mission under way is over; upload again" in rig.texts()
+    assert rig.conduct.state(rig.now) is LinkState.CONNECTED
+    assert rig.conduct.on_board is None
+    assert not rig.is_started
+    rig.order("upload")
+    rig.until(lambda: rig.conduct.state(rig.now) is LinkState.READY)
+    rig.order("start")
+    rig.until(lambda: rig.is_started)
+
+
+def test_a_vest_that_is_silent_for_2_s_is_disconnected_and_told() -> None:
+    rig = Rig()
+    rig.begin()
+    rig.downlink = False
+    rig.run(1.7)
+    assert rig.conduct.state(rig.now) is LinkState.RUNNING
+    rig.run(0.6)
+    assert rig.conduct.state(rig.now) is LinkState.DISCONNECTED
+    assert "the vest has not been heard for 2 s" in rig.texts()
+    with pytest.raises(OrderError, match="the vest is not heard"):
+        rig.order("hold", command="LEFT")
+    rig.downlink = True
+    rig.run(0.5)
+    assert rig.texts().count("the vest is heard") == 2
+
+
+def test_a_reset_is_no_silence() -> None:
+    rig = Rig()
+    rig.take()
+    rig.run(1)
+    rig.reset()
+    rig.run(1)
+    assert "has not been heard" not in rig.texts()
+
+
+def test_an_abort_is_not_forgotten_when_somebody_plays_another_session() -> None:
+    rig = Rig()
+    rig.begin()
+    rig.uplink = False
+    rig.order("abort")
+    rig.tick()
+    session = rig.vest.inside.radio.session
+    rig.vest.inside.radio.session = session + 7
+    rig.run(0.4)
+    rig.vest.inside.radio.session = session
+    rig.uplink = True
+    rig.run(1.5)
+    assert not rig.is_started
+
+
+def test_a_note_is_an_event_and_an_empty_one_is_refused() -> None:
+    rig = Rig()
+    rig.conduct.desk.join(3)
+    rig.order("note", 3, text="the dog \x1b[31m limps ")
+    rig.tick()
+    assert "note of operator 3: the dog \\x1b[31m limps" in rig.texts()
+    with pytest.raises(OrderError, match="1 to 500 characters"):
+        rig.order("note", 3, text=" ")
+
+
+def test_a_mission_needs_waypoints_and_a_fence_that_is_a_polygon() -> None:
+    rig = Rig()
+    rig.take()
+    rig.run(1)
+    rig.order("draft", mission={"home": [HOME.latitude, HOME.longitude], "waypoints": []})
+    with pytest.raises(OrderError, match="the mission has no waypoints"):
+        rig.order("upload")
+    flat = [[32.6, -85.49], [32.601, -85.49], [32.602, -85.49]]
+    rig.order("draft", mission=as_json(MISSION) | {"fence": flat})
+    assert rig.conduct.draft_id is None
+    with pytest.raises(OrderError, match="no polygon"):
+        rig.order("upload")
