@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from codegen.toolchains.compiler import PLATFORMS
-from harness import fault_commands, firmware_commands, log_commands, sweep_commands
+from harness import fault_commands, firmware_commands, log_commands, station_commands, sweep_commands
 from harness.console import (
     build_status,
     end_interrupted,
@@ -246,6 +246,7 @@ def _run_seeds(request: Request, seeds: str, folder: Path | None, as_json: bool)
 app.command("firmware")(firmware_commands.write_firmware)
 app.command("keygen")(firmware_commands.keygen)
 app.command("pil")(firmware_commands.processor_in_the_loop)
+app.command("station")(station_commands.operate)
 app.command("prove")(firmware_commands.prove_rules)
 
 

@@ -37,7 +37,7 @@ from models.commands import Command, Status
 REPORT_S = 0.2  # between two telemetries (watchdog.report_period)
 LEAST_S = 0.001  # between two rows
 LONGEST_S = 0.29  # between two rows; a report waits for two ticks at most
-SILENT_S = 0.5  # s without telemetry after which the last row is repeated
+SILENT_S = 0.5  # s of this machine without telemetry after which the last row is repeated
 FLUSH_S = 1.0
 RECEIVED, SENT, STATE = "/radio/received", "/radio/sent", "/station/state"
 ORDERS, EVENTS = "/station/orders", "/station/events"
@@ -139,7 +139,7 @@ class Sink:
     ) -> None:
         make_folder(folder)
         self.path, self.clock = folder / FILE, Clock(speed)
-        self.origin = origin
+        self.origin, self._speed = origin, speed
         self._parameters = dict(metadata.get("parameters", {}))
         versions = {"guided-canine": version("guided-canine"), "numpy": version("numpy")}
         self._writer = LogWriter(
@@ -187,7 +187,7 @@ class Sink:
         """A telemetry that can be believed: a row, and the rows that are missing before it."""
         time = max(self.clock.follow(now, telemetry), self._last + LEAST_S)
         self._settle_at(telemetry)
-        self._fill(time - LONGEST_S)
+        self._fill(time)
         self._row = self._values(telemetry, override)
         self._write_row(time, self._row)
         self._row["controller"][-1] = 0.0  # an anomaly is reported once
@@ -204,7 +204,9 @@ class Sink:
 
     def step(self, now: float) -> None:
         """Repeat the last row while the vest is silent; flush each second."""
-        self._fill(self.clock.at(now) - SILENT_S)
+        time = self.clock.at(now)
+        if time - self._last > SILENT_S * max(self._speed, 1.0):
+            self._fill(time)
         if now - self._flushed >= FLUSH_S:
             self._flushed = now
             self.flush()
@@ -229,8 +231,8 @@ class Sink:
             self._writer.settle(self.origin, self._parameters)
 
     def _fill(self, until: float) -> None:
-        """Repeat the last row up to a time."""
-        while self._last + REPORT_S <= until:
+        """Repeat the last row, so that no step up to a time is longer than LONGEST_S."""
+        while until - self._last > LONGEST_S:
             self._write_row(self._last + REPORT_S, self._row)
 
     def _values(self, telemetry: Telemetry | None, override: Command) -> dict[str, list[float]]:
