@@ -22,14 +22,16 @@ from harness.station.draft import Draft
 from harness.station.ports import Port, PortError, open_port
 from harness.station.session import About, Session
 from harness.station.sink import Sink
-from harness.trial.firmware import firmware_of
-from harness.trial.plan import Interface, values_of
+from harness.trial.firmware import firmware_values, interfaces_on_board, navigation_of
+from harness.trial.plan import Interface, interfaces_of_system, plan, values_of
 from harness.trial.scenario import Scenario, load
 from harness.trial.summary import summarize, write_summary
 from harness.trial.trial import SUMMARY, alone_in
 from harness.vest.vest import Vest, open_vest
 from models.errors import UsageError
 from models.kit.declaration import flatten
+from models.readings import ON_BOARD
+from models.system import find_system
 
 Note = Callable[[str], None]
 
@@ -102,14 +104,14 @@ def opened(request: Request, note: Note) -> Iterator[Session]:
             )
         with suppress(FileNotFoundError):
             (folder / SUMMARY).unlink()
-        about, origin, scenario = _about(request)
+        scenario = _scenario(request, note)
+        about = _about(request, scenario)
         port: Port
         reopen: Callable[[], Port] | None = None
-        if request.simulate:
+        if scenario:
             vest = stack.enter_context(
                 open_vest(
-                    request.simulate,
-                    seed=request.seed,
+                    scenario,
                     speed=request.speed,
                     key=request.key,
                     note=note,
@@ -118,6 +120,7 @@ def opened(request: Request, note: Note) -> Iterator[Session]:
             port = SimulatedPort(vest)
         else:
             port, reopen = open_port(request.port, note), lambda: open_port(request.port)
+        origin = scenario.origin if scenario else None
         sink = Sink(folder, _metadata(about, scenario), speed=request.speed, origin=origin)
         session = Session(port, request.key, sink, about, reopen=reopen)
         try:
@@ -126,32 +129,45 @@ def opened(request: Request, note: Note) -> Iterator[Session]:
             session.close()
 
 
-def _about(request: Request) -> tuple[About, tuple[float, float] | None, Scenario | None]:
-    """What is known of the vest, the origin in degrees and the scenario, where one is simulated."""
-    parameters = vest_parameters(request.simulate)
+def _scenario(request: Request, note: Note) -> Scenario | None:
+    """What a simulated vest, animal and sensors are; None with a real vest. The safety rules hold in it."""
     if not request.simulate:
-        return About(request.port, parameters), None, None
+        return None
     scenario = load(request.simulate)
-    if request.seed is not None:
-        scenario = replace(scenario, seed=request.seed)
+    if scenario.reading not in (None, "", ON_BOARD):
+        note(
+            f'{scenario.name}: the reading "{ON_BOARD}", with the safety rules, takes the place of '
+            f'"{scenario.reading}"'
+        )
+    seed = scenario.seed if request.seed is None else request.seed
+    return replace(scenario, reading=ON_BOARD, seed=seed)
+
+
+def _about(request: Request, scenario: Scenario | None) -> About:
+    """What is known of the vest."""
+    if scenario is None:
+        return About(request.port, vest_parameters(Scenario(request.port, reading=ON_BOARD)))
     plane = TangentPlane(*map(math.radians, scenario.origin))
 
     def places(points: Sequence[Sequence[float]]) -> tuple[Position, ...]:
-        return tuple(Position(*plane.place(north, east)) for north, east in points)
+        return tuple(Position(*plane.place(*point[:2])) for point in points)
 
-    home = places([(scenario.start[0], scenario.start[1])])[0]
-    mission = Draft(home, places(scenario.waypoints), places(scenario.fence))
-    return About(f"simulation of {scenario.name}", parameters, mission), scenario.origin, scenario
+    mission = Draft(places([scenario.start])[0], places(scenario.waypoints), places(scenario.fence))
+    return About(f"simulation of {scenario.name}", vest_parameters(scenario), mission)
 
 
-def vest_parameters(scenario: str = "") -> dict[str, str]:
+def vest_parameters(scenario: Scenario) -> dict[str, str]:
     """The parameters of a vest with the firmware of a scenario, `component.name` to its value (SI)."""
-    navigation, values = firmware_of(scenario, ())
+    name = "full_ahrs" if scenario.system == "full_ahrs" else "full"
+    system = find_system(name, scenario.estimator)
+    navigation = navigation_of(system)
+    written = replace(scenario, system=name, waypoints=(), fence=(), sets=(), faults=())
+    values = plan(written, interfaces_of_system(system) | interfaces_on_board()).values
     interfaces = {
         component: Interface(block.title(), dict(flatten(list(settable(block).values()))), {}, component)
         for component, block in navigation.blocks.items()
     }
-    return values_of(interfaces, values)
+    return values_of(interfaces, firmware_values(values, navigation))
 
 
 def _metadata(about: About, scenario: Scenario | None) -> dict[str, dict[str, str]]:

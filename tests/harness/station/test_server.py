@@ -1,0 +1,268 @@
+"""Browsers at a station with a real vest in the same process, through real sockets."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections.abc import Iterator
+from http.client import HTTPConnection
+from pathlib import Path
+
+import pytest
+from websockets.exceptions import ConnectionClosedError, InvalidStatus
+from websockets.sync.client import connect
+
+from codegen.firmware.key import Key
+from harness.log.log import read_log
+from harness.station.guard import Guard
+from harness.station.server import HEADERS, WAITING, Outbox
+from models.commands import Command, Status
+from tests.harness.station.browser import Browser, Served, served, simulated, unheard
+
+
+@pytest.fixture(scope="module")
+def silent(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    with unheard(tmp_path_factory.mktemp("silent")) as running:
+        yield running
+
+
+@pytest.fixture
+def station(tmp_path: Path) -> Iterator[Served]:
+    with simulated(tmp_path / "out") as running:
+        yield running
+
+
+def test_a_mission_is_uploaded_started_stopped_and_aborted_through_a_socket(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with simulated(out) as station, station.browser() as browser:
+        browser.begin()
+        assert browser.state["on_board"]["mission"]["waypoints"] == browser.hello["scenario"]["waypoints"]
+        browser.until(lambda: station.vest.state.command is Command.FORWARD)
+        browser.do("stop")
+        browser.until(lambda: browser.state["stop_latched"] and station.vest.state.command is Command.STOP)
+        browser.do("note", text="she sits")
+        browser.do("clear_stop")
+        browser.until(lambda: station.vest.state.command is Command.FORWARD)
+        browser.do("abort")
+        browser.until(lambda: browser.state["link"] in ("loaded", "ready"))
+        assert not browser.errors
+    log = read_log(out / "trial.mcap")
+    assert not log.broken
+    assert {Status.RUNNING, Status.STOPPED} <= set(log["controller.status"])
+    assert Command.STOP in log["controller.override"]
+    assert log.route is not None
+    assert len(log.route.places) == 3
+
+
+def test_a_tab_that_dies_stops_the_vest_and_the_screen_of_another_says_why(station: Served) -> None:
+    with station.browser() as commander, station.browser() as watcher:
+        commander.begin()
+        watcher.dead = True  # it has nothing to keep alive
+        watcher.until(lambda: watcher.state["telemetry"]["status"] == Status.STOPPED)
+        assert any("the heartbeat to the vest ends" in text for text in watcher.events)
+        assert any("the radio link was lost (rule 9)" in alarm["text"] for alarm in watcher.state["alarms"])
+        assert watcher.state["commander"] == commander.hello["you"]
+        assert not watcher.state["commander_alive"]
+
+
+def test_a_socket_that_closes_while_left_is_held_lets_go(station: Served) -> None:
+    with station.browser() as watcher:
+        with station.browser() as commander:
+            commander.do("take")
+            commander.until(lambda: commander.state["link"] != "disconnected")
+            end = time.monotonic() + 30
+            while station.vest.state.command is not Command.LEFT:
+                assert time.monotonic() < end
+                commander.do("hold", command="LEFT")
+                time.sleep(0.05)
+        watcher.until(lambda: station.vest.state.command is not Command.LEFT, 5)
+        watcher.until(lambda: watcher.state["commander"] is None)
+        assert watcher.state["holding"] is None
+
+
+def test_a_second_commander_is_refused_until_the_first_hands_over(station: Served) -> None:
+    with station.browser() as first, station.browser() as second:
+        first.do("take")
+        first.until(lambda: first.state["commander"] == first.hello["you"])
+        second.do("take")
+        second.until(lambda: bool(second.errors))
+        assert "operator 1 commands" in second.errors[0]
+        first.do("hand_over")
+        first.until(lambda: first.state["offered"])
+        second.do("take")
+        second.until(lambda: second.state["commander"] == second.hello["you"])
+
+
+def test_a_vest_that_begins_anew_is_told_with_what_to_do(station: Served) -> None:
+    with station.browser() as browser:
+        browser.begin()
+        station.vest.reset()
+        browser.until(lambda: browser.state["link"] == "connected" and browser.state["on_board"] is None)
+        browser.until(lambda: any("the vest has begun anew" in text for text in browser.events))
+        assert {"mission"} <= {reason["bit"] for reason in browser.state["missing"]}
+
+
+def test_who_comes_later_gets_what_was(station: Served) -> None:
+    with station.browser() as first:
+        first.begin()
+        first.until(lambda: len(first.events) > 3)
+        with station.browser() as second:
+            assert second.hello["you"] == first.hello["you"] + 1
+            columns = second.history["columns"]
+            assert len(columns["time"]) == len(columns["latitude"]) > 0
+            assert columns["latitude"][0] == pytest.approx(32.6062, abs=1e-3)
+            assert {event["text"] for event in second.history["events"]} >= {"trial RUNNING"}
+            assert second.state["draft"] == first.state["draft"]
+
+
+def test_a_watcher_that_reads_nothing_harms_nobody(station: Served) -> None:
+    with (
+        station.browser() as commander,
+        connect(f"ws://{station.address}/ws", max_queue=1, close_timeout=0.1) as idle,
+    ):
+        commander.begin()
+        begun = commander.state["time"]
+        commander.until(lambda: commander.state["time"] > begun + 10)
+        assert idle.protocol is not None
+        assert not commander.errors
+
+
+def test_an_outbox_holds_the_last_state_and_a_bounded_number_of_others() -> None:
+    async def fill() -> list[bytes]:
+        outbox = Outbox()
+        for i in range(3 * WAITING):
+            outbox.put(b"%d" % i)
+            outbox.show(b"state %d" % i)
+        return await outbox.take()
+
+    messages = asyncio.run(fill())
+    assert messages[-1] == b"state %d" % (3 * WAITING - 1)
+    assert messages[1:-1] == [b"%d" % i for i in range(2 * WAITING, 3 * WAITING)]
+    assert json.loads(messages[0])["text"].startswith(f"{2 * WAITING} messages were left out")
+
+
+@pytest.mark.parametrize("message", ["{", "[]", "7", '{"do": 1}', '{"do": "sit"}', "[" * 60_000, b"\xff"])
+def test_nonsense_is_answered_and_changes_nothing(silent: Served, message: str | bytes) -> None:
+    with silent.browser() as browser:
+        browser.socket.send(message)
+        browser.until(lambda: bool(browser.errors))
+        assert "expected" in browser.errors[0]
+        browser.do("take")
+        browser.until(lambda: browser.state["commander"] == browser.hello["you"])
+
+
+def test_a_message_that_is_too_large_and_too_many_messages_close_the_socket(silent: Served) -> None:
+    with silent.browser() as browser:
+        browser.socket.send(json.dumps({"do": "note", "text": "x" * 70_000}))
+        with pytest.raises(ConnectionClosedError) as large:
+            browser.until(lambda: False, 5)
+        assert large.value.rcvd is not None
+        assert large.value.rcvd.code == 1009
+    with silent.browser() as browser:
+        with pytest.raises(ConnectionClosedError) as many:
+            _shout(browser)
+        assert many.value.rcvd is not None
+        assert many.value.rcvd.code == 1008
+
+
+def _shout(browser: Browser) -> None:
+    for _ in range(400):
+        browser.do("alive")
+    browser.until(lambda: False, 5)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"origin": "http://evil.example"},
+        {"origin": "null"},
+    ],
+)
+def test_a_page_from_elsewhere_cannot_connect(silent: Served, options: dict[str, object]) -> None:
+    with pytest.raises(InvalidStatus) as refused, silent.browser(**options):
+        pass
+    assert refused.value.response.status_code == 403
+
+
+def test_elsewhere_a_token_is_needed_for_all_that_changes_something(silent: Served) -> None:
+    guard = Guard("0.0.0.0", "right-token")
+    with served(silent.shown, guard) as open_to_all:
+        for names in (["canine"], ["canine", "token.wrong"]):
+            with (
+                pytest.raises(InvalidStatus) as refused,
+                open_to_all.browser(subprotocols=names),
+            ):
+                pass
+            assert refused.value.response.status_code == 403
+        with open_to_all.browser(subprotocols=["canine", "token.right-token"]) as browser:
+            assert browser.socket.subprotocol == "canine"
+        assert request(open_to_all, "POST", "/import?name=a.csv", b"latitude,longitude\n1,2\n")[0] == 403
+        csv = b"latitude,longitude\n1,2\n"
+        status, _, _ = request(open_to_all, "POST", "/import?name=a.csv", csv, {"X-Token": "right-token"})
+        assert status == 200
+
+
+def request(
+    station: Served, method: str, path: str, body: bytes | None = None, headers: dict[str, str] | None = None
+) -> tuple[int, dict[str, str], bytes]:
+    connection = HTTPConnection(station.address, timeout=30)
+    connection.request(method, path, body, headers or {})
+    response = connection.getresponse()
+    content = response.read()
+    connection.close()
+    return response.status, {name.lower(): value for name, value in response.getheaders()}, content
+
+
+def test_missions_are_imported_and_exported_and_names_are_no_paths(silent: Served) -> None:
+    csv = b"kind,latitude,longitude\nhome,32.6,-85.4\nwaypoint,32.601,-85.4\n"
+    status, headers, content = request(silent, "POST", "/import?name=../../etc/a.csv", csv)
+    assert status == 200
+    mission = json.loads(content)
+    assert mission["waypoints"] == [[32.601, -85.4]]
+    assert {name: headers[name] for name in HEADERS} == HEADERS
+    body = json.dumps({"mission": mission}).encode()
+    status, headers, gpx = request(silent, "POST", "/export?to=gpx", body)
+    assert status == 200
+    assert headers["content-disposition"] == 'attachment; filename="mission.gpx"'
+    assert request(silent, "POST", "/import?name=b.gpx", gpx)[2] == content
+    for path, data in (
+        ("/import?name=a.exe", csv),
+        ("/export?to=../a", body),
+        ("/export?to=gpx", b"{"),
+        ("/import?name=a.csv", b"x" * (2**20 + 1)),
+    ):
+        status, _, answer = request(silent, "POST", path, data)
+        assert status == 400, path
+        assert json.loads(answer)["error"]
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["/static/../session.py", "/static/%2e%2e/session.py", "/parts/..%2f..%2fstation/session.py", "/x"],
+)
+def test_nothing_but_the_page_and_its_parts_is_served(silent: Served, path: str) -> None:
+    status, headers, _ = request(silent, "GET", path)
+    assert status == 404
+    assert headers["content-security-policy"] == HEADERS["content-security-policy"]
+
+
+def test_another_host_gets_nothing(silent: Served) -> None:
+    status, _, content = request(silent, "GET", "/parts/canine.js", headers={"Host": "evil.example"})
+    assert status == 403
+    assert b"Host" in content
+    upgrade = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13"}
+    upgrade |= {"Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==", "Origin": "http://evil.example"}
+    assert request(silent, "GET", "/ws", headers=upgrade | {"Host": "evil.example"})[0] == 403, (
+        "DNS rebinding"
+    )
+
+
+def test_the_key_is_never_shown(tmp_path: Path) -> None:
+    key = Key(bytes(range(100, 116)))
+    with unheard(tmp_path, key) as station, station.browser() as browser:
+        shown = json.dumps([browser.hello, browser.history, browser.state])
+        assert not browser.hello["insecure"]
+    for content in (shown.encode(), (tmp_path / "trial.mcap").read_bytes()):
+        assert key.data not in content
+        assert key.data.hex().encode() not in content.lower()
