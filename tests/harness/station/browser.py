@@ -97,12 +97,8 @@ class Served:
 
     @contextmanager
     def browser(self, **options: Any) -> Iterator[Browser]:
-        options = {
-            "subprotocols": ["canine"],
-            "origin": f"http://{self.address}",
-            "close_timeout": 0.5,
-        } | options
-        with connect(f"ws://{self.address}/ws", **options) as socket:
+        usual: Any = {"subprotocols": ["canine"], "origin": f"http://{self.address}", "close_timeout": 0.5}
+        with connect(f"ws://{self.address}/ws", **(usual | options)) as socket:
             yield Browser(socket)
 
 
