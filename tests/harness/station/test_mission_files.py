@@ -7,7 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from harness.onboard.radio import Mission, Position
@@ -40,6 +40,7 @@ def test_a_mission_that_is_written_reads_back_with_the_same_id(ending: str) -> N
 
 
 @pytest.mark.parametrize("ending", FORMATS)
+@settings(deadline=None)
 @given(
     st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5)), min_size=1, max_size=16),
     st.sampled_from([(32.6, -85.4), (-54.8, 179.9), (0.0, 0.0)]),
