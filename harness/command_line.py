@@ -90,7 +90,7 @@ def canine(
     canine sweep two                              many trials at each value of a parameter
     canine matrix --controllers cmec,quarter_turn --plants canine,dog.fmu    many trials with each pair
     canine keygen --out vest.key                  a vest's radio key
-    canine firmware --target cortex-m4f --key vest.key --out fw     the onboard program's sources
+    canine firmware --target stm32f405 --key vest.key --out fw      the onboard program's sources
     canine pil --target cortex-m4f                runs them on the simulated processor, bit by bit
     canine export out/demo/trial.mcap --to csv    a log as files that other tools read
     canine export left_90 --ssp left_90.ssp       a trial as a package that other tools run

@@ -60,7 +60,7 @@ def write_firmware(
     """Write the sources of the onboard program for a processor: estimator, controller, drivers, main loop.
 
     \b
-    canine firmware --target cortex-m4f --key vest.key --out firmware
+    canine firmware --target stm32f405 --key vest.key --out firmware
     canine firmware --target rabbit4000 --key vest.key --parameters my.toml --constants --out firmware
                                                   my.toml without a reading, or with "guarded": with limits
     canine firmware --target host --insecure --set cmec.moving_deviation=37 --out firmware
@@ -102,7 +102,7 @@ def keygen(
 
     \b
     canine keygen --out rex.key
-    canine firmware --target cortex-m4f --key rex.key --out firmware
+    canine firmware --target stm32f405 --key rex.key --out firmware
 
     Whoever has the file can command the vest: keep it off shared disks, out of repositories and mail. A vest
     and its laptop have one key, another vest another. An existing file is not overwritten.

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from codegen.firmware.targets import TARGETS
+from codegen.firmware.targets import IN_THE_LOOP
 from harness.cosim.stepping import CALL_LIMIT_S, MEMORY_LIMIT_GIB
 from models.kit.random import MAX_SEED
 
@@ -35,7 +35,7 @@ Onboard = Annotated[
     str | None,
     typer.Option(
         metavar="fmu|pil:TARGET",
-        help=f"pil: firmware on a processor ({', '.join(TARGETS)}) for estimator and controller",
+        help=f"pil: firmware on a processor ({', '.join(IN_THE_LOOP)}) for estimator and controller",
     ),
 ]
 Fmi = Annotated[Literal["2", "3"] | None, typer.Option(help="version of our FMUs; 2 by default")]

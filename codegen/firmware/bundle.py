@@ -188,6 +188,12 @@ def _limits(variable: Variable) -> str:
     return f"; {low} to {high}" if low and high else f"; from {low}" if low else f"; up to {high}"
 
 
+def added(target: Target) -> dict[str, str]:
+    """The hand-written sources, headers and scripts that a target adds to the program, file name to text."""
+    folders = [SOURCES / name for name in (target.shared, target.folder) if name]
+    return {path.name: path.read_text() for folder in folders for path in sorted(folder.iterdir())}
+
+
 def bundle(
     target: Target,
     values: Values | None = None,
@@ -200,10 +206,9 @@ def bundle(
     files = library(
         values, navigation, constants=constants, addressed=target.addressed, banked=target.banked, key=key
     )
-    for source in sorted((SOURCES / target.folder).iterdir()):
-        if not source.name.startswith("pil"):
-            files[source.name] = source.read_text()
+    files |= {name: text for name, text in added(target).items() if not name.startswith("pil")}
     chosen = _chosen(values, navigation.blocks)
+    measured = target.same_processor_as or target.name
     context = (
         SHARED
         | READINESS
@@ -218,10 +223,11 @@ def bundle(
             "estimators": ESTIMATORS,
             "guarded": chosen["controller"]["guarded"],
             "confronted": chosen["estimator"]["heading_limit"] <= math.pi,  # above it nothing contradicts
-            "costs": json.loads(COSTS.read_text()).get(target.name, {}).get(navigation.name),
+            "measured": measured,
+            "costs": json.loads(COSTS.read_text()).get(measured, {}).get(navigation.name),
         }
     )
-    files["Makefile"] = TEMPLATES.get_template(f"{target.folder}.mk.jinja").render(context)
+    files["Makefile"] = TEMPLATES.get_template(f"{target.shared or target.folder}.mk.jinja").render(context)
     files["README.md"] = TEMPLATES.get_template("firmware.md.jinja").render(context)
     return files
 

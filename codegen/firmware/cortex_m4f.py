@@ -1,7 +1,7 @@
 """The onboard program compiled for the ARM Cortex-M4F, as it lies in a board's memory: the firmware's image.
 
-Compiled without a C library: `onboard/cortex_m4f` has the few functions that the program needs, the start-up
-and the linker script. The compiler is pip's; arm-none-eabi-gcc takes the same sources and flags.
+Compiled without a C library: `onboard/arm` has the few functions that the program needs, the start-up
+and the linker's sections. The compiler is pip's; arm-none-eabi-gcc takes the same sources and flags.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ PORTABLE = (
     "-std=c99", "-O2", "-ffp-contract=off", "-ffreestanding", "-nostdlib", "-fomit-frame-pointer",
     "-fno-unwind-tables", "-fno-asynchronous-unwind-tables", "-ffunction-sections", "-fdata-sections",
 )  # fmt: skip
-LINKING = ("-Wl,--gc-sections", "-Wl,-e,Reset_Handler", "-Wl,-T,link.ld")
+LINKING = ("-Wl,--gc-sections", "-Wl,-e,Reset_Handler")
 # the threshold saves 2 % of the instructions for 4 % of code
 FLAGS = (
     *TRIPLE, *PORTABLE, *WARNINGS, "-mllvm", "-inline-threshold=450",
@@ -43,19 +43,34 @@ def cortex_m4f_image(target: Target, files: Mapping[str, str]) -> Image:
     Raises:
         CompileError: with the compiler's own words.
     """
-    files = own_files(target) | dict(files)
+    files = {name: text for name, text in (own_files(target) | dict(files)).items() if name not in BOARD}
+    return _image(target, files, "onboard.elf")
 
+
+def board_image(target: Target, files: Mapping[str, str]) -> Image:
+    """An ELF file of a bundle, with its own main and port: what a board is flashed with.
+
+    Args:
+        files: of the bundle, by the simulation's key or none (see `image.with_key`).
+
+    Raises:
+        CompileError: with the compiler's own words.
+    """
+    return _image(target, files, "board.elf")
+
+
+def _image(target: Target, files: Mapping[str, str], name: str) -> Image:
     def make(path: Path) -> None:
         with Scratch(path.parent) as scratch:
             folder = scratch.resolve()
-            write_files(files, folder)
-            sources = sorted(n for n in files if n.endswith(".c") and n not in BOARD)
-            prefix = f"-ffile-prefix-map={folder}=."
-            zig(["cc", *FLAGS, prefix, "-o", path.name, *sources], "onboard for the Cortex-M4F", folder)
+            write_files(dict(files), folder)
+            sources = sorted(n for n in files if n.endswith(".c"))
+            options = (f"-Wl,-T,{target.script}", f"-ffile-prefix-map={folder}=.")
+            zig(["cc", *FLAGS, *options, "-o", path.name, *sources], "onboard for the Cortex-M4F", folder)
             (folder / path.name).replace(path)
 
-    asked = (compiler_version(), FLAGS, sorted(files.items()))
-    path = stored(f"firmware/{target.name}/onboard.elf", asked, make)
+    asked = (compiler_version(), FLAGS, target.script, sorted(files.items()))
+    path = stored(f"firmware/{target.name}/{name}", asked, make)
     with path.open("rb") as file:
         elf = ELFFile(file)
         symbols = {s.name: s["st_value"] & ~_thumb(s) for s in _table(elf) if s.name}

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from codegen.blocks.block_c import write_files
 from codegen.cache import stored
-from codegen.firmware.bundle import SOURCES
+from codegen.firmware.bundle import added
 from codegen.firmware.key import SIMULATION_KEY, Key
 from codegen.firmware.targets import Target
 from codegen.scratch import Scratch
@@ -55,9 +55,8 @@ class Image:
 
 
 def own_files(target: Target) -> dict[str, str]:
-    """A target's own sources, headers and scripts, without its board's; pil* are for the mailbox."""
-    folder = SOURCES / target.folder
-    return {path.name: path.read_text() for path in sorted(folder.iterdir()) if path.name not in BOARD}
+    """What a target adds to the program, without its board's; pil* are for the mailbox."""
+    return {name: text for name, text in added(target).items() if name not in BOARD}
 
 
 def host_image(target: Target, files: Mapping[str, str]) -> Image:

@@ -17,7 +17,7 @@ from rich.console import Console
 
 from codegen.firmware.bundle import recorded
 from codegen.firmware.navigation import DEFAULT, Navigation
-from codegen.firmware.targets import SIMULATED, find_target
+from codegen.firmware.targets import SIMULATED, find_in_the_loop, find_target
 from harness.files import make_folder
 from harness.onboard.processors import Cost, Processor, ProcessorError, Received, Reply, open_processor
 from harness.pil import SCENARIO
@@ -135,7 +135,7 @@ def run(
         DifferenceError: the processors differ.
         CanineError: the trial fails for another reason.
     """
-    find_target(target)
+    find_in_the_loop(target)
     if target not in SIMULATED:
         raise UsageError(f'--target "{target}": expected a simulated one: {", ".join(SIMULATED)}')
     watched: list[Compared] = []

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import cast, get_args
 
-from codegen.firmware.targets import TARGETS
+from codegen.firmware.targets import IN_THE_LOOP
 from codegen.scratch import Scratch
 from fmus.archive import check_sealed
 from fmus.folder import build_folder, is_current
@@ -226,7 +226,7 @@ def _of_log(path: Path, folder: Path) -> Request:
         *(("FMU of a swap", name, log.attachments) for name in swaps.values()),
         ("order", order, get_args(Order)),
         ("FMI version", fmi, ("2", "3")),
-        ("processor", run.get("onboard", ""), ("", *TARGETS)),
+        ("processor", run.get("onboard", ""), ("", *IN_THE_LOOP)),
     ]:
         if value not in expected:
             names = ", ".join(sorted(filter(None, expected)))
@@ -303,7 +303,7 @@ def _processor(onboard: str) -> str:
     Raises:
         UsageError: there is no such processor.
     """
-    choices = ["fmu", *(f"pil:{name}" for name in TARGETS)]
+    choices = ["fmu", *(f"pil:{name}" for name in IN_THE_LOOP)]
     if onboard not in choices:
         raise UsageError(f'--onboard "{onboard}": expected one of {", ".join(choices)}')
     return onboard.removeprefix("pil:").removeprefix("fmu")

@@ -12,7 +12,7 @@ from codegen.firmware import bundle
 from codegen.firmware.image import Image
 from codegen.firmware.key import SIMULATION_KEY, Key
 from codegen.firmware.navigation import DEFAULT, Navigation
-from codegen.firmware.targets import Target, find_target
+from codegen.firmware.targets import Target, find_in_the_loop
 from models.errors import CanineError
 from models.kit.link import Values
 
@@ -118,11 +118,11 @@ def open_processor(
     """A processor that runs the onboard program with these parameters and this key (see `bundle.library`).
 
     Raises:
-        UsageError: the target is unknown.
+        UsageError: the target is unknown, or does not run in the loop.
         CompileError: the toolchain refuses the program, or is missing.
         ProcessorError: the simulator cannot be started.
     """
-    chosen = find_target(target)
+    chosen = find_in_the_loop(target)
     files = bundle.library(
         values,
         navigation,

@@ -6,7 +6,6 @@ import ctypes
 import datetime
 import graphlib
 import hashlib
-import itertools
 import json
 import math
 import os
@@ -39,7 +38,7 @@ from codegen.firmware.navigation import DEFAULT, Navigation
 from codegen.firmware.rabbit4000 import read_map
 from codegen.firmware.record import is_mission
 from codegen.firmware.targets import TARGETS
-from codegen.firmware.telemetry import Flag, Refusal, Telemetry
+from codegen.firmware.telemetry import Flag, Refusal
 from codegen.toolchains import sdcc
 from codegen.toolchains.compiler import FLAGS, CompileError, build_library
 from harness import main
@@ -53,11 +52,17 @@ from models.canine_tracker import CanineTracker
 from models.errors import UsageError
 from models.four_state import FourState
 from tests.codegen.compiled import struct_members
-from tests.codegen.firmware.vest import LATITUDE, LONGITUDE, Send, lead, still
+from tests.codegen.firmware.vest import LATITUDE, LONGITUDE, check_telemetry, lead_until_forward, still
 from tests.harness.onboard.frames import answering, encode
 
 PROJECT = Path(codegen.__file__).resolve().parents[1]
-PROGRAM = {"host": "onboard", "cortex-m4f": "onboard.elf", "rabbit4000": "onboard.ihx"}
+PROGRAM = {
+    "host": "onboard",
+    "cortex-m4f": "onboard.elf",
+    "rabbit4000": "onboard.ihx",
+    "stm32f405": "onboard.elf",
+}
+ARM = ("cortex-m4f", "stm32f405")
 ZIG = [f"CC={sys.executable} -m ziglang cc", "CFLAGS=-fno-sanitize=all"]
 ZIG_CPU = "CPU=-target thumb-freestanding-eabihf -mcpu=cortex_m4+vfp4d16sp"
 FORBIDDEN = re.compile(
@@ -145,7 +150,7 @@ def test_a_bundle_builds_with_its_own_makefile_and_is_small_enough(
 
     # then there is the program, and it fits
     assert (folder / PROGRAM[target]).stat().st_size > 0
-    if target == "cortex-m4f":
+    if target in ARM:
         code, data, bss = elf_sizes(folder / PROGRAM[target])
         assert code + data <= TARGETS[target].code
         assert bss <= TARGETS[target].ram
@@ -168,9 +173,10 @@ def map_areas(folder: Path) -> dict[str, int]:
     return {m[1]: int(m[2], 16) for m in rows}
 
 
-def test_the_cortex_bundle_builds_with_zig_too(tmp_path: Path) -> None:
+@pytest.mark.parametrize("target", ARM)
+def test_the_bundles_for_arm_build_with_zig_too(target: str, tmp_path: Path) -> None:
     # given the bundle, when it is made with pip's compiler
-    write(TARGETS["cortex-m4f"], tmp_path)
+    write(TARGETS[target], tmp_path)
     run_make(tmp_path, *ZIG, ZIG_CPU)
 
     # then there is the program
@@ -292,7 +298,8 @@ def test_the_program_on_the_host_needs_nothing_but_copies_and_square_roots(made:
 def test_no_image_holds_a_heap_a_sine_or_a_double(made: Make) -> None:
     # given all symbols of the images
     rabbit = set(re.findall(r"^ +[0-9A-F]{8} +(\w+)", (made("rabbit4000") / "onboard.map").read_text(), re.M))
-    names = symbols(made("host") / "onboard") | symbols(made("cortex-m4f") / "onboard.elf") | rabbit
+    names = symbols(made("host") / "onboard") | rabbit
+    names |= {name for target in ARM for name in symbols(made(target) / "onboard.elf")}
 
     # then these are among them, so that the list is one
     assert {"onboard_tick", "_onboard_tick", "___fsadd", "Reset_Handler"} <= names
@@ -353,13 +360,14 @@ class Calls:
         return deepest[function]
 
 
-@pytest.mark.parametrize("compiler", ["gcc", "arm-none-eabi-gcc"])
+@pytest.mark.parametrize(
+    ("compiler", "target"), [("gcc", "host"), *(("arm-none-eabi-gcc", target) for target in ARM)]
+)
 def test_no_function_of_an_image_calls_itself_and_the_stack_has_a_bound(
-    compiler: str, tmp_path: Path, record_property: Callable[[str, object], None]
+    compiler: str, target: str, tmp_path: Path, record_property: Callable[[str, object], None]
 ) -> None:
     # given a bundle whose compiler writes down who calls whom
     tool(compiler, {"gcc": "gcc"}.get(compiler, "gcc-arm-none-eabi"))
-    target = "host" if compiler == "gcc" else "cortex-m4f"
     write(TARGETS[target], tmp_path)
     run_make(tmp_path, f"CC={compiler}", "CFLAGS=-fcallgraph-info=su")
 
@@ -373,7 +381,7 @@ def test_no_function_of_an_image_calls_itself_and_the_stack_has_a_bound(
     record_property("stack", worst)
     print(f"{compiler}: {worst} bytes of stack")
     assert worst > calls.stack["onboard_tick"] > 0
-    if target == "cortex-m4f":  # and with one interrupt on top (all are of one priority) it fits
+    if target in ARM:  # and with one interrupt on top (all are of one priority) it fits
         handlers = [n for n in calls.stack if n.startswith("port.c:") or n.endswith("_Handler")]
         worst += FRAME + max(calls.deepest(n) for n in handlers if n != "Reset_Handler")
         print(f"{worst} with an interrupt")
@@ -581,7 +589,7 @@ def test_each_target_has_a_port_with_every_function_of_the_interface() -> None:
     # given each target's folder, then it has a port, and every function of port.h is in it
     functions = re.findall(r"^\w[\w ]* (port_\w+)\(", (SOURCES / "port.h").read_text(), re.M)
     for target in TARGETS.values():
-        text = (SOURCES / target.folder / "port.c").read_text()
+        text = bundle.added(target)["port.c"]
         assert [f for f in functions if not re.search(rf"^\w.* {f}\(.*\)\n\{{", text, re.M)] == []
 
 
@@ -624,23 +632,6 @@ def test_a_folder_that_cannot_be_written_is_named_in_the_error(tmp_path: Path, c
 # --- it runs ---
 
 
-def check_telemetry(reports: list[Telemetry]) -> None:
-    """Of an animal that stands still at home and looks to the waypoint 50 m to the east."""
-    last = reports[-1]
-    assert (
-        Flag(last.flags) == Flag.VALID | Flag.IMU_OK | Flag.LINK_OK | Flag.FIXED | Flag.LOADED | Flag.STARTED
-    )
-    assert abs(last.latitude - 326_000_000) <= 10  # 1e-7 deg: 0.1 m
-    assert abs(last.longitude + 855_000_000) <= 10
-    assert abs(last.heading - 15_708) <= 1  # 1e-4 rad: pi / 2
-    assert abs(last.distance - 500) <= 2  # dm
-    assert last.command == 1  # FORWARD
-    assert last.gps_frames >= 9  # three a fix
-    assert last.imu_frames >= 25
-    # five a second, each up to 80 ms late
-    assert all(b.time_ms - a.time_ms in (120, 160, 200, 240, 280) for a, b in itertools.pairwise(reports))
-
-
 def test_the_host_program_leads_over_pseudo_terminals(made: Make, tmp_path: Path) -> None:
     # given the program with a pseudo-terminal for each line
     ours: dict[str, int] = {}
@@ -668,16 +659,6 @@ def test_the_host_program_leads_over_pseudo_terminals(made: Make, tmp_path: Path
     # then it answers, and plays FORWARD: 1500 Hz (Table 4.1), neither vibrator
     check_telemetry(reports)
     assert re.fullmatch(r"\d+ 1500 0 0", (tmp_path / "plays").read_text().splitlines()[-1])
-
-
-def lead_until_forward(gps: Send, imu: Send, radio: Send, *, heard: Callable[[], bytes]) -> list[Telemetry]:
-    """What the vest tells until it has been leading for a second; the animal would be late after three."""
-    reports: list[Telemetry] = []
-    for telemetry in lead(gps, imu, radio, heard, seconds=30.0):
-        reports.append(telemetry)
-        if len(reports) >= 5 and telemetry.command == 1 and telemetry.imu_frames >= 25:
-            return reports
-    raise AssertionError(f"the animal is not led; the last of {len(reports)}: {reports[-1:]}")
 
 
 @pytest.mark.parametrize(

@@ -5,12 +5,13 @@ The animal stands still and looks at the one waypoint, 50 m to the east.
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Callable, Iterator
 
 from codegen.firmware.key import SIMULATION_KEY
-from codegen.firmware.telemetry import Telemetry
+from codegen.firmware.telemetry import Flag, Telemetry
 from harness.log.geodesy import TangentPlane
 from harness.onboard.instruments import InertialUnit, Receiver
 from harness.onboard.operator import Operator
@@ -43,9 +44,20 @@ def still(tick: int) -> dict[str, float]:
 
 
 def lead(
-    gps: Send, imu: Send, radio: Send, heard: Callable[[], bytes], seconds: float
+    gps: Send,
+    imu: Send,
+    radio: Send,
+    heard: Callable[[], bytes],
+    *,
+    seconds: float,
+    override: Callable[[], Command] = lambda: Command.NONE,
 ) -> Iterator[Telemetry]:
-    """What the vest tells while it is to lead the animal, tick by tick, for so many seconds at most."""
+    """What the vest tells while it is to lead the animal, tick by tick, for so many seconds at most.
+
+    Args:
+        heard: gives what has come by radio.
+        override: gives the operator's own command.
+    """
     plane = TangentPlane(math.radians(LATITUDE), math.radians(LONGITUDE))
     receiver, unit = Receiver(plane), InertialUnit()
     waypoint = (math.degrees(x) for x in plane.from_plane(0.0, EAST))
@@ -55,8 +67,37 @@ def lead(
         signals = still(tick)
         gps(receiver.fix(tick * TICK, signals))
         imu(unit.sample(tick, signals))
-        radio(operator.send(tick * TICK, True, Command.NONE, True))
+        radio(operator.send(tick * TICK, True, override(), True))
         time.sleep(max(0.0, began + (tick + 1) * TICK - time.monotonic()))
         telemetry = operator.receive(heard())
         if telemetry is not None:
             yield telemetry
+
+
+def lead_until_forward(gps: Send, imu: Send, radio: Send, *, heard: Callable[[], bytes]) -> list[Telemetry]:
+    """What the vest tells until it has been leading for a second; the animal would be late after three."""
+    reports: list[Telemetry] = []
+    for telemetry in lead(gps, imu, radio, heard, seconds=30.0):
+        reports.append(telemetry)
+        if len(reports) >= 5 and telemetry.command == 1 and telemetry.imu_frames >= 25:
+            return reports
+    raise AssertionError(f"the animal is not led; the last of {len(reports)}: {reports[-1:]}")
+
+
+def check_telemetry(reports: list[Telemetry]) -> None:
+    """Of an animal that stands still at home and looks to the waypoint 50 m to the east."""
+    last = reports[-1]
+    assert (
+        Flag(last.flags) == Flag.VALID | Flag.IMU_OK | Flag.LINK_OK | Flag.FIXED | Flag.LOADED | Flag.STARTED
+    )
+    assert abs(last.latitude - 326_000_000) <= 10  # 1e-7 deg: 0.1 m
+    assert abs(last.longitude + 855_000_000) <= 10
+    assert abs(last.heading - 15_708) <= 1  # 1e-4 rad: pi / 2
+    assert abs(last.distance - 500) <= 2  # dm
+    assert last.command == 1  # FORWARD
+    assert last.gps_frames >= 9  # three a fix
+    assert last.imu_frames >= 25
+    # five a second, each up to 80 ms late; on a busy machine some are read together, of which the last counts
+    between = [b.time_ms - a.time_ms for a, b in itertools.pairwise(reports)]
+    assert all(ms >= 120 and ms % 40 == 0 for ms in between)
+    assert min(between) <= 280

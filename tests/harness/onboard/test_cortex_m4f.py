@@ -38,6 +38,7 @@ from models.commands import Command
 from tests.harness.onboard.frames import answering, encode
 
 TARGET = find_target("cortex-m4f")
+SCRIPT = f"-Wl,-T,{TARGET.script}"
 TICKS = 240
 BUDGET = (
     6_000  # instructions of a tick, signed telemetry included; costs.json has what they take, to the digit
@@ -605,12 +606,12 @@ def run_board(elf: Path, folder: Path, *options: str) -> None:
 
 
 def compile_with_gcc(units: list[str], folder: Path) -> None:
-    command = [TOOLS[0], *GCC, *PORTABLE, *WARNINGS, "-I.", *LINKING, "-o", "onboard.elf", *units]
+    command = [TOOLS[0], *GCC, *PORTABLE, *WARNINGS, "-I.", *LINKING, SCRIPT, "-o", "onboard.elf", *units]
     subprocess.run(command, cwd=folder, check=True)
 
 
 def compile_with_zig(units: list[str], folder: Path) -> None:
-    zig(["cc", *FLAGS, "-o", "onboard.elf", *units], "onboard", folder)
+    zig(["cc", *FLAGS, SCRIPT, "-o", "onboard.elf", *units], "onboard", folder)
 
 
 @second_opinion

@@ -358,8 +358,14 @@ def test_ctrl_c_ends_both_processors_with_130(
     [
         (["--target", "host"], '--target "host": expected a simulated one: cortex-m4f, rabbit4000'),
         (
+            ["--target", "stm32f405"],
+            '"stm32f405" does not run with the processor in the loop: cortex-m4f, which does, has the same '
+            "processor and program; expected one of host, cortex-m4f, rabbit4000",
+        ),
+        (
             ["--target", "rabbit400"],
-            'made for host, cortex-m4f, rabbit4000, not for "rabbit400"; did you mean "rabbit4000"?',
+            'made for host, cortex-m4f, rabbit4000, stm32f405, not for "rabbit400"; did you mean '
+            '"rabbit4000"?',
         ),
         (["two_waypoint", "--target", "cortex-m4f", "--set", "watchdog.link_timeot=1"], "link_timeout"),
         (
@@ -520,7 +526,7 @@ def test_parameters_of_firmware_from_a_scenario_are_those_of_its_trial(tmp_path:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--target", "z80"], 'firmware is made for host, cortex-m4f, rabbit4000, not for "z80"'),
+        (["--target", "z80"], 'firmware is made for host, cortex-m4f, rabbit4000, stm32f405, not for "z80"'),
         (["--target", "cortex-m4"], 'did you mean "cortex-m4f"?'),
         (["--target", "host", "--set", "cmec.moving_devation=37"], "moving_deviation"),
         (["--target", "host", "--set", "watchdog.link_timeout=0"], "link_timeout"),
