@@ -95,6 +95,7 @@ def canine(
     canine export out/demo/trial.mcap --to csv    a log as files that other tools read
     canine export left_90 --ssp left_90.ssp       a trial as a package that other tools run
     canine compare out/demo out/again             do two logs agree, and where do they differ first
+    canine report out/demo                        a log as an interactive page: map, plots, events, playback
     canine recover out/demo/trial.mcap            a log that was cut is made whole
     canine scenarios                              the trials that come with the project
     canine parameters cmec                        what a scenario can set: unit, range, default, meaning
@@ -575,6 +576,7 @@ def tune_estimator(
 
 
 app.command("compare")(log_commands.compare_logs)
+app.command("report")(log_commands.report_log)
 app.command("recover")(log_commands.recover_log)
 app.command("export")(log_commands.export)
 app.command("faults")(fault_commands.try_faults)

@@ -118,7 +118,7 @@ class TrialResult:
 
     @property
     def page_path(self) -> Path:
-        """trial.html; not written for a system without a plant."""
+        """trial.html."""
         return self.folder / trial.PAGE
 
     @property

@@ -149,6 +149,42 @@ def compare_logs(
         raise typer.Exit(1)
 
 
+def report_log(
+    log: Annotated[Path, typer.Argument(metavar="LOG")],
+    *,
+    file: Annotated[
+        Path | None,
+        typer.Option("--out", dir_okay=False, metavar="FILE.html", help="by default <log>.html beside it"),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print the summary as JSON")] = False,
+) -> None:
+    """Write the page of a trial from its log, or the log in a run's folder: map, plots, events, playback.
+
+    \b
+    canine report out/demo
+    canine report field.mcap --out field.html
+
+    The page needs no network and no other file. It is what `canine run` leaves as trial.html. A log that was
+    cut short, or whose trial a fault ended, has a page up to there.
+    """
+    from harness.log.log import log_of, read_log
+    from harness.trial.notes import radio_notes, refusal_notes
+    from harness.trial.page import write_page
+    from harness.trial.summary import show, summarize
+
+    content = read_log(log_of(log))
+    page = file or content.path.with_suffix(".html")
+    summary = summarize(content, notes=refusal_notes(content) + radio_notes(content))
+    write_page(content, summary, page)
+    if as_json:
+        typer.echo(json_of(summary))
+        return
+    show(summary, out())
+    if content.broken:
+        print_note(f"{content.path}: the log is not whole, {content.broken}")
+    typer.echo(short(page))
+
+
 def recover_log(
     log: Annotated[Path, typer.Argument(metavar="LOG.mcap")],
     *,

@@ -41,11 +41,10 @@ from mcap_protobuf.schema import build_file_descriptor_set
 
 from harness.log.channel import SECOND, Array
 from harness.log.container import Container
+from harness.log.events import OUTPUTS, in_words
 from harness.log.geodesy import TangentPlane
-from harness.log.log import named
 from harness.log.route import Route
-from models.commands import Command, Status
-from models.modes import Anomaly
+from models.commands import Status
 
 PERIOD = SECOND // 5  # ns: a dog moves two metres in it at most
 CIRCLE_POINTS = 48
@@ -168,19 +167,12 @@ class _Events:
 
 def _event(name: str, value: float) -> Event | None:
     """What the new value of an output means; None if it only returns to none."""
-    level: Event.Level.ValueType = Event.INFO
-    match name:
-        case "command":
-            text = f"command {named(Command, value)}"
-        case "status":
-            text = f"trial {named(Status, value)}"
-            level = _Events.LEVELS.get(Status(int(value)), level) if value in set(Status) else level
-        case "waypoint" if value:
-            text = f"waypoint {value:g} reached"
-        case "anomaly" if value:
-            text, level = f"anomaly {named(Anomaly, value)}", Event.WARNING
-        case _:
-            return None
+    text = in_words(name, value)
+    if text is None:
+        return None
+    level: Event.Level.ValueType = Event.WARNING if name == "anomaly" else Event.INFO
+    if name == "status" and value in set(Status):
+        level = _Events.LEVELS.get(Status(int(value)), level)
     return Event(level=level, message=text, name="controller")
 
 
@@ -226,7 +218,7 @@ class Views:
             self.gps = _Fixes(channel, receiver, position + find(receiver, "gps_h_acc"), plane)
         self.fix = find(receiver, "gps_fix")
 
-        names = [n for n in ("status", "command", "waypoint", "anomaly") if find("controller", n)]
+        names = [n for n in OUTPUTS if find("controller", n)]
         self.events: _Events | None = None
         if names:
             by_name = {name: columns["controller"][name] for name in names}

@@ -5,18 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.markup import escape
 
 from harness.terminal import new_table, print_table
-from harness.trial.plan import is_angular
+from harness.toml_file import TomlError, parse_toml
+from harness.trial.plan import is_angular, start_of
 from models.kit.block import Block
-from models.kit.declaration import Type, Variable
-from models.readings import READING, READINGS
+from models.kit.declaration import Type, Variable, flatten
+from models.readings import ON_BOARD, READING, READINGS
+from models.system import BLOCKS
+
+if TYPE_CHECKING:
+    from harness.log.log import Log  # mcap: sweeps do without
 
 Number = bool | int | float
+MISSION = ("waypoint_", "home_", "fence_")  # with what such parameters' names begin
 
 
 @dataclass(frozen=True)
@@ -65,6 +71,59 @@ def _row(block: type[Block], variable: Variable, reading: str) -> ParameterRow:
         {choice.name: int(choice) for choice in variable.choices or ()},
         variable.meaning,
     )
+
+
+@dataclass(frozen=True)
+class ChangedParameter:
+    """A parameter that a trial had with another value than its default, as scenarios write both."""
+
+    name: str
+    unit: str
+    value: Number
+    default: Number
+    meaning: str
+
+    @property
+    def texts(self) -> tuple[str, str]:
+        """Value and default as they are printed."""
+        return _text(self.value), _text(self.default)
+
+
+def changed(log: Log) -> list[ChangedParameter]:
+    """The parameters of a log's blocks of ours that differ from the defaults of its reading.
+
+    Seeds and the mission (waypoints, home, fence) are left out: no default is meant for them.
+    """
+    stated = log.metadata.get("parameters", {})
+    blocks = {block.title(): block for block in BLOCKS}
+    differing = []
+    for component, title in log.metadata.get("roles", {}).items():
+        for flat, variable in flatten(blocks[title].group("parameter")) if title in blocks else ():
+            default = READINGS[_reading(log)].get(f"{title}.{variable.name}", start_of(variable, flat))
+            value = log.parameter(f"{component}.{flat}") if f"{component}.{flat}" in stated else None
+            if value is None or value == default or variable.name.startswith(MISSION) or flat == "seed":
+                continue
+            row = _row(blocks[title], variable, READING)
+            differing.append(
+                ChangedParameter(
+                    f"{title}.{flat}",
+                    row.unit,
+                    _written(variable, value),
+                    _written(variable, default),
+                    row.meaning,
+                )
+            )
+    return differing
+
+
+def _reading(log: Log) -> str:
+    """The reading of a log's scenario, or the one that it had without a word."""
+    default = ON_BOARD if log.metadata.get("run", {}).get("onboard") else READING
+    try:
+        reading = parse_toml(log.metadata["scenario"]["toml"]).get("reading", default)
+    except (KeyError, TomlError):
+        return default
+    return reading if reading in READINGS else default
 
 
 def _written(variable: Variable, value: float) -> Number:

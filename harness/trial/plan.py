@@ -55,7 +55,7 @@ class Interface:
         """A variable's start value by the role's name and unit, given the component's own values."""
         rename = self.renames.get(name, Rename(name))
         own = (self.parameters if rename.name in self.parameters else self.inputs).get(rename.name, variable)
-        value = values.get(rename.name, _start(own, rename.name))
+        value = values.get(rename.name, start_of(own, rename.name))
         return (value - rename.offset) / rename.factor if rename.mapped else value
 
     def converted(self, name: str, value: float) -> tuple[str, float]:
@@ -224,7 +224,7 @@ class _Planner:
     def note_own_start(self, interface: Interface, name: str, value: float) -> None:
         """Note that the reading replaces a value with which an FMU of another's starts."""
         block = next((b for b in BLOCKS if b.title() == interface.block), None)
-        own = _start(interface.parameters[name], name)
+        own = start_of(interface.parameters[name], name)
         if block is not None and own not in (value, dict(flatten(block.group("parameter")))[name].start[0]):
             self.notes.append(
                 f'{interface.label}: {name} is {own:.6g}; the reading "{self.reading}" sets it to {value:.6g}'
@@ -354,7 +354,7 @@ class _Planner:
                     entries.setdefault((component, own), []).append((setting.at, until, converted))
         for (component, own), spans in entries.items():
             values = {**self.bound.get(component, {}), **self.values[component]}
-            unset = values.get(own, _start(self.interfaces[component].inputs[own], own))
+            unset = values.get(own, start_of(self.interfaces[component].inputs[own], own))
             for time in sorted({t for at, until, _ in spans for t in (at, until)} - {math.inf}):
                 active = [(at, i) for i, (at, until, _) in enumerate(spans) if at <= time < until]
                 yield Event(time, component, own, spans[max(active)[1]][2] if active else unset)
@@ -444,7 +444,7 @@ def values_of(
     }
 
 
-def _start(variable: Variable, name: str) -> float:
+def start_of(variable: Variable, name: str) -> float:
     """The start value of a scalar; `name[3]` starts with the third value of its vector."""
     is_element = len(variable.start) > 1
     return variable.start[int(name[name.index("[") + 1 : -1]) - 1 if is_element else 0]

@@ -1,8 +1,7 @@
-"""The summary of a trial, from its log alone: summary.json, a table for the terminal, trial.html."""
+"""The summary of a trial, from its log alone: summary.json, a table for the terminal, a sentence."""
 
 from __future__ import annotations
 
-import base64
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -15,17 +14,15 @@ from rich.console import Console
 from rich.markup import escape
 
 from codegen.firmware.telemetry import Refusal
-from codegen.templating import environment
 from harness.files import write_whole
 from harness.log.channel import Array
 from harness.log.log import Log, named
 from harness.terminal import console_of, new_table, print_table
-from harness.trial.disturbances import disturbances, faults_of
+from harness.trial.disturbances import faults_of
 from models.commands import Status
 from models.modes import Anomaly
 from models.system import ESTIMATOR
 
-TEMPLATES = environment(Path(__file__).parent / "templates")
 OUTCOMES = {Status.SUCCESS: "success", Status.FAILED: "failed", Status.STOPPED: "stopped"}
 # the estimator's anomalies: an output, and whether it goes up or down (rules 5 and 6 of models/SAFETY.md)
 DOUBTS = {
@@ -204,6 +201,20 @@ def words(summary: Mapping[str, Any]) -> dict[str, str]:
     return {LABELS[key]: value for key, value in text.items()}
 
 
+def in_a_sentence(summary: Mapping[str, Any]) -> str:
+    """How the trial ended, and why."""
+    time = (
+        f"{summary['time_s']:.1f}".removesuffix(".0") if summary["time_s"] >= 1 else f"{summary['time_s']:g}"
+    )
+    waypoints, commands = summary["waypoints_reached"], summary["directional_commands"]
+    why = f": {summary['stopped_by']}" if summary["stopped_by"] else ""
+    return (
+        f"{summary['outcome'].capitalize()} after {time} s{why}. "
+        f"{waypoints or 'No'} waypoint{'s' * (waypoints != 1)} reached, with "
+        f"{commands or 'no'} directional command{'s' * (commands != 1)}."
+    )
+
+
 def show(summary: Mapping[str, Any], console: Console | None = None) -> None:
     """Print the summary as a table."""
     colour = {"success": "green", "failed": "red"}.get(summary["outcome"], "yellow")
@@ -211,24 +222,3 @@ def show(summary: Mapping[str, Any], console: Console | None = None) -> None:
     for label, text in words(summary).items():
         table.add_row(label, f"[bold {colour}]{text}[/]" if label == "outcome" else escape(text))
     print_table(table, console or console_of())
-
-
-def write_page(log: Log, summary: Mapping[str, Any], picture: bytes, path: Path) -> None:
-    """Write trial.html, one page that needs no other file; `picture` is the trial's PNG.
-
-    Raises:
-        FileError: it cannot be written.
-    """
-    page = TEMPLATES.get_template("trial.html.jinja").render(
-        summary=words(summary),
-        outcome=summary["outcome"],
-        title=summary["scenario"] or log.path.name,
-        seed=summary["seed"],
-        broken=log.broken,
-        disturbances=disturbances(log),
-        notes=summary["notes"],
-        picture=base64.b64encode(picture).decode(),
-        records=log.metadata,
-        channels=log.channels,
-    )
-    write_whole(path, page.encode())

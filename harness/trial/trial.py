@@ -22,10 +22,11 @@ from harness.toml_file import parse_toml
 from harness.trial.contents import LogRows, attachments, metadata
 from harness.trial.instances import OpenProcessor, open_simulation
 from harness.trial.notes import late_notes, radio_notes, refusal_notes
+from harness.trial.page import write_page
 from harness.trial.plots import trial_png
 from harness.trial.prepare import Prepared
 from harness.trial.request import Request
-from harness.trial.summary import summarize, write_page, write_summary
+from harness.trial.summary import summarize, write_summary
 from models.commands import ENDS
 from models.errors import UsageError
 
@@ -200,8 +201,7 @@ def _report(
     if error is not None and error.fault is not None:
         summary["fault"] = {"text": str(error), **asdict(error.fault)}
     if "plant.north" in log and "plant.east" in log:
-        picture = trial_png(log)
-        write_whole(out / PICTURE, picture)
-        write_page(log, summary, picture, out / PAGE)
+        write_whole(out / PICTURE, trial_png(log))
+    write_page(log, summary, out / PAGE)
     write_summary(summary, out / SUMMARY)
     return summary

@@ -232,3 +232,33 @@ def test_a_recovery_as_json_and_into_a_file_of_ones_own(
         assert (status, errors) == (2, f"canine: --out {taken}: is there already; choose another file, "
                                        "or remove that one\n")  # fmt: skip
     assert log.read_bytes() == data
+
+
+def test_a_log_that_was_cut_has_a_report_up_to_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # given a log of which the end is gone
+    canine(capsys, *RUN, "--out", tmp_path / "run")
+    log = tmp_path / "run" / "trial.mcap"
+    whole = (tmp_path / "run" / "trial.html").read_text()
+    log.write_bytes(log.read_bytes()[:-100_000])
+    # when
+    status, text, errors = canine(capsys, "report", tmp_path / "run")
+    # then the page is that of the ticks that are left
+    assert status == 0
+    assert "the log is not whole, the file ends early" in errors
+    assert text.splitlines()[-1] == str(tmp_path / "run" / "trial.html")
+    page = (tmp_path / "run" / "trial.html").read_text()
+    assert "This log is not whole: the file ends early" in page
+    assert "This log is not whole" not in whole
+    assert f'"ticks": {len(read_log(log).time)}' in canine(capsys, "report", log, "--json")[1]
+    # and a page elsewhere leaves that one
+    canine(capsys, "report", log, "--out", tmp_path / "mine.html")
+    assert (tmp_path / "mine.html").read_text() == page
+
+
+def test_a_report_of_no_log_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "a.toml").write_text("seed = 1")
+    status, _, errors = canine(capsys, "report", tmp_path / "a.toml")
+    assert status == 1
+    assert "not an MCAP file" in errors

@@ -2,7 +2,7 @@
 (function () {
   "use strict";
   const canine = (window.canine = window.canine || {});
-  const AXIS = 3.6, RIGHT = 12; // rem, px: style.css has the same for the strip
+  const AXIS = 4.4, RIGHT = 12; // rem, px: style.css has the same for the strip
   const HATCH = { order: 1, lost: -1, fault: 2 }; // direction of the lines; 2 is both
 
   function hatch(context, kind, colour) {
@@ -56,6 +56,7 @@
       context.lineWidth = devicePixelRatio;
       context.font = `${11 * devicePixelRatio}px system-ui, sans-serif`;
       context.textAlign = "right";
+      let labels = 0; // side by side, since levels lie near one another
       for (const { value, label, colour = "threshold", dash = [6, 4] } of levels) {
         const y = u.valToPos(value, "y", true);
         if (y < top || y > top + height) continue;
@@ -65,7 +66,7 @@
         context.moveTo(left, y);
         context.lineTo(left + width, y);
         context.stroke();
-        if (label) context.fillText(label, left + width - 4 * devicePixelRatio, y - 3 * devicePixelRatio);
+        if (label) context.fillText(label, left + width - (4 + 90 * labels++) * devicePixelRatio, y - 3 * devicePixelRatio);
       }
       context.restore();
     }
@@ -111,7 +112,7 @@
         padding: [6, RIGHT, 0, 0], series: drawn, bands: fills,
         scales: { x: { time: false, auto: false, range: () => timeline.shown.slice() },
           y: { range: (self, least, most) => spread(least, most, range, panel.include) } },
-        axes: [{ ...axis, size: 22, gap: 2 }, { ...axis, size: AXIS * rem, gap: 4, splits: panel.splits && (() => panel.splits) }],
+        axes: [{ ...axis, size: 22, gap: 2 }, { ...axis, size: AXIS * rem, gap: 4, space: 16, splits: panel.splits && (() => panel.splits) }],
         cursor: { x: false, y: false, points: { show: false }, drag: { x: true, y: false, setScale: false },
           bind: { dblclick: () => () => timeline.zoom(Infinity) } },
         hooks: {

@@ -4,9 +4,7 @@ import io
 import json
 import math
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,10 +14,8 @@ from harness.files import FileError
 from harness.log.channel import Channel
 from harness.log.log import Log
 from harness.trial.plots import trial_figure
-from harness.trial.summary import STOPPED_BY, show, summarize, write_page, write_summary
+from harness.trial.summary import STOPPED_BY, in_a_sentence, show, summarize, write_summary
 from models.modes import Anomaly
-
-VOID = {"meta", "img"}
 
 
 def little(
@@ -96,7 +92,7 @@ def test_what_ended_the_trial_is_said_in_words(last: int, anomaly: list[float], 
     # given a controller that stops, or fails, on the third tick
     log = little(status=[1, 1, last, last], anomaly=anomaly)
     summary = summarize(log, notes=["a note & more"])
-    # then summary, table, picture and page say why
+    # then summary, table and picture say why
     assert summary["stopped_by"] == words
     console = Console(file=io.StringIO(), width=100)
     show(summary, console)
@@ -107,12 +103,6 @@ def test_what_ended_the_trial_is_said_in_words(last: int, anomaly: list[float], 
 
 def test_every_limit_that_stops_a_trial_has_words() -> None:
     assert {a for a in Anomaly if a >= Anomaly.BUDGET_SPENT} <= STOPPED_BY.keys()
-
-
-def test_the_page_has_the_notes(tmp_path: Path) -> None:
-    log = little(status=[1, 2])
-    write_page(log, summarize(log, notes=["so < far"]), b"", tmp_path / "trial.html")
-    assert "<li>so &lt; far</li>" in (tmp_path / "trial.html").read_text()
 
 
 @pytest.mark.parametrize(
@@ -219,51 +209,24 @@ def test_another_estimator_than_the_default_is_named(
     assert summary["estimator"] == (words or roles.get("estimator"))
 
 
-class Page(HTMLParser):
-    """Checks that elements nest, and keeps text and sources."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.text = ""
-        self.sources: list[str] = []
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        if tag not in VOID:
-            self.open.append(tag)
-        self.sources += [value or "" for name, value in attrs if name in ("src", "href")]
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        self.text += data
-
-
-def test_the_page_refers_to_no_other_file(tmp_path: Path) -> None:
-    log = little(status=[1, 3], anomaly=[0, 5], broken="the file ends early")
-    write_page(log, summarize(log), b"\x89PNG picture", tmp_path / "trial.html")
-    page: Any = Page()
-    page.feed((tmp_path / "trial.html").read_text())
-    page.close()
-    assert page.open == []
-    assert page.sources == ["data:image/png;base64,iVBORyBwaWN0dXJl"]
-    for text in ("<three>, seed 7", "failed", "the file ends early", "canine.seed", "controller.status"):
-        assert text in page.text
-
-
-def test_the_page_says_when_the_trial_was_disturbed(tmp_path: Path) -> None:
-    # given a radio that is lost from 0.5 to 1 s and on the last tick, at 1.5 s
-    log = little(status=[1, 1, 1, 3])
-    link = Channel("controller", "controller", ("status", "link_ok"), ("", ""), ("Real", "Real"), ("", ""))
-    rows = {"controller": np.array([[1, 1], [1, 0], [1, 1], [3, 0]], dtype=float)}
-    lost = Log(log.path, (link,), log.metadata, {}, log.time, rows)
-    # when
-    write_page(lost, summarize(lost), b"", tmp_path / "trial.html")
-    write_page(log, summarize(log), b"", tmp_path / "undisturbed.html")
-    # then
-    assert "lost radio: 0.50 to 1.00 s, 1.50 to 1.50 s" in (tmp_path / "trial.html").read_text()
-    assert "<ul>" not in (tmp_path / "undisturbed.html").read_text()
+@pytest.mark.parametrize(
+    ("status", "anomaly", "sentence"),
+    [
+        ([1, 1, 2, 2], [0] * 4, "Success after 1 s. 2 waypoints reached, with 9 directional commands."),
+        (
+            [1, 4, 4, 4],
+            [0, 6, 0, 0],
+            "Stopped after 0.5 s: the radio link was lost (rule 9). "
+            "2 waypoints reached, with 9 directional commands.",
+        ),
+        ([1], [0], "Timeout after 0 s. No waypoints reached, with no directional commands."),
+        ([1, 1], [0, 0], "Timeout after 0.5 s. 1 waypoint reached, with 3 directional commands."),
+    ],
+)
+def test_the_outcome_is_a_sentence_with_its_reason(
+    status: list[float], anomaly: list[float], sentence: str
+) -> None:
+    assert in_a_sentence(summarize(little(status=status, anomaly=anomaly))) == sentence
 
 
 def test_rule_5_the_estimators_counts_are_among_the_anomalies() -> None:

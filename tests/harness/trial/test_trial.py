@@ -91,7 +91,7 @@ def test_a_system_without_a_plant_has_a_summary_and_no_picture(tmp_path: Path) -
     # when
     summary = run(Request(scenario), tmp_path / "out")
     # then
-    assert {p.name for p in (tmp_path / "out").iterdir()} == {"summary.json", "trial.mcap"}
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {"summary.json", "trial.html", "trial.mcap"}
     assert (summary["outcome"], summary["position_error_m"]) == ("timeout", None)
 
 

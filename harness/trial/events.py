@@ -1,0 +1,81 @@
+"""The events of a trial from its log, for its page: commands, anomalies, disturbances, the end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from harness.cosim.loop import Array
+from harness.log.events import OUTPUTS, in_words
+from harness.log.log import Log
+from harness.trial.disturbances import disturbances
+from harness.trial.summary import DOUBTS, stopped_by
+from models.commands import Status
+
+Level = Literal["advisory", "caution", "warning"]
+TOGETHER = 1.01  # s: doubts of the estimator that follow one another within it are one event
+
+
+@dataclass(frozen=True)
+class Event:
+    """What happened at a time [s], and how grave it is."""
+
+    time: float
+    level: Level
+    text: str
+
+
+def events(log: Log) -> list[Event]:
+    """All events in the order of their times."""
+    found = [*_of_controller(log), *_of_estimator(log), *_of_disturbances(log)]
+    if log.broken:
+        found.append(Event(float(log.time[-1]), "warning", f"the log ends here: {log.broken}"))
+    return sorted(found, key=lambda event: event.time)
+
+
+def _of_controller(log: Log) -> Iterator[Event]:
+    why = stopped_by(log)
+    for output in OUTPUTS:
+        signal = f"controller.{output}"
+        if signal not in log:
+            continue
+        values = log[signal]
+        for row in (0, *(np.flatnonzero(np.diff(values)) + 1)):
+            if (row == 0 and not values[row]) or (text := in_words(output, values[row])) is None:
+                continue
+            level: Level = "caution" if output == "anomaly" else "advisory"
+            if output == "anomaly":
+                text += _lasting(log.time, values, int(row))
+            elif output == "status" and values[row] in (Status.FAILED, Status.STOPPED):
+                level = "warning"
+                text += f": {why}" if why else ""
+            yield Event(float(log.time[row]), level, text)
+
+
+def _lasting(time: Array, values: Array, row: int) -> str:
+    """How long a value stays, in words; "" of a single tick."""
+    others = np.flatnonzero(values[row:] != values[row])
+    last = row + int(others[0]) if len(others) else len(values) - 1
+    return f" for {time[last] - time[row]:.2f} s" if last > row + 1 else ""
+
+
+def _of_estimator(log: Log) -> Iterator[Event]:
+    for name, (signal, sign) in DOUBTS.items():
+        if signal not in log:
+            continue
+        times = log.time[1:][sign * np.diff(log[signal]) > 0]
+        text = f"estimator: {name.lower().replace('_', ' ')}"
+        for group in np.split(times, np.flatnonzero(np.diff(times) > TOGETHER) + 1):
+            if len(group):
+                more = f", {len(group)} times until {group[-1]:.2f} s" if len(group) > 1 else ""
+                yield Event(float(group[0]), "caution", text + more)
+
+
+def _of_disturbances(log: Log) -> Iterator[Event]:
+    for kind, spans in disturbances(log).items():
+        for start, end in spans:
+            yield Event(start, "caution", f"{kind} begins")
+            yield Event(end, "advisory", f"{kind} ends")
