@@ -6,6 +6,7 @@ the process, all but the last second of the batches that were handed over is on 
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -104,13 +105,15 @@ class LogWriter:
         stated = {"component": channel.component, "block": channel.block}
         return self._container.add_channel(f"/{channel.component}", MessageEncoding.JSON, schema, stated)
 
-    def add_topic(self, topic: str, schema: str, description: bytes = b"{}") -> int:
+    def add_topic(self, topic: str, schema: str, properties: Mapping[str, str]) -> int:
         """A topic of JSON messages beside the rows; its channel.
 
         Args:
             schema: its name, by which viewers know it.
-            description: the JSON Schema.
+            properties: of a message, by name their types in JSON Schema.
         """
+        described = {name: {"type": kind} for name, kind in properties.items()}
+        description = json.dumps({"title": schema, "type": "object", "properties": described}).encode()
         number = self._container.add_schema(schema, SchemaEncoding.JSONSchema, description)
         return self._container.add_channel(topic, MessageEncoding.JSON, number)
 

@@ -281,7 +281,7 @@ class Session:
         }
 
     def close(self) -> None:
-        """End: a mission that is under way is aborted, for nobody would renew a STOP."""
+        """End: a mission that is under way is aborted, for nobody would renew a STOP. Twice does no harm."""
         now = self.now
         for frames in self._last_frames():
             self._record(lambda sink, frames=frames: sink.send(now, frames))  # type: ignore[misc]
@@ -291,8 +291,8 @@ class Session:
         self._pool.shutdown(wait=False, cancel_futures=True)
         if self._port:
             self._port.close()
-        if self._sink:
-            self._record(lambda sink: sink.close())
+        self._record(lambda sink: sink.close())
+        self._sink = self._port = None
 
     def _last_frames(self) -> list[bytes]:
         if not self.conduct.is_under_way:

@@ -41,7 +41,23 @@ SILENT_S = 0.5  # s of this machine without telemetry after which the last row i
 FLUSH_S = 1.0
 RECEIVED, SENT, STATE = "/radio/received", "/radio/sent", "/station/state"
 ORDERS, EVENTS = "/station/orders", "/station/events"
-SCHEMAS = {RECEIVED: "bytes", SENT: "bytes", STATE: "state", ORDERS: "order", EVENTS: "foxglove.Log"}
+SCHEMAS = {  # name, and the properties of a message; viewers know foxglove.Log
+    RECEIVED: ("bytes", {"bytes": "string"}),
+    SENT: ("bytes", {"bytes": "string"}),
+    STATE: ("state", {"link": "string", "stop_latched": "boolean", "alarms": "array"}),
+    ORDERS: ("order", {"operator": "integer", "do": "string"}),
+    EVENTS: (
+        "foxglove.Log",
+        {
+            "timestamp": "object",
+            "level": "integer",
+            "message": "string",
+            "name": "string",
+            "file": "string",
+            "line": "integer",
+        },
+    ),
+}
 SEVERITY = {Level.ADVISORY: 2, Level.CAUTION: 3, Level.WARNING: 4}  # of foxglove.Log: info, warning, error
 ESTIMATOR = {  # by the name in a trial's log: the field of the telemetry
     "speed": "speed",
@@ -149,7 +165,7 @@ class Sink:
             metadata={"versions": versions, **metadata},
             attachments={},
         )
-        self._topics = {topic: self._writer.add_topic(topic, schema) for topic, schema in SCHEMAS.items()}
+        self._topics = {topic: self._writer.add_topic(topic, *stated) for topic, stated in SCHEMAS.items()}
         self._messages: list[tuple[int, float, bytes]] = []
         self._rows: list[tuple[float, dict[str, list[float]]]] = []
         self._plane = TangentPlane(*map(math.radians, origin)) if origin else None

@@ -1,0 +1,222 @@
+"""What a station's log holds, also when it was cut, and what the other commands make of it."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from codegen.firmware.telemetry import FIELDS, Flag, Telemetry
+from harness.log.log import LogError, read_log
+from harness.log.recover import recover
+from harness.onboard.radio import Mission, Position
+from harness.station.events import Event, Level
+from harness.station.opening import last_mission
+from harness.station.playback import Playback
+from harness.station.sink import Clock, Sink
+from harness.trial.summary import summarize
+from models.commands import Command, Status
+from models.modes import Anomaly
+
+HOME = Position(32.6, -85.4)
+MISSION = Mission(HOME, (Position(32.6009, -85.4),), ())
+NOTHING = Telemetry(*[0] * len(FIELDS))
+GUARDED = {"parameters": {"controller.capture_radius": "7.0", "controller.guarded": "1.0"}}
+FIXED = int(Flag.FIXED | Flag.VALID | Flag.LINK_OK)
+
+
+def telemetry(seconds: float, **fields: int) -> Telemetry:
+    told = {"session": 5, "latitude": 326000000, "longitude": -854000000, "flags": FIXED, "last_anomaly": 0}
+    return replace(NOTHING, time_ms=round(1000 * seconds), **told | fields)
+
+
+def tell(sink: Sink, first: float, last: float, **fields: int) -> None:
+    """Telemetry each 0.2 s, by a vest that began 100 s before the station."""
+    for k in range(round(5 * first), round(5 * last)):
+        sink.tell(0.2 * k, telemetry(100 + 0.2 * k, **fields), Command.NONE)
+        sink.step(0.2 * k)
+
+
+# time -----------------------------------------------------------------------------------------------------
+
+
+def test_time_follows_the_vest_while_it_is_heard_and_this_machine_while_it_is_not() -> None:
+    clock = Clock()
+    assert clock.at(3.0) == 3.0
+    assert clock.follow(3.0, telemetry(100.0)) == 3.0
+    assert clock.follow(3.5, telemetry(100.2)) == pytest.approx(3.2), "it came late by radio"
+    assert clock.at(4.0) == pytest.approx(3.7)
+    assert clock.follow(9.0, telemetry(0.0, session=6)) == pytest.approx(8.7), "a vest that began anew"
+
+
+def test_a_simulated_vest_at_20_times_the_clock_has_its_own_time() -> None:
+    clock = Clock(20.0)
+    clock.follow(1.0, telemetry(100.0))
+    assert clock.at(1.5) == pytest.approx(30.0)
+
+
+# rows -----------------------------------------------------------------------------------------------------
+
+
+def test_each_telemetry_is_a_row_at_its_own_time_in_si(tmp_path: Path) -> None:
+    sink = Sink(tmp_path, GUARDED)
+    tell(sink, 0.4, 2.0, speed=250, heading=-15708, position_sd=120, command=2, mode=3)
+    sink.close()
+    log = read_log(tmp_path / "trial.mcap")
+    assert not log.broken
+    assert log["estimator.speed"][-1] == 2.5
+    assert log["estimator.heading"][-1] == pytest.approx(-math.pi / 2, abs=1e-4)
+    assert log["estimator.north_sd"][-1] == log["estimator.east_sd"][-1] == pytest.approx(1.2)
+    assert log["controller.command"][-1] == Command.STOP
+    assert log["telemetry.latitude"][-1] == pytest.approx(math.radians(32.6))
+    assert np.diff(log.time).max() <= 0.29
+
+
+def test_a_telemetry_that_is_lost_leaves_the_row_before_in_its_place(tmp_path: Path) -> None:
+    sink = Sink(tmp_path, GUARDED)
+    tell(sink, 0.4, 2.0, speed=100)
+    tell(sink, 5.0, 6.0, speed=200)
+    sink.close()
+    log = read_log(tmp_path / "trial.mcap")
+    assert not log.broken, "a hole of 3 s would read as damage"
+    assert set(log["telemetry.speed"][(log.time > 2) & (log.time < 4.9)]) == {1.0}
+
+
+def test_a_vest_that_is_silent_still_gives_rows(tmp_path: Path) -> None:
+    sink = Sink(tmp_path, GUARDED)
+    for k in range(100):
+        sink.step(0.1 * k)
+    sink.close()
+    log = read_log(tmp_path / "trial.mcap")
+    assert log.time[-1] == pytest.approx(9.9, abs=0.5)
+    assert not log["telemetry.session"].any()
+    assert np.isnan(log["estimator.north"]).all(), "no position is known"
+
+
+def test_positions_are_about_the_first_fix_where_no_origin_is_known(tmp_path: Path) -> None:
+    sink = Sink(tmp_path, GUARDED)
+    tell(sink, 0.4, 1.0, flags=0)
+    tell(sink, 1.0, 2.0)
+    tell(sink, 2.0, 3.0, latitude=326000000 + 9018)  # 0.0009018 deg: 100 m
+    sink.close()
+    log = read_log(tmp_path / "trial.mcap")
+    assert log.origin == pytest.approx((32.6, -85.4))
+    assert np.isnan(log["estimator.north"][log.time < 0.95]).all()
+    assert log["estimator.north"][-1] == pytest.approx(100, abs=0.1)
+    assert log["estimator.north"][np.searchsorted(log.time, 1.5)] == 0
+
+
+def test_the_mission_becomes_the_route_once_it_is_on_board_the_last_one_holds(tmp_path: Path) -> None:
+    sink = Sink(tmp_path, GUARDED)
+    tell(sink, 0.4, 1.0)
+    sink.take_mission(replace(MISSION, waypoints=(HOME, HOME)))
+    sink.take_mission(MISSION)
+    tell(sink, 1.0, 2.0)
+    sink.close()
+    route = read_log(tmp_path / "trial.mcap").route
+    assert route is not None
+    (_, north, east), (_, *home) = route.places
+    assert [north, east] == pytest.approx([99.8, 0], abs=0.2)
+    assert home == pytest.approx([0, 0], abs=1e-6)
+    assert route.radius == 7.0
+
+
+def test_an_anomaly_is_reported_on_one_row_and_ends_a_trial_in_words(tmp_path: Path) -> None:
+    sink = Sink(tmp_path, GUARDED)
+    started = FIXED | Flag.STARTED
+    tell(sink, 0.4, 2.0, flags=started, status=Status.RUNNING)
+    tell(sink, 2.0, 3.0, flags=started, status=Status.RUNNING, last_anomaly=Anomaly.TURN_FAILURE)
+    tell(sink, 3.0, 4.0, flags=started, status=Status.STOPPED, last_anomaly=Anomaly.NO_PROGRESS)
+    tell(sink, 4.0, 6.0, last_anomaly=Anomaly.NO_PROGRESS)
+    sink.close()
+    log = read_log(tmp_path / "trial.mcap")
+    summary = summarize(last_mission(log))
+    assert summary["anomalies"] == {"TURN_FAILURE": 1, "NO_PROGRESS": 1}
+    assert summary["outcome"] == "stopped"
+    assert summary["stopped_by"] == "the animal did not move on (rule 4)"
+
+
+# a log that was cut ---------------------------------------------------------------------------------------
+
+
+def test_all_but_the_last_second_of_a_killed_station_is_on_disk_and_is_recovered(tmp_path: Path) -> None:
+    sink = Sink(tmp_path, GUARDED)
+    tell(sink, 0.4, 10.0)
+    sink.take_mission(MISSION)
+    sink.event(Event(9.0, Level.WARNING, "the vest has begun anew"))
+    tell(sink, 10.0, 20.0)
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes((tmp_path / "trial.mcap").read_bytes())  # nothing was closed
+    log = read_log(cut)
+    assert log.broken
+    assert log.time[-1] >= 18.5
+    recovered = recover(cut).out
+    assert recovered is not None
+    again = read_log(recovered)
+    assert again.time[-1] == log.time[-1]
+    assert again.route is not None
+    shown = Playback(recovered)
+    assert b"the vest has begun anew" in shown.join(1)[1]
+    sink.close()
+
+
+def test_a_late_record_may_be_the_last_thing_before_a_cut(tmp_path: Path) -> None:
+    sink = Sink(tmp_path, GUARDED)
+    tell(sink, 0.4, 3.0)
+    sink.flush()
+    before = (tmp_path / "trial.mcap").stat().st_size
+    sink.take_mission(MISSION)
+    sink.flush()
+    data = (tmp_path / "trial.mcap").read_bytes()
+    cut = tmp_path / "cut.mcap"
+    for size in range(before, len(data) + 1, 7):
+        cut.write_bytes(data[:size])
+        assert read_log(cut).time[-1] > 2, f"cut at {size}"
+    sink.close()
+
+
+def test_a_disk_that_is_full_is_told(tmp_path: Path) -> None:
+    sink = Sink(tmp_path, GUARDED)
+    with open("/dev/full", "wb", buffering=0) as full:
+        sink._writer._container._file = full
+        with pytest.raises(LogError, match="No space left"):
+            tell(sink, 0.4, 30.0)
+
+
+# what passed beside the rows ------------------------------------------------------------------------------
+
+
+def test_bytes_orders_and_events_are_kept_with_their_times(tmp_path: Path) -> None:
+    from mcap.reader import make_reader  # noqa: PLC0415 - an independent reader
+
+    sink = Sink(tmp_path, GUARDED)
+    tell(sink, 0.4, 1.0)
+    sink.receive(1.0, b"\xa5\x5a")
+    sink.send(1.1, b"\x00\xff")
+    sink.order(1.2, 3, {"do": "note", "text": "wet"})
+    sink.event(Event(1.25, Level.CAUTION, "STOP by operator 3"))
+    sink.close()
+    with (tmp_path / "trial.mcap").open("rb") as file:
+        found = {
+            channel.topic: (message.log_time, json.loads(message.data))
+            for _, channel, message in make_reader(file).iter_messages()
+            if channel.topic.startswith(("/radio", "/station"))
+        }
+    assert found["/radio/received"][1] == {"bytes": "a55a"}
+    assert found["/radio/sent"][1] == {"bytes": "00ff"}
+    assert found["/station/orders"][1] == {"operator": 3, "do": "note", "text": "wet"}
+    assert found["/station/events"] == (
+        1_250_000_000,
+        {
+            "timestamp": {"sec": 1, "nsec": 250_000_000},
+            "level": 3,
+            "message": "STOP by operator 3",
+            "name": "station",
+            "file": "",
+            "line": 0,
+        },
+    )
