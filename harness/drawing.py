@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import io
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
 import numpy as np
 from matplotlib import MatplotlibDeprecationWarning, rc_context, rcdefaults
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -33,7 +34,14 @@ ABOVE |= {"columnspacing": 1.2, "handlelength": 1.6}
 OUTAGE: Style = {"facecolor": "#D3D7DD", "edgecolor": "#8A929C", "hatch": ""}
 ORDER: Style = {"facecolor": "#D2E6F7", "edgecolor": "#4C8FC4", "hatch": "\\\\\\"}
 LOST_RADIO: Style = {"facecolor": "#FCE0CB", "edgecolor": "#D9772B", "hatch": "///"}
-FAULT: Style = {"facecolor": "#D6BEEE", "edgecolor": "#7A4FA3", "hatch": "xx"}
+FAULTS: tuple[Style, ...] = (  # in turns
+    {"facecolor": "#D6BEEE", "edgecolor": "#7A4FA3", "hatch": "xx"},
+    {"facecolor": "#A6F2A6", "edgecolor": "#2E8A2E", "hatch": "++"},
+    {"facecolor": "#F5A3A3", "edgecolor": "#B04040", "hatch": ".."},
+    {"facecolor": "#A3A3F5", "edgecolor": "#4A4AC0", "hatch": "oo"},
+)
+FAILURE = "#D7263D"  # what an FMU spoiled
+COLUMNS = 8  # of a figure's legend, at most
 LONGEST = 72  # columns of a name in a title
 UNKNOWN = "\u25a1"  # stands for a character that the font lacks
 
@@ -98,6 +106,15 @@ def shade(axes: Axes, spans: Iterable[tuple[float, float]], style: Style) -> Non
     """Draw bands over time behind the curves; the border keeps the shortest one visible."""
     for start, end in spans:
         axes.axvspan(start, end, linewidth=0.8, zorder=0.4, **style)
+
+
+def add_legend(figure: Figure, handles: Sequence[Artist]) -> None:
+    """Draw a figure's legend below it, in as many columns as its width has room for."""
+    for columns in range(min(len(handles), COLUMNS), 0, -1):
+        legend = figure.legend(handles=handles, loc="outside lower center", ncols=columns, **BELOW)
+        if columns == 1 or legend.get_window_extent().width <= figure.bbox.width:
+            return
+        legend.remove()
 
 
 def band_handle(label: str, style: Style) -> Patch:

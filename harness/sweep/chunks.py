@@ -56,6 +56,7 @@ ANSWER_S = 15.0  # s in which a scheduler must answer, a busy one too
 ALONE_S = 60.0  # s to wait for a cluster without workers: for the first to start, or after all were lost
 ATTEMPTS = 3  # times to submit a chunk again after the scheduler gave it up because its workers died
 POLL_S = 0.5  # s
+ENOUGH = 5  # equal trials of a type, from which it is no chance
 
 Progress = Callable[[int], None]
 Note = Callable[[str], None]
@@ -349,6 +350,16 @@ class Outcomes:
         if chunk.gave_up and is_alone:
             self.ran[first] = chunk.stop - first * self.job.trials
         self.spans.append((chunk.start, chunk.stop))
+
+    @property
+    def repeated(self) -> int:
+        """Number of points at which all trials of a type succeeded on the same tick: no seed matters."""
+        types = len(self.job.type_names)
+        kept = self.ticks[:, : self.job.trials // types * types].reshape(len(self.ticks), -1, types)
+        if kept.shape[1] < ENOUGH:
+            return 0
+        same = (kept == kept[:, :1]).all(axis=1) & (kept[:, 0] > 0)
+        return int(same.any(axis=1).sum())
 
     def missing(self) -> Iterator[Piece]:
         """Start and stop of each stretch of trials that no chunk has covered."""

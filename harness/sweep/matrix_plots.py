@@ -12,14 +12,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from harness.drawing import drawable, house_style, new_figure, png_of
+from harness.drawing import FAILURE, drawable, house_style, new_figure, png_of
 from harness.sweep.matrix import Result
 from harness.terminal import percent
 
 CELL, SIDE, ABOVE = (2.3, 1.25), 2.2, 1.5  # in: of a square, of what stands beside and above a panel
 NONE, DARK = "#E3E6EA", 0.55  # no trials; a success rate below which text is white
 LONGEST = 22  # columns of a name
-FAULT = "#D7263D"
 NO_BREAK = "\u00a0"  # a title is broken behind commas only
 
 
@@ -84,7 +83,7 @@ def _write(panel: Axes, result: Result, name: tuple[str, str, str], column: int,
     if point is None:
         _mark(panel, column, row)
         panel.text(
-            column, row, "not run:\nsee matrix.json", ha="center", va="center", fontsize=9, color=FAULT
+            column, row, "not run:\nsee matrix.json", ha="center", va="center", fontsize=9, color=FAILURE
         )
         return
     color = "white" if point.success_rate < DARK else "black"
@@ -103,14 +102,14 @@ def _write(panel: Axes, result: Result, name: tuple[str, str, str], column: int,
         words = f"{len(point.fmu_failures)} of {point.trials} by a fault{gave_up}"
         panel.text(
             column, row + 0.38, words, ha="center", va="center", fontsize=8,
-            color="white", bbox={"facecolor": FAULT, "edgecolor": "none", "pad": 1.5},
+            color="white", bbox={"facecolor": FAILURE, "edgecolor": "none", "pad": 1.5},
         )  # fmt: skip
 
 
 def _mark(panel: Axes, column: int, row: int) -> None:
     """A red border: an FMU spoiled trials of this square."""
     panel.add_patch(
-        Rectangle((column - 0.47, row - 0.47), 0.94, 0.94, fill=False, edgecolor=FAULT, linewidth=2)
+        Rectangle((column - 0.47, row - 0.47), 0.94, 0.94, fill=False, edgecolor=FAILURE, linewidth=2)
     )
 
 

@@ -18,7 +18,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.polynomial import Polynomial
 
-from harness.drawing import BELOW, BESIDE, GRID, Style, drawable, house_style, new_figure, png_of
+from harness.drawing import BELOW, BESIDE, FAILURE, GRID, Style, drawable, house_style, new_figure, png_of
 from harness.log.channel import Array
 from harness.sweep.recommend import LEAST
 from harness.sweep.table import Z_95, Point, plain
@@ -36,6 +36,10 @@ TITLE = 130  # characters in a line of the title
 RINGS: dict[str, Any] = {
     "linestyle": "none", "marker": "o", "markersize": 9, "markerfacecolor": "none", "markeredgecolor": FRONTS,
     "markeredgewidth": 1.5, "clip_on": False, "path_effects": [withStroke(linewidth=3, foreground="white")],
+}  # fmt: skip
+FAULTY: dict[str, Any] = {
+    "linestyle": "none", "marker": "X", "markersize": 9, "color": FAILURE, "markeredgecolor": "white",
+    "zorder": 4, "clip_on": False,
 }  # fmt: skip
 STAR: dict[str, Any] = {
     "linestyle": "none", "marker": "*", "color": "white", "markeredgecolor": "black", "markersize": 15,
@@ -128,6 +132,9 @@ def _draw_success(axes: Axes, x: Array, table: Sequence[Point]) -> None:
         fine = np.linspace(x[0], x[-1], 400)
         label = f"trend (degree {DEGREE}),\n$R^2$ = {100 * r_squared:.1f} %"
         axes.plot(fine, line(fine), color=TREND, linewidth=1.2, linestyle=(0, (5, 2)), label=label)
+    ended = np.array([bool(point.fmu_failures) for point in table])
+    if ended.any():
+        axes.plot(x[ended], rate[ended], label="trials ended by\nfaults of an FMU", **FAULTY)
     drawn = [low.min(), high.max()]
     for color, trial_type in zip(TYPE_COLOURS, table[0].trial_types, strict=False):
         own = _numbers([point.rate_of(trial_type) for point in table])
@@ -151,6 +158,9 @@ def _draw_time(axes: Axes, x: Array, table: Sequence[Point]) -> None:
         x, mean, "o-", color=TIME, markersize=3.5, linewidth=1.2, label="mean time of\nsuccessful trials"
     )
     axes.set_ylabel("time [s]")
+    if not np.isfinite(mean).any():
+        axes.set_yticks([])
+        axes.text(0.5, 0.5, "no trial succeeded", transform=axes.transAxes, ha="center", va="center")
 
 
 def _draw_range(axes: Axes, x: Array, recommended: Mapping[str, Any], words: str, hatch: str) -> None:
@@ -211,6 +221,10 @@ def _maps(axes: Sequence[Varied], table: Sequence[Point], result: Mapping[str, A
             legend.append(Line2D([], [], label=FRONT, **RINGS))
         else:
             legend.append(Line2D([], [], linestyle="none", label=f"{FRONT}: empty"))
+        ended = [np.array(point.written, dtype=float) for point in table if point.fmu_failures]
+        if ended:
+            panel.plot(*np.array(ended).T, **FAULTY)
+            legend.append(Line2D([], [], label="trials ended by faults of an FMU", **FAULTY))
         if np.isnan(numbers).any():
             legend.append(Patch(facecolor=NO_TIME, edgecolor=TREND, label=f"fewer than {LEAST} successes"))
         panel.set_xlabel(label)

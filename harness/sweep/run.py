@@ -79,6 +79,12 @@ def run_trials(
             raise
         for text in dict.fromkeys(text for notes in outcomes.notes.values() for text in notes):
             note(f"in the first of many trials, {text}")
+        if outcomes.repeated:
+            points = "1 point" if outcomes.repeated == 1 else f"{outcomes.repeated} points"
+            note(
+                f"at {points} all trials of a type succeed on the same tick: nothing in them depends on the "
+                "seed; they are one trial, and its interval means nothing"
+            )
         results = report(outcomes)
         journal.remove()
     return results

@@ -347,6 +347,8 @@ def show(sweep: Sweep, table: Sequence[Point], result: Mapping[str, Any], consol
         printed.add_column(escape(axis.label), justify="right")
     for heading in ("success", "95 % interval", "time [s]", "sd", "commands", "timeouts"):
         printed.add_column(escape(heading), justify="right")
+    if sweep.has_fmus:
+        printed.add_column("FMU failures", justify="right")
     step = math.ceil(len(table) / SHOWN)
     for point in table[::step]:
         low, high = point.interval
@@ -357,6 +359,7 @@ def show(sweep: Sweep, table: Sequence[Point], result: Mapping[str, Any], consol
             f"{100 * low:.1f}-{100 * high:.1f}",
             *("-" if mean is None else f"{mean:.2f}" for mean in means),
             str(point.timeouts),
+            *([f"{len(point.fmu_failures)} of {point.trials}"] if sweep.has_fmus else []),
         )
     print_table(printed, console)
     if step > 1:
@@ -364,5 +367,5 @@ def show(sweep: Sweep, table: Sequence[Point], result: Mapping[str, Any], consol
     if len(table) == 1:
         console.print("one point: nothing to compare")
         return
-    for key in ("success", "time", "both", "pareto"):
-        console.print(escape(result[key]["text"]), soft_wrap=True)
+    for text in dict.fromkeys(result[key]["text"] for key in ("success", "time", "both", "pareto")):
+        console.print(escape(text), soft_wrap=True)

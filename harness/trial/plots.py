@@ -8,6 +8,7 @@ beads and markers tell the commands apart too. What disturbed the trial is shade
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from types import MappingProxyType
 
 import numpy as np
@@ -24,11 +25,10 @@ from matplotlib.transforms import Affine2D, Bbox
 
 from harness.drawing import (
     ABOVE,
-    BELOW,
     CIRCLE_EDGE,
     CIRCLE_FACE,
     ESTIMATE,
-    FAULT,
+    FAULTS,
     GPS,
     GRID,
     LOST_RADIO,
@@ -37,6 +37,7 @@ from harness.drawing import (
     OUTAGE,
     TRUTH,
     Style,
+    add_legend,
     add_scale_bar,
     band_handle,
     drawable,
@@ -91,7 +92,7 @@ FENCE: Style = {"fill": False, "edgecolor": "#B3261E", "linewidth": 1.4, "linest
 FIX_STYLE: Style = {"label": "GPS fix", "marker": ".", "color": GPS, "markersize": 4, "linestyle": ""}
 BANDS = {kinds.GPS_OUTAGE: OUTAGE, kinds.ORDER: ORDER, kinds.LOST_RADIO: LOST_RADIO}
 NOTHING: Mapping[str, tuple[Style, Sequence[Span]]] = MappingProxyType({})
-FAULT_TRAIL = ("#C88CF8", 11.0)
+FAULT_TRAIL = ("#C88CF8", 11.0)  # of any fault
 TRAILS = {  # along the path: colour, and points wide
     kinds.GPS_OUTAGE: ("#C3C9D1", 26.0),
     kinds.ORDER: ("#9CC7EA", 21.0),
@@ -117,15 +118,23 @@ def trial_figure(
     grid = figure.add_gridspec(3, 2, width_ratios=(1, 1.1), height_ratios=(1, 1, 1.15))
     path = figure.add_subplot(grid[:, 0])
     handles = draw_path(path, log)
-    bands = {kind: (BANDS.get(kind, FAULT), spans) for kind, spans in disturbances(log).items()} | dict(more)
+    styles = _band_styles(log)
+    bands = {kind: (styles[kind], spans) for kind, spans in disturbances(log).items()} | dict(more)
     _draw_over_time(figure, [figure.add_subplot(grid[row, 1]) for row in range(3)], log, bands)
     handles += [band_handle(label, style) for label, (style, _) in bands.items()]
-    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 8), **BELOW)
+    add_legend(figure, handles)
     set_title(figure, title or _title(log))
     freeze_layout(figure)
     _draw_names(path, log)
     add_scale_bar(path)
     return figure
+
+
+def _band_styles(log: Log) -> dict[str, Style]:
+    """How each kind of disturbance is drawn; faults take their styles in turns."""
+    known = disturbances(log)
+    faults = [kind for kind in known if kind not in BANDS]
+    return {kind: BANDS[kind] for kind in known if kind in BANDS} | dict(zip(faults, cycle(FAULTS)))
 
 
 def _title(log: Log) -> str:

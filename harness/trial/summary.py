@@ -40,6 +40,7 @@ STOPPED_BY = {  # what ends a trial in STOPPED, in words
     Anomaly.TIME_OUT: "the time for a leg, a recall or the mission was over (rule 4)",
     Anomaly.OUTSIDE_FENCE: "the animal was outside the fence (rule 7)",
 }
+NO_ERROR = "no estimate, or no truth to compare it with"
 TOO_MANY = "another directional command was needed, after MAXTURN of them"
 LABELS = {
     "scenario": "scenario",
@@ -70,8 +71,9 @@ def summarize(log: Log, real_time_factor: float | None = None, notes: Sequence[s
     - `estimator` names what estimated, with what gave it its attitude; None without an estimator.
     - `time_s` is when the controller took that status, or the end of the run.
     - `anomalies` counts the ticks that reported each kind, by name: the controller's, then the estimator's.
-    - `position_error_m` is the horizontal distance of the estimate from the truth over all ticks; None
-      without an estimator, or if an estimate is not finite.
+    - `position_error_m` is the horizontal distance of the estimate from the truth over all ticks on which
+      both are finite (all but the last, where an output that is not ended the run); None without an
+      estimator, or if there is no such tick.
     - `faults` are the scenario's, as written.
 
     Args:
@@ -172,7 +174,8 @@ def position_error(log: Log) -> Array | None:
 
 def _position_error(log: Log) -> dict[str, float] | None:
     error = position_error(log)
-    if error is None or not np.isfinite(error).all():
+    error = None if error is None else error[np.isfinite(error)]
+    if error is None or not error.size:
         return None
     return {"mean": float(error.mean()), "max": float(error.max()), "final": float(error[-1])}
 
@@ -190,7 +193,7 @@ def words(summary: Mapping[str, Any]) -> dict[str, str]:
     text["anomalies"] = ", ".join(counts) or "none"
     error = summary["position_error_m"]
     text["position_error_m"] = (
-        "mean {mean:.2f} m, max {max:.2f} m, final {final:.2f} m".format(**error) if error else "no estimator"
+        "mean {mean:.2f} m, max {max:.2f} m, final {final:.2f} m".format(**error) if error else NO_ERROR
     )
     factor = summary["real_time_factor"]
     text["real_time_factor"] = "not measured" if factor is None else f"{factor:.0f}"

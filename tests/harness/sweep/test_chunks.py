@@ -42,6 +42,21 @@ def counted(job: Job, size: int, threads: int) -> Outcomes:
     return outcomes
 
 
+def test_points_that_no_seed_changes_are_counted() -> None:
+    # given three types: where one always ends on the same tick, where all fail, and where a seed matters
+    outcomes = Outcomes(JOB)
+    outcomes.ticks[0] = 1 + np.arange(50)
+    outcomes.ticks[0, ::3] = 400
+    outcomes.ticks[2] = 500
+    outcomes.ticks[2, 45:48] = 501
+    # then
+    assert outcomes.repeated == 1
+    # and four trials of a type may be equal by chance
+    few = Outcomes(replace(JOB, trials=14))
+    few.ticks[:] = 500
+    assert few.repeated == 0
+
+
 def test_counts_do_not_depend_on_chunks_and_threads(runner: Runner) -> None:
     # given the result of each trial, one by one
     ticks, sums = np.zeros((4, 50), int), np.zeros((4, len(chunks.SUMS)), int)

@@ -13,12 +13,15 @@ from matplotlib.collections import LineCollection
 from matplotlib.legend import Legend
 from matplotlib.patches import Rectangle
 
+from harness.cosim.fmu import Fault
 from harness.log.channel import Array
+from harness.sweep.chunks import FmuFailure
 from harness.sweep.plots import sweep_figure, trend
 from harness.sweep.recommend import recommend
 from harness.sweep.table import Point
 
 X = np.arange(15.0, 91.0)
+CRASH = Fault("crash", "plant", "dog.fmu", "fmi2DoStep", 1.0)
 
 
 def test_the_trend_is_a_polynomial_of_degree_4_cut_at_100_percent() -> None:
@@ -109,6 +112,27 @@ def test_the_curves_shade_all_values_that_the_text_names() -> None:
     shaded = [patch for patch in time.patches if isinstance(patch, Rectangle)]
     assert [(p.get_x(), p.get_x() + p.get_width()) for p in shaded] == [(1.5, 3.5), (6.5, 7.5)]
     assert entries(time.get_legend()).count("shortest time") == 1
+
+
+def test_points_whose_trials_an_fmu_ended_are_marked() -> None:
+    # given one point at which it did, where nothing succeeded, and one at which it did not
+    table = points([(0,), (1,)], types=False)
+    table[0] = replace(table[0], fmu_failures=[FmuFailure(0, CRASH, "it crashed")])
+    values = [Decimal(0), Decimal(1)]
+    ticks = np.array([[0] * 100, [500] * 41 + [0] * 59], dtype=np.uint16)
+    # when
+    varied = [("x [m]", values)]
+    figure = sweep_figure(varied, table, recommend([("x", "m", values)], table, ticks), "title")
+    # then
+    mark = next(line for line in figure.axes[0].lines if str(line.get_label()).startswith("trials ended"))
+    assert np.asarray(mark.get_xydata()).tolist() == [[0.0, 0.0]]
+
+
+def test_the_panel_of_times_says_where_nothing_succeeded() -> None:
+    table, values = points([(0,)], types=False), [Decimal(0)]
+    ticks = np.zeros((1, 100), dtype=np.uint16)
+    time = sweep_figure([("x", values)], table, recommend([("x", "", values)], table, ticks), "t").axes[1]
+    assert [text.get_text() for text in time.texts] == ["no trial succeeded"]
 
 
 def test_the_maps_have_the_first_parameter_to_the_right() -> None:

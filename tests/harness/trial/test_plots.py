@@ -13,7 +13,7 @@ from matplotlib.path import Path as MplPath
 from matplotlib.text import Text
 from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 
-from harness.drawing import ESTIMATE, FAULT, LOST_RADIO, MAGENTA, ORDER, OUTAGE, png_of
+from harness.drawing import ESTIMATE, FAULTS, LOST_RADIO, MAGENTA, ORDER, OUTAGE, png_of
 from harness.log.log import Log
 from harness.trial import plots
 from models.commands import Command
@@ -168,8 +168,23 @@ def test_faults_are_bands_under_their_words() -> None:
     # then
     assert [text.get_text() for text in figure.legends[0].get_texts()][-2:] == ["off of a.b", "stuck of a.b"]
     for axes in figure.axes[1:]:
-        assert sorted(bands(axes, FAULT["facecolor"])) == [(3.2, 3.4), (9.5, 14)]
+        first, second, *_ = FAULTS
+        assert bands(axes, first["facecolor"]) == [(9.5, 14)]
+        assert bands(axes, second["facecolor"]) == [(3.2, 3.4)]
     assert plots.trial_png(log)
+
+
+def test_long_names_of_faults_leave_the_legend_within_the_picture() -> None:
+    log = trial()
+    fault = '[[fault]]\nsignal = "controller.{0} -> plant.{0}"\nkind = "off"\nat = 1\n'.format
+    log.metadata["scenario"]["toml"] = "".join(fault(f"a_rather_long_name_{k}") for k in range(6))
+    # when
+    figure = plots.trial_figure(log)
+    # then
+    legend = figure.legends[0].get_window_extent()
+    assert len(figure.legends) == 1
+    assert legend.x0 >= 0
+    assert legend.x1 <= figure.bbox.x1
 
 
 def without_fix(log: Log, at: int) -> Log:
@@ -459,8 +474,8 @@ def lab(color: str, blindness: str) -> np.ndarray:
 
 @pytest.mark.parametrize("blindness", BLINDNESS)
 def test_colours_that_share_a_shape_keep_apart_for_the_colour_blind(blindness: str) -> None:
-    shaded = [band["facecolor"] for band in (OUTAGE, ORDER, LOST_RADIO, FAULT)]
-    trails = [color for color, _ in (*plots.TRAILS.values(), plots.FAULT_TRAIL)]
+    shaded = [band["facecolor"] for band in (OUTAGE, ORDER, LOST_RADIO, *FAULTS)]
+    trails = [*(color for color, _ in plots.TRAILS.values()), plots.FAULT_TRAIL[0]]
     solid = [
         plots.COLOURS[code] for code in Command if code not in plots.DASHES and code is not Command.RIGHT
     ]

@@ -14,7 +14,7 @@ from harness.files import FileError
 from harness.log.channel import Channel
 from harness.log.log import Log
 from harness.trial.plots import trial_figure
-from harness.trial.summary import STOPPED_BY, in_a_sentence, show, summarize, write_summary
+from harness.trial.summary import STOPPED_BY, in_a_sentence, show, summarize, words, write_summary
 from models.modes import Anomaly
 
 
@@ -131,9 +131,15 @@ def test_without_an_estimator_there_is_no_position_error() -> None:
     assert summary["real_time_factor"] is None
 
 
-def test_an_estimate_of_nan_gives_no_position_error() -> None:
-    log = little(status=[1, 2], estimate=[(0, math.nan), (1, 1)])
-    assert summarize(log)["position_error_m"] is None
+def test_the_position_error_is_over_the_ticks_with_an_estimate() -> None:
+    # given one that is NaN on the last tick, which ends a run, and one that always is
+    log = little(status=[1, 2], estimate=[(1, 1), (0, math.nan)])
+    never = little(status=[1, 2], estimate=[(math.nan, 0), (0, math.nan)])
+    # then
+    error = summarize(log)["position_error_m"]
+    assert error == {"mean": math.sqrt(2), "max": math.sqrt(2), "final": math.sqrt(2)}
+    assert summarize(never)["position_error_m"] is None
+    assert words(summarize(never))["position error"] == "no estimate, or no truth to compare it with"
 
 
 def test_a_run_without_a_controller_is_summarized() -> None:
