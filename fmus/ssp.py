@@ -80,7 +80,7 @@ def structure_of(system: System, fmus: Mapping[str, Path]) -> Structure:
 
 def files_of(structure: Structure) -> dict[str, bytes]:
     """What is in the package: SystemStructure.ssd, and each FMU once in resources/."""
-    sources = _sources(structure)
+    sources = sources_of(structure)
     fmus = {sources[name]: part.fmu.read_bytes() for name, part in structure.components.items()}
     return {"SystemStructure.ssd": describe(structure), **fmus}
 
@@ -94,7 +94,7 @@ def describe(structure: Structure) -> bytes:
     )
     whole = ET.SubElement(root, "ssd:System", name=structure.name)
     elements = ET.SubElement(whole, "ssd:Elements")
-    sources = _sources(structure)
+    sources = sources_of(structure)
     for name, part in structure.components.items():
         component = ET.SubElement(
             elements, "ssd:Component", name=name, type="application/x-fmu-sharedlibrary",
@@ -128,7 +128,7 @@ def _connections(system: System) -> Iterable[Connection]:
             yield Connection(Link(link.source, start, link.target, end))
 
 
-def _sources(structure: Structure) -> dict[str, str]:
+def sources_of(structure: Structure) -> dict[str, str]:
     """Where each component's FMU is in the package; of two files with one name the second gets its own."""
     sources: dict[str, str] = {}
     places: dict[str, Path] = {}

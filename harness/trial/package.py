@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from fmus.archive import packed
-from fmus.ssp import Component, Connection, Connector, Structure, files_of
+from fmus.ssp import Component, Connection, Connector, Structure, files_of, sources_of
 from harness.cosim.fmu import BASE, FmuDescription
+from harness.cosim.origin import is_own
+from harness.cosim.rename import Rename
+from harness.cosim.roles import Fit
 from harness.files import make_folder, write_whole
 from harness.trial.prepare import Prepared
 from harness.trial.request import SCENARIO, Request
-from harness.trial.scenario import LOST, ScenarioError
+from harness.trial.scenario import LOST, ScenarioError, toml_of
 from models.errors import UsageError
 from models.system import ESTIMATOR, SYSTEMS
 
@@ -20,7 +24,8 @@ KINDS = ("input", "output", "parameter")  # of connectors; SSP 1.0 has no others
 
 def write_package(request: Request, ready: Prepared, path: Path) -> None:
     """Write a trial's package. Our own runs take what SSP has no place for from the scenario in it: its name,
-    the seed as it is told, the origin of the map.
+    the seed as it is told, the origin of the map; and from a mapping file beside each FMU of others: which
+    role it has taken, and by what names.
 
     Raises:
         UsageError: the trial has what no package can hold, or the name is not that of a package.
@@ -29,9 +34,15 @@ def write_package(request: Request, ready: Prepared, path: Path) -> None:
     _check(request, ready, path)
     # what is in the package is stated twice otherwise
     mission = replace(request.scenario, system="full", estimator=ESTIMATOR, parameters={}, sets=(), faults=())
-    files = files_of(structure_of(request, ready)) | {SCENARIO: mission.text().encode()}
+    structure = structure_of(request, ready)
+    sources = sources_of(structure)
+    mappings = {
+        PurePosixPath(sources[role]).with_suffix(".toml").as_posix(): mapping_of(fit).encode()
+        for role, fit in ready.fits.items()
+        if not is_own(structure.components[role].fmu) or _is_mapped(fit)
+    }
     make_folder(path.parent)
-    write_whole(path, packed(files))
+    write_whole(path, packed(files_of(structure) | mappings | {SCENARIO: mission.text().encode()}))
 
 
 def structure_of(request: Request, ready: Prepared) -> Structure:
@@ -44,6 +55,26 @@ def structure_of(request: Request, ready: Prepared) -> Structure:
     connections = [Connection(link, link.factor, link.offset) for link in ready.system.links]
     name = request.scenario.name
     return Structure(name, components, connections, _units(ready), request.scenario.duration)
+
+
+def mapping_of(fit: Fit) -> str:
+    """The mapping file of an FMU in a role's place: all its outputs, and what else it calls differently."""
+    tables: dict[str, Mapping[str, Rename]] = {
+        "outputs": fit.outputs,
+        "inputs": {name: rename for name, rename in fit.inputs.items() if rename.mapped},
+        "parameters": {name: rename for name, rename in fit.parameters.items() if rename.mapped},
+    }
+    lines = []
+    for table, renames in tables.items():
+        lines.append(f"[{table}]")
+        for own, r in renames.items():
+            values = f"name = {toml_of(r.name)}, factor = {toml_of(r.factor)}, offset = {toml_of(r.offset)}"
+            lines.append(f"{toml_of(own)} = {{ {values} }}")
+    return "\n".join([*lines, ""])
+
+
+def _is_mapped(fit: Fit) -> bool:
+    return any(r.mapped for names in (fit.outputs, fit.inputs, fit.parameters) for r in names.values())
 
 
 def _check(request: Request, ready: Prepared, path: Path) -> None:

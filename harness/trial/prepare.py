@@ -11,6 +11,7 @@ from fmus.archive import is_sealed
 from fmus.folder import build_folder
 from harness.cosim.archive import holder
 from harness.cosim.fmu import FmuDescription, describe
+from harness.cosim.in_place import fit_in_place
 from harness.cosim.rename import Rename
 from harness.cosim.roles import Fit, find_role, misfits, read_adapter, replace_component, roles
 from harness.cosim.ssp import FmuComponent, FmuSystem, ScaledLink, open_ssp
@@ -35,7 +36,7 @@ class Prepared:
         system: components and links.
         fmus, interfaces: by component; interfaces of the firmware's own components too, with firmware.
         plan: the scenario in SI.
-        renames: by swapped component, the role's name of an output to the FMU's and the conversion.
+        fits: how swapped components fit their roles, by role.
         notes: what the user should know.
         garbage: of the bytes that the firmware on board receives.
         connected: inputs that have a source, by component.
@@ -45,7 +46,7 @@ class Prepared:
     fmus: Mapping[str, FmuDescription]
     interfaces: Mapping[str, Interface]
     plan: Plan
-    renames: Mapping[str, Mapping[str, Rename]]
+    fits: Mapping[str, Fit]
     notes: tuple[str, ...]
     garbage: tuple[Garbage, ...] = ()
     connected: Mapping[str, Collection[str]] = field(default_factory=dict)
@@ -62,9 +63,14 @@ class Prepared:
         return replace(self, plan=replace(resolved, values=resolved.values | values))
 
     @property
+    def renames(self) -> dict[str, Mapping[str, Rename]]:
+        """By swapped component, the role's name of an output to the FMU's and the conversion."""
+        return {role: fit.outputs for role, fit in self.fits.items()}
+
+    @property
     def plants(self) -> list[str]:
         """Swapped plants: they are stepped last, whatever they declare."""
-        return [role for role in self.renames if role == "plant"]
+        return [role for role in self.fits if role == "plant"]
 
     @property
     def values(self) -> dict[str, dict[str, float]]:
@@ -83,19 +89,17 @@ def prepared(request: Request) -> Iterator[Prepared]:
     scenario = request.scenario
     if not (package := holder(request.ssp)).exists():
         raise ScenarioError(f'{scenario.name}: there is no package "{package}"{nearest_file(package)}')
-    with open_ssp(request.ssp) as system:
-        fmus = {name: describe(component.fmu) for name, component in system.components.items()}
-        system = _with_exported_faults(system, fmus)  # noqa: PLW2901
+    with open_ssp(request.ssp) as packaged:
+        fmus = {name: describe(component.fmu) for name, component in packaged.components.items()}
+        system, fits = fit_in_place(packaged, fmus, request.swaps)
+        system = _with_exported_faults(system, fmus)
         notes = _notes(system, scenario)
-        fits: dict[str, Fit] = {}
+        notes += [note for fitted in fits.values() for note in fitted.notes]
         for role, path in request.swaps.items():
             fmus[role] = describe(path)
             adapter = read_adapter(path, find_role(role))
-            system, fits[role] = replace_component(  # noqa: PLW2901
-                system, role, fmus[role], adapter, _sources(role, fmus)
-            )
+            system, fits[role] = replace_component(system, role, fmus[role], adapter, _sources(role, fmus))
             notes += fits[role].notes
-        renames = {role: fit.outputs for role, fit in fits.items()}
         interfaces = _interfaces(scenario.own_system, fmus, fits)
         inside: tuple[str, ...] = ()
         if request.onboard:
@@ -113,7 +117,7 @@ def prepared(request: Request) -> Iterator[Prepared]:
             interfaces,
             system.links,
             find_tick(fmus)[0],
-            renames=renames,
+            renames={role: fit.outputs for role, fit in fits.items()},
             inside=inside,
         )
         notes += _idle_stalls(scenario, faults, fmus)
@@ -127,7 +131,7 @@ def prepared(request: Request) -> Iterator[Prepared]:
             fmus,
             interfaces,
             resolved,
-            renames,
+            fits,
             (*notes, *resolved.notes),
             faults.garbage,
             connected,
@@ -200,7 +204,7 @@ def _with_exported_faults(system: FmuSystem, fmus: Mapping[str, FmuDescription])
         if link.target_variable == "signal" and fmus[name].model in types and is_sealed(fmus[name].path):
             readers = [(k.target, k.target_variable) for k in system.links if k.source == name]
             end = readers[0] if len(readers) == 1 else ("", "")
-            faults[name] = FaultyLink(types[fmus[name].model], link.source, link.source_variable, *end)
+            faults[name] = FaultyLink(types[fmus[name].model], link.source, link.signal, *end)
     return replace(system, faults=faults)
 
 

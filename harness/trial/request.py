@@ -161,10 +161,13 @@ def with_seed(request: Request, seed: int) -> Request:
     is_foreign = request.package is not None or scenario.package is not None
     if is_foreign and os.path.exists(holder(request.ssp)):  # unlike Path's, it raises nothing
         from harness.cosim.fmu import describe  # noqa: PLC0415 - fmpy
+        from harness.cosim.in_place import adapters_in  # noqa: PLC0415 - fmpy
         from harness.cosim.ssp import open_ssp  # noqa: PLC0415 - fmpy
 
         with open_ssp(request.ssp) as system:
-            binding = [c for c in system.components.values() if "seed" in c.values]
+            mapped = {n: adapter.parameters for n, adapter in adapters_in(system).items()}
+            names = {n: own["seed"].name for n, own in mapped.items() if "seed" in own}
+            binding = [c for c in system.components.values() if names.get(c.name, "seed") in c.values]
             drawing = [c.name for c in binding if c.name in SEEDED or describe(c.fmu).model in FAULT_NAMES]
         scenario = scenario.override(f"{c}.seed={seed}" for c in drawing if c not in request.swaps)
     return replace(request, scenario=scenario)

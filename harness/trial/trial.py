@@ -197,10 +197,13 @@ def _report(
     log: Log, out: Path, real_time_factor: float | None, notes: Sequence[str], error: FmuError | None
 ) -> dict[str, Any]:
     """Write page, picture and summary of a log; the summary."""
+    has_place = "plant.north" in log and "plant.east" in log
+    if not has_place:
+        notes = (*notes, "no picture: the log lacks plant.north and plant.east")
     summary = summarize(log, real_time_factor and round(real_time_factor, 1), notes)
     if error is not None and error.fault is not None:
         summary["fault"] = {"text": str(error), **asdict(error.fault)}
-    if "plant.north" in log and "plant.east" in log:
+    if has_place:
         write_whole(out / PICTURE, trial_png(log))
     write_page(log, summary, out / PAGE)
     write_summary(summary, out / SUMMARY)

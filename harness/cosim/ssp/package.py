@@ -72,12 +72,15 @@ class Package:
         return path
 
     def fmu(self, source: str, what: str) -> Path:
-        """An FMU of the package: a file, or the folder that one is unpacked in.
+        """An FMU of the package, a file or the folder that one is unpacked in, with its mapping file.
 
         Raises:
             SspError: there is none, or the source leaves the package.
         """
         path = self._path(source, what)
+        mapping = f"{posixpath.splitext(source)[0]}.toml"
+        if self._path(mapping, what).is_file():
+            self.file(mapping, what)
         if not (path / DESCRIPTION).is_file():
             return self.file(source, what)
         root = self.folder.resolve()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +22,7 @@ from harness.trial.request import Changes, Request, build_missing, requested
 from harness.trial.scenario import Disturbance, Scenario, Setting, Written, load
 from harness.trial.seeds import run_seeds
 from models.errors import UsageError
-from tests.harness.cosim.tiny_fmu import tiny_fmu
+from tests.harness.cosim.tiny_fmu import V, tiny_fmu
 from tests.harness.trial.test_loops import DOG, MAPPING, MOVES
 
 SCHEMA = Path(fmpy.ssp.__file__).parent / "schema" / "SystemStructureDescription.xsd"
@@ -150,6 +151,66 @@ def test_a_package_holds_a_dog_made_elsewhere_with_its_conversions(tmp_path: Pat
         np.testing.assert_array_equal(
             packed.values[component].view(np.uint64), own.values[component].view(np.uint64)
         )
+
+
+# a dog made elsewhere that, by FMI's default, depends on its command within a step; it turns to and fro
+STRANGE_DOG = [
+    V("cmd", "input", "Integer"), *(V(n, unit=u) for n, u in (("pos_n", "m"), ("pos_e", "m"))),
+    V("psi", unit="deg"), V("v_kmh", unit="km/h"), V("psi0", "parameter", unit="deg"), V("draw", "parameter"),
+]  # fmt: skip
+STRANGELY_MOVES = """v[4] = v[0] == 1 ? 18 : 0; v[3] = v[5] + v[6] + 3 * sin(t);
+v[1] += v[4] / 3.6 * h; v[2] += v[4] * h * sin(t) / 60;"""
+STRANGE_NAMES = """[outputs]
+north = "pos_n"
+east = "pos_e"
+speed = { name = "v_kmh", factor = 0.2777777777777778 }
+heading = { name = "psi", factor = 0.017453292519943295 }
+[inputs]
+command = "cmd"
+[parameters]
+start_heading = { name = "psi0", factor = 57.29577951308232 }
+seed = "draw"
+"""
+STRANGE_FAULTS = (
+    Disturbance("plant.speed", "offset", 1.0, 2.0, 0.5),
+    Disturbance("plant.heading -> sensors.heading", "noise", 1.5, 3.0, 5.0),
+)
+
+
+@pytest.mark.parametrize(
+    ("version", "faults"), [(2, ()), (3, STRANGE_FAULTS)], ids=["FMI 2", "FMI 3, faults"]
+)
+def test_the_package_of_a_dog_by_other_names_runs_to_the_log_of_its_trial(
+    version: int, faults: tuple[Disturbance, ...], tmp_path: Path
+) -> None:
+    # given a trial with such a dog, and its package
+    dog = tiny_fmu(tmp_path / "dog.fmu", STRANGE_DOG, STRANGELY_MOVES, version=version)
+    dog.with_suffix(".toml").write_text(STRANGE_NAMES)
+    scenario = replace(SHORT, parameters={"plant.start_heading": 20}, faults=faults)
+    changes = Changes(swaps={"plant": dog}, fmi=str(version))
+    package = export(scenario, changes, tmp_path / "it.ssp")
+    structure(package)
+    # when both are run, the package also from a folder, from its log, and with another seed
+    own, packed = run(scenario, changes, tmp_path / "own"), run(package, Changes(), tmp_path / "packed")
+    with zipfile.ZipFile(package) as archive:
+        archive.extractall(tmp_path / "folder")
+    run(tmp_path / "folder", Changes(), tmp_path / "of_folder")
+    again = run(tmp_path / "of_folder" / trial.LOG, Changes(), tmp_path / "again")
+    reseeded = run(replace(scenario, seed=8), changes, tmp_path / "own8")
+    asked = run(package, Changes(seed=8), tmp_path / "packed8")
+    # then signals, units and rows are the same
+    for got, expected in ((packed, own), (again, own), (asked, reseeded)):
+        assert {c.component: (c.names, c.units) for c in got.channels} == {
+            c.component: (c.names, c.units) for c in expected.channels
+        }
+        for component, rows in expected.values.items():
+            np.testing.assert_array_equal(got.values[component].view(np.uint64), rows.view(np.uint64))
+    # and so is the report
+    summaries = [json.loads((tmp_path / name / trial.SUMMARY).read_text()) for name in ("own", "packed")]
+    for key in ("outcome", "time_s", "position_error_m", "directional_commands", "anomalies"):
+        assert summaries[0][key] == summaries[1][key]
+    assert (tmp_path / "packed" / trial.PICTURE).exists()
+    assert any("it is stepped last all the same" in note for note in summaries[1]["notes"])
 
 
 def test_a_seed_that_is_asked_for_wins_over_the_packages_own(tmp_path: Path) -> None:

@@ -117,6 +117,7 @@ def test_a_nested_package_runs_as_its_package_states(
         "its experiment takes 2 s, the trial 0.4 s",
         'connection right.length -> right.deep.length: "km" is converted to "m", times 1000, '
         "in addition to its LinearTransformation",
+        "no picture: the log lacks plant.north and plant.east",
     ):
         assert sum(text in note for note in notes) == 1
         assert text in " ".join(err.split())
