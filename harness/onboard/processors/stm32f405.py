@@ -9,12 +9,14 @@ from __future__ import annotations
 import json
 import os
 import secrets
+import select
 import shutil
 import subprocess
 import tempfile
+import time
 import weakref
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -33,6 +35,7 @@ from models.kit.link import Values
 
 NAME = "stm32f405"
 QEMU, PACKAGE, MACHINE = "qemu-system-arm", "qemu-system-arm", "netduinoplus2"
+PATIENCE = 60.0  # s for an answer
 # the lines of port.c, by number of the USART from 1; QEMU's are 1 to 6, in the order of its -serial
 LINES = {"imu": 1, "radio": 3, "gps": 6}
 TIMER = 0x40000800  # TIM4
@@ -72,13 +75,13 @@ class Board:
     """
 
     def __init__(self, image: Image, log: Path | None = None) -> None:
-        self.image = image
+        self.image, self._held = image, b""
         self._errors: BinaryIO = tempfile.TemporaryFile()  # noqa: SIM115 - _end closes it
         try:
             self._process = subprocess.Popen(
                 _command(image, log), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors,
                 # Ctrl-C is for the harness; a worker has its own session, and ends with all that is in it
-                start_new_session=IN_WORKER not in os.environ,
+                start_new_session=IN_WORKER not in os.environ, bufsize=0,
             )  # fmt: skip
         except OSError as reason:
             self._errors.close()
@@ -109,7 +112,7 @@ class Board:
         """What is played now.
 
         Raises:
-            ProcessorError: QEMU has ended.
+            ProcessorError: QEMU has ended, or does not answer.
         """
         timer = {register: self.word(TIMER + register) for register in (PRESCALER, RELOAD, COMPARE)}
         period = (timer[PRESCALER] + 1) * (timer[RELOAD] + 1)
@@ -122,7 +125,7 @@ class Board:
         """Press its reset button: the program runs from its start, in another session; clients stay.
 
         Raises:
-            ProcessorError: QEMU has ended.
+            ProcessorError: QEMU has ended, or does not answer.
         """
         self._ask("system_reset")
 
@@ -130,7 +133,7 @@ class Board:
         """32 bits of memory, or a register.
 
         Raises:
-            ProcessorError: QEMU has ended, or there is nothing.
+            ProcessorError: QEMU has ended or does not answer, or there is nothing.
         """
         answer = self._ask("human-monitor-command", {"command-line": f"xp /1wx {address:#x}"})
         _, _, value = str(answer).partition(": ")
@@ -150,7 +153,6 @@ class Board:
         assert self._process.stdin is not None
         try:
             self._process.stdin.write(json.dumps(request).encode() + b"\n")
-            self._process.stdin.flush()
         except OSError:
             raise self._ended() from None
         while "return" not in (message := self._read()):
@@ -159,10 +161,21 @@ class Board:
         return message["return"]
 
     def _read(self) -> dict[str, Any]:
+        """QEMU's next message."""
         assert self._process.stdout is not None
-        line = self._process.stdout.readline()
-        if not line:
-            raise self._ended()
+        end = time.monotonic() + PATIENCE
+        while b"\n" not in self._held:
+            ready, _, _ = select.select([self._process.stdout], [], [], max(0.0, end - time.monotonic()))
+            if not ready:
+                raise ProcessorError(
+                    f"{NAME}: QEMU had no answer after {PATIENCE:g} s; it waits while a client does not "
+                    "read the radio"
+                )
+            data = os.read(self._process.stdout.fileno(), 1 << 16)
+            if not data:
+                raise self._ended()
+            self._held += data
+        line, _, self._held = self._held.partition(b"\n")
         message: dict[str, Any] = json.loads(line)
         return message
 
@@ -203,8 +216,7 @@ def _end(process: subprocess.Popen[bytes], errors: BinaryIO) -> None:
     process.kill()
     for pipe in (process.stdin, process.stdout):
         if pipe is not None:
-            with suppress(OSError):  # a command that was not taken
-                pipe.close()
+            pipe.close()
     process.wait()
     errors.close()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -212,6 +213,16 @@ def test_a_board_whose_qemu_has_died_says_so(image: Image) -> None:
         assert not board.is_running
         with pytest.raises(ProcessorError, match="QEMU ended by itself, status -9"):
             board.playing()
+
+
+def test_a_board_whose_qemu_does_not_answer_says_so(image: Image, monkeypatch: pytest.MonkeyPatch) -> None:
+    with Board(image) as board:
+        monkeypatch.setattr("harness.onboard.processors.stm32f405.PATIENCE", 0.2)
+        board._process.send_signal(signal.SIGSTOP)
+        with pytest.raises(ProcessorError, match=r"QEMU had no answer after 0\.2 s"):
+            board.playing()
+    # and it ends all the same
+    assert not board.is_running
 
 
 OWNER = """
