@@ -94,6 +94,9 @@ def test_survivors_without_a_reason_and_reasons_without_a_survivor_are_wrong() -
     assert "what a test kills now" in killed
     assert third.becomes in killed
     assert "no mutant any more" in gone
+    # and one that did not end in time says nothing: the machine may have been busy
+    late = program.Outcome(survivors=[second], over=[third])
+    assert program.verdict(late, {second.key, third.key}, {second.key: "so", third.key: "so"}) == []
 
 
 def test_a_filter_without_a_mutant_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:

@@ -44,11 +44,12 @@ class Outcome:
 
     Attributes:
         refused: the compiler refuses it, or the tests could not be collected.
+        over: its tests did not end in time: it loops without end, or the machine was busy.
     """
 
     failed: int = 0
-    over: int = 0
     refused: int = 0
+    over: list[Mutant] = field(default_factory=list)
     survivors: list[Mutant] = field(default_factory=list)
 
     def count(self, mutant: Mutant, status: int) -> None:
@@ -58,7 +59,7 @@ class Outcome:
         elif status == FAILED:
             self.failed += 1
         elif status == OVER:
-            self.over += 1
+            self.over.append(mutant)
         else:
             self.refused += 1
 
@@ -140,13 +141,14 @@ def chosen(only: str) -> dict[Target, list[Mutant]]:
 def verdict(outcome: Outcome, tried: set[Key], reasons: Mapping[Key, str]) -> list[str]:
     """What is wrong: survivors without a reason, reasons without a survivor."""
     survived = {mutant.key for mutant in outcome.survivors}
+    undecided = {mutant.key for mutant in outcome.over}
     wrong = [f"survives: {mutant}" for mutant in outcome.survivors if mutant.key not in reasons]
     files = {target.file: {m.key for m in target.mutants()} for target in TARGETS}
     for key in reasons:
         shown = f"{key[0]}\n    - {key[1]}\n    + {key[2]}"
         if key not in files.get(key[0], ()):
             wrong.append(f"accepted.toml lists what is no mutant any more; take it out: {shown}")
-        elif key in tried and key not in survived:
+        elif key in tried - undecided - survived:
             wrong.append(f"accepted.toml lists what a test kills now; take it out: {shown}")
     return wrong
 
@@ -184,11 +186,13 @@ def main(arguments: list[str]) -> int:
                 if status == OK and mutant.key not in reasons:
                     console.print(f"survives: {mutant}", markup=False, highlight=False)
     wrong = verdict(outcome, {m.key for mutants in targets.values() for m in mutants}, reasons)
+    for mutant in outcome.over:
+        console.print(f"does not end in time: {mutant}", markup=False, highlight=False)
     print(*(w for w in wrong if not w.startswith("survives")), sep="\n", end="")
     listed = sum(mutant.key in reasons for mutant in outcome.survivors)
     print(
         f"{total} mutants in {time.monotonic() - begun:.0f} s: {outcome.failed} fail a test, "
-        f"{outcome.refused} do not compile or load, {outcome.over} do not end in time, "
+        f"{outcome.refused} do not compile or load, {len(outcome.over)} do not end in time, "
         f"{len(outcome.survivors)} survive, {listed} of them accepted"
     )
     return int(bool(wrong))
