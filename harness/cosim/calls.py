@@ -6,8 +6,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol, Self
 
-from harness.cosim.fmu import OK, WARNING, Call, Clock, FmuDescription, Mark, Quantity, unmarked
-from harness.cosim.layout import Layout
+import numpy as np
+
+from harness.cosim.fmu import (
+    OK,
+    WARNING,
+    Call,
+    Clock,
+    Fault,
+    FmuDescription,
+    FmuError,
+    Mark,
+    Quantity,
+    limits_of,
+    unmarked,
+)
+from harness.cosim.layout import Cast, Layout, Transfer
 from harness.cosim.stepping import Order, Ticks
 from harness.cosim.wiring import Wiring
 
@@ -98,6 +112,7 @@ class Calls:
     ) -> None:
         self._components, self._mark = components, mark
         self._whose: dict[int, tuple[str, str]] = {}
+        self._casts: dict[int, Transfer] = {}
         self.clock = Clock(wiring.start)
         gathers: dict[str, list[Call]] = {name: [] for name in components}
         sets: dict[str, list[Call]] = {name: [] for name in components}
@@ -105,6 +120,7 @@ class Calls:
             if gather := layout.gather(transfer):
                 gathers[transfer.target].append(gather)
                 self._whose[id(gather)] = (transfer.target, "copy of its inputs")
+                self._casts[id(gather)] = transfer
             slot, places = transfer.place
             call = components[transfer.target].setting(transfer.quantities, layout.address(slot, places[0]))
             sets[transfer.target].append(self._named(call, transfer.target, "Set", transfer.quantities))
@@ -185,7 +201,23 @@ class Calls:
         """Accept a warning; for any other status raise an error that names the call.
 
         Raises:
-            FmuError: naming component, function, status and time.
+            FmuError: naming component, function, status and time; or an output that no input's type holds.
         """
+        if isinstance(call[0], Cast):
+            raise self._out_of_range(call[0], self._casts[id(call)])
         name, what = self.whose(call)
         self._components[name].check(status, what, self.clock.time)
+
+    def _out_of_range(self, cast: Cast, transfer: Transfer) -> FmuError:
+        """The error of the first value that its target's type does not hold."""
+        values = cast.values()
+        place = int(np.argmin(cast.fit(values)))
+        link, time, target = transfer.links[place], self.clock.time, cast.target.dtype
+        source, output = self._components[link.source], f'output "{link.source_variable}"'
+        low, high = limits_of(target)
+        return FmuError(
+            f"{source.label}: {output} gives {values[place]} to "
+            f"{link.target}.{link.target_variable} at t = {time:.10g} s; expected {low:.10g} to {high:.10g} "
+            f"({target.name})",
+            Fault("out of range", link.source, source.description.path.name, output, time),
+        )

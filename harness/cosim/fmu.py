@@ -90,8 +90,8 @@ class Fault:
     """What an FMU did wrong while it ran.
 
     Attributes:
-        kind: `status`, `not finite`, `ended`, `event`, `early`; in a worker also `crash`, `exit`, `hang`,
-            `memory`.
+        kind: `status`, `not finite`, `out of range`, `ended`, `event`, `early`; in a worker also `crash`,
+            `exit`, `hang`, `memory`.
         component, fmu: its place in the system, and its file; "" if no call was being made.
         call: the function, or the output; "" if no call was being made.
         time: s.
@@ -118,6 +118,14 @@ class Access:
 
     fmi: str
     dtype: npt.DTypeLike
+
+
+def limits_of(dtype: npt.DTypeLike) -> tuple[float, float]:
+    """The least and the largest finite number that a type holds."""
+    kind = np.dtype(dtype)
+    if kind.kind == "f":
+        return float(np.finfo(kind).min), float(np.finfo(kind).max)
+    return int(np.iinfo(kind).min), int(np.iinfo(kind).max)
 
 
 @dataclass(frozen=True)

@@ -11,21 +11,23 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from harness.cosim.fmu import Access, Call, FmuDescription, Quantity
+from harness.cosim.fmu import OK, Access, Call, FmuDescription, Quantity, limits_of
 from harness.cosim.ssp import ScaledLink
 from harness.cosim.stepping import Order
 from harness.cosim.wiring import Wiring
+from models.kit.declaration import Type
 
 Array = npt.NDArray[np.float64]
 Places = npt.NDArray[np.intp]
 
 REALS = ("float64", "float32")
+OUTSIDE = -(2**31) + 1  # what a `Cast` returns in the place of a status when its target cannot hold a value
 
 # memmove by its address, without argument types and as a function of nothing: no status, no checks
 copy = ctypes.PYFUNCTYPE(None)(ctypes.cast(ctypes.memmove, ctypes.c_void_p).value or 0)
@@ -33,19 +35,48 @@ copy = ctypes.PYFUNCTYPE(None)(ctypes.cast(ctypes.memmove, ctypes.c_void_p).valu
 
 @dataclass(frozen=True, eq=False)
 class Cast:
-    """Makes values of one type values of another, as C does.
+    """Makes values of one type values of another. A call gives a status: `OUTSIDE` if one does not fit.
+
+    A whole number must be one of the target's type, and a finite real must not become infinite.
 
     Attributes:
         target: (n,), where they go.
         source: (m,), where they come from; its places `picked` (n,).
+        is_boolean: they are Booleans, true unless 0.
     """
 
     target: npt.NDArray[Any]
     source: npt.NDArray[Any]
     picked: Places
+    is_boolean: bool = field(default=False, kw_only=True)
 
-    def __call__(self) -> None:
-        self.target[:] = self.source[self.picked]
+    def __call__(self) -> int:
+        values = self.values()
+        if not self._holds_all and not self.fit(values).all():
+            return OUTSIDE
+        self.target[:] = values
+        return OK
+
+    def values(self) -> npt.NDArray[Any]:
+        """What goes to the target, (n,), before it has the target's type."""
+        values = self.source[self.picked]
+        return values != 0 if self.is_boolean else values
+
+    def fit(self, values: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
+        """Which of the values the target's type holds."""
+        kind = self.target.dtype
+        if kind.kind == "f":
+            with np.errstate(over="ignore"):
+                fits = ~np.isfinite(values) | np.isfinite(values.astype(kind))
+        else:
+            low, high = limits_of(kind)
+            fits = (values >= low) & (values <= high)
+        return np.asarray(fits, dtype=np.bool_)
+
+    @property
+    def _holds_all(self) -> bool:
+        """Does the target's type hold all values of the source's?"""
+        return np.can_cast(bool if self.is_boolean else self.source.dtype, self.target.dtype)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,20 +86,22 @@ class Conversion(Cast):
     factor: Array
     offset: Array
 
-    def __call__(self) -> None:
-        values = self.source[self.picked] * self.factor + self.offset
-        if self.target.dtype.kind != "f":
-            values = np.clip(np.rint(values), *self.bounds)
-        self.target[:] = values
+    def values(self) -> npt.NDArray[Any]:
+        """As `Cast`."""
+        values = super().values() * self.factor + self.offset
+        return values if self.target.dtype.kind == "f" else np.clip(np.rint(values), *self.bounds)
+
+    @property
+    def _holds_all(self) -> bool:
+        return self.target.dtype.name != "float32"
 
     @property
     def bounds(self) -> tuple[float, float]:
         """The least and the largest float64 that the target's type holds."""
         if self.target.dtype.kind == "f":
             return -math.inf, math.inf
-        whole = np.iinfo(self.target.dtype)
-        high = float(whole.max)
-        return float(whole.min), high if int(high) <= whole.max else math.nextafter(high, 0.0)
+        low, high = limits_of(self.target.dtype)
+        return float(low), float(high) if int(float(high)) <= high else math.nextafter(high, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,10 +110,14 @@ class Replacement(Cast):
 
     tables: Sequence[Mapping[int, int]]
 
-    def __call__(self) -> None:
-        values = self.source[self.picked].astype(np.int64).tolist()
-        replaced = [table.get(value, value) for value, table in zip(values, self.tables, strict=True)]
-        self.target[:] = np.array(replaced, dtype=np.int64)
+    def values(self) -> npt.NDArray[Any]:
+        """As `Cast`, of Python's numbers: no type holds all that a table and its source may have."""
+        values = zip(super().values().tolist(), self.tables, strict=True)
+        return np.array([table.get(value, value) for value, table in values], dtype=object)
+
+    @property
+    def _holds_all(self) -> bool:
+        return False
 
 
 @dataclass(eq=False)
@@ -220,14 +257,16 @@ class Layout:
             start = ctypes.c_void_p(self.address(transfer.source, transfer.picked[0]))
             size = ctypes.c_size_t(target.nbytes)
             return copy, (ctypes.c_void_p(self.address(transfer.slot)), start, size)
-        source, picked = self.view(transfer.source), np.array(transfer.picked)
+        parts = target, self.view(transfer.source), np.array(transfer.picked)
+        is_boolean = transfer.quantities[0].type is Type.BOOLEAN
         if not any(link.converts for link in transfer.links):
-            return Cast(target, source, picked), ()
+            return Cast(*parts, is_boolean=is_boolean), ()
         if transfer.links[0].table:
-            return Replacement(target, source, picked, [dict(link.table) for link in transfer.links]), ()
+            tables = [dict(link.table) for link in transfer.links]
+            return Replacement(*parts, tables, is_boolean=is_boolean), ()
         factor = np.array([link.factor for link in transfer.links])
         offset = np.array([link.offset for link in transfer.links])
-        return Conversion(target, source, picked, factor, offset), ()
+        return Conversion(*parts, factor, offset, is_boolean=is_boolean), ()
 
     def columns(self, component: str) -> list[Quantity]:
         """What the rows of a component hold: its inputs, then its outputs."""

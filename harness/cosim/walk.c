@@ -16,7 +16,7 @@
 enum kind { COPY, CAST, CONVERT, REPLACE, ACCESS2, ACCESS3, STEP2, STEP3, STEPS, TURN };
 enum type { FLOAT64, FLOAT32, INT8, INT16, INT32, INT64, UINT8, UINT16, UINT32, UINT64 };
 enum pause { NONE, FAILED, NOT_FINITE, STOPPED };
-enum { OK, WARNING, ASKED = INT_MIN }; /* asked: a step asked for what the loop lacks; a byte says for what */
+enum { OK, WARNING, ASKED = INT_MIN, OUTSIDE }; /* asked: a step asked for what the loop lacks; a byte says for what */
 #define NEARLY 0.999999 /* of a step: it was made */
 
 typedef int (*access2)(void *, const void *, size_t, void *);
@@ -29,6 +29,7 @@ typedef struct { /* of one value: to = factor * from + offset, whole numbers rou
     const void *from;
     void *to;
     double factor, offset, low, high;
+    int is_boolean; /* true unless 0 */
     const int64_t *table; /* whole numbers, each followed by the one that replaces it */
     size_t entries;
 } conversion;
@@ -91,7 +92,9 @@ typedef struct {
 EXPORT uint32_t floating_mode(void)
 {
 #if defined(__x86_64__) || defined(_M_X64)
-    return __builtin_ia32_stmxcsr() & 0xFFC0U; /* all but the flags of what happened */
+    uint16_t old; /* of the old unit, which long doubles use */
+    __asm__ volatile("fnstcw %0" : "=m"(old));
+    return (uint32_t)old << 16 | (__builtin_ia32_stmxcsr() & 0xFFC0U); /* all but the flags of what happened */
 #elif defined(__aarch64__)
     uint64_t control;
     __asm__ volatile("mrs %0, fpcr" : "=r"(control));
@@ -107,8 +110,9 @@ EXPORT int restore_mode(uint32_t mode)
     if (floating_mode() == mode)
         return false;
 #if defined(__x86_64__) || defined(_M_X64)
-    fesetround(FE_TONEAREST); /* of the old unit too, which long doubles use */
-    __builtin_ia32_ldmxcsr(mode);
+    const uint16_t old = (uint16_t)(mode >> 16);
+    __asm__ volatile("fnclex\n\tfldcw %0" : : "m"(old));
+    __builtin_ia32_ldmxcsr(mode & 0xFFFFU);
 #elif defined(__aarch64__)
     __asm__ volatile("msr fpcr, %0" : : "r"((uint64_t)mode));
 #else
@@ -133,26 +137,54 @@ static double real(const void *from, int type)
     }
 }
 
-static uint64_t whole(const void *from, int type) /* modulo 2^64 */
+typedef struct { /* a whole number of any type */
+    uint64_t bits; /* modulo 2^64 */
+    bool is_negative;
+} number;
+
+static number of_int64(int64_t x)
 {
-    switch (type) {
-    case INT8: return (uint64_t)*(const int8_t *)from;
-    case INT16: return (uint64_t)*(const int16_t *)from;
-    case INT32: return (uint64_t)*(const int32_t *)from;
-    case UINT8: return *(const uint8_t *)from;
-    case UINT16: return *(const uint16_t *)from;
-    case UINT32: return *(const uint32_t *)from;
-    default: return *(const uint64_t *)from;
-    }
+    return (number){(uint64_t)x, x < 0};
 }
 
-static void put_whole(void *to, int type, uint64_t x)
+static number of_uint64(uint64_t x)
 {
-    switch (type) {
-    case INT8: case UINT8: *(uint8_t *)to = (uint8_t)x; break;
-    case INT16: case UINT16: *(uint16_t *)to = (uint16_t)x; break;
-    case INT32: case UINT32: *(uint32_t *)to = (uint32_t)x; break;
-    default: *(uint64_t *)to = x;
+    return (number){x, false};
+}
+
+static number whole(const conversion *c)
+{
+    number x;
+    switch (c->from_type) {
+    case INT8: x = of_int64(*(const int8_t *)c->from); break;
+    case INT16: x = of_int64(*(const int16_t *)c->from); break;
+    case INT32: x = of_int64(*(const int32_t *)c->from); break;
+    case INT64: x = of_int64(*(const int64_t *)c->from); break;
+    case UINT8: x = of_uint64(*(const uint8_t *)c->from); break;
+    case UINT16: x = of_uint64(*(const uint16_t *)c->from); break;
+    case UINT32: x = of_uint64(*(const uint32_t *)c->from); break;
+    default: x = of_uint64(*(const uint64_t *)c->from);
+    }
+    return c->is_boolean ? of_uint64(x.bits != 0) : x;
+}
+
+static bool is_within(number x, int64_t low, uint64_t high)
+{
+    return x.is_negative ? (int64_t)x.bits >= low : x.bits <= high;
+}
+
+/* False if the target's type does not hold it. */
+static bool put_whole(const conversion *c, number x)
+{
+    switch (c->to_type) {
+    case INT8: *(int8_t *)c->to = (int8_t)x.bits; return is_within(x, INT8_MIN, INT8_MAX);
+    case INT16: *(int16_t *)c->to = (int16_t)x.bits; return is_within(x, INT16_MIN, INT16_MAX);
+    case INT32: *(int32_t *)c->to = (int32_t)x.bits; return is_within(x, INT32_MIN, INT32_MAX);
+    case INT64: *(int64_t *)c->to = (int64_t)x.bits; return is_within(x, INT64_MIN, INT64_MAX);
+    case UINT8: *(uint8_t *)c->to = (uint8_t)x.bits; return is_within(x, 0, UINT8_MAX);
+    case UINT16: *(uint16_t *)c->to = (uint16_t)x.bits; return is_within(x, 0, UINT16_MAX);
+    case UINT32: *(uint32_t *)c->to = (uint32_t)x.bits; return is_within(x, 0, UINT32_MAX);
+    default: *(uint64_t *)c->to = x.bits; return !x.is_negative;
     }
 }
 
@@ -162,36 +194,46 @@ static double rounded(double x) /* to the nearest whole number, halves to the ev
     return x > -0x1p52 && x < 0x1p52 ? (x + grain) - grain : x;
 }
 
-static void put_real(const conversion *c, double x)
+/* False if a finite number became infinite. */
+static bool put_real(const conversion *c, double x)
 {
     if (c->to_type == FLOAT64) {
         *(double *)c->to = x;
-    } else if (c->to_type == FLOAT32) {
-        *(float *)c->to = (float)x;
-    } else {
-        x = rounded(x);
-        x = x < c->low ? c->low : x > c->high ? c->high : x;
-        put_whole(c->to, c->to_type, x < 0.0 ? (uint64_t)(int64_t)x : (uint64_t)x);
+        return true;
     }
+    if (c->to_type == FLOAT32) {
+        const float y = *(float *)c->to = (float)x;
+        return y - y == 0.0f || x - x != 0.0;
+    }
+    x = rounded(x);
+    x = x < c->low ? c->low : x > c->high ? c->high : x;
+    return put_whole(c, x < 0.0 ? of_int64((int64_t)x) : of_uint64((uint64_t)x));
 }
 
-static void cast(const conversion *c)
+static bool cast(const conversion *c)
 {
     if (c->to_type == FLOAT64 || c->to_type == FLOAT32)
-        put_real(c, real(c->from, c->from_type));
-    else
-        put_whole(c->to, c->to_type, whole(c->from, c->from_type));
+        return put_real(c, real(c->from, c->from_type));
+    return put_whole(c, whole(c));
 }
 
-static void replace(const conversion *c)
+static bool convert(const conversion *c)
 {
-    uint64_t x = whole(c->from, c->from_type);
-    for (size_t i = 0; i < c->entries; i++)
-        if ((uint64_t)c->table[2 * i] == x) {
-            x = (uint64_t)c->table[2 * i + 1];
+    const double x = c->is_boolean ? (double)whole(c).bits : real(c->from, c->from_type);
+    return put_real(c, x * c->factor + c->offset);
+}
+
+static bool replace(const conversion *c)
+{
+    number x = whole(c);
+    for (size_t i = 0; i < c->entries; i++) {
+        const number replaced = of_int64(c->table[2 * i]);
+        if (replaced.bits == x.bits && replaced.is_negative == x.is_negative) {
+            x = of_int64(c->table[2 * i + 1]);
             break;
         }
-    put_whole(c->to, c->to_type, x);
+    }
+    return put_whole(c, x);
 }
 
 static bool has_failed(int status)
@@ -263,15 +305,18 @@ static int make(walk *w, const call *c)
     case STEPS: return make_steps(w, c, own);
     case CAST:
         for (size_t i = 0; i < c->count; i++)
-            cast(&first[i]);
+            if (!cast(&first[i]))
+                return OUTSIDE;
         return OK;
     case CONVERT:
         for (size_t i = 0; i < c->count; i++)
-            put_real(&first[i], real(first[i].from, first[i].from_type) * first[i].factor + first[i].offset);
+            if (!convert(&first[i]))
+                return OUTSIDE;
         return OK;
     case REPLACE:
         for (size_t i = 0; i < c->count; i++)
-            replace(&first[i]);
+            if (!replace(&first[i]))
+                return OUTSIDE;
         return OK;
     default: memcpy(c->to, c->from, c->count); return OK;
     }

@@ -129,6 +129,7 @@ class _Conversion(ctypes.Structure):
         ("offset", ctypes.c_double),
         ("low", ctypes.c_double),
         ("high", ctypes.c_double),
+        ("is_boolean", ctypes.c_int),
         ("table", ctypes.c_void_p),
         ("entries", ctypes.c_size_t),
     ]
@@ -284,7 +285,7 @@ def _conversions(cast: Cast) -> ctypes.Array[_Conversion]:
     if isinstance(cast, Conversion):
         scales, bounds = (cast.factor.tolist(), cast.offset.tolist()), cast.bounds
     rows = zip(*places, *scales, strict=True)
-    return (_Conversion * count)(*(_Conversion(*types, *row, *bounds) for row in rows))
+    return (_Conversion * count)(*(_Conversion(*types, *row, *bounds, cast.is_boolean) for row in rows))
 
 
 class NativeWalk(Walk):

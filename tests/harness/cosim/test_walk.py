@@ -2,6 +2,7 @@
 
 import ctypes
 import math
+import platform
 import signal
 import time
 from collections.abc import Iterator, Sequence
@@ -17,13 +18,13 @@ import pytest
 
 from codegen.toolchains.compiler import CompileError
 from harness.cosim import walk
-from harness.cosim.fmu import Call, Clock, FmuError, FmuInstance
-from harness.cosim.layout import Cast, Conversion, Replacement
+from harness.cosim.fmu import Call, Clock, Fault, FmuError, FmuInstance
+from harness.cosim.layout import OUTSIDE, Cast, Conversion, Replacement
 from harness.cosim.loop import Array, Outcome, Simulation, Stop
 from harness.cosim.recorder import Recorder
 from harness.cosim.ssp import FmuComponent, FmuSystem, ScaledLink
 from harness.cosim.stepping import Event, Loop, Order
-from harness.cosim.walk import Native, NativeWalk, Walk
+from harness.cosim.walk import Guard, Native, NativeWalk, Walk
 from tests.harness.cosim.tiny_fmu import V, tiny_fmu
 
 # plant: x+ = 0.7 x + u, and its single precision twin; controller: y = -x / 3 + offset, n counts
@@ -164,16 +165,28 @@ REALS = [0.0, -0.0, 0.1, -2.5, 3.5, 1e-50, 1e300, -1e300, math.inf, math.nan]
 TYPES = ("int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64")
 
 
+OUT = "out of range"
+
+
 def carried(function: Cast, loop: type[Walk]) -> list[Any]:
-    """The target after one tick that makes only this."""
+    """The target after one tick that makes only this; [OUT] if a value does not fit."""
+
+    def fail(status: int, call: Call) -> None:
+        assert status == OUTSIDE
+        assert call == (function, ())
+        raise OverflowError
+
     function.target[:] = 77
     alone = SimpleNamespace(
-        answer=[(function, ())], advance=[], tick=[(function, ())], turns={}, clock=Clock()
+        answer=[(function, ())], advance=[], tick=[(function, ())], turns={}, clock=Clock(), fail=fail
     )  # fmt: skip
     nothing = SimpleNamespace(block=np.zeros(8, dtype=np.uint8), reals=list)
     options: dict[str, Any] = {} if loop is Walk else {"native": Native(cast(Any, alone))}
     stop = (np.zeros(1), frozenset[int]())
-    loop(cast(Any, alone), cast(Any, nothing), 0.04, Recorder(8), stop, **options).run(0, 1, 0)
+    try:
+        loop(cast(Any, alone), cast(Any, nothing), 0.04, Recorder(8), stop, **options).run(0, 1, 0)
+    except OverflowError:
+        return [OUT]
     return [value.tobytes() for value in function.target]
 
 
@@ -186,17 +199,34 @@ def extremes(kind: str) -> npt.NDArray[Any]:
     return np.array([low, low + 1, 0, 1, 7, 100, high // 2 + 1, high - 1, high], dtype=kind)
 
 
+def fits(value: float, target: str) -> bool:
+    """Does the type hold it, as near as may be?"""
+    if target == "float64" or not math.isfinite(value):
+        return True
+    if target == "float32":
+        return -(2.0**128) < value < 2.0**128
+    span = 1 << int(target.lstrip("uint"))
+    return 0 <= value < span if target[0] == "u" else -span <= 2 * value < span
+
+
 @pytest.mark.parametrize(
     ("source", "target"), [*product(TYPES, TYPES), *product(("float64", "float32"), repeat=2)]
 )
 def test_both_loops_carry_the_extremes_of_every_type_alike(source: str, target: str) -> None:
     values = extremes(source)
-    picked = np.arange(len(values))[::-1].copy()
-    goal = np.zeros(len(values), dtype=target)
+    # those that fit are carried together, and each of the others ends the tick
+    fitting = [place for place, value in enumerate(values.tolist()) if fits(value, target)]
+    picked = np.array(fitting)[::-1].copy()
+    goal = np.zeros(len(picked), dtype=target)
     with np.errstate(over="ignore"):
         expected = [value.tobytes() for value in values[picked].astype(target)]
     assert carried(Cast(goal, values, picked), NativeWalk) == expected
     assert carried(Cast(goal, values, picked), Walk) == expected
+    for place in {*range(len(values))} - {*fitting}:
+        alone = Cast(np.zeros(1, dtype=target), values, np.array([place]))
+        assert carried(alone, NativeWalk) == carried(alone, Walk) == [OUT]
+    picked = np.arange(len(values))
+    goal = np.zeros(len(values), dtype=target)
     for factor, offset in [(1.0, 0.0), (-1.0, 0.5), (0.5, 0.0), (1e3, -1e-3), (1e300, 0.0)]:
         scale = np.full(len(values), factor), np.full(len(values), offset)
         conversion = Conversion(goal, values, picked, *scale)
@@ -205,16 +235,112 @@ def test_both_loops_carry_the_extremes_of_every_type_alike(source: str, target: 
 
 @pytest.mark.parametrize(("source", "target"), [*product(TYPES, TYPES)])
 def test_both_loops_replace_whole_numbers_by_their_tables_alike(source: str, target: str) -> None:
-    # given a table for each second number: 7 becomes 1, 1 becomes 100, the largest 0; others stay
-    values = extremes(source)
-    table = {7: 1, 1: 100, int(np.int64(np.uint64(int(values[-1])).astype(np.int64))): 0}
-    goal = np.zeros(len(values), dtype=target)
-    replacement = Replacement(goal, values, np.arange(len(values)), [table, {}] * 4 + [table])
+    # given a table for each second number: 7 becomes 1, 1 becomes 100, -1 becomes 0; others stay
+    values = np.append(extremes(source), np.array([-1]).astype(source))  # -1, or the largest: the same bits
+    table: dict[int, int] = {7: 1, 1: 100, -1: 0}
+    tables = [table, {}] * 4 + [table] * 2
+    replaced = [table.get(value, value) for value, table in zip(values.tolist(), tables, strict=True)]
+    fitting = np.array([place for place, value in enumerate(replaced) if fits(value, target)])
+    goal = np.zeros(len(fitting), dtype=target)
+    # when
+    replacement = Replacement(goal, values, fitting, [tables[place] for place in fitting])
     # then 1 and 7 lie at places with a table and without
-    expected = values.astype(target)
-    expected[-1], expected[4] = 0, 1
+    expected = np.array([replaced[place] for place in fitting], dtype=target)
     assert carried(replacement, Walk) == [value.tobytes() for value in expected]
     assert carried(replacement, NativeWalk) == carried(replacement, Walk)
+    # and what stays and does not fit ends the tick
+    for place in {*range(len(values))} - {*fitting.tolist()}:
+        alone = Replacement(np.zeros(1, dtype=target), values, np.array([place]), [tables[place]])
+        assert carried(alone, NativeWalk) == carried(alone, Walk) == [OUT]
+
+
+@pytest.mark.parametrize("loop", [Walk, NativeWalk])
+@pytest.mark.parametrize(("source", "target"), [("int32", "uint8"), ("int32", "int32"), ("uint8", "int32")])
+def test_a_boolean_is_true_unless_it_is_0(loop: type[Walk], source: str, target: str) -> None:
+    values = np.array([0, 1, 2, 128, 256, -256][: 6 if source == "int32" else 4], dtype=source)
+    truth, places, kept = [False] + [True] * (len(values) - 1), np.arange(len(values)), {"is_boolean": True}
+    goal, factor = np.zeros(len(values), dtype=target), np.full(len(values), -1.0)
+    # when it is cast, negated by a table, or by 1 - x
+    carried(Cast(goal, values, places, **kept), loop)
+    assert goal.tolist() == truth
+    carried(Replacement(goal, values, places, [{0: 1, 1: 0}] * len(values), **kept), loop)
+    assert goal.tolist() == [not x for x in truth]
+    carried(Conversion(goal, values, places, factor, -factor, **kept), loop)
+    assert goal.tolist() == [not x for x in truth]
+
+
+@pytest.mark.parametrize("order", ["sequential", "jacobi"])
+def test_a_boolean_of_fmi_2_is_true_in_fmi_3_whatever_its_bits(tmp_path: Path, order: Order) -> None:
+    # given a controller whose true is 256 on each second tick, and 0 on the others
+    system = toy(tmp_path, links=CAST, variables=CAST_PLANT, controller="v[4] = v[4] != 0 ? 256 : 0;")
+    # when
+    _, _, rows = assert_same(system, order=order)
+    # then the plant, which takes a byte, gets 1, and in jacobi order a tick later
+    odd = rows["plant"][:6, 2].tolist()
+    assert odd == {"sequential": [1, 0, 1, 0, 1, 0], "jacobi": [0, 1, 0, 1, 0, 1]}[order]
+
+
+@pytest.mark.parametrize("order", ["sequential", "jacobi"])
+@pytest.mark.parametrize(
+    ("link", "goal", "text"),
+    [
+        (ScaledLink("plant", "n", "controller", "y"), "Int32",
+         "5000000000 to {} -2147483648 to 2147483647 (int32)"),
+        (ScaledLink("plant", "n", "controller", "y", table=((0, 7),)), "Int32",
+         "5000000000 to {} -2147483648 to 2147483647 (int32)"),
+        (ScaledLink("plant", "x", "controller", "y"), "Float32",
+         "1e+300 to {} -3.402823466e+38 to 3.402823466e+38 (float32)"),
+        (ScaledLink("plant", "x", "controller", "y", 2.0), "Float32",
+         "2e+300 to {} -3.402823466e+38 to 3.402823466e+38 (float32)"),
+    ],
+)  # fmt: skip
+def test_a_value_that_an_input_cannot_hold_ends_the_trial(
+    tmp_path: Path, order: Order, link: ScaledLink, goal: str, text: str
+) -> None:
+    # given a plant that gives 5e9 and 1e300 from the end of the step at 0.4 s on, to an input of 32 bits
+    step = "v[1] = t > 0.39 ? 1e300 : 0; v[0] = t > 0.39 ? 5e9 : 0;"
+    outputs = [V("n", type="Int64"), V("x")]
+    plant = tiny_fmu(tmp_path / "plant.fmu", outputs, step, version=3, depends=False)
+    controller = tiny_fmu(tmp_path / "controller.fmu", [V("y", "input", goal)], version=3)
+    paths = {"controller": controller, "plant": plant}
+    system = FmuSystem("toy", {name: FmuComponent(name, path) for name, path in paths.items()}, (link,))
+    ends = []
+    for loop in ("native", "python"):
+        with Simulation(system, {}, order, loop=loop) as simulation, pytest.raises(FmuError) as raised:
+            simulation.run(duration=2.4)
+        ends.append((str(raised.value), raised.value.fault))
+    # then both loops say which output, what it gave and what it was given to
+    output = f'output "{link.source_variable}"'
+    text = f"plant plant.fmu: {output} gives {text.format('controller.y at t = 0.44 s; expected')}"
+    assert ends[0] == ends[1] == (text, Fault("out of range", "plant", "plant.fmu", output, 0.44))
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="only x86 has a unit of its own for long double")
+@pytest.mark.parametrize("loop", ["native", "python"])
+def test_the_precision_of_long_doubles_is_restored_behind_each_call(tmp_path: Path, loop: Loop) -> None:
+    # given a plant that asks for sums of single precision in the unit for long doubles, and nothing else
+    asks = 'unsigned short word = 0x7F; __asm__ volatile("fldcw %0" : : "m"(word));'
+    third = "volatile long double third = v[3] + 1; third /= 3; v[2] = third;"
+    rows = []
+    for name, step in (("quiet", ""), ("asking", asks)):
+        (tmp_path / name).mkdir()
+        system = toy(tmp_path / name, plant=step, controller=third)
+        parts: list[Array] = []
+        # when
+        with Simulation(system, {}, loop=loop, guard=Guard()) as simulation:
+            simulation.run(duration=0.4, record=lambda _, values: parts.append(values["controller"][:, 2]))  # noqa: B023
+        rows.append(np.concatenate(parts).tolist())
+    # then the controller's thirds are those beside a plant that leaves the unit alone
+    assert rows[0][:3] == [2 / 3, 1.0, 4 / 3]
+    assert rows[1] == rows[0]
+
+
+def test_nothing_is_stepped_after_the_last_tick(tmp_path: Path) -> None:
+    # given a plant that refuses the step which begins on the last tick, at 2.4 s
+    end, times, _ = assert_same(toy(tmp_path, plant="if (t > 2.39) return 3;"))
+    # then
+    assert end == Outcome(61, 60 * 0.04, None)
+    assert times[-1] == 60 * 0.04
 
 
 @pytest.mark.parametrize("order", ["sequential", "jacobi"])
