@@ -263,13 +263,14 @@ def wiring(
     ahrs: Ahrs = False,
     as_json: Annotated[bool, typer.Option("--json", help="print it as JSON")] = False,
 ) -> None:
-    """Print who is stepped when, and what delays.
+    """Print who is stepped when, and what delays: links by the names that scenarios use.
 
     \b
     canine wiring
     canine wiring my.ssp --order jacobi
     """
     from harness.cosim.wiring import Rate, wire
+    from harness.trial.plan import address_of
     from harness.trial.prepare import prepared
     from harness.trial.request import Changes, build_missing, requested
 
@@ -279,9 +280,18 @@ def wiring(
             build_missing(request, done)
         with prepared(request) as ready:
             wired = wire(ready.system, ready.fmus, request.order, ready.plants)
+    names = {link: address_of(link, ready.interfaces) for link, _ in wired.delays}
     if as_json:
         links = [
-            {"link": str(link), "ticks": delay.least, "most_ticks": delay.most}
+            {
+                "link": names[link],
+                "variables": (link.source_variable, link.target_variable),
+                "factor": link.factor,
+                "offset": link.offset,
+                "table": link.table,
+                "ticks": delay.least,
+                "most_ticks": delay.most,
+            }
             for link, delay in wired.delays
         ]
         written = {"order": wired.order, "step_s": wired.step, "links": links}
@@ -289,7 +299,8 @@ def wiring(
         return
     rows = [("link", "delay")]
     for link, delay in wired.delays:
-        rows.append((f"{link}  {link.conversion}".rstrip(), str(delay)))
+        own_names = f"({link})" if str(link) != names[link] else ""
+        rows.append(("  ".join(filter(None, [names[link], link.conversion, own_names])), str(delay)))
     width = max(len(link) for link, _ in rows) + 2
     rates = {name: f" ({rate})" if rate != Rate() else "" for name, rate in wired.rates.items()}
     order_of_steps = ", then ".join(name + rates[name] for name in wired.order)

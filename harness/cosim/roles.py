@@ -16,6 +16,7 @@ declares no unit is taken to have the role's. The FMU may lack inputs of the rol
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -44,6 +45,9 @@ MISSION = {
         }
     ),
 }
+
+
+TOLERANCE = 1e-3  # of a mapping's factor, as people round it
 
 
 class RoleError(CanineError):
@@ -197,11 +201,24 @@ def fit(fmu: FmuDescription, role: Role, adapter: Adapter, consumed: Iterable[st
         checker.note(f"has no output {', '.join(absent)}; taken as zero")
     if ignored and not checker.problems:
         checker.note(f"has no input {', '.join(ignored)}; does not receive the role's values of it")
+    for what, names in (("output", outputs), ("parameter", parameters)):
+        for shared, own in _shared(names).items():
+            checker.note(
+                f'{" and ".join(own)} are {"both" if len(own) == 2 else "all"} its {what} "{shared}"'
+            )
     if role.name == "plant" and fmu.feedthrough and not checker.problems:
         checker.note(
             "says that its outputs depend on its inputs within a step; it is stepped last all the same"
         )
     return Fit(outputs, inputs, parameters, tuple(checker.problems), tuple(checker.notes))
+
+
+def _shared(renames: Mapping[str, Rename]) -> dict[str, list[str]]:
+    """The FMU's variables that stand for several of a role's, with those."""
+    stands_for: dict[str, list[str]] = {}
+    for own, rename in renames.items():
+        stands_for.setdefault(rename.name, []).append(own)
+    return {name: several for name, several in stands_for.items() if len(several) > 1}
 
 
 def misfits(fmu: FmuDescription, role: Role) -> dict[str, str]:
@@ -218,6 +235,7 @@ def _parameters(checker: _Checker) -> tuple[dict[str, Rename], dict[str, str]]:
         checking = _Checker(fmu, role, checker.adapter, checker.cure)
         if rename := checking.parameter(name, declared):
             renames[name] = rename
+            checker.notes += checking.notes
         elif checking.problems:
             wrong[name] = checking.problems[0]
     return renames, wrong
@@ -226,7 +244,7 @@ def _parameters(checker: _Checker) -> tuple[dict[str, Rename], dict[str, str]]:
 class _Checker:
     def __init__(self, fmu: FmuDescription, role: Role, adapter: Adapter, cure: str = "") -> None:
         self.fmu, self.role, self.adapter = fmu, role, adapter
-        self.cure = cure or f"map it in {adapter.path.name}"
+        self.cure = cure
         self.problems: list[str] = []
         self.notes: list[str] = []
 
@@ -302,9 +320,24 @@ class _Checker:
         if not unit.measures(ours):
             self.wrong(f"{got}; no factor makes one of the other")
             return False
+        # outputs are converted to the role's unit, all else to the FMU's
+        factor, offset = unit.factor, unit.offset
+        if kind != "output":
+            factor, offset = 1 / unit.factor, -unit.offset / unit.factor
         if (rename.factor, rename.offset) != (1.0, 0.0) or unit.equals(ours):
+            # a sign or an offset may be meant: another way round, another zero
+            if unit.base is not None and not math.isclose(abs(rename.factor), factor, rel_tol=TOLERANCE):
+                ends = (unit.name, ours.name) if kind == "output" else (ours.name, unit.name)
+                self.note(
+                    f'{kind} "{quantity.name}" is mapped with factor {rename.factor:g}; '
+                    f'from "{ends[0]}" to "{ends[1]}" it is {factor:g}'
+                )
             return True
-        self.wrong(f"{got}; {self.cure} or export it in {ours.name}")
+        conversion = f"factor = {factor!r}" + (f", offset = {offset!r}" if offset else "")
+        cure = self.cure or f"map it in {self.adapter.path.name}" + f" ({conversion})" * (
+            unit.base is not None
+        )
+        self.wrong(f"{got}; {cure} or export it in {ours.name}")
         return False
 
 

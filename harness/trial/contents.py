@@ -12,8 +12,7 @@ from codegen.scratch import Scratch
 from fmus.archive import pack
 from harness.cosim.fmu import Quantity
 from harness.cosim.loop import Array, Simulation
-from harness.cosim.rename import Rename
-from harness.cosim.roles import Role, find_role
+from harness.cosim.roles import Fit, Role, find_role
 from harness.cosim.worker.contained import Contained
 from harness.log.channel import Channel
 from harness.log.writer import LogWriter
@@ -26,27 +25,26 @@ VERSIONED = ("guided-canine", "fmpy", "casadi", "numpy")
 
 
 class LogRows:
-    """A simulation's rows for the log; outputs of a swapped component by its role's names, in its units."""
+    """A simulation's rows for the log; what of a swapped component its role has is by its names and units."""
 
     def __init__(
         self, simulation: Simulation | Contained, ready: Prepared, onboard: Telemetry | None
     ) -> None:
         self.channels: list[Channel] = []
         self.onboard = onboard
-        self.scales: dict[str, tuple[list[int], Array, Array]] = {}
+        self.scales: dict[str, tuple[list[int], Array]] = {}
         for name in simulation.components:
             if name in ready.system.faults:
                 continue  # what it is given and what it gives are signals of others
-            renames = ready.renames.get(name, {})
-            role = find_role(name) if renames else None
+            named = _Named(find_role(name), ready.fits[name]) if name in ready.fits else None
             columns, picked = [], []
             for place, quantity in enumerate(simulation.columns(name)):
-                several = _columns(quantity, role, renames)
+                several = _columns(quantity, named)
                 columns += several
                 picked += [place] * len(several)
-            factors, offsets = [c.factor for c in columns], [c.offset for c in columns]
-            if any(factor != 1.0 for factor in factors) or any(offsets) or len(picked) != len(set(picked)):
-                self.scales[name] = (picked, np.array(factors), np.array(offsets))
+            scales = [(*column.told, *column.given) for column in columns]
+            if any(scale != (1.0, 0.0, 1.0, 0.0) for scale in scales) or len(picked) != len(set(picked)):
+                self.scales[name] = (picked, np.array(scales).T)
             self.channels.append(
                 Channel(
                     name,
@@ -63,8 +61,8 @@ class LogRows:
     def by_roles(self, values: Mapping[str, Array]) -> dict[str, Array]:
         """Rows in the roles' units, with the columns of `channels`; as `Simulation.run` hands them over."""
         rows = dict(values)
-        for name, (picked, factor, offset) in self.scales.items():
-            rows[name] = values[name][:, picked] * factor + offset
+        for name, (picked, (told, shift, given, offset)) in self.scales.items():
+            rows[name] = (values[name][:, picked] - shift) / told * given + offset
         return rows
 
     def write(self, log: LogWriter, times: Array, values: Mapping[str, Array]) -> None:
@@ -76,34 +74,57 @@ class LogRows:
 
 
 @dataclass(frozen=True)
+class _Named:
+    """The names of a swapped component."""
+
+    role: Role
+    fit: Fit
+
+
+@dataclass(frozen=True)
 class _Column:
-    """One signal in the log: logged = factor * the FMU's value + offset."""
+    """One signal in the log.
+
+    Attributes:
+        given: factor and offset that make of an output the role's value.
+        told: those that made of the role's value an input.
+    """
 
     name: str
     unit: str
     type: str
     meaning: str
-    factor: float = 1.0
-    offset: float = 0.0
+    given: tuple[float, float] = (1.0, 0.0)
+    told: tuple[float, float] = (1.0, 0.0)
 
 
-def _columns(quantity: Quantity, role: Role | None, renames: Mapping[str, Rename]) -> list[_Column]:
+def _columns(quantity: Quantity, named: _Named | None) -> list[_Column]:
     """A component's variable in the log: more than once, if it stands for more than one output of a role.
 
-    A swapped component's outputs get the role's names and units. Another variable of it that bears the name
-    of a renamed output is marked "(FMU)".
+    A swapped component's outputs and renamed inputs get the role's names and units. Another variable of it
+    that bears the name of one of those is marked "(FMU)".
     """
     name, unit = quantity.name, quantity.unit or ""
     kind, meaning = quantity.type.value, quantity.meaning
-    if role is not None and quantity.causality == "output":
-        needs = {own: rename for own, rename in renames.items() if rename.name == name}
-        if needs:
-            return [
-                _Column(n, role.needs[n].unit, kind, meaning, r.factor, r.offset) for n, r in needs.items()
-            ]
-    if name in renames:
-        name = f"{name} (FMU)"
-    return [_Column(name, unit, kind, meaning)]
+    if named is None:
+        return [_Column(name, unit, kind, meaning)]
+    role, outputs = named.role, named.fit.outputs
+    inputs = {own: rename for own, rename in named.fit.inputs.items() if rename.mapped}
+    columns = []
+    if quantity.causality == "output":
+        columns = [
+            _Column(own, role.needs[own].unit, kind, meaning, given=(r.factor, r.offset))
+            for own, r in outputs.items()
+            if r.name == name
+        ]
+    elif quantity.causality == "input":
+        columns = [
+            _Column(own, role.inputs[own].unit, kind, meaning, told=(r.factor, r.offset))
+            for own, r in inputs.items()
+            if r.name == name
+        ]
+    mark = " (FMU)" if name in outputs or name in inputs else ""
+    return columns or [_Column(f"{name}{mark}", unit, kind, meaning)]
 
 
 def metadata(request: Request, ready: Prepared) -> dict[str, dict[str, str]]:

@@ -13,7 +13,7 @@ from pathlib import Path
 from harness.cosim.rename import Rename
 from harness.cosim.stepping import Ticks, first_tick
 from harness.onboard.garbage import STREAMS, Garbage
-from harness.trial.plan import Interface, is_angular, split_address
+from harness.trial.plan import Interface, address_of, is_angular, split_address
 from harness.trial.scenario import FAULTS, GARBAGE, LOST, STALL, Disturbance, Scenario, ScenarioError
 from models.disturbance import FAULTS as BLOCKS
 from models.disturbance import LONGEST_DELAY, MAX_FAULTS, FaultyLink, Kind, Placed
@@ -146,6 +146,10 @@ class _Resolver:
             values["value"] *= self.scale(Kind[fault.kind.upper()], place, where)
         return place, values
 
+    def address(self, link: Link) -> str:
+        """A link as a scenario names it."""
+        return address_of(link, self.interfaces)
+
     def output(self, address: str, where: str) -> tuple[str, Variable]:
         """An output's component and variable."""
         component, name = split_address(address, self.interfaces)
@@ -154,8 +158,12 @@ class _Resolver:
         interface = self.interfaces[component]
         if name not in interface.outputs:
             hint = nearest(name, interface.outputs)
+            named = self.renames.get(component, {}).items()
+            if by_role := [f'"{component}.{own}"' for own, rename in named if rename.name == name]:
+                hint = f"; as its role calls it: {', '.join(by_role)}"
             if not name:
-                hint = f'; name an output, or state kind = "{STALL}", which is of a component'
+                example = f'such as "{component}.{next(iter(interface.outputs), "output")}"'
+                hint = f'; name one, {example}, or state kind = "{STALL}"'
             if name in interface.inputs:
                 hint = "; it is an input: disturb the output that feeds it, or set it by [[set]]"
             raise ScenarioError(f'{where}: {interface.label} has no output "{name}"{hint}')
@@ -183,14 +191,16 @@ class _Resolver:
         others = [link for link in self.links if whole.holds(link)]
         is_sensed = bool(self.inside) and place.source == "sensors"
         if not links and not (is_sensed and place == whole):
-            there = f"its links are {', '.join(map(_address, others))}" if others else "it feeds nothing here"
+            there = (
+                f"its links are {', '.join(map(self.address, others))}" if others else "it feeds nothing here"
+            )
             raise ScenarioError(f'{where}: there is no link "{signal}"; {there}')
         for link in links:
             if link.target in self.inside and (link.source in self.inside or (is_sensed and place != whole)):
-                outside = [_address(other) for other in others if other.target not in self.inside]
+                outside = [self.address(other) for other in others if other.target not in self.inside]
                 instead = f"{place.source}.{place.source_variable}" if is_sensed else ", ".join(outside)
                 raise ScenarioError(
-                    f'{where}: the link "{_address(link)}" lies in the firmware on board; disturb '
+                    f'{where}: the link "{self.address(link)}" lies in the firmware on board; disturb '
                     f'"{instead or "a signal of the sensors or the plant"}", or run without --onboard'
                 )
 
@@ -203,15 +213,15 @@ class _Resolver:
             for link, scale in links.items():
                 if not math.isclose(link.offset, scale * mapping.offset, rel_tol=1e-9):
                     raise ScenarioError(
-                        f'{where}: the link "{_address(link)}" adds {link.offset:g} on the way, and a scale '
-                        'would act on that too; expected another kind, such as "offset"'
+                        f'{where}: the link "{self.address(link)}" adds {link.offset:g} on the way, and a '
+                        'scale would act on that too; expected another kind, such as "offset"'
                     )
         if kind not in IN_UNIT:
             return 1.0
         if len(scales) > 1:
             raise ScenarioError(
                 f"{where}: the links of {place.source}.{place.source_variable} convert it differently; "
-                f"disturb one: {', '.join(map(_address, links))}"
+                f"disturb one: {', '.join(map(self.address, links))}"
             )
         scale = scales.pop()
         return abs(scale) if kind is Kind.NOISE else scale
@@ -231,11 +241,6 @@ class _Resolver:
             return values | {"delay": float(ticks)}
         is_of_unit = kind in IN_UNIT and is_angular(variable)
         return values | {"value": math.radians(fault.value) if is_of_unit else fault.value}
-
-
-def _address(link: Link) -> str:
-    """A link as a scenario names it."""
-    return f"{link.source}.{link.signal} {ARROW} {link.target}.{link.target_variable}"
 
 
 def fault_fmus(scenario: Scenario, folder: Path) -> list[Path]:

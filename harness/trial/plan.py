@@ -19,6 +19,7 @@ from harness.trial.pairs import check_points, check_windows
 from harness.trial.scenario import LOST, Scenario, ScenarioError, Setting, Written, toml_of
 from models.errors import nearest
 from models.kit.declaration import Type, Variable, flatten
+from models.kit.link import Link
 from models.kit.units import UNITS
 from models.readings import READING, READINGS, start_heading_deviation
 from models.system import BLOCKS, DEFAULTS, ESTIMATORS, SYSTEMS, System
@@ -57,6 +58,10 @@ class Interface:
         own = (self.parameters if rename.name in self.parameters else self.inputs).get(rename.name, variable)
         value = values.get(rename.name, start_of(own, rename.name))
         return (value - rename.offset) / rename.factor if rename.mapped else value
+
+    def input_name(self, own: str) -> str:
+        """What scenarios call an input: the role's name, where it is renamed."""
+        return next((n for n, r in self.renames.items() if r.name == own and n in self.inputs), own)
 
     def converted(self, name: str, value: float) -> tuple[str, float]:
         """The component's own name and value of a variable, from the role's name and SI value."""
@@ -183,7 +188,8 @@ class _Planner:
         for address, written in self.scenario.parameters.items():
             where = f"{self.scenario.name}: {address}"
             for component, name in self.find(address, "parameters", where):
-                other = addresses.setdefault((component, name), address)
+                own = self.interfaces[component].converted(name, 0.0)[0]
+                other = addresses.setdefault((component, own), address)
                 if other != address:
                     raise ScenarioError(f"{where}: {other} is the same parameter; set it once")
                 known = self.interfaces[component].parameters
@@ -358,6 +364,13 @@ class _Planner:
             for time in sorted({t for at, until, _ in spans for t in (at, until)} - {math.inf}):
                 active = [(at, i) for i, (at, until, _) in enumerate(spans) if at <= time < until]
                 yield Event(time, component, own, spans[max(active)[1]][2] if active else unset)
+
+
+def address_of(link: Link, interfaces: Mapping[str, Interface]) -> str:
+    """A link as scenarios name it, by the roles' names of its variables."""
+    target = interfaces.get(link.target)
+    end = target.input_name(link.target_variable) if target else link.target_variable
+    return f"{link.source}.{link.signal} -> {link.target}.{end}"
 
 
 def split_address(address: str, components: Iterable[str]) -> tuple[str, str]:

@@ -71,7 +71,9 @@ class ScaledLink(Link):
         """What becomes of the value, for people; "" if nothing does."""
         if self.table:
             return ", ".join(f"{number} as {replaced}" for number, replaced in self.table)
-        return f"* {self.factor:g} + {self.offset:g}" if self.converts else ""
+        scaled = f"* {self.factor:g}" if self.factor != 1.0 else ""
+        shifted = f"{'+' if self.offset > 0 else '-'} {abs(self.offset):g}" if self.offset else ""
+        return f"{scaled} {shifted}".strip()
 
 
 @dataclass(frozen=True)

@@ -52,7 +52,8 @@ def test_a_dog_with_the_four_outputs_fits(tmp_path: Path, version: int) -> None:
     [
         (
             V("speed", unit="km/h"),
-            'output "speed" has unit "km/h", the plant role needs "m/s"; map it in dog.toml or export it in m/s',  # noqa: E501
+            'output "speed" has unit "km/h", the plant role needs "m/s"; '
+            "map it in dog.toml (factor = 0.2777777777777778) or export it in m/s",
         ),
         (
             V("speed", unit="kg"),
@@ -96,6 +97,35 @@ def test_a_mapping_file_renames_and_converts(tmp_path: Path) -> None:
 def test_one_output_may_serve_for_two(tmp_path: Path) -> None:
     fit = fitted(tmp_path, [*DOG, V("a", unit="m")], '[outputs]\nnorth = "a"\neast = "a"')
     assert fit.outputs["north"] == fit.outputs["east"] == Rename("a", mapped=True)
+    assert 'plant dog.fmu: north and east are both its output "a"' in fit.notes
+
+
+@pytest.mark.parametrize(
+    ("toml", "note"),
+    [
+        (
+            '[outputs]\nspeed = { name = "v", factor = 3.6 }',
+            'output "v" is mapped with factor 3.6; from "km/h" to "m/s" it is 0.277778',
+        ),
+        (
+            '[outputs]\nspeed = { name = "v", factor = -0.28 }',
+            'output "v" is mapped with factor -0.28; from "km/h" to "m/s" it is 0.277778',
+        ),
+        (
+            '[parameters]\nstart_heading = { name = "psi0", factor = 0.0174533 }',
+            'parameter "psi0" is mapped with factor 0.0174533; from "rad" to "deg" it is 57.2958',
+        ),
+        ('[outputs]\nspeed = { name = "v", factor = 0.2778 }', ""),
+        # another way round, or from another zero
+        ('[outputs]\nspeed = { name = "v", factor = -0.277778, offset = 1 }', ""),
+    ],
+)
+def test_a_factor_that_contradicts_the_units_is_noted(tmp_path: Path, toml: str, note: str) -> None:
+    variables = [*DOG[:3], V("v", unit="km/h"), HEADING, V("psi0", "parameter", unit="deg")]
+    mapping = toml if "speed" in toml else f'[outputs]\nspeed = {{ name = "v", factor = 0.2777778 }}\n{toml}'
+    fit = fitted(tmp_path, variables, mapping)
+    assert fit.problems == ()
+    assert [n for n in fit.notes if "factor" in n] == ([f"plant dog.fmu: {note}"] if note else [])
 
 
 @pytest.mark.parametrize(
@@ -162,7 +192,7 @@ def test_it_takes_the_place_of_the_plant(tmp_path: Path) -> None:
     [
         (
             ScaledLink("plant", "speed", "sensors", "speed", 1 / 3.6, settled=True),
-            r"link plant\.speed -> sensors\.speed: the package converts \(\* 0\.277778 \+ 0\) what its",
+            r"link plant\.speed -> sensors\.speed: the package converts \(\* 0\.277778\) what its",
         ),
         (
             ScaledLink("controller", "command", "plant", "command", table=((1, 2),), settled=True),
@@ -207,7 +237,7 @@ def test_a_parameter_in_another_unit_is_refused_by_name(tmp_path: Path) -> None:
     fit = fitted(tmp_path, [*DOG, HEADING, *PARAMETERS])
     assert fit.problems == (
         'plant dog.fmu: parameter "start_heading" has unit "deg", the plant role needs "rad"; '
-        "map it in dog.toml or export it in rad",
+        "map it in dog.toml (factor = 57.29577951308232) or export it in rad",
     )
 
 

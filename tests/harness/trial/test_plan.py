@@ -161,6 +161,19 @@ def test_a_renamed_parameter_or_input_is_set_by_the_roles_name() -> None:
     )
 
 
+def test_a_renamed_parameter_is_set_by_one_of_its_names() -> None:
+    interface = Interface(
+        "ctl",
+        {name: variable("m", name) for name in ("home_north", "hn")},
+        {},
+        "controller ctl.fmu",
+        renames={"home_north": Rename("hn", mapped=True)},
+    )
+    scenario = Scenario("my", parameters={"controller.home_north": 1.0, "controller.hn": 2.0})
+    with pytest.raises(ScenarioError, match=r"controller\.hn: controller\.home_north is the same parameter"):
+        plan(scenario, {"controller": interface})
+
+
 def test_a_controller_is_started_unless_the_package_binds_or_connects_its_start() -> None:
     interface = Interface("x", {}, {"start": variable(Boolean, "start")}, "x x.fmu")
     interfaces = {"controller": interface, "plant": interface}

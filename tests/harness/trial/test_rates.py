@@ -111,8 +111,8 @@ def test_wiring_tells_rates_and_the_age_of_what_is_held(
         "then plant (40 steps a tick)"
     ]
     delays = {what.strip(): delay for what, delay in lines[2:]}
-    assert delays["controller.order -> plant.cmd"] == "0 to 4 ticks"
-    assert delays["plant.x -> controller.place  * 10 + 0"] == "1 tick"
+    assert delays["controller.command -> plant.command  (controller.order -> plant.cmd)"] == "0 to 4 ticks"
+    assert delays["plant.north -> controller.north  * 10  (plant.x -> controller.place)"] == "1 tick"
     _, text, _ = canine(capsys, "wiring", "my.toml", *swaps, "--json")
     wiring = json.loads(text)
     assert wiring["rates"] == {
@@ -120,8 +120,35 @@ def test_wiring_tells_rates_and_the_age_of_what_is_held(
         "command_module": {"every": 1, "substeps": 1},
         "plant": {"every": 1, "substeps": 40},
     }
-    ends = {link["link"]: (link["ticks"], link["most_ticks"]) for link in wiring["links"]}
-    assert ends["controller.order -> plant.cmd"] == (0, 4)
+    assert {
+        "link": "controller.command -> plant.command", "variables": ["order", "cmd"],
+        "factor": 1.0, "offset": 0.0, "table": [], "ticks": 0, "most_ticks": 4,
+    } in wiring["links"]  # fmt: skip
+    factors = {link["link"]: link["factor"] for link in wiring["links"]}
+    assert factors["plant.north -> controller.north"] == 10.0
+
+
+@pytest.mark.parametrize(
+    ("fault", "text"),
+    [
+        ('signal = "plant.x"', 'has no output "x"; as its role calls it: "plant.north"'),
+        (
+            'signal = "controller.command -> plant.comand"',
+            "its links are controller.command -> command_module.command, controller.command -> plant.command",
+        ),
+        ('signal = "plant"', 'has no output ""; name one, such as "plant.north", or state kind = "stall"'),
+    ],
+)
+def test_a_fault_by_another_name_than_the_roles_is_refused_with_that(
+    fault: str, text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("my.toml").write_text(
+        f'system = "cts"\nwaypoints = [[25.0, 0.0]]\n[[fault]]\nat = 1\nkind = "off"\n{fault}\n'
+    )
+    status, _, error = canine(capsys, "wiring", "my.toml", "--plant", dog(tmp_path, version=2, step=0.04))
+    assert status == 2
+    assert text in " ".join(error.split())
 
 
 @pytest.mark.parametrize(

@@ -140,7 +140,11 @@ def resolved(signal: str, kind: str = "stall", inside: tuple[str, ...] = ()) -> 
         ("estimater", "stall", 'expected a component; did you mean "estimator"'),
         ("estimator.north", "stall", 'expected a component; did you mean "estimator"'),
         ("radio", "stall", "expected a component; known: command_module, controller"),
-        ("estimator", "off", 'has no output ""; name an output, or state kind = "stall"'),
+        (
+            "estimator",
+            "off",
+            'has no output ""; name one, such as "estimator.north", or state kind = "stall"',
+        ),
     ],
 )
 def test_a_stall_is_of_a_component_and_of_nothing_else(signal: str, kind: str, text: str) -> None:

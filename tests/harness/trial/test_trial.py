@@ -24,11 +24,14 @@ from tests.harness.cosim.tiny_fmu import V, tiny_fmu
 
 SHORT = replace(load("two_waypoint"), duration=2.0)
 TRUE_STATE = Scenario("straight", system="cts", waypoints=((25.0, 0.0),), duration=2.0)
-# a dog that runs north at 18 km/h = 5 m/s; its own `speed` is something else
-DOG = [V("command", "input", "Integer"), *(V(n, unit=u) for n, u in (("north", "m"), ("east", "m")))]
+# a dog that runs north at 18 km/h = 5 m/s, told 10 times the command; its own `speed` is something else
+DOG = [V("cmd", "input", "Integer"), *(V(n, unit=u) for n, u in (("north", "m"), ("east", "m")))]
 DOG += [V("heading", unit="rad"), V("v", unit="km/h"), V("speed", unit="m")]
 MOVES = "v[4] = 18; v[5] = -1; v[1] += 5 * h;"
-MAPPING = '[outputs]\nspeed = { name = "v", factor = 0.2777777777777778 }'
+MAPPING = """[outputs]
+speed = { name = "v", factor = 0.2777777777777778 }
+[inputs]
+command = { name = "cmd", factor = 10, offset = 1 }"""
 
 
 def dog(folder: Path) -> Path:
@@ -103,7 +106,7 @@ def test_the_status_of_a_controller_ends_a_trial(tmp_path: Path) -> None:
         assert trial.stop_of(simulation) is None
 
 
-def test_a_swapped_components_outputs_are_logged_by_the_roles_names_and_units(tmp_path: Path) -> None:
+def test_a_swapped_component_is_logged_by_the_roles_names_and_units(tmp_path: Path) -> None:
     # when
     request = Request(TRUE_STATE, swaps={"plant": dog(tmp_path)})
     run(request, tmp_path / "out")
@@ -115,6 +118,9 @@ def test_a_swapped_components_outputs_are_logged_by_the_roles_names_and_units(tm
     }  # fmt: skip
     assert np.unique(log["plant.speed"][1:]).tolist() == [5.0]
     assert np.unique(log["plant.speed (FMU)"][1:]).tolist() == [-1.0]
+    # and it is told what the controller says
+    assert log["plant.command"].tolist() == log["command_module.command"].tolist()
+    assert log["plant.command"].any()
 
 
 def test_a_log_holds_what_it_takes_to_run_the_trial_again(tmp_path: Path) -> None:
