@@ -5,19 +5,21 @@ from __future__ import annotations
 import asyncio
 import threading
 import webbrowser
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from harness.console import end_interrupted, json_of, out, print_note, say_where
+from harness.console import build_status, end_interrupted, json_of, out, print_note, say_where
 from harness.options import Seed
 from models.errors import UsageError
 
 if TYPE_CHECKING:
     from harness.station.opening import Request
+    from harness.station.session import Session
     from harness.station.shown import Shown
 
 HTTP_PORT = 8642
@@ -127,13 +129,13 @@ def _lead(request: Request, mission: str, start: bool, as_json: bool) -> None:
     """`canine station --headless`."""
     from harness.station.headless import Headless
     from harness.station.mission_files import load
-    from harness.station.opening import opened, report
+    from harness.station.opening import report
 
     draft = load(mission)
     for note in draft.notes:
         print_note(f"{mission}: {note}")
     try:
-        with opened(request, print_note) as session:
+        with _at_work(request) as session:
             Headless(session, lambda event: print_note(f"{event.time:.1f} s: {event.text}")).lead(
                 draft, start=start
             )
@@ -142,6 +144,17 @@ def _lead(request: Request, mission: str, start: bool, as_json: bool) -> None:
     finally:
         summary = report(request.folder)
     _show(request, summary, as_json)
+
+
+@contextmanager
+def _at_work(request: Request) -> Iterator[Session]:
+    """A station at work; building the FMUs of a simulated vest takes seconds for each."""
+    from harness.station.opening import opened
+
+    with ExitStack() as stack:
+        with build_status("building the FMUs") as done:
+            session = stack.enter_context(opened(request, print_note, done))
+        yield session
 
 
 def _show(request: Request, summary: object, as_json: bool) -> None:
@@ -157,11 +170,11 @@ def _show(request: Request, summary: object, as_json: bool) -> None:
 def _serve(request: Request, mission: str, web: Web, as_json: bool) -> None:
     """A station in the browser, until Ctrl-C."""
     from harness.station.mission_files import load
-    from harness.station.opening import opened, report
+    from harness.station.opening import report
 
     draft = load(mission) if mission else None
     try:
-        with opened(request, print_note) as session:
+        with _at_work(request) as session:
             if draft:
                 session.conduct.draft = draft
             _show_in_browser(session, web)

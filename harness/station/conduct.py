@@ -42,6 +42,7 @@ GREETING_S = 3.0  # s between greetings while nobody commands; longer than watch
 RELEASE = Override(Command.NONE)
 HELD = (Command.FORWARD, Command.LEFT, Command.RIGHT, Command.RECALL)
 NOTE_CHARS = 500
+OF_MISSION = Ready.REACH | Ready.LEGS | Ready.FIRST_LEG | Ready.PLANNED | Ready.FENCE | Ready.INSIDE
 
 
 class LinkState(StrEnum):
@@ -393,11 +394,6 @@ class Conduct:
         """What a START needs and lacks: the vest's own bits, then ours, each as `bit` and `words`."""
         if self.telemetry is None or not self._is_heard(now):
             return [{"bit": "heard", "words": "the vest is not heard"}]
-        bits = list(Ready)
-        missing = [
-            {"bit": str(bit.name).lower(), "words": Refusal(NOT_READY + bits.index(bit)).words}
-            for bit in Ready(self.telemetry.ready).missing
-        ]
         own = {
             "commander": (not self.desk.lives(now), "nobody commands"),
             "holding": (self.holding is not None, "a command is held"),
@@ -411,7 +407,8 @@ class Conduct:
                 "the mission on screen is not the one on board: upload",
             ),
         }
-        return missing + [{"bit": bit, "words": words} for bit, (lacks, words) in own.items() if lacks]
+        here = [{"bit": bit, "words": words} for bit, (lacks, words) in own.items() if lacks]
+        return lacking(self.telemetry.ready) + here
 
     @property
     def draft_id(self) -> int | None:
@@ -460,6 +457,16 @@ class Conduct:
         except RadioError as reason:
             raise OrderError(f"{order}: {reason}") from None
         return mission
+
+
+def lacking(ready: int) -> list[dict[str, str]]:
+    """The bits of a telemetry's `ready` that are off, with words; without a mission, none that judge it."""
+    bits = list(Ready)
+    return [
+        {"bit": str(bit.name).lower(), "words": Refusal(NOT_READY + bits.index(bit)).words}
+        for bit in Ready(ready).missing
+        if Ready.MISSION in Ready(ready) or bit not in OF_MISSION
+    ]
 
 
 _ORDERS: dict[str, Callable[[Conduct, float, int, dict[str, Any]], None]] = {

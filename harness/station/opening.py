@@ -86,8 +86,14 @@ class SimulatedPort:
 
 
 @contextmanager
-def opened(request: Request, note: Note) -> Iterator[Session]:
+def opened(
+    request: Request, note: Note, built: Callable[[Path], None] = lambda path: None
+) -> Iterator[Session]:
     """A station at work; at the end a mission that is under way is aborted, and the log is closed.
+
+    Args:
+        note: is told what the user should know.
+        built: is told of each FMU of a simulated vest that had to be built.
 
     Raises:
         UsageError: the port cannot be opened, the scenario or the folder cannot be used.
@@ -115,6 +121,7 @@ def opened(request: Request, note: Note) -> Iterator[Session]:
                     speed=request.speed,
                     key=request.key,
                     note=note,
+                    built=built,
                 )
             )
             port = SimulatedPort(vest)

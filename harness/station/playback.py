@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 
 import orjson
 
-from codegen.firmware.telemetry import FIELDS, NOT_READY, Flag, Ready, Refusal, Telemetry
+from codegen.firmware.telemetry import FIELDS, Flag, Refusal, Telemetry
 from harness.log.channel import SECOND
 from harness.log.contents import MESSAGE, Contents
 from harness.log.log import Log, LogError, read_log, read_records
-from harness.station.conduct import LinkState
+from harness.station.conduct import LinkState, lacking
 from harness.station.desk import OrderError
 from harness.station.draft import Draft, as_json
 from harness.station.events import Event, Level
@@ -185,8 +185,7 @@ def _of_rows(log: Log) -> list[_Frame]:
 
     def state(row: int) -> dict[str, Any]:
         told = _telemetry(log, row)
-        flags, bits = Flag(told.flags), list(Ready)
-        missing = Ready(told.ready).missing
+        flags, missing = Flag(told.flags), lacking(told.ready)
         refusal = Refusal(told.refusal) if told.refusal in set(Refusal) else Refusal.NONE
         link = (
             LinkState.READY
@@ -203,10 +202,7 @@ def _of_rows(log: Log) -> list[_Frame]:
             "link": link if told.session else LinkState.DISCONNECTED,
             "telemetry": values_of(told),
             "place": [told.latitude * 1e-7, told.longitude * 1e-7] if Flag.FIXED in flags else None,
-            "missing": [
-                {"bit": str(bit.name).lower(), "words": Refusal(NOT_READY + bits.index(bit)).words}
-                for bit in missing
-            ],
+            "missing": missing,
             "refusal": refusal.words if refusal else None,
             "draft": as_json(Draft()),
             "draft_id": None,

@@ -11,7 +11,7 @@ from codegen.firmware.key import SIMULATION_KEY
 from codegen.firmware.telemetry import Flag
 from harness.onboard.processors import Received, Reply
 from harness.onboard.processors.host import Host
-from harness.onboard.radio import Link
+from harness.onboard.radio import CRC, HEADER, TAG, Link
 from harness.station.conduct import Conduct
 from harness.station.draft import Draft, as_json
 from harness.station.events import Level
@@ -35,6 +35,16 @@ class _Tapped(Host):
         return reply
 
 
+def frames(sent: bytes) -> list[bytes]:
+    """The frames that were sent at once."""
+    found = []
+    while sent:
+        size = HEADER.size + sent[3] + TAG + CRC.size
+        found.append(sent[:size])
+        sent = sent[size:]
+    return found
+
+
 class Rig:
     """An operator's side and a vest whose animal stands at home; the radio can be cut.
 
@@ -42,6 +52,8 @@ class Rig:
         now: s.
         sent: what the station sent on the last tick.
         alive: the operators whose browsers live, and show it on each fifth of a second.
+        lost: types of messages that get lost on their way to the vest.
+        pace: the vest's time over the station's.
     """
 
     def __init__(self, first: int = 1) -> None:
@@ -50,6 +62,8 @@ class Rig:
         self.now = 0.0
         self.sent = b""
         self.uplink = self.downlink = True
+        self.lost: set[int] = set()
+        self.pace = 1.0
         self.alive: set[int] = set()
         self.events: list[tuple[Level, str]] = []
 
@@ -68,12 +82,13 @@ class Rig:
 
     def tick(self) -> Command:
         """One tick; the command that is played on it."""
-        if round(self.now / TICK) % 5 == 0:
+        if self.vest.k % 5 == 0:
             for operator in self.alive:
                 self.order("alive", operator)
         self.sent = self.conduct.step(self.now)
-        self.vest.tick(self.sent if self.uplink else b"")
-        self.now += TICK
+        passing = b"".join(frame for frame in frames(self.sent) if frame[2] not in self.lost)
+        self.vest.tick(passing if self.uplink else b"")
+        self.now += TICK / self.pace
         if self.processor.sent and self.downlink:
             self.conduct.receive(self.now, self.processor.sent)
         self.events += self.conduct.take_events()

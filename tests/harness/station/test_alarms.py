@@ -118,6 +118,15 @@ def test_link_quality_counts_what_is_lost_late_and_how_long_an_answer_takes() ->
     assert rig.conduct.quality.at(rig.now).late == 1
 
 
+def test_a_vest_that_begins_anew_is_not_late() -> None:
+    rig = Rig()
+    rig.take()
+    rig.run(5)
+    rig.reset()
+    rig.run(2)
+    assert rig.conduct.quality.at(rig.now).late == 0
+
+
 def test_a_history_stays_small_and_keeps_its_first_and_newest_rows() -> None:
     history = History(("time", "command"))
     for i in range(10 * MOST_ROWS):

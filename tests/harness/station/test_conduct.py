@@ -6,13 +6,15 @@ from itertools import pairwise
 
 import pytest
 
-from codegen.firmware.telemetry import Ready
+from codegen.firmware.telemetry import Flag, Ready
+from harness.onboard.radio import Mission, Start
 from harness.station.conduct import ORDERS, LinkState
 from harness.station.desk import OrderError
-from harness.station.draft import as_json
+from harness.station.draft import Draft, as_json
 from harness.station.events import Level
 from models.commands import Command, Status
 from models.kit.timing import TICK
+from tests.harness.onboard.vest import place
 from tests.harness.station.rig import HOME, MISSION, OTHER, Rig
 
 
@@ -43,9 +45,14 @@ def test_each_bit_that_the_vest_lacks_is_named_in_words() -> None:
     rig.run(1)
     named = {reason["bit"]: reason["words"] for reason in rig.conduct.missing(rig.now)}
     assert rig.conduct.telemetry is not None
+    assert named == {"mission": "the vest holds no mission"}, "what judges a mission waits for one"
+    rig.order("draft", mission=as_json(Draft(HOME, (place(2, 0), place(4, 0)))))
+    rig.order("upload")
+    rig.run(1.5)
     told = Ready(rig.conduct.telemetry.ready).missing
-    assert set(named) == {str(bit.name).lower() for bit in told}
-    assert named["mission"] == "the vest holds no mission"
+    named = {reason["bit"]: reason["words"] for reason in rig.conduct.missing(rig.now)}
+    assert set(named) == {str(bit.name).lower() for bit in told} == {"legs", "first_leg"}
+    assert named["legs"] == "two waypoints in a row are closer than the capture radius"
 
 
 def test_a_mission_counts_as_on_board_once_telemetry_shows_its_id() -> None:
@@ -73,6 +80,45 @@ def test_a_mission_that_is_lost_on_the_air_is_sent_again() -> None:
     rig.run(0.6)
     rig.uplink = True
     rig.until(lambda: rig.conduct.on_board is not None, 1)
+
+
+def test_a_mission_that_is_lost_while_other_frames_pass_is_not_on_board() -> None:
+    rig = Rig()
+    rig.take()
+    rig.order("draft", mission=as_json(MISSION))
+    rig.run(1)
+    rig.lost = {Mission.type}
+    rig.order("upload")
+    rig.tick()
+    rig.order("stop")
+    rig.run(1)
+    assert rig.conduct.telemetry is not None
+    assert rig.conduct.telemetry.received > 0
+    assert rig.conduct.on_board is None
+    rig.lost = set()
+    rig.until(lambda: rig.conduct.on_board is not None, 1)
+
+
+def test_an_upload_ends_with_its_commander() -> None:
+    rig = Rig()
+    rig.take()
+    rig.order("draft", mission=as_json(MISSION))
+    rig.run(1)
+    rig.lost = {Mission.type}
+    rig.order("upload")
+    rig.alive.clear()
+    rig.run(1.5)
+    rig.lost = set()
+    rig.run(2)
+    assert rig.conduct.on_board is None
+
+
+def test_a_vest_at_20_times_real_time_hears_as_many_frames_of_its_own_time() -> None:
+    rig = Rig()
+    rig.take()
+    rig.run(1)
+    rig.pace = 20.0
+    assert all(rig.run(1) and rig.conduct._has(Flag.LINK_OK) for _ in range(20))
 
 
 def test_an_upload_that_nobody_acknowledges_is_given_up_and_told() -> None:
@@ -113,6 +159,20 @@ def test_a_start_that_is_not_answered_is_forgotten_after_3_s() -> None:
     rig.run(2)
     assert "START was not answered within 3 s" in rig.texts()
     assert not rig.is_started
+
+
+def test_the_reason_of_an_earlier_refusal_does_not_end_a_start_that_is_lost_on_the_air() -> None:
+    rig = Rig()
+    rig.load()
+    rig.until(lambda: not rig.conduct.missing(rig.now))
+    rig.vest.inside.refusal = 7
+    rig.run(0.5)
+    rig.lost = {Start.type}
+    rig.order("start")
+    rig.run(0.5)
+    assert rig.conduct.pending()["starting"], "the vest told a refusal, but not of this START"
+    rig.lost = set()
+    rig.until(lambda: rig.is_started, 1)
 
 
 @pytest.mark.parametrize(
@@ -181,6 +241,25 @@ def test_stop_is_played_within_two_ticks_and_latches() -> None:
     assert set(played[2:]) == {Command.STOP}
     rig.order("clear_stop")
     assert rig.run(4)[-1] is Command.FORWARD, "the mission goes on"
+
+
+def test_stop_lets_go_of_what_is_held() -> None:
+    rig = Rig()
+    rig.begin()
+    rig.order("hold", command="LEFT")
+    rig.order("stop")
+    assert rig.conduct.holding is None
+    assert Command.LEFT not in rig.run(0.2)
+
+
+def test_a_stop_without_commander_and_mission_keeps_no_vest_awake() -> None:
+    rig = Rig()
+    rig.take()
+    rig.run(1)
+    rig.order("stop")
+    rig.alive.clear()
+    rig.run(2.5)
+    assert not any(rig.tick() is not None and rig.sent for _ in range(100))
 
 
 def test_stop_that_is_lost_on_the_air_is_sent_again() -> None:
@@ -336,7 +415,7 @@ def test_a_dead_tab_is_not_kept_alive_the_vest_ends_its_mission_as_with_a_lost_l
     rig.alive.clear()
     rig.run(1.1)
     assert "is silent: the heartbeat to the vest ends" in rig.texts()
-    quiet = [rig.tick() and rig.sent for _ in range(round(3 / TICK))]
+    quiet = [rig.tick() is not None and rig.sent for _ in range(round(3 / TICK))]
     assert not any(quiet[1:]), "not a byte is sent"
     assert rig.vest.telemetry.status in (Status.STOPPED, Status.IDLE)
     assert "anomaly LOST_LINK" in rig.texts()
@@ -348,7 +427,7 @@ def test_a_socket_that_is_gone_ends_the_heartbeat_at_once() -> None:
     rig.conduct.leave(rig.now, 1)
     rig.alive.clear()
     rig.tick()
-    assert not any(rig.tick() and rig.sent for _ in range(25))
+    assert not any(rig.tick() is not None and rig.sent for _ in range(25))
     assert "operator 1, who commanded, is gone" in rig.texts()
 
 
@@ -424,6 +503,7 @@ def test_a_vest_that_begins_anew_needs_mission_and_start_again() -> None:
     assert "the vest has begun anew: the mission under way is over; upload again" in rig.texts()
     assert rig.conduct.state(rig.now) is LinkState.CONNECTED
     assert rig.conduct.on_board is None
+    assert "another station" not in rig.texts()
     assert not rig.is_started
     rig.order("upload")
     rig.until(lambda: rig.conduct.state(rig.now) is LinkState.READY)

@@ -99,7 +99,7 @@ def test_a_vest_that_is_silent_still_gives_rows(tmp_path: Path) -> None:
 
 def test_positions_are_about_the_first_fix_where_no_origin_is_known(tmp_path: Path) -> None:
     sink = Sink(tmp_path, GUARDED)
-    tell(sink, 0.4, 1.0, flags=0)
+    tell(sink, 0.4, 1.0, flags=0, latitude=0, longitude=0)
     tell(sink, 1.0, 2.0)
     tell(sink, 2.0, 3.0, latitude=326000000 + 9018)  # 0.0009018 deg: 100 m
     sink.close()
