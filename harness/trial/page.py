@@ -223,7 +223,7 @@ def _tracks(signals: Mapping[str, Array]) -> list[dict[str, Any]]:
     return [
         {
             "label": name,
-            "class": {"estimator": "estimate", "fix": "fix"}.get(component, ""),
+            "class": "" if component == known[-1][0] else {"estimator": "estimate", "fix": "fix"}[component],
             "colour": {"estimator": "estimate", "fix": "gps"}.get(component, "truth"),
             "place": [f"{component}.north", f"{component}.east"],
             "heading": f"{component}.heading" if f"{component}.heading" in signals else None,

@@ -82,7 +82,8 @@
     }
     if (told) {
       const felt = (signal) => (signal ? signals[signal][row] : 0);
-      cue.set(names[row], { tone_hz: felt(tone), vibrate_left: felt(left), vibrate_right: felt(right) });
+      const known = tone || left || right; // where the log has a command module
+      cue.set(names[row], known ? { tone_hz: felt(tone), vibrate_left: felt(left), vibrate_right: felt(right) } : null);
     }
     const last = rows[canine.rowAt(data.events || [], timeline.time)];
     if (last !== now) {

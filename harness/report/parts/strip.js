@@ -23,7 +23,7 @@
         glyph.className = "glyph " + command;
         glyph.textContent = canine.GLYPHS[command] || "?";
         name.textContent = command === "NONE" ? "no command" : command;
-        words.textContent = "the dog feels: " + canine.cueWords(felt || {});
+        words.textContent = felt ? "the dog feels: " + canine.cueWords(felt) : "";
       },
     };
   };

@@ -318,3 +318,16 @@ def test_a_log_of_other_signals_has_a_panel_for_each(tmp_path: Path) -> None:
         "tank.level", "tank.flow", "tank.valve", "tank.lid"
     ]  # fmt: skip
     assert page.data["tracks"] == page.data["strips"] == []
+
+
+def test_a_track_of_the_estimate_alone_has_the_commands_colours(tmp_path: Path, open_page: OpenPage) -> None:
+    # given a log without the true animal, as a station writes it
+    log = trial()
+    log = replace(log, channels=tuple(c for c in log.channels if c.component not in ("plant", "sensors")))
+    page = Page(log, tmp_path)
+    assert [(track["label"], track["class"]) for track in page.data["tracks"]] == [("estimate", "")]
+    visit = open_page(page.path.as_uri())
+    colour = "getComputedStyle(document.querySelector('path.track.command-FORWARD')).stroke"
+    assert visit.page.evaluate(colour) == "rgb(0, 127, 86)"
+    # and nobody says what the dog feels, for the log does not
+    assert "feels" not in visit.page.inner_text("#cue")
