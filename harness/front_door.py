@@ -156,6 +156,11 @@ class SweepResult:
         return self.folder / "sweep.csv"
 
     @property
+    def page_path(self) -> Path:
+        """sweep.html."""
+        return self.folder / "sweep.html"
+
+    @property
     def picture_path(self) -> Path:
         """sweep.png."""
         return self.folder / "sweep.png"
@@ -196,6 +201,11 @@ class MatrixResult:
     def table_path(self) -> Path:
         """matrix.csv."""
         return self.folder / "matrix.csv"
+
+    @property
+    def page_path(self) -> Path:
+        """matrix.html."""
+        return self.folder / "matrix.html"
 
     @property
     def picture_path(self) -> Path:

@@ -113,6 +113,10 @@ def compare_logs(
             "for all signals, a component's, or one",
         ),
     ] = None,
+    html: Annotated[
+        Path | None,
+        typer.Option("--html", dir_okay=False, metavar="FILE", help="a page with both: map and plots"),
+    ] = None,
     values_only: Annotated[
         bool, typer.Option("--values-only", help="metadata, units and attachments may differ")
     ] = False,
@@ -125,6 +129,7 @@ def compare_logs(
     canine compare out/demo out/again --tolerance 1e-9
     canine compare out/demo out/again --tolerance 1e-9 --tolerance estimator.north=0.01 --tolerance plant=0
     canine compare out/demo out/again --values-only
+    canine compare out/demo out/left_90-1 --html both.html
 
     Rows are compared at the times that both have. Without a tolerance values must have the same bits: 0.0 is
     not -0.0, NaN is NaN. With one, an angle (in rad or deg, unless its name ends in _sd) differs by the
@@ -142,6 +147,12 @@ def compare_logs(
         typer.echo(json_of(result.facts()))
     else:
         comparison_table.show(result, out())
+    if html is not None:
+        from harness.trial.comparison_page import write_comparison
+
+        write_comparison(*logs, result, html)
+        if not as_json:
+            typer.echo(short(html))
     for log in logs:
         if log.broken:
             print_note(f"{log.path}: the log is not whole, {log.broken}; what is after that does not count")

@@ -86,7 +86,7 @@ def sweep_parameters(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="print the recommendation as JSON")] = False,
 ) -> None:
-    """Run many trials at each value of a parameter: sweep.csv, sweep.png, recommendation.json.
+    """Run many trials at each value of a parameter: sweep.csv, .png, .html, recommendation.json.
 
     \b
     canine sweep two                              5.3.5: h' from 15 to 90 deg, 1000 trials each

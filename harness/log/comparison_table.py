@@ -35,9 +35,14 @@ def show(comparison: LogComparison, console: Console) -> None:
         _show_signals(comparison, console)
     if comparison.statements:
         _show_statements(comparison, console)
+    line(sentence(comparison))
+
+
+def sentence(comparison: LogComparison) -> str:
+    """Do the logs agree, and in how much?"""
     until = "" if comparison.until_s is None else f" up to {comparison.until_s:g} s"
     differing = f"{len(comparison.signals)} of {comparison.signals_compared} signals differ"
-    line(
+    return (
         f"{comparison.a} and {comparison.b} {'agree' if comparison.agree else 'differ'}: "
         f"{differing} in {comparison.rows} rows{until}"
     )

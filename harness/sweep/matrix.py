@@ -37,7 +37,7 @@ from models.errors import CanineError, UsageError
 from models.system import CONTROLLERS, PLANTS
 
 MATRIX = "matrix"
-CSV, PICTURE, REPORT = "matrix.csv", "matrix.png", "matrix.json"
+CSV, PICTURE, PAGE, REPORT = "matrix.csv", "matrix.png", "matrix.html", "matrix.json"
 COLUMNS = ("controller", "plant", "scenario")
 OBEYING = tuple(name for name, block in PLANTS.items() if "command" in block.flat_names("input"))
 ALPHA = 0.05  # share of matrices in which chance alone names a better controller
@@ -56,6 +56,7 @@ class Matrix:
         refused: why the others cannot.
         trials: of each cell; `seed`: of the first.
         special: what differs from the matrix of these names alone.
+        settings: `block.name=value`, which act in the cells that have the block.
     """
 
     controllers: tuple[str, ...]
@@ -67,6 +68,7 @@ class Matrix:
     trials: int
     seed: int
     special: tuple[str, ...] = ()
+    settings: tuple[str, ...] = ()
 
     @property
     def work(self) -> Cells:
@@ -200,6 +202,7 @@ def plan_matrix(
         trials,
         first_seed,
         special,
+        tuple(settings),
     )
 
 
@@ -332,7 +335,7 @@ def run(
     progress: Progress | None = None,
     note: Callable[[str], None] = lambda text: None,
 ) -> Result:
-    """Run the trials that the folder's journal lacks, and write matrix.csv, matrix.json and matrix.png.
+    """Run the trials that the folder's journal lacks, and write matrix.csv, .json, .png and .html.
 
     Args:
         address, certificates, progress, note: as of `sweep.run`.
@@ -345,11 +348,15 @@ def run(
 
     def report(outcomes: Outcomes) -> Result:
         from harness.sweep.matrix_plots import matrix_png  # noqa: PLC0415 - matplotlib
+        from harness.sweep.page import matrix_page  # noqa: PLC0415 - jinja2
 
         result = result_of(matrix, outcomes)
         text = json.dumps(result.facts(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
         picture = matrix_png(result)
-        for name, content in ((CSV, result.csv()), (PICTURE, picture), (REPORT, text.encode())):
+        page = matrix_page(result, outcomes, comparison_texts(result))
+        for name, content in (
+            (CSV, result.csv()), (PICTURE, picture), (PAGE, page), (REPORT, text.encode())
+        ):  # fmt: skip
             write_whole(folder / name, content)
         return result
 
@@ -359,7 +366,7 @@ def run(
         report,
         address,
         what=MATRIX,
-        files=(CSV, PICTURE, REPORT),
+        files=(CSV, PICTURE, PAGE, REPORT),
         certificates=certificates,
         progress=progress,
         note=note,

@@ -39,7 +39,7 @@ def run_trials(
     address: str | None,
     *,
     what: str,
-    files: tuple[str, str, str],
+    files: tuple[str, ...],
     certificates: Certificates,
     progress: Progress | None,
     note: Callable[[str], None],

@@ -40,8 +40,9 @@ from models.readings import READING
 from models.system import CONTROLLER, ESTIMATOR, PLANT
 
 TWO_WAYPOINTS, MORE_WAYPOINTS = "15:90", "15:65"  # deg, 5.3.5 and 5.3.6
+ADVICE = ("success", "time", "both", "pareto")  # of recommendation.json
 SHOWN = 13  # rows of the table in the terminal
-CSV, PICTURE, RECOMMENDATION = "sweep.csv", "sweep.png", "recommendation.json"
+CSV, PICTURE, PAGE, RECOMMENDATION = "sweep.csv", "sweep.png", "sweep.html", "recommendation.json"
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,7 @@ class Sweep:
         seed: of the first trial at each point.
         swaps: FMUs of others by role, as they were named.
         special: what differs from the sweep of the name alone: reading, system, seed, varied parameters.
+        named: what was named for plant, controller and estimator, by role.
     """
 
     name: str
@@ -69,6 +71,7 @@ class Sweep:
     seed: int
     swaps: Mapping[str, str] = field(default_factory=dict)
     special: tuple[str, ...] = ()
+    named: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def job(self) -> Job:
@@ -229,7 +232,7 @@ def plan_sweep(
     name = target if isinstance(target, str) and target in TRIAL_TYPES else first.name
     return Sweep(
         name, axes, job, tuple(scenarios), chosen, components.system(first).name, first.seed,
-        components.fmus, special,
+        components.fmus, special, components.names,
     )  # fmt: skip
 
 
@@ -303,7 +306,7 @@ def run(
         lambda outcomes: report(sweep, outcomes, folder),
         address,
         what=SWEEP,
-        files=(CSV, PICTURE, RECOMMENDATION),
+        files=(CSV, PICTURE, PAGE, RECOMMENDATION),
         certificates=certificates,
         progress=progress,
         note=note,
@@ -311,11 +314,12 @@ def run(
 
 
 def report(sweep: Sweep, outcomes: Outcomes, folder: Path) -> tuple[list[Point], dict[str, Any]]:
-    """Write sweep.csv, sweep.png and recommendation.json; all are made before the first is written.
+    """Write the table, picture, page and recommendation; all are made before the first is written.
 
     Raises:
         FileError: they cannot be written.
     """
+    from harness.sweep.page import sweep_page  # noqa: PLC0415 - jinja2
     from harness.sweep.plots import sweep_png  # noqa: PLC0415 - matplotlib takes half of a short sweep
 
     table = table_of(sweep.points, outcomes)
@@ -325,7 +329,11 @@ def report(sweep: Sweep, outcomes: Outcomes, folder: Path) -> tuple[list[Point],
     picture = sweep_png([(axis.label, axis.written) for axis in sweep.axes], table, result, sweep.about)
     labels = [tuple(map(plain, point)) for point in sweep.points]
     rows = csv_of([axis.column for axis in sweep.axes], labels, table, has_fmus=sweep.has_fmus)
-    for name, content in ((CSV, rows), (PICTURE, picture), (RECOMMENDATION, recommendation)):
+    texts = list(dict.fromkeys(result[key]["text"] for key in ADVICE)) if len(table) > 1 else []
+    page = sweep_page(sweep, table, outcomes, texts)
+    for name, content in (
+        (CSV, rows), (PICTURE, picture), (PAGE, page), (RECOMMENDATION, recommendation)
+    ):  # fmt: skip
         write_whole(folder / name, content)
     return table, result
 
@@ -367,5 +375,5 @@ def show(sweep: Sweep, table: Sequence[Point], result: Mapping[str, Any], consol
     if len(table) == 1:
         console.print("one point: nothing to compare")
         return
-    for text in dict.fromkeys(result[key]["text"] for key in ("success", "time", "both", "pareto")):
+    for text in dict.fromkeys(result[key]["text"] for key in ADVICE):
         console.print(escape(text), soft_wrap=True)

@@ -20,7 +20,7 @@ from harness.report.thin import rows_to_show
 from harness.trial.disturbances import GPS_OUTAGE, LOST_RADIO, ORDER, disturbances
 from harness.trial.events import events
 from harness.trial.parameters import changed
-from harness.trial.summary import in_a_sentence, words
+from harness.trial.summary import in_a_sentence, position_error, words
 
 MOST_EVENTS = 1000  # in the page's table
 MOST_PANELS = 24  # of a log with none of a trial's signals
@@ -28,6 +28,7 @@ TURN = 2 * np.pi
 BANDS = {GPS_OUTAGE: "outage", ORDER: "order", LOST_RADIO: "lost"}  # others are faults
 STATES = ("command", "status", "waypoint", "anomaly", "override", "link_ok", "mode")
 COMMANDS = ("controller.command", "plant.command")  # the first that there is
+ANGLES = {"turn": TURN, "range": [-190, 190], "splits": [-180, -90, 0, 90, 180]}  # a panel of them
 FELT = ("tone_hz", "vibrate_left", "vibrate_right")
 
 
@@ -74,8 +75,8 @@ def write_page(log: Log, summary: Mapping[str, Any], path: Path) -> None:
 
 def trial_data(log: Log) -> dict[str, Any]:
     """What the page draws: signals by name in SI units, and how they are drawn (harness/report/README.md)."""
-    signals = _signals(log)
-    units = _units(log)
+    signals = signals_of(log)
+    units = units_of(log)
     panels = _panels(log, signals)
     drawn = {line["signal"] for panel in panels for line in panel["series"]}
     drawn |= {line["around"] for panel in panels for line in panel["series"] if line["around"]}
@@ -98,7 +99,7 @@ def trial_data(log: Log) -> dict[str, Any]:
         "route": route_data(log.route),
         "origin": log.origin,
         "bands": bands(log),
-        "marks": _marks(log),
+        "marks": marks(log),
     }
 
 
@@ -110,7 +111,7 @@ def changes(states: Sequence[Array], rows: int) -> np.ndarray[Any, np.dtype[np.b
     return marked
 
 
-def _signals(log: Log) -> dict[str, Array]:
+def signals_of(log: Log) -> dict[str, Array]:
     """The log's signals by name, with the fixes as they arrived, and the estimate's errors."""
     signals = {
         f"{channel.component}.{name}": log.values[channel.component][:, i]
@@ -127,16 +128,17 @@ def _signals(log: Log) -> dict[str, Array]:
         if f"estimator.{name}" in log and f"plant.{name}" in log:
             error = log[f"estimator.{name}"] - log[f"plant.{name}"]
             signals[f"error.{name}"] = error - TURN * np.round(error / TURN) if name == "heading" else error
-    return signals
+    position = position_error(log)
+    return signals if position is None else signals | {"error.position": position}
 
 
-def _units(log: Log) -> dict[str, str]:
+def units_of(log: Log) -> dict[str, str]:
     units = {
         f"{channel.component}.{name}": unit
         for channel in log.channels
         for name, unit in zip(channel.names, channel.units, strict=True)
     }
-    derived = {"north": "m", "east": "m", "speed": "m/s", "heading": "rad"}
+    derived = {"position": "m", "north": "m", "east": "m", "speed": "m/s", "heading": "rad"}
     return units | {f"{group}.{name}": unit for group in ("fix", "error") for name, unit in derived.items()}
 
 
@@ -151,19 +153,18 @@ def _panels(log: Log, signals: Mapping[str, Array]) -> list[dict[str, Any]]:
         return [{"value": sign * value, "label": shown if sign > 0 else ""} for sign in signs]
 
     both = (1, -1)
-    angles = {"turn": TURN, "range": [-190, 190], "splits": [-180, -90, 0, 90, 180]}
     truth, estimate = ("truth", "truth"), ("estimate", "estimate")
     panels = [
         panel("distance to the target", "m", [Line("controller.distance", "distance", "truth")],
               levels=level("capture_radius", "reached"), include=[0]),
         panel("deviation from the target", "rad", [Line("controller.deviation", "h", "truth")],
               levels=level("moving_deviation", "h'", both) + level("stop_deviation", "h''", both),
-              **angles),
+              **ANGLES),
         panel("speed", "m/s", [Line("fix.speed", "GPS fix", "gps", points=True),
                                Line("estimator.speed", *estimate, width=1.2), Line("plant.speed", *truth)],
               levels=level("stopped_speed", "V'"), include=[0]),
         panel("heading", "rad", [Line("estimator.heading", *estimate, width=1.2),
-                                 Line("plant.heading", *truth)], **angles),
+                                 Line("plant.heading", *truth)], **ANGLES),
     ]  # fmt: skip
     panels += [
         panel(
@@ -272,7 +273,7 @@ def bands(log: Log) -> list[dict[str, Any]]:
     ]
 
 
-def _marks(log: Log) -> list[dict[str, Any]]:
+def marks(log: Log) -> list[dict[str, Any]]:
     """Waypoints that were reached, and the first tick of each anomaly."""
     kinds = {"waypoint": "waypoint", "anomaly": "anomaly"}
     return [

@@ -262,3 +262,17 @@ def test_a_report_of_no_log_is_refused(tmp_path: Path, capsys: pytest.CaptureFix
     status, _, errors = canine(capsys, "report", tmp_path / "a.toml")
     assert status == 1
     assert "not an MCAP file" in errors
+
+
+def test_two_logs_are_compared_in_a_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    # given two trials with other seeds
+    for seed in (1, 2):
+        canine(capsys, *RUN, "--seed", seed, "--out", tmp_path / str(seed))
+    page = tmp_path / "both.html"
+    # when
+    status, text, _ = canine(capsys, "compare", tmp_path / "1", tmp_path / "2", "--html", page)
+    # then the page says what the terminal says, and where it is
+    lines = text.splitlines()
+    assert status == 1
+    assert lines[-1] == str(page)
+    assert lines[-2] in page.read_text()

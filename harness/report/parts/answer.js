@@ -6,7 +6,7 @@
   const timeline = canine.timeline(time[0], time[time.length - 1]);
   const place = ([north, east], row) => [signals[north][row], signals[east][row]];
   const places = (names) => time.map((_, row) => place(names, row));
-  const commands = (signal) => signals[signal].map((code) => canine.COMMANDS[code] || "NONE");
+  const commands = (signal) => signals[signal].map((code) => (code === null ? null : canine.COMMANDS[code] || "NONE"));
   const words = { outage: "GPS outage", order: "operator's order", lost: "lost radio", fault: "fault" };
 
   // The map: what disturbed the trial lies under the path, the mission under both.
@@ -61,8 +61,8 @@
   }
   canine.strip(of("strip"), timeline).set(strips);
   const told = data.strips.find((row) => row.kind === "command"), cue = canine.cue();
-  const names = told ? commands(told.signal) : [], [tone, left, right] = data.felt;
-  if (told) of("cue").append(cue.element);
+  const names = told ? commands(told.signal) : [], [tone, left, right] = data.felt || [];
+  if (data.felt && told) of("cue").append(cue.element);
 
   const plots = canine.plots(of("plots"), timeline);
   for (const panel of data.panels) {

@@ -11,7 +11,7 @@
   // The unit that users read for a unit of the log: factor, name, decimals.
   const SHOWN = {
     rad: [DEGREES, "deg", 1], "rad/s": [DEGREES, "deg/s", 1], m: [1, "m", 2], "m/s": [1, "m/s", 2],
-    "m/s2": [1, "m/s2", 2], s: [1, "s", 2], Hz: [1, "Hz", 0], "1": [1, "", 0], "": [1, "", 0],
+    "m/s2": [1, "m/s2", 2], s: [1, "s", 2], Hz: [1, "Hz", 0], "1": [1, "", null], "": [1, "", null],
   };
 
   canine.isNumber = (value) => typeof value === "number" && Number.isFinite(value);
@@ -21,7 +21,8 @@
   canine.format = function (value, unit, decimals) {
     if (!canine.isNumber(value)) return NO_VALUE;
     const [factor, name, usual] = SHOWN[unit] || [1, unit || "", 3];
-    const text = (value * factor).toFixed(decimals === undefined ? usual : decimals);
+    const places = decimals === undefined ? usual : decimals;
+    const text = places === null ? String(Number((value * factor).toPrecision(4))) : (value * factor).toFixed(places);
     return (Number(text) === 0 ? text.replace("-", "") : text) + (name ? " " + name : "");
   };
   // Seconds as 12.34 s below a minute, 3:07.5 below an hour, 1:02:03 above.

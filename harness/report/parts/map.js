@@ -109,7 +109,7 @@
           path("trail " + className, { pane: "trails" })).addTo(content);
       },
       // A sign with a name, such as an anomaly.
-      mark: (place, sign, name) => glyph(place, sign, "mark", name).addTo(content),
+      mark: (place, sign, name) => (isPlace(place) ? glyph(place, sign, "mark", name).addTo(content) : null),
       // Waypoints with their capture circles, home, legs and fence; `className` "drafted" is dashed.
       mission({ waypoints = [], home = null, radius = 0, fence = [] }, className) {
         const group = L.featureGroup().addTo(content), places = [...waypoints, ...(home ? [home] : [])];

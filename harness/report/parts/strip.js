@@ -69,7 +69,7 @@
   };
   // The blocks of commands, (rows,) each: names of `canine.COMMANDS`.
   canine.commandBlocks = (times, commands) =>
-    canine.stretches(commands).map(({ first, last, value }) => ({
+    canine.stretches(commands).filter(({ value }) => value).map(({ first, last, value }) => ({
       from: times[first], until: times[last], text: value.toLowerCase(), glyph: canine.GLYPHS[value], className: value,
       title: `${value} from ${canine.clock(times[first])} to ${canine.clock(times[last])}`,
     }));

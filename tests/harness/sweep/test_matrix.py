@@ -173,7 +173,7 @@ def test_cells_do_not_depend_on_each_other_and_results_have_the_columns_of_sweep
     # then
     assert status == 0
     assert {path.name for path in tmp_path.iterdir() if path.is_file()} == {
-        "matrix.csv", "matrix.json", "matrix.png",
+        "matrix.csv", "matrix.html", "matrix.json", "matrix.png",
     }  # fmt: skip
     header, first, second = (tmp_path / "matrix.csv").read_text().splitlines()
     assert header == f"controller,plant,scenario,{HEADER},fmu_failures,verdict"

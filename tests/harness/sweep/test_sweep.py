@@ -229,7 +229,9 @@ def test_the_table_has_the_numbers_found_by_hand(
     assert len(lines) == 3
     assert "20   50.0 %" in text
     assert "too few successes" in text
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["recommendation.json", "sweep.csv", "sweep.png"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        "recommendation.json", "sweep.csv", "sweep.html", "sweep.png"
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -628,7 +630,9 @@ def test_earlier_results_stay_until_new_ones_are_complete(
     # given the results of a sweep
     sweep.run(plan_sweep("two", thresholds="20:21", trials=20), tmp_path)
     earlier = results()
-    assert sorted(earlier) == ["recommendation.json", "sweep.csv", "sweep.png"]
+    assert sorted(earlier) == [
+        "recommendation.json", "sweep.csv", "sweep.html", "sweep.png"
+    ]  # fmt: skip
     # when another one is interrupted, or no picture can be made of it
     with pytest.raises(KeyboardInterrupt):
         sweep.run(plan_sweep("two", **ASKED), tmp_path, progress=interrupt_after(50))
