@@ -14,14 +14,17 @@ BUCKETS = 1000  # about a pixel each
 
 
 def rows_to_show(
-    columns: Sequence[Array], marked: npt.NDArray[np.bool_], most: int = MOST_ROWS
+    lines: Sequence[Array],
+    marked: npt.NDArray[np.bool_],
+    points: Sequence[Array] = (),
+    most: int = MOST_ROWS,
 ) -> npt.NDArray[np.intp]:
     """The rows to draw: all, or of each of `BUCKETS` stretches those with the least and greatest value.
 
-    The first and last row stay, and those where a column begins or ceases to be finite.
+    The first and last row stay, and those where a line begins or ceases to be finite.
 
     Args:
-        columns: (rows,) each, what is drawn as lines.
+        lines, points: (rows,) each, what is drawn so.
         marked: (rows,), those that stay in any case.
         most: rows up to which all stay.
     """
@@ -33,9 +36,11 @@ def rows_to_show(
     bucket = np.repeat(np.arange(BUCKETS), np.diff(edges))
     kept = marked.copy()
     kept[[0, -1]] = True
-    for column in columns:
-        finite = np.isfinite(column)
+    for line in lines:
+        finite = np.isfinite(line)
         kept[1:] |= finite[1:] != finite[:-1]
+    for column in (*lines, *points):
+        finite = np.isfinite(column)
         for extreme, none in ((np.minimum, np.inf), (np.maximum, -np.inf)):
             filled = np.where(finite, column, none)
             at = np.flatnonzero(finite & (filled == extreme.reduceat(filled, starts)[bucket]))

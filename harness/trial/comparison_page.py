@@ -67,20 +67,24 @@ def write_comparison(a: Log, b: Log, comparison: LogComparison, path: Path) -> N
     Raises:
         FileError: it cannot be written.
     """
+    of_sides = {name: events(log) for log, (name, *_) in zip((a, b), SIDES.values(), strict=True)}
     happened = sorted(
-        (
-            replace(event, text=f"{name}: {event.text}")
-            for log, (name, *_) in zip((a, b), SIDES.values(), strict=True)
-            for event in events(log)
-        ),
+        (replace(event, text=f"{name}: {event.text}") for name, own in of_sides.items() for event in own),
         key=lambda event: event.time,
     )
     shown = happened[: page.MOST_EVENTS]
-    data = comparison_data(a, b, comparison)
+    data = comparison_data(a, b, comparison) | {
+        "marks": [
+            mark | {"text": f"{name}: {mark['text']}"}
+            for name, own in of_sides.items()
+            for mark in marks(own)
+        ],
+        "events": [event.time for event in shown],
+    }
     content = render(
         "comparison.html.jinja",
         f"{a.path} and {b.path}",
-        data | {"events": [event.time for event in shown]},
+        data,
         ("answer.js",),
         agree=comparison.agree,
         sentence=sentence(comparison),
@@ -140,11 +144,6 @@ def comparison_data(a: Log, b: Log, comparison: LogComparison) -> dict[str, Any]
             band | {"text": f"{name}: {band['text']}"}
             for log, (name, *_) in zip((a, b), SIDES.values(), strict=True)
             for band in bands(log)
-        ],
-        "marks": [
-            mark | {"text": f"{name}: {mark['text']}"}
-            for log, (name, *_) in zip((a, b), SIDES.values(), strict=True)
-            for mark in marks(log)
         ],
     }
 

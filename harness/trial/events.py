@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 
-from harness.cosim.loop import Array
 from harness.log.events import OUTPUTS, in_words
 from harness.log.log import Log
 from harness.trial.disturbances import disturbances
@@ -43,23 +43,17 @@ def _of_controller(log: Log) -> Iterator[Event]:
         if signal not in log:
             continue
         values = log[signal]
-        for row in (0, *(np.flatnonzero(np.diff(values)) + 1)):
+        starts = [0, *(np.flatnonzero(np.diff(values)) + 1).tolist()]
+        for row, after in pairwise([*starts, len(values)]):
             if (row == 0 and not values[row]) or (text := in_words(output, values[row])) is None:
                 continue
             level: Level = "caution" if output == "anomaly" else "advisory"
-            if output == "anomaly":
-                text += _lasting(log.time, values, int(row))
+            if output == "anomaly" and after > row + 1:
+                text += f" for {log.time[min(after, len(values) - 1)] - log.time[row]:.2f} s"
             elif output == "status" and values[row] in (Status.FAILED, Status.STOPPED):
                 level = "warning"
                 text += f": {why}" if why else ""
             yield Event(float(log.time[row]), level, text)
-
-
-def _lasting(time: Array, values: Array, row: int) -> str:
-    """How long a value stays, in words; "" of a single tick."""
-    others = np.flatnonzero(values[row:] != values[row])
-    last = row + int(others[0]) if len(others) else len(values) - 1
-    return f" for {time[last] - time[row]:.2f} s" if last > row + 1 else ""
 
 
 def _of_estimator(log: Log) -> Iterator[Event]:

@@ -18,7 +18,7 @@ from harness.log.route import Route
 from harness.report.page import column, render
 from harness.report.thin import rows_to_show
 from harness.trial.disturbances import GPS_OUTAGE, LOST_RADIO, ORDER, disturbances
-from harness.trial.events import events
+from harness.trial.events import Event, events
 from harness.trial.parameters import changed
 from harness.trial.summary import in_a_sentence, position_error, words
 
@@ -51,7 +51,10 @@ def write_page(log: Log, summary: Mapping[str, Any], path: Path) -> None:
         FileError: it cannot be written.
     """
     happened = events(log)
-    data = trial_data(log) | {"events": [event.time for event in happened[:MOST_EVENTS]]}
+    data = trial_data(log) | {
+        "marks": marks(happened),
+        "events": [event.time for event in happened[:MOST_EVENTS]],
+    }
     page = render(
         "trial.html.jinja",
         f"{summary['scenario'] or log.path.name}, seed {summary['seed']}",
@@ -86,8 +89,13 @@ def trial_data(log: Log) -> dict[str, Any]:
     strips = _strips(signals)
     drawn |= {strip["signal"] for strip in strips}
     states = [signals[name] for name in drawn if name.partition(".")[2] in (*STATES, *FELT)]
-    lines = [signals[name] for name in drawn if name.partition(".")[2] not in (*STATES, *FELT)]
-    rows = rows_to_show(lines, changes(states, len(log.time)))
+    fixes = [signals[name] for name in drawn if name.startswith("fix.")]
+    lines = [
+        signals[name]
+        for name in drawn
+        if not name.startswith("fix.") and name.partition(".")[2] not in (*STATES, *FELT)
+    ]
+    rows = rows_to_show(lines, changes(states, len(log.time)), fixes)
     return {
         "time": column(log.time[rows], "s"),
         "signals": {name: column(signals[name][rows], units.get(name, "")) for name in sorted(drawn)},
@@ -99,7 +107,6 @@ def trial_data(log: Log) -> dict[str, Any]:
         "route": route_data(log.route),
         "origin": log.origin,
         "bands": bands(log),
-        "marks": marks(log),
     }
 
 
@@ -273,12 +280,12 @@ def bands(log: Log) -> list[dict[str, Any]]:
     ]
 
 
-def marks(log: Log) -> list[dict[str, Any]]:
+def marks(happened: Sequence[Event]) -> list[dict[str, Any]]:
     """Waypoints that were reached, and the first tick of each anomaly."""
     kinds = {"waypoint": "waypoint", "anomaly": "anomaly"}
     return [
         {"time": event.time, "kind": kind, "text": event.text}
-        for event in events(log)
+        for event in happened
         for prefix, kind in kinds.items()
         if event.text.startswith(prefix) or (kind == "anomaly" and event.text.startswith("estimator:"))
     ]

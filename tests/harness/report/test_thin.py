@@ -21,7 +21,7 @@ def test_every_stretch_keeps_its_extremes(seed: int, rows: int) -> None:
     one, other = random.normal(size=(2, rows))
     other[random.random(rows) < 0.3] = np.nan
     # when more rows are there than may be shown
-    kept = rows_to_show([one, other], np.zeros(rows, dtype=bool), most=0)
+    kept = rows_to_show([one], np.zeros(rows, dtype=bool), [other], most=0)
     # then an independent search finds each stretch's extremes among those that stay
     shown = set(kept.tolist())
     edges = np.linspace(0, rows, BUCKETS + 1).astype(int)
@@ -40,3 +40,13 @@ def test_marked_rows_stay() -> None:
     kept = rows_to_show([np.arange(50_000.0)], marked)
     assert {12_345, 12_346} <= set(kept.tolist())
     assert len(kept) <= 2 * BUCKETS + 4
+
+
+def test_gaps_of_a_line_stay_and_those_of_points_do_not() -> None:
+    # given fixes on every sixth row, and a line that is unknown for a while
+    rows = np.arange(60_000)
+    fixes = np.where(rows % 6 == 0, 1.0, np.nan)
+    line = np.where((rows > 777) & (rows < 999), np.nan, 1.0)
+    kept = rows_to_show([line], rows < 0, [fixes])
+    assert {778, 999} <= set(kept.tolist())
+    assert len(kept) < 3 * BUCKETS

@@ -287,7 +287,7 @@ def test_the_command_leaves_table_picture_and_recommendation(
     assert status == 0
     assert "best success rate: deviation threshold h' " in text
     assert "no optimum inside is shown, larger values may do better" in text
-    assert "/s/: recommendation.json, sweep.csv, sweep.png" in text
+    assert "/s/: recommendation.json, sweep.csv, sweep.html, sweep.png" in text
     result = json.loads((tmp_path / "s" / "recommendation.json").read_text())
     assert result["varied"]["threshold_deg"] == {
         "name": "deviation threshold h'", "parameter": "controller.moving_deviation", "unit": "deg",
