@@ -379,7 +379,7 @@ def replay_recording(
     canine replay ../walk --estimator all         every estimator of ours, in each of its configurations
     canine replay ../walk --estimator six_state,two_bias --set estimator.position_sd_floor=0.5
     canine replay ../walk --parameters out/tune-walk/tune.toml   with what canine tune found
-    canine replay out/demo/trial.mcap --outage 5  the log of a trial
+    canine replay out/demo --outage 5             the log of a trial, or the folder that has it
     canine replay field                           every recording below a folder: a table of all
 
     Other formats: harness/recording/README.md.
@@ -389,10 +389,11 @@ def replay_recording(
     from harness.recording.signals import require_attitude
     from harness.replay import replay
     from harness.replay.comparison import compare
-    from harness.replay.source import open_source
+    from harness.replay.source import open_source, recorded_at
 
     comparison = compare(estimator, settings or [], parameters or [])
     require_attitude(attitude)
+    recording = recorded_at(recording)
     paths = recordings_below(recording)
     if paths != [recording]:
         _replay_all(recording, paths, comparison, (outage, every), folder, attitude=attitude, as_json=as_json)

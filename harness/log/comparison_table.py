@@ -26,7 +26,9 @@ def show(comparison: LogComparison, console: Console) -> None:
         line(f"first difference: tick {first.tick}, {first.time_s:g} s, {first.signal}{more}")
         line(f"  A {first.a!s}{unit}")
         line(f"  B {first.b!s}{unit}")
+    others = False
     for side in SIDES:
+        others |= bool(comparison.rows_of_one[side] or comparison.signals_of_one[side])
         if rows := comparison.rows_of_one[side]:
             line(f"rows that only {side.upper()} has: {rows.rows}, from {rows.from_s:g} to {rows.to_s:g} s")
         if signals := comparison.signals_of_one[side]:
@@ -35,7 +37,8 @@ def show(comparison: LogComparison, console: Console) -> None:
         _show_signals(comparison, console)
     if comparison.statements:
         _show_statements(comparison, console)
-    line(sentence(comparison))
+    only_stated = comparison.statements and not (comparison.signals or others)
+    line(sentence(comparison) + "; --values-only compares the rows alone" * bool(only_stated))
 
 
 def sentence(comparison: LogComparison) -> str:

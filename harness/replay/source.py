@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from harness.log.arrived import READER, SENSORS, arrived, disturbed
-from harness.log.log import Log, read_log
+from harness.log.log import Log, log_of, read_log
 from harness.recording.attitude import ANGLES, SAMPLES, TICK_S, own_attitude
 from harness.recording.holes import HOLE_OF_IMU_S, Hole, holes, holes_of_imu
 from harness.recording.read import read_recording
@@ -62,8 +63,14 @@ class ReplaySource:
         return choose(fixes, moving, self.imu_holes, length=length, every=every)
 
 
+def recorded_at(path: Path) -> Path:
+    """The recording or log at a path: of the folder of a run its log."""
+    log = log_of(path)
+    return log if os.path.isfile(log) else path  # unlike Path's, it raises nothing
+
+
 def open_source(path: Path, attitude: str = "") -> ReplaySource:
-    """Open a recording, or a trial.mcap.
+    """Open a recording, a trial.mcap, or that in the folder of a run.
 
     Args:
         attitude: OWN or RECORDED; by default as recorded, if the recording has one.
@@ -71,6 +78,7 @@ def open_source(path: Path, attitude: str = "") -> ReplaySource:
     Raises:
         RecordingError, LogError: the path is neither, or is damaged, or has no attitude to take.
     """
+    path = recorded_at(path)
     return _of_log(path, attitude) if path.suffix == ".mcap" else _of_recording(path, attitude)
 
 

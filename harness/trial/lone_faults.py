@@ -256,7 +256,11 @@ def csv_of(results: Sequence[Mapping[str, Any]]) -> bytes:
 def did(result: Mapping[str, Any]) -> str:
     """What the controller did, in words."""
     ticks = result["stopped_within_ticks"]
-    return result["verdict"] if ticks is None else f"stopped within {ticks} tick{'s' * (ticks != 1)}"
+    return result["verdict"] if ticks is None else f"stopped within {_ticks(ticks)}"
+
+
+def _ticks(count: int) -> str:
+    return f"{count} tick{'s' * (count != 1)}"
 
 
 def show(results: Sequence[Mapping[str, Any]], console: Console) -> None:
@@ -274,6 +278,8 @@ def show(results: Sequence[Mapping[str, Any]], console: Console) -> None:
             span,
             result["outcome"],
             did(result),
-            escape(result["error"] or (f"{first} after {after}" if first else "nothing")) if span else "",
+            escape(result["error"] or (f"{first} after {_ticks(after)}" if first else "nothing"))
+            if span
+            else "",
         )
     print_table(table, console)

@@ -20,6 +20,7 @@ from models.kit.timing import TICK
 from models.system import ESTIMATORS, SYSTEMS
 
 if TYPE_CHECKING:
+    from harness.cosim.fmu import Fault  # fmpy: sweeps do without
     from harness.log.log import Log  # mcap: sweeps do without
     from harness.trial.plan import Interface
 
@@ -70,6 +71,15 @@ def late_notes(scenario: Scenario, interfaces: Interfaces, values: Values, end: 
         f"{what} never acted: the trial ended at {end:.2f} s"
         for what, time in timed(scenario, interfaces, values)
         if end < time <= scenario.duration
+    ]
+
+
+def nan_notes(scenario: Scenario, fault: Fault) -> list[str]:
+    """Which of a scenario's faults may be behind a value that was not finite."""
+    return [
+        f"[[fault]] {number}, {f.words}, acts from {f.at:g} s on: who is given nan may answer with it"
+        for number, f in enumerate(scenario.faults, start=1)
+        if f.kind == "nan" and fault.kind == "not finite" and f.at <= fault.time
     ]
 
 

@@ -28,6 +28,9 @@ def find_replacement(role: str, name: str | Path) -> str | Path:
     text, path, ours = str(name), Path(str(name)), OURS.get(role, {})
     if text in ours:
         return text
+    if path.suffix == ".toml":
+        fmu = path.with_suffix(".fmu")
+        raise UsageError(f'"{name}" is no FMU; a mapping file is read beside its FMU: expected "{fmu}"')
     if os.path.isfile(path):  # unlike Path's, it raises nothing
         return path
     if text == CanineAhrs.title():

@@ -21,7 +21,7 @@ from harness.onboard.processors import open_processor
 from harness.toml_file import parse_toml
 from harness.trial.contents import LogRows, attachments, metadata
 from harness.trial.instances import OpenProcessor, open_simulation
-from harness.trial.notes import late_notes, radio_notes, refusal_notes
+from harness.trial.notes import late_notes, nan_notes, radio_notes, refusal_notes
 from harness.trial.page import write_page
 from harness.trial.plots import trial_png
 from harness.trial.prepare import Prepared
@@ -93,6 +93,8 @@ def run(
         log = read_log(out / LOG)
         late = late_notes(request.scenario, ready.interfaces, ready.values, float(log.time[-1]))
         late += refusal_notes(log) + radio_notes(log)
+        if fault is not None and fault.fault is not None:
+            late += nan_notes(request.scenario, fault.fault)
         summary = _report(
             log, out, state.real_time_factor, (*request.notes, *ready.notes, *state.notes, *late), fault
         )

@@ -155,7 +155,7 @@ def test_a_folder_or_a_file_that_a_command_does_not_take_names_what_it_does(
     canine(capsys, *RUN, "--out", tmp_path)
     log = tmp_path / "trial.mcap"
     # then commands that take its log say so
-    for command in (("replay", tmp_path), ("check", tmp_path), ("export", tmp_path, "--to", "csv")):
+    for command in (("check", tmp_path), ("export", tmp_path, "--to", "csv")):
         status, _, error = canine(capsys, *command)
         assert status != 0
         assert str(log) in error, command

@@ -320,9 +320,10 @@ def test_a_log_that_is_cut_is_used_with_a_note(tmp_path: Path, capsys: pytest.Ca
     # given the first nine tenths of a log
     canine(capsys, "run", "three_waypoint", "--out", tmp_path / "a")
     whole = (tmp_path / "a" / "trial.mcap").read_bytes()
-    cut = tmp_path / "cut.mcap"
+    cut = tmp_path / "cut" / "trial.mcap"
+    cut.parent.mkdir()
     cut.write_bytes(whole[: len(whole) * 9 // 10])
-    for arguments in (("run", cut, "--out", tmp_path / "b"), ("replay", cut, "--out", tmp_path / "c")):
+    for arguments in (("run", cut, "--out", tmp_path / "b"), ("replay", cut.parent, "--out", tmp_path / "c")):
         status, _, errors = canine(capsys, *arguments)
         assert status == 0
         assert f"note: {cut}: the log is not whole, the file ends early" in errors.replace("\n", "")

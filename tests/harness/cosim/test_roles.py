@@ -225,6 +225,23 @@ def test_what_only_a_packages_own_plant_is_told_is_noted(tmp_path: Path) -> None
     assert fit.notes == ("plant dog.fmu: does not receive push, which the package gives",)
 
 
+def test_the_page_tells_what_each_role_gives_and_takes() -> None:
+    page = (Path(__file__).parents[3] / "harness" / "README.md").read_text()
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in page.splitlines()]
+    told = {row[0]: row[1:] for row in rows if len(row) == 4}
+    for name in ("plant", "estimator", "controller"):
+        role = find_role(name)
+        needed = {n: v for n, v in role.needs.items() if n not in role.optional}
+        for cell, variables in zip(
+            told[f"`{name}`"],
+            (needed, {n: role.needs[n] for n in role.optional}, {n: role.inputs[n] for n in role.usual}),
+            strict=True,
+        ):
+            assert sorted(cell.split(", ")) == sorted(
+                f"`{n}`" + f" {v.unit}" * (v.unit not in ("", "1")) for n, v in variables.items()
+            ) or (not variables and cell == "")
+
+
 def test_an_unknown_role_is_refused_with_the_nearest_name() -> None:
     with pytest.raises(UsageError, match=r'there is no role "plnt"; did you mean "plant"\?'):
         find_role("plnt")

@@ -181,7 +181,7 @@ def test_the_log_of_a_trial_gives_the_trials_estimate_again(tmp_path: Path) -> N
         trial.run(request, ready, tmp_path)
     log = read_log(tmp_path / "trial.mcap")
     # when the estimator runs over it again without an outage
-    source = open_source(tmp_path / "trial.mcap")
+    source = open_source(tmp_path)
     again = run_fmu(build_fmu(FourState, build_folder() / "fmi2", 2), source.signals([]), len(log.time), {})
     # then it gives the trial's estimate to the bit, and another one with an outage
     for name in ("north", "east", "speed", "accel_bias"):

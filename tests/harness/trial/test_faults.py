@@ -217,8 +217,18 @@ def test_on_board_what_no_link_takes_is_read_by_the_instruments() -> None:
 
 
 def test_a_fault_that_makes_an_fmu_give_nan_ends_the_trial_by_name(tmp_path: Path) -> None:
-    with pytest.raises(trial.EndedByFaultError, match="sensors"):
-        flown(with_faults(fault("plant.speed", "nan")), tmp_path)
+    faults = (
+        fault("plant.heading", "off"),
+        fault("plant.speed", "nan"),
+        Disturbance("plant.north", "nan", 1.9),
+    )
+    with pytest.raises(trial.EndedByFaultError, match="sensors") as caught:
+        flown(with_faults(*faults), tmp_path)
+    # and a note tells whose nan that may be
+    notes = [note for note in caught.value.summary["notes"] if "answer" in note]
+    assert notes == [
+        "[[fault]] 2, nan of plant.speed, acts from 0.8 s on: who is given nan may answer with it"
+    ]
 
 
 def test_the_instruments_read_disturbed_signals() -> None:

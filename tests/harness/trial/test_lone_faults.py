@@ -1,10 +1,12 @@
 """`canine faults`: each fault alone, and what the controller did."""
 
 import csv
+import io
 import json
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from harness.trial import lone_faults
 from harness.trial.faults import fault_fmus
@@ -120,6 +122,18 @@ def test_what_all_faults_need_is_built_though_the_first_needs_nothing(
     canine(capsys, "faults", tmp_path / "two.toml", "--out", tmp_path / "out")
     # then
     assert tmp_path / "real_fault.fmu" in asked[0]
+
+
+@pytest.mark.parametrize(("after", "text"), [(167, "command stop after 167 ticks"), (1, "after 1 tick ")])
+def test_the_table_tells_what_differed_first_in_ticks(after: int, text: str) -> None:
+    result = {
+        **dict.fromkeys(("stopped_within_ticks", "error"), None), "from_s": 1.0, "until_s": 2.0,
+        "fault": "off of sensors.gps_north", "outcome": "success", "verdict": "went on",
+        "first": "command stop", "first_after_ticks": after,
+    }  # fmt: skip
+    printed = io.StringIO()
+    lone_faults.show([result], Console(file=printed, width=200))
+    assert text in printed.getvalue()
 
 
 def test_a_group_of_signals_is_told_in_few_words() -> None:

@@ -175,6 +175,14 @@ def test_a_block_of_ours_takes_a_role_by_its_name_in_the_fmi_version_of_the_tria
         assert request.swaps == {role: build_folder() / f"fmi3/{name}.fmu" for role, name in swaps.items()}
 
 
+def test_a_mapping_file_in_place_of_its_fmu_is_told_from_it(tmp_path: Path) -> None:
+    (tmp_path / "dog.toml").write_text("[outputs]")
+    text = r'dog\.toml" is no FMU; a mapping file is read beside its FMU: expected .*dog\.fmu'
+    changes = Changes(swaps={"plant": tmp_path / "dog.toml"})
+    with pytest.raises(UsageError, match=text), requested("left_90", changes):
+        pass
+
+
 def test_results_go_by_default_into_a_folder_of_scenario_and_seed() -> None:
     assert Request(Scenario("mine", seed=7)).default_folder == Path("out/mine-7")
 
