@@ -76,10 +76,11 @@ class Board:
 
     def __init__(self, image: Image, log: Path | None = None) -> None:
         self.image, self._held = image, b""
+        command = _command(image, log)
         self._errors: BinaryIO = tempfile.TemporaryFile()  # noqa: SIM115 - _end closes it
         try:
             self._process = subprocess.Popen(
-                _command(image, log), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors,
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors,
                 # Ctrl-C is for the harness; a worker has its own session, and ends with all that is in it
                 start_new_session=IN_WORKER not in os.environ, bufsize=0,
             )  # fmt: skip
