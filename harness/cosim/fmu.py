@@ -34,7 +34,7 @@ from codegen.toolchains.library import why_not_loaded
 from harness.cosim.archive import parse_xml, read_member, unpack
 from harness.cosim.recorder import Position
 from harness.interrupts import held_interrupts
-from models.errors import CanineError, nearest, printable
+from models.errors import CanineError, ParameterError, nearest, printable
 from models.kit.declaration import Type
 
 Call = tuple[Callable[..., int | None], tuple[Any, ...]]
@@ -166,6 +166,30 @@ class Quantity:
     start: float | None
     min: float | None
     max: float | None
+
+    @property
+    def type_name(self) -> str:
+        """Its type, and how its values are kept: `Integer (int8)`."""
+        return f"{self.type.value} ({np.dtype(self.access.dtype).name})"
+
+    @property
+    def limits(self) -> tuple[float | None, float | None]:
+        """The least and the largest value: what it declares, within a type that is narrower than a double."""
+        if self.type is Type.BOOLEAN or np.dtype(self.access.dtype) == np.float64:
+            return self.min, self.max
+        low, high = limits_of(self.access.dtype)
+        return (
+            low if self.min is None else max(low, self.min), high if self.max is None else min(high, self.max)
+        )  # fmt: skip
+
+    def holds(self, value: float) -> bool:
+        """Has its type this value, a Real as near as may be?"""
+        if self.type is Type.BOOLEAN:
+            return value in (0, 1)
+        if not math.isfinite(value):
+            return self.type is Type.REAL
+        low, high = limits_of(self.access.dtype)
+        return low <= value <= high and (self.type is Type.REAL or value == int(value))
 
 
 @dataclass(frozen=True)
@@ -379,6 +403,10 @@ def _quantity(path: Path, read: Any, variable: Any) -> Quantity | str:
                 f'{path}: "{printable(variable.name)}" has {name}="{printable(text)}"; expected a number'
             ) from None
 
+    items = (
+        [float(item.value) for item in declared.items] if variable.type == "Enumeration" and declared else []
+    )
+    low, high = number("min"), number("max")
     return Quantity(
         variable.name,
         reference,
@@ -388,8 +416,8 @@ def _quantity(path: Path, read: Any, variable: Any) -> Quantity | str:
         unit if kind is Type.REAL else None,
         (variable.description or "").strip(),
         number("start"),
-        number("min"),
-        number("max"),
+        min(items) if items and low is None else low,
+        max(items) if items and high is None else high,
     )
 
 
@@ -641,9 +669,19 @@ class FmuInstance:
         return Steps(call, count, size, clock, self._asks, reached), ()
 
     def set_values(self, values: Mapping[str, float], time: float = 0.0) -> None:
-        """Set parameters or inputs by name, one call each: for the start, not for the tick."""
+        """Set parameters or inputs by name, one call each: for the start, not for the tick.
+
+        Raises:
+            FmuError: a name that it lacks, or a status other than ok or warning.
+            ParameterError: a value that the type of its variable does not hold.
+        """
         for name, value in values.items():
             quantity = self.description.find(name, "parameter", "structuralParameter", "input")
+            if not quantity.holds(value):
+                raise ParameterError(
+                    f"{self.label}: {name} is given {value:.10g}, the FMU declares {quantity.type_name}; "
+                    "give one of those"
+                )
             buffer = np.array([value]).astype(quantity.access.dtype)
             self.call(self.setting([quantity], buffer.ctypes.data), f'set of "{name}"', time)
             self._keep.pop()
@@ -652,7 +690,7 @@ class FmuInstance:
         """Set parameters and inputs, and bring the instance to its start time.
 
         Raises:
-            FmuError: a name that it lacks, or a status other than ok or warning.
+            FmuError, ParameterError: as `set_values`.
         """
         with held_interrupts():
             self._initialize(values)

@@ -88,6 +88,7 @@ class Simulation:
     Raises:
         WiringError: the links do not fit (see `wire`).
         FmuError: an FMU cannot be loaded, or refuses to start.
+        ParameterError: an input with a value is connected, or a value is none of its variable's type.
     """
 
     def __init__(
@@ -208,7 +209,7 @@ class Simulation:
 
         Raises:
             FmuError: an FMU failed, or gave a value that is not finite.
-            ParameterError: the variable of an event is not a free input.
+            ParameterError: the variable of an event is not a free input, or its type does not hold the value.
         """
         step, calls = self.wiring.step, self._calls
         last = math.floor(duration / step + 1e-9)
@@ -276,6 +277,12 @@ class Simulation:
                 if event.variable in self.fmus[event.component].inputs:
                     wrong = "is connected; only free inputs can be set"
                 raise ParameterError(f"{event.component}.{event.variable} {wrong}")
+            quantity = self.fmus[event.component].inputs[event.variable]
+            if not quantity.holds(event.value):
+                raise ParameterError(
+                    f"{event.component}.{event.variable} is set to {event.value:.10g}, the FMU declares "
+                    f"{quantity.type_name}; give one of those"
+                )
             every = self.wiring.rates[event.component].every
             tick = every * math.ceil(first_tick(event.time, self.wiring.step) / every)
             for first, after in self.wiring.stalls.get(event.component, ()):

@@ -12,8 +12,6 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from harness.cosim.fmu import FmuDescription, FmuError, Quantity
 from harness.cosim.ssp import FmuSystem, ScaledLink, SspError
 from harness.cosim.stepping import Order, Ticks, whole_steps
@@ -180,20 +178,8 @@ def _check_table(link: ScaledLink, source: Quantity, target: Quantity) -> None:
     if link.table and Type.REAL in (source.type, target.type):
         raise WiringError(f"link {link}: its table replaces whole numbers, the source is Real")
     for _, replaced in link.table:
-        if not _holds(target, replaced):
-            raise WiringError(f"link {link}: its table gives {replaced}, the target is {_named(target)}")
-
-
-def _holds(quantity: Quantity, value: float) -> bool:
-    """Can an Integer or a Boolean have this value?"""
-    if quantity.type is Type.BOOLEAN:
-        return value in (0, 1)
-    whole = np.iinfo(quantity.access.dtype)
-    return value == int(value) and int(whole.min) <= value <= int(whole.max)
-
-
-def _named(quantity: Quantity) -> str:
-    return f"{quantity.type.value} ({np.dtype(quantity.access.dtype).name})"
+        if not target.holds(replaced):
+            raise WiringError(f"link {link}: its table gives {replaced}, the target is {target.type_name}")
 
 
 def _check_values(
@@ -213,9 +199,9 @@ def _check_values(
                     f'{name}.{variable} is given in "{value.unit}", the FMU declares "{unit.name}"; '
                     "give the value in the FMU's unit, or map it with a ParameterMapping, which converts it"
                 )
-            if quantity.type is not Type.REAL and not _holds(quantity, value.value):
+            if not quantity.holds(value.value):
                 raise SspError(
-                    f"{name}.{variable} is given {value.value:g}, the FMU declares {_named(quantity)}; "
+                    f"{name}.{variable} is given {value.value:g}, the FMU declares {quantity.type_name}; "
                     "give one of those"
                 )
 

@@ -18,11 +18,12 @@ from harness.trial.scenario import FAULTS, GARBAGE, LOST, STALL, Disturbance, Sc
 from models.disturbance import FAULTS as BLOCKS
 from models.disturbance import LONGEST_DELAY, MAX_FAULTS, FaultyLink, Kind, Placed
 from models.errors import nearest
-from models.kit.declaration import Variable
+from models.kit.declaration import Type, Variable
 from models.kit.geometry import COUNT_MAX
 from models.kit.link import Link
 
 ARROW = "->"
+WHOLE = (-(2**31), 2**31 - 1)  # what the block of an Integer's fault holds
 IN_UNIT = (Kind.OFFSET, Kind.NOISE, Kind.JUMP)  # kinds whose value is in the signal's unit
 
 
@@ -132,6 +133,13 @@ class _Resolver:
             raise ScenarioError(
                 f'{where}: kind is "{fault.kind}", and {output} is {variable.type.value}; '
                 f"expected one of {kinds}"
+            )
+        if variable.type is Type.INTEGER and not (
+            WHOLE[0] <= (variable.min or 0) <= (variable.max or 0) <= WHOLE[1]
+        ):
+            raise ScenarioError(
+                f"{where}: {output} is {variable.expected()}; a fault is of an Integer from {WHOLE[0]} up to "
+                f"{WHOLE[1]}: export it as an Int32, or with such a min and max"
             )
         name = split_address(output, self.interfaces)[1]
         place = whole = FaultyLink(variable.type, component, name)

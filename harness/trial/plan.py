@@ -7,6 +7,7 @@ the package binds, those of `parameters`.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -120,7 +121,7 @@ def interface_of_fmu(
 def _variable(fmu: FmuDescription, quantity: Quantity) -> Variable:
     variable = Variable(quantity.type, quantity.meaning)
     variable.name, variable.unit = quantity.name, quantity.unit or ""
-    variable.min, variable.max = quantity.min, quantity.max
+    variable.min, variable.max = quantity.limits
     variable.start = (quantity.start or 0.0,)
     return variable
 
@@ -418,8 +419,16 @@ def si_value(written: Written, variable: Variable, where: str) -> float:
         value = named.get(written.upper())
     elif isinstance(written, bool):
         value = float(written) if variable.type is Type.BOOLEAN else None
-    elif isinstance(written, int | float) and math.isfinite(written) and variable.type is not Type.BOOLEAN:
+    elif (
+        isinstance(written, int | float)
+        and abs(written) <= sys.float_info.max  # no NaN, and no whole number that `float` refuses
+        and variable.type is not Type.BOOLEAN
+    ):
         value = float(written)
+        if variable.type is Type.INTEGER and value != written:
+            raise ScenarioError(
+                f"{where} is {written}, which no double holds; expected {_expected(variable)}"
+            )
     if value is not None:
         value = math.radians(value) if is_angular(variable) else value
         low = -math.inf if variable.min is None else variable.min

@@ -17,8 +17,8 @@ from codegen.toolchains.compiler import build_library, find_platform, this_platf
 from harness.cosim.fmu import FmuError, FmuInstance, describe
 from harness.cosim.loop import Array, Simulation
 from harness.cosim.ssp import FmuComponent, FmuSystem, open_ssp
-from harness.cosim.stepping import Loop
-from models.errors import CanineError
+from harness.cosim.stepping import Event, Loop
+from models.errors import CanineError, ParameterError
 from models.kit.declaration import Type
 from tests.harness.cosim.tiny_fmu import V, tiny_fmu
 
@@ -121,6 +121,38 @@ def test_other_number_types_and_enumerations_are_exchanged(tmp_path: Path) -> No
             simulation.run(duration=0, record=lambda t, v: rows.append(v["plant"].tolist()))
     # then
     assert rows == [[[0.5, -7.0, 1.0]], [[4.0, 4.0]]]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "text"),
+    [
+        ("p", 300, "p {} 300, the FMU declares Integer (int8); give one of those"),
+        ("p", 0.5, "p {} 0.5, the FMU declares Integer (int8); give one of those"),
+        ("i", 2.0**63, "i {} 9.223372037e+18, the FMU declares Integer (int64); give one of those"),
+        ("f", -1e300, "f {} -1e+300, the FMU declares Real (float32); give one of those"),
+        ("b", 2, "b {} 2, the FMU declares Boolean (uint8); give one of those"),
+        ("i", float("nan"), "i {} nan, the FMU declares Integer (int64); give one of those"),
+    ],
+)
+def test_a_value_that_the_type_of_a_variable_does_not_hold_is_refused(
+    numbers: Path, name: str, value: float, text: str
+) -> None:
+    # at the start
+    with pytest.raises(ParameterError) as caught:
+        Simulation(alone(numbers), {"plant": {name: value}})
+    assert str(caught.value) == f"plant numbers.fmu: {text.format('is given')}"
+    # and later
+    with Simulation(alone(numbers)) as simulation, pytest.raises(ParameterError) as caught:
+        simulation.run([Event(1.0, "plant", name, value)])
+    assert str(caught.value) == f"plant.{text.format('is set to')}"
+
+
+@pytest.fixture(scope="module")
+def numbers(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Inputs of other types than ours."""
+    kinds = {"p": "Int8", "i": "Int64", "f": "Float32", "b": "Boolean"}
+    variables = [V(name, "input", kind) for name, kind in kinds.items()]
+    return tiny_fmu(tmp_path_factory.mktemp("numbers") / "numbers.fmu", variables, version=3)
 
 
 @pytest.mark.parametrize("version", [2, 3])

@@ -198,6 +198,14 @@ def test_a_start_value_that_would_be_another_one_in_the_fmu_is_refused(
     assert wired([whole], values={"a": {"n": StartValue(1.0)}}).order == ("a",)
 
 
+def test_a_start_value_that_becomes_infinite_in_the_fmu_is_refused() -> None:
+    single = fmu("a", quantity("f", "parameter", access=Access("Float32", np.float32)))
+    with pytest.raises(SspError) as caught:
+        wired([single], values={"a": {"f": StartValue(1e300)}})
+    assert str(caught.value) == "a.f is given 1e+300, the FMU declares Real (float32); give one of those"
+    assert wired([single], values={"a": {"f": StartValue(3e38)}}).order == ("a",)
+
+
 @pytest.mark.parametrize(
     ("connector", "text"),
     [

@@ -88,7 +88,14 @@ SAID = {
 }
 ACCESS = {
     2: {"Real": "double", "Integer": "int", "Boolean": "int"},
-    3: {"Float64": "double", "Float32": "float", "Int32": "int", "Int64": "long long", "Boolean": "_Bool"},
+    3: {
+        "Float64": "double",
+        "Float32": "float",
+        "Int8": "signed char",
+        "Int32": "int",
+        "Int64": "long long",
+        "Boolean": "_Bool",
+    },
 }
 
 

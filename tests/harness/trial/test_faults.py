@@ -6,10 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
+from harness.cosim.fmu import Access
 from harness.cosim.loop import Array, Simulation
 from harness.cosim.ssp import ScaledLink
 from harness.cosim.stepping import Order
@@ -21,12 +23,14 @@ from harness.trial import plots, trial
 from harness.trial.disturbances import disturbances
 from harness.trial.faults import resolve_faults
 from harness.trial.lone_faults import Case, fitting
-from harness.trial.plan import Interface, interfaces_of_system
+from harness.trial.plan import Interface, interface_of_fmu, interfaces_of_system
 from harness.trial.prepare import prepared
 from harness.trial.request import Changes, Request, build_missing, requested
 from harness.trial.scenario import FAULTS, Disturbance, Scenario, ScenarioError, Setting, load
 from models.kit.declaration import Type, Variable
 from models.system import SYSTEMS
+from tests.harness.cosim.descriptions import fmu as describing
+from tests.harness.cosim.descriptions import quantity
 from tests.harness.cosim.tiny_fmu import V, tiny_fmu
 from tests.harness.trial.test_trial import dog
 
@@ -190,6 +194,35 @@ def resolved(fault: Disturbance, inside: tuple[str, ...] = ()) -> Any:
 def test_a_fault_of_what_is_not_there_is_refused(signal: str, kind: str, text: str) -> None:
     with pytest.raises(ScenarioError, match=text):
         resolved(fault(signal, kind))
+
+
+@pytest.mark.parametrize(
+    ("type", "limits", "text"),
+    [
+        (np.int64, None, "from -9.223372037e+18 up to 9.223372037e+18"),
+        (np.uint32, None, "from 0 up to 4294967295"),
+        (np.int64, (0.0, 2.0**31), "from 0 up to 2147483648"),
+        (np.int64, (-(2.0**31), 2.0**31 - 1), ""),
+        (np.int32, None, ""),
+        (np.uint16, None, ""),
+    ],
+)
+def test_a_fault_of_an_integer_that_its_block_cannot_hold_is_refused(
+    type: npt.DTypeLike, limits: tuple[float, float] | None, text: str
+) -> None:
+    low, high = limits or (None, None)
+    count = replace(quantity("n", type=Type.INTEGER, access=Access("Any", type)), min=low, max=high)
+    interfaces = {"a": interface_of_fmu("a", describing("a", count)), "b": Interface("b", {}, {}, "b b.fmu")}
+    scenario, links = with_faults(fault("a.n", "stuck")), (ScaledLink("a", "n", "b", "n"),)
+    if not text:
+        assert len(resolve_faults(scenario, interfaces, links, 0.04).links) == 1
+        return
+    with pytest.raises(ScenarioError) as caught:
+        resolve_faults(scenario, interfaces, links, 0.04)
+    assert str(caught.value) == (
+        f"two_waypoint: [[fault]] 1: a.n is a whole number {text}; a fault is of an Integer from -2147483648 "
+        "up to 2147483647: export it as an Int32, or with such a min and max"
+    )
 
 
 @pytest.mark.parametrize("value", [0.01, 2.1])

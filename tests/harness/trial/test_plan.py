@@ -3,17 +3,20 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from harness.cosim.fmu import Access
 from harness.cosim.rename import Rename
 from harness.cosim.roles import MISSION
 from harness.cosim.stepping import Event
-from harness.trial.plan import Interface, interfaces_of_system, plan, values_of
-from harness.trial.scenario import Scenario, ScenarioError, load, parse
+from harness.trial.plan import Interface, interface_of_fmu, interfaces_of_system, plan, values_of
+from harness.trial.scenario import Scenario, ScenarioError, Setting, load, parse
 from models.canine import Canine
 from models.cmec import Cmec
 from models.kit.declaration import Boolean, Integer, Type, Variable
 from models.system import SYSTEMS
+from tests.harness.cosim.descriptions import fmu, quantity
 from tests.harness.trial.whole_scenario import WHOLE
 
 FULL, CTS = interfaces_of_system(SYSTEMS["full"]), interfaces_of_system(SYSTEMS["cts"])
@@ -82,6 +85,48 @@ def test_a_parameter_is_refused_by_its_address(setting: str, error: str) -> None
     with pytest.raises(ScenarioError) as caught:
         plan(Scenario("my").override([setting]), FULL)
     assert str(caught.value) == error
+
+
+NUMBERS = fmu(
+    "numbers",
+    quantity("p", "parameter", Type.INTEGER, access=Access("Int8", np.int8)),
+    quantity("i", "parameter", Type.INTEGER, access=Access("Int64", np.int64)),
+    quantity("u", "parameter", Type.INTEGER, access=Access("UInt64", np.uint64)),
+    quantity("f", "input", access=Access("Float32", np.float32)),
+    quantity("x", "input", Type.INTEGER, access=Access("Int8", np.int8)),
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "text"),
+    [
+        ("p", 300, "is 300; expected a whole number from -128 up to 127"),
+        ("u", -1, "is -1; expected a whole number from 0 up to 1.844674407e+19"),
+        ("i", 2**53 + 1, "is 9007199254740993, which no double holds; expected a whole number from -9.22"),
+        (
+            "i",
+            2.0**63,
+            "is 9.223372036854776e+18; expected a whole number from -9.223372037e+18 up to 9.223372037e+18",
+        ),
+        ("f", 1e300, "is 1e+300; expected a number from -3.402823466e+38 up to 3.402823466e+38"),
+        ("x", -129, "is -129; expected a whole number from -128 up to 127"),
+    ],
+)
+def test_a_value_that_an_fmus_type_does_not_hold_is_refused(name: str, value: float, text: str) -> None:
+    scenario = Scenario("my", sets=(Setting(f"a.{name}", value, 1.0, None),))
+    if name not in NUMBERS.inputs:
+        scenario = Scenario("my", parameters={f"a.{name}": value})
+    with pytest.raises(ScenarioError) as caught:
+        plan(scenario, {"a": interface_of_fmu("a", NUMBERS)})
+    assert f"a.{name} {text}" in str(caught.value)
+
+
+def test_a_whole_number_beyond_all_doubles_is_refused() -> None:
+    interfaces = {"a": interface_of_fmu("a", NUMBERS)}
+    with pytest.raises(ScenarioError, match=r"a\.i is 10*; expected a whole number"):
+        plan(Scenario("my", parameters={"a.i": 10**400}), interfaces)
+    with pytest.raises(ScenarioError, match=r"a\.f is -10*; expected a number"):
+        plan(Scenario("my", sets=(Setting("a.f", -(10**400), 1.0, None),)), interfaces)
 
 
 def test_a_parameter_that_a_scenario_sets_by_its_block_and_by_its_role_is_refused() -> None:
