@@ -9,7 +9,7 @@
   canine.course = function (strip, plots) {
     let timeline = null, panels = null, blocks = null, thresholds = {};
     let rows = Object.fromEntries(COLUMNS.map((name) => [name, []]));
-    const levels = () => [["moving_deviation", "turn while moving"], ["stop_deviation", "after a stop"]]
+    const levels = () => [["moving_deviation", "a turn begins"], ["stop_deviation", ""]]
       .filter(([name]) => canine.isNumber(thresholds[name]))
       .flatMap(([name, label]) => [{ value: thresholds[name], label }, { value: -thresholds[name] }]);
 
@@ -17,7 +17,7 @@
       timeline = canine.timeline(from, until);
       blocks = canine.strip(strip, timeline);
       panels = canine.plots(plots, timeline);
-      panels.deviation = panels.add({ title: "Deviation from the target", unit: "rad", height: 90, turn: 2 * Math.PI, include: [-45, 45], levels: levels(),
+      panels.deviation = panels.add({ title: "Deviation from the target", unit: "rad", height: 100, turn: 2 * Math.PI, include: [-60, 60], levels: levels(),
         series: [{ label: "deviation", colour: "estimate" }] });
       panels.speed = panels.add({ title: "Speed", unit: "m/s", height: 64, include: [0], series: [{ label: "estimate", colour: "estimate" }] });
       for (const element of [plots, strip]) {

@@ -2,14 +2,14 @@
 (function () {
   "use strict";
   const canine = (window.canine = window.canine || {});
-  const SILENT_MS = 3000; // the station speaks each second at least
+  const SILENT_S = 3; // the station speaks each second at least
   const SHORTEST_MS = 500, LONGEST_MS = 4000; // before another attempt
 
   canine.token = () => new URLSearchParams(location.hash.slice(1)).get("token");
 
   // `react(message)`, `changed(isOpen)`; gives {send, isOpen}.
   canine.connect = function ({ react, changed }) {
-    let socket = null, heard = 0, wait = SHORTEST_MS;
+    let socket = null, heard = 0, wait = SHORTEST_MS, patience = SILENT_S;
     const isOpen = () => socket !== null && socket.readyState === WebSocket.OPEN;
 
     function open() {
@@ -36,14 +36,16 @@
       wait = Math.min(2 * wait, LONGEST_MS);
     }
     setInterval(() => {
-      if (socket === null || performance.now() - heard < SILENT_MS) return;
+      if (socket === null || performance.now() - heard < 1000 * patience) return;
       const silent = socket;
       lost(silent);
       silent.close();
-    }, SILENT_MS / 4);
+    }, 250 * SILENT_S);
     open();
     return {
       isOpen,
+      // How long the station may say nothing, in s.
+      set patience(seconds) { patience = seconds || SILENT_S; },
       // False if nobody is there to hear it.
       send(message) {
         if (!isOpen()) return false;

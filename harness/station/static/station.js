@@ -3,12 +3,13 @@
   "use strict";
   const canine = window.canine, id = (name) => document.getElementById(name);
   const HOLD_S = 1; // of START
-  const ALIVE_MS = 200, DRAW_MS = 100, DRAFT_MS = 250, SEEK_MS = 100; // between two of a kind
+  const ALIVE_MS = 200, DRAW_MS = 100, COURSE_MS = 500, DRAFT_MS = 250, SEEK_MS = 100; // between two of a kind
   const TAKE_MS = 1500; // between two attempts to take the command
   const MOST_EVENTS = 500; // on the screen; the log has all
   const KEYS = { FORWARD: "F", LEFT: "L", RIGHT: "R", RECALL: "C" };
   const CUES = { FORWARD: { tone_hz: 1500 }, STOP: { tone_hz: 3500 }, RECALL: { tone_hz: 9500 },
     LEFT: { vibrate_left: true }, RIGHT: { vibrate_right: true } }; // Table 4.1
+  const ENDED = ["SUCCESS", "FAILED", "STOPPED"];
   const STEPS = ["disconnected", "connected", "loaded", "ready", "running"];
 
   let hello = null, state = null, begun = null, drawnHistory = false, isCentred = false;
@@ -68,6 +69,7 @@
     course.fixed = isReplay();
     chart.radius = places.radius = thresholds.capture_radius || 0;
     if (hello.limits) chart.limits = hello.limits;
+    link.patience = hello.limits && hello.limits.silent_s;
     if (first && isReplay()) buildPlayback();
     id("playback").hidden = !isReplay();
     id("scenario").hidden = !hello.scenario;
@@ -95,7 +97,10 @@
       if (added && drawnHistory) chart.follow(state.place, told);
       const wasRunning = before && before.link === "running";
       if (!isRunning()) begun = null;
-      else if (!wasRunning || begun === null) begun = before ? state.time : sinceStart(state.time);
+      else if (!wasRunning || begun === null) {
+        begun = before ? state.time : sinceStart(state.time);
+        if (before) chart.setTrack([]); // that of this trial alone
+      }
     }
     if (!drawnHistory && before) drawnHistory = true;
     tryTake();
@@ -322,7 +327,7 @@
 
   // drawing, at most each DRAW_MS
 
-  let drawTimer = null;
+  let drawTimer = null, courseAt = -Infinity;
   function drawSoon() {
     if (drawTimer === null) drawTimer = setTimeout(draw, DRAW_MS);
   }
@@ -335,7 +340,10 @@
     drawMission();
     if (!state) return;
     drawReadings();
-    if (!isReplay()) course.draw();
+    if (!isReplay() && performance.now() - courseAt > COURSE_MS) {
+      courseAt = performance.now();
+      course.draw();
+    }
     if (playback) playback.show(state.replay);
     document.body.dataset.drawn = state.time; // the state that is seen
   }
@@ -381,11 +389,18 @@
       button.classList.toggle("active", Boolean(state && state.holding === button.dataset.command));
     }
     const items = reasons.map((reason) => canine.element("li", {}, reason)), shown = id("why");
-    const head = isRunning() ? "" : reasons.length ? "Not ready to start:" : state && state.starting ? "START was sent" : "ready for START";
-    const text = head + reasons.join();
+    let head = "A mission is under way. ";
+    if (!isRunning()) head = reasons.length ? "Not ready to start: " : state.starting ? "START was sent" : "Ready for START";
+    const text = outcome() + head + reasons.join();
     if (shown.dataset.text === text) return;
     shown.dataset.text = text;
-    shown.replaceChildren(...(head ? [canine.element("p", {}, head)] : []), canine.element("ul", {}, ...items));
+    shown.replaceChildren(...[outcome(), head].filter(Boolean).map((words) => canine.element("p", {}, words)),
+      canine.element("ul", {}, ...items));
+  }
+  // How the last trial ended, until an ABORT clears it.
+  function outcome() {
+    const status = state && state.telemetry && name("status", state.telemetry.status);
+    return ENDED.includes(status) ? `The trial has ended: ${status}. ABORT makes the vest ready for another. ` : "";
   }
   // Why START cannot be given now, in words.
   function whyNot() {

@@ -35,7 +35,7 @@ ME = 1
 STEP = 100  # ms
 HELLO: dict[str, Any] = {
     "is": "hello", "version": "0", "you": ME, "commander": None, "insecure": False, "replay": None,
-    "limits": {"waypoints": 16, "corners": 7},
+    "limits": {"waypoints": 16, "corners": 7, "silent_s": 120},
     "thresholds": {
         "moving_deviation": math.radians(37), "stop_deviation": math.radians(20), "capture_radius": 4.0,
     },

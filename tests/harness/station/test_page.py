@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import math
+import struct
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -122,9 +123,8 @@ def test_a_waypoint_is_inserted_on_a_leg_dragged_and_deleted(page: Page, station
     assert moved[0] < MISSION["waypoints"][1][0]
 
     page.locator("[aria-label^='waypoint 2']").first.press("Delete")
-    station.wait(400)
-    left = station.orders("draft")[-1]["mission"]["waypoints"]
-    assert left == [MISSION["waypoints"][0], moved]
+    left = [MISSION["waypoints"][0], moved]
+    station.await_order("draft", lambda order: order["mission"]["waypoints"] == left)
 
 
 def test_the_mission_is_edited_by_keyboard_alone_and_undone(page: Page, station: PlayedStation) -> None:
@@ -154,8 +154,9 @@ def test_a_fence_has_seven_corners_at_most(page: Page, station: PlayedStation) -
     tool(page, "Fence")
     for i in range(8):
         click_map(page, 0.5 + 0.4 * math.sin(i), 0.5 + 0.35 * math.cos(i))
+    station.await_order("draft", lambda order: len(order["mission"]["fence"]) == 7)
     station.wait(400)
-    assert len(station.orders("draft")[-1]["mission"]["fence"]) == 7
+    assert max(len(order["mission"]["fence"]) for order in station.orders("draft")) == 7
     assert "fence of 7 corners" in page.locator("#total").inner_text()
     assert page.locator("#map path.fence").count() == 1
 
@@ -473,6 +474,29 @@ def test_a_picture_with_a_world_file_lies_under_the_map(page: Page, visit: Visit
     page.get_by_text("Not drawn: ").last.wait_for()
     page.click("#ground-remove")
     assert page.locator("#map img").count() == 0
+    assert visit.errors == []
+
+
+def archive(tile: bytes, kind: int) -> bytes:
+    """PMTiles, version 3, of the one tile of zoom 0: header, root directory, metadata, tile; uncompressed."""
+    directory, metadata = bytes([1, 0, 1, len(tile), 1]), b"{}"  # entries, tile, run, length, offset + 1
+    root, about = 127, 127 + len(directory)
+    data = about + len(metadata)
+    places = (root, len(directory), about, len(metadata), data, 0, data, len(tile), 1, 1, 1)
+    world = (-180 * 10**7, -85 * 10**7, 180 * 10**7, 85 * 10**7)
+    header = b"PMTiles\3" + struct.pack("<11Q", *places) + bytes([1, 1, 1, kind, 0, 0])
+    return header + struct.pack("<4iB2i", *world, 0, 0, 0) + directory + metadata + tile
+
+
+def test_an_archive_of_pictures_lies_under_the_map_and_one_of_vectors_is_refused(
+    page: Page, visit: Visit
+) -> None:
+    page.click("#tab-background")
+    page.set_input_files("#ground", [file("field.pmtiles", archive(PIXEL, kind=2))])
+    page.get_by_text("field.pmtiles lies under the map: PNG, zoom 0 to 0").wait_for()
+    page.locator("#map img.leaflet-tile-loaded").first.wait_for(state="attached")
+    page.set_input_files("#ground", [file("roads.pmtiles", archive(PIXEL, kind=1))])
+    page.get_by_text("Not drawn: roads.pmtiles holds no pictures (type 1)").wait_for()
     assert visit.errors == []
 
 
