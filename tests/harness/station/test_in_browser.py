@@ -27,7 +27,8 @@ ATTEMPTS = 4  # a dog does not always obey
 
 @pytest.fixture
 def station(tmp_path: Path) -> Iterator[Served]:
-    with simulated(tmp_path / "out") as running:
+    """By the clock, so that a mission is still under way when a busy machine comes to look."""
+    with simulated(tmp_path / "out", speed=1.0) as running:
         yield running
 
 
