@@ -4,7 +4,6 @@
   const canine = window.canine, id = (name) => document.getElementById(name);
   const HOLD_S = 1; // of START
   const ALIVE_MS = 200, DRAW_MS = 100, COURSE_MS = 500, DRAFT_MS = 250, SEEK_MS = 100; // between two of a kind
-  const TAKE_MS = 1500; // between two attempts to take the command
   const MOST_EVENTS = 500; // on the screen; the log has all
   const KEYS = { FORWARD: "F", LEFT: "L", RIGHT: "R", RECALL: "C" };
   const CUES = { FORWARD: { tone_hz: 1500 }, STOP: { tone_hz: 3500 }, RECALL: { tone_hz: 9500 },
@@ -57,7 +56,6 @@
     const first = hello === null;
     hello = message;
     state = null;
-    lastTake = -Infinity;
     drawnHistory = false;
     id("source").textContent = hello.source || "";
     id("signed").hidden = !hello.insecure;
@@ -103,7 +101,7 @@
       }
     }
     if (!drawnHistory && before) drawnHistory = true;
-    tryTake();
+    if (before === null) takeIfFree();
     drawSoon();
   }
   // The time at which the trial that goes on began, from what was told before.
@@ -134,13 +132,10 @@
 
   // the command
 
-  let lastTake = -Infinity;
-  // A page takes the command by itself only if nobody has it and no mission is under way.
-  function tryTake() {
-    const free = state.commander === null && !isRunning() && !isReplay() && !document.hidden;
-    if (!free || performance.now() - lastTake < TAKE_MS) return;
-    lastTake = performance.now();
-    send({ do: "take" });
+  // A page that comes takes the command by itself only if nobody has it and no mission is under way; one that
+  // has watched asks for it.
+  function takeIfFree() {
+    if (state.commander === null && !isRunning() && !isReplay() && !document.hidden) send({ do: "take" });
   }
   // A page that nobody sees does not command: Space would not reach it.
   setInterval(() => {

@@ -364,7 +364,10 @@ def test_a_page_takes_the_command_that_nobody_has_unless_a_mission_runs(
     page.click("#take")
     station.await_order("take")
     station.sent.clear()
-    station.wait(1600)
+    station.state(commander=None, commander_alive=False)  # who has watched has to ask
+    station.wait(300)
+    assert station.orders("take") == []
+    station.say(station.hello)  # as after a new connection
     station.state(commander=None, commander_alive=False)
     station.await_order("take")
 
