@@ -8,6 +8,7 @@ BIN := .venv/bin
 
 demo: .venv/ready
 	$(BIN)/canine run three_waypoint --seed 1 --out out/demo
+	@echo "Lead the dog yourself, in the browser: $(BIN)/canine station --simulate three_waypoint"
 
 # Tools of the tests that are not Python packages: root installs them; a test without its tool skips and says so.
 TOOLS := gcc:gcc nm:binutils clang:clang clang:libclang-rt-dev cppcheck:cppcheck \

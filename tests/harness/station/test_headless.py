@@ -31,7 +31,7 @@ def led(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from harness import main  # noqa: PLC0415
 
     out = tmp_path_factory.mktemp("led")
-    assert main.run([*LEAD, "--speed", "20", "--start", "--out", str(out), "--json"]) == 0
+    assert main.run([*LEAD, "--speed", "8", "--start", "--out", str(out), "--json"]) == 0
     return out
 
 

@@ -130,12 +130,13 @@ def test_an_anomaly_is_reported_on_one_row_and_ends_a_trial_in_words(tmp_path: P
     started = FIXED | Flag.STARTED
     tell(sink, 0.4, 2.0, flags=started, status=Status.RUNNING)
     tell(sink, 2.0, 3.0, flags=started, status=Status.RUNNING, last_anomaly=Anomaly.TURN_FAILURE)
-    tell(sink, 3.0, 4.0, flags=started, status=Status.STOPPED, last_anomaly=Anomaly.NO_PROGRESS)
+    tell(sink, 3.0, 3.2, flags=started, status=Status.RUNNING, last_anomaly=Anomaly.DIRECTION_SWITCH)
+    tell(sink, 3.8, 4.0, flags=started, status=Status.STOPPED, last_anomaly=Anomaly.NO_PROGRESS)
     tell(sink, 4.0, 6.0, last_anomaly=Anomaly.NO_PROGRESS)
     sink.close()
     log = read_log(tmp_path / "trial.mcap")
     summary = summarize(last_mission(log))
-    assert summary["anomalies"] == {"TURN_FAILURE": 1, "NO_PROGRESS": 1}
+    assert summary["anomalies"] == {"TURN_FAILURE": 1, "DIRECTION_SWITCH": 1, "NO_PROGRESS": 1}
     assert summary["outcome"] == "stopped"
     assert summary["stopped_by"] == "the animal did not move on (rule 4)"
 
