@@ -23,10 +23,11 @@ from harness.station.ports import Port, PortError, open_port
 from harness.station.session import About, Session
 from harness.station.sink import Sink
 from harness.trial.firmware import firmware_values, interfaces_on_board, navigation_of
+from harness.trial.page import write_page
 from harness.trial.plan import Interface, interfaces_of_system, plan, values_of
 from harness.trial.scenario import Scenario, load
 from harness.trial.summary import summarize, write_summary
-from harness.trial.trial import SUMMARY, alone_in
+from harness.trial.trial import PAGE, SUMMARY, alone_in
 from harness.vest.vest import Vest, open_vest
 from models.errors import UsageError
 from models.kit.declaration import flatten
@@ -108,8 +109,9 @@ def opened(
                 f"--out {folder}: holds a log, {FILE}, and a real vest's is never written over; "
                 "choose another folder"
             )
-        with suppress(FileNotFoundError):
-            (folder / SUMMARY).unlink()
+        for name in (SUMMARY, PAGE):  # an earlier station's: they would not belong to this log
+            with suppress(FileNotFoundError):
+                (folder / name).unlink()
         scenario = _scenario(request, note)
         about = _about(request, scenario)
         port: Port
@@ -195,7 +197,11 @@ def last_mission(log: Log) -> Log:
 
 
 def report(folder: Path) -> Mapping[str, Any] | None:
-    """Write summary.json of a station's log, of its last mission, and return it; None without a log."""
+    """Write summary.json, of the last mission, and the page of a log; the summary, None without a log.
+
+    Raises:
+        FileError: they cannot be written.
+    """
     try:
         log = read_log(folder / FILE)
     except LogError:
@@ -205,4 +211,5 @@ def report(folder: Path) -> Mapping[str, Any] | None:
     began = float(mission.time[started[-1]]) if started.size else None
     summary = summarize(mission) | {"started_s": began}
     write_summary(summary, folder / SUMMARY)
+    write_page(log, summary, folder / PAGE)
     return summary

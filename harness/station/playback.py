@@ -76,7 +76,7 @@ class Playback:
         ] or _of_rows(self._log)
         self._times = [frame.time for frame in self._frames]
         self._events = [_event(moment, data) for moment, data in recorded.messages[EVENTS]]
-        self._begin, self._end = float(self._log.time[0]), float(self._log.time[-1])
+        self._begin, self._end = float(self._log.time[0]), max(float(self._log.time[-1]), self._times[-1])
         self._operators: set[int] = set()
         self._at, self._speed, self._playing = self._begin, 1.0, False
         self._looked = clock()

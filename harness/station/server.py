@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import ipaddress
 import socket as sockets
 import time
 from collections import deque
@@ -24,7 +25,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from harness.station.desk import OrderError
 from harness.station.draft import as_json, from_json
-from harness.station.guard import SUBPROTOCOL, Guard, token_of
+from harness.station.guard import LOCAL, SUBPROTOCOL, Guard, token_of
 from harness.station.mission_files import FORMATS, MAX_BYTES, read, write
 from harness.station.session import POLL_S, failure
 from harness.station.shown import MESSAGE_BYTES, MESSAGES_PER_S, Shown, event_message
@@ -302,8 +303,10 @@ def address_of(listener: sockets.socket, guard: Guard) -> str:
     """What a browser opens; the token is in the fragment, which browsers do not send."""
     host, number = listener.getsockname()[:2]
     shown = f"[{host}]" if ":" in host else host
-    if guard.bind in ("localhost", "127.0.0.1"):
+    if guard.bind in ("localhost", LOCAL):
         shown = "localhost"
+    elif ipaddress.ip_address(host).is_unspecified:  # any address of this machine
+        shown = sockets.gethostname()
     return f"http://{shown}:{number}/" + (f"#token={guard.token}" if guard.token else "")
 
 

@@ -283,6 +283,8 @@ class Session:
     def close(self) -> None:
         """End: a mission that is under way is aborted, for nobody would renew a STOP. Twice does no harm."""
         now = self.now
+        if self._dirty:  # a replay ends as the screen would have
+            self._record(lambda sink: sink.show(now, orjson.dumps(self.state(now))))
         for frames in self._last_frames():
             self._record(lambda sink, frames=frames: sink.send(now, frames))  # type: ignore[misc]
             if self._port:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import socket
+
 import pytest
 
 from harness.station.guard import Guard, token_of
+from harness.station.server import address_of, listening
+from models.errors import UsageError
 
 
 def refusal(bind: str, host: str, origin: str | None = None, token: str = "") -> str:
@@ -49,6 +53,19 @@ def test_a_token_is_new_each_time_and_only_where_others_reach_the_station() -> N
     first, second = Guard.of("0.0.0.0").token, Guard.of("0.0.0.0").token
     assert first != second
     assert len(first) >= 32
+
+
+def test_the_address_has_the_token_in_its_fragment_and_a_name_that_others_can_open() -> None:
+    for bind, shown, fragment in (
+        ("127.0.0.1", "localhost", ""),
+        ("0.0.0.0", socket.gethostname(), "#token=secret"),
+    ):
+        with listening(bind, 0) as listener:
+            address = address_of(listener, Guard(bind, "secret" if fragment else ""))
+            assert address == f"http://{shown}:{listener.getsockname()[1]}/{fragment}"
+            taken = listener.getsockname()[1]
+            with pytest.raises(UsageError, match="choose another port, or 0"), listening(bind, taken):
+                pass
 
 
 def test_the_token_comes_as_a_subprotocol() -> None:

@@ -41,6 +41,7 @@ def test_a_script_leads_a_mission_to_its_end(led: Path) -> None:
     assert summary["waypoints_reached"] == 2
     assert summary["time_s"] > summary["started_s"] > 0
     assert summary["seed"] == 1
+    assert (led / "trial.html").stat().st_size > 100_000
 
 
 def test_its_log_is_whole_and_tells_what_the_vest_remembers(led: Path) -> None:

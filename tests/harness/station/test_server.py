@@ -41,6 +41,7 @@ def test_a_mission_is_uploaded_started_stopped_and_aborted_through_a_socket(tmp_
         browser.until(lambda: station.vest.state.command is Command.FORWARD)
         browser.do("stop")
         browser.until(lambda: browser.state["stop_latched"] and station.vest.state.command is Command.STOP)
+        browser.until(lambda: browser.state["telemetry"]["command"] == Command.STOP)
         browser.do("note", text="she sits")
         browser.do("clear_stop")
         browser.until(lambda: station.vest.state.command is Command.FORWARD)
