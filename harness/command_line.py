@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from codegen.toolchains.compiler import PLATFORMS
-from harness import fault_commands, firmware_commands, log_commands, station_commands, sweep_commands
+from harness import (
+    fault_commands,
+    firmware_commands,
+    log_commands,
+    station_commands,
+    sweep_commands,
+    vest_commands,
+)
 from harness.console import (
     build_status,
     end_interrupted,
@@ -92,6 +99,7 @@ def canine(
     canine keygen --out vest.key                  a vest's radio key
     canine firmware --target stm32f405 --key vest.key --out fw      the onboard program's sources
     canine pil --target cortex-m4f                runs them on the simulated processor, bit by bit
+    canine vest --speed 20                        firmware and dog in real time, commanded by radio
     canine export out/demo/trial.mcap --to csv    a log as files that other tools read
     canine export left_90 --ssp left_90.ssp       a trial as a package that other tools run
     canine compare out/demo out/again             do two logs agree, and where do they differ first
@@ -249,6 +257,7 @@ app.command("keygen")(firmware_commands.keygen)
 app.command("pil")(firmware_commands.processor_in_the_loop)
 app.command("station")(station_commands.operate)
 app.command("prove")(firmware_commands.prove_rules)
+app.command("vest")(vest_commands.run_vest)
 
 
 @app.command()

@@ -14,13 +14,17 @@ from codegen.firmware.targets import Target
 from codegen.scratch import Scratch
 from codegen.toolchains.compiler import (
     NUMERICS,
+    PLATFORMS,
     WARNINGS,
     CompileError,
     build_library,
     compiler_version,
     this_platform,
+    zig,
 )
 
+# of Linux; zig's headers have those of the newest glibc, which the functions of an older one refuse
+BAUD_RATES = ("-DGPS_BAUD=0000017U", "-DIMU_BAUD=0010002U", "-DRADIO_BAUD=0010001U")
 BOARD = ("main.c", "port.c")  # the processor in the loop has its own
 
 
@@ -75,6 +79,30 @@ def host_image(target: Target, files: Mapping[str, str]) -> Image:
 
     asked = (compiler_version(), this_platform(), flags, sorted(files.items()))
     return Image(stored(f"firmware/{target.name}/onboard.so", asked, make), {})
+
+
+def host_program(target: Target, files: Mapping[str, str]) -> Image:
+    """The bundle's program for this machine, as its Makefile makes it of its sources, by pip's compiler.
+
+    Args:
+        files: of a bundle for `host` (see `bundle.bundle`).
+
+    Raises:
+        CompileError: with the compiler's own words.
+    """
+    sources = sorted(name for name in files if name.endswith(".c"))
+    system = PLATFORMS[this_platform()].target
+    rates = BAUD_RATES if "-linux-gnu" in system else ()
+    flags = ("-target", system, *rates, *NUMERICS, *WARNINGS, "-fno-sanitize=all", "-g0")
+
+    def make(path: Path) -> None:
+        with Scratch() as folder:
+            write_files(dict(files), folder)
+            prefix = f"-ffile-prefix-map={folder}=."
+            zig(["cc", *flags, prefix, "-o", str(path), *sources, "-lm"], "onboard for this machine", folder)
+
+    code = sorted((name, text) for name, text in files.items() if name.endswith((".c", ".h")))
+    return Image(stored(f"firmware/{target.name}/onboard", (compiler_version(), flags, code), make), {})
 
 
 def with_key(image: Image, key: Key, folder: Path) -> Image:

@@ -54,7 +54,8 @@ class Instrumented(ABC):
 
     Attributes:
         memory: the program's memory after the last tick.
-        command: the command that was played on it.
+        played: tone [Hz], left and right vibrator on it.
+        command: the command that they stand for.
     """
 
     def __init__(
@@ -76,6 +77,7 @@ class Instrumented(ABC):
         self._rows: dict[float, Telemetry | None] = {}  # the last telemetry by the time of each tick
         self.tick = 0
         self.memory = Memory(processor.start, navigation)
+        self.played = (0, False, False)
         self.command = Command.NONE
         self._shift: tuple[float, float] | None = None
         self._stand_ins: dict[str, StandIn] = {}
@@ -97,14 +99,14 @@ class Instrumented(ABC):
         self.memory = Memory(reply.record, self.navigation)
         self._telemetry = self._tell(reply.sent, wishes) or self._telemetry
         self._rows[time] = self._telemetry
-        played = (reply.tone_hz, reply.vibrate_left, reply.vibrate_right)
-        if played not in self._commands:
+        self.played = (reply.tone_hz, reply.vibrate_left, reply.vibrate_right)
+        if self.played not in self._commands:
             raise ProcessorError(
                 f"{self.processor.image.path.name}: the vest plays {reply.tone_hz} Hz, left "
                 f"{reply.vibrate_left}, right {reply.vibrate_right} at t = {time:.10g} s, "
                 "expected the sound of a command"
             )
-        self.command = self._commands[played]
+        self.command = self._commands[self.played]
         return reply
 
     @abstractmethod

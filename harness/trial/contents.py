@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 
@@ -25,17 +25,25 @@ VERSIONED = ("guided-canine", "fmpy", "casadi", "numpy")
 
 
 class LogRows:
-    """A simulation's rows for the log; what of a swapped component its role has is by its names and units."""
+    """A simulation's rows for the log; what of a swapped component its role has is by its names and units.
+
+    Args:
+        unknown: components whose signals nobody knows.
+    """
 
     def __init__(
-        self, simulation: Simulation | Contained, ready: Prepared, onboard: Telemetry | None
+        self,
+        simulation: Simulation | Contained,
+        ready: Prepared,
+        onboard: Telemetry | None,
+        unknown: Collection[str] = (),
     ) -> None:
         self.channels: list[Channel] = []
         self.onboard = onboard
         self.scales: dict[str, tuple[list[int], Array]] = {}
         for name in simulation.components:
-            if name in ready.system.faults:
-                continue  # what it is given and what it gives are signals of others
+            if name in ready.system.faults or name in unknown:
+                continue  # what a fault is given and what it gives are signals of others
             named = _Named(find_role(name), ready.fits[name]) if name in ready.fits else None
             columns, picked = [], []
             for place, quantity in enumerate(simulation.columns(name)):

@@ -15,6 +15,7 @@ from harness.cosim.loop import Record, Simulation
 from harness.files import make_folder
 from harness.log.log import FILE
 from harness.log.writer import LogWriter
+from harness.onboard import IN_FIRMWARE
 from harness.onboard.processors import open_processor
 from harness.onboard.stand_in import by_name
 from harness.trial import DEFAULT
@@ -25,6 +26,7 @@ from harness.trial.request import Changes, Request, build_missing, requested
 from harness.trial.scenario import Scenario
 from harness.trial.trial import alone_in
 from harness.vest import SPEEDS, TARGETS
+from harness.vest.host_process import open_host_process
 from harness.vest.pace import Pace
 from harness.vest.port import Port, wire
 from harness.vest.worn import Worn
@@ -33,6 +35,7 @@ from models.errors import UsageError
 from models.kit.timing import TICK
 
 ENDLESS = 1e8  # s: it ends when it is stopped
+UNKNOWN = {*IN_FIRMWARE} - {"command_module"}  # whose signals a program that runs alone keeps to itself
 ORDERS = ("controller.start", "controller.override")  # of a scenario, which an operator gives by radio
 
 Sleep = Callable[[threading.Event, float], object]
@@ -61,6 +64,16 @@ class State:
     latest: float = 0.0
     lost: float = 0.0
     resets: int = 0
+
+    def account(self) -> str:
+        """What became of the ticks, in words."""
+        parts = [f"{self.ticks:,} ticks", f"{self.missed:,} deadlines missed"]
+        parts.append(f"{1000 * self.latest:.1f} ms late at most")
+        if self.lost:
+            parts.append(f"{self.lost:.1f} s left out")
+        if self.resets:
+            parts.append(f"{self.resets} resets")
+        return ", ".join(parts)
 
 
 class StoppedError(Exception):
@@ -94,13 +107,14 @@ class Vest:
         self.state = State()
         self.fault: BaseException | None = None
         self._stopped, self._to_be_reset = threading.Event(), threading.Event()
+        self._ended = threading.Event()  # a thread whose `join` Ctrl-C interrupts counts as ended, and is not
         self._pace = Pace(TICK / speed, now=now, sleep=lambda s: sleep(self._stopped, s))
         self._thread: threading.Thread | None = None
 
     @property
     def is_running(self) -> bool:
         """Has it been started, and nothing ended it yet?"""
-        return self._thread is not None and self._thread.is_alive()
+        return self._thread is not None and not self._ended.is_set()
 
     def reset(self) -> None:
         """Have the program begin anew with the next tick: without a mission, in another session."""
@@ -110,19 +124,28 @@ class Vest:
         """End it, and wait for that. Twice does no harm."""
         self._stopped.set()
         if self._thread is not None:
+            self._ended.wait()
             self._thread.join()
 
-    def start(self, simulation: Simulation, worn: Worn, ready: Prepared, record: Record) -> None:
-        """Run it; rows go to `record` as from `Simulation.run`."""
+    def wait(self, seconds: float) -> None:
+        """Wait so long for its end."""
+        self._ended.wait(seconds)
+
+    def start(
+        self, simulation: Simulation, worn: Worn, ready: Prepared, record: Record, duration: float
+    ) -> None:
+        """Run it for so many s of the trial; rows go to `record` as from `Simulation.run`."""
         self._worn, self._plant = worn, simulation.outputs("plant")
 
         def run() -> None:
             try:
-                simulation.run(ready.plan.events, duration=ENDLESS, record=record)
+                simulation.run(ready.plan.events, duration=duration, record=record)
             except StoppedError:
                 pass
             except BaseException as reason:  # told by `fault`: nobody waits for this thread
                 self.fault = reason
+            finally:
+                self._ended.set()
 
         self._thread = threading.Thread(target=run, name="vest", daemon=True)
         self._thread.start()
@@ -165,6 +188,8 @@ def open_vest(
     speed: float = 1.0,
     key: Key | None = None,
     radio: Port | None = None,
+    in_process: bool = True,
+    duration: float | None = None,
     out: Path | None = None,
     now: Callable[[], float] = time.monotonic,
     sleep: Sleep = threading.Event.wait,
@@ -179,7 +204,10 @@ def open_vest(
         target: the processor that runs its program, one of TARGETS.
         speed: trial time over the clock's.
         key: of its radio; None makes a program that verifies nothing, and says so in its telemetry.
-        radio: the vest's end of the line; by default `Vest.port` is the other end.
+        radio: the vest's end of the line, in the place of the one to `Vest.port`.
+        in_process: the program for `host` runs in this process, whose time it shares; what it remembers is in
+            the log. Otherwise it is the one that is shipped, as a process of its own.
+        duration: s of the trial after which it ends; None for no end.
         out: a folder that gets its log.
         now, sleep: the clock (see `Vest`).
         note: is told what the user should know.
@@ -195,7 +223,7 @@ def open_vest(
     low, high = SPEEDS
     if not low <= speed <= high:
         raise UsageError(f"--speed {speed:g}: expected {low:g} to {high:g} times the clock's time")
-    port, radio = (radio, radio) if radio else wire()
+    laptop, own = wire()
     changes = Changes(settings=settings, seed=seed, onboard=f"pil:{target}")
     with ExitStack() as stack:
         request = stack.enter_context(requested(scenario, changes))
@@ -208,14 +236,16 @@ def open_vest(
         ready = stack.enter_context(prepared(request))
         for text in (*request.notes, *ready.notes, *_notes(request.scenario)):
             note(text)
-        vest = Vest(port, request.scenario.origin, speed, now, sleep)
-        kind = partial(Worn, radio=radio, before=vest.begin_tick)
-        worn = open_as(kind, request, ready, partial(open_processor, key=key))
+        vest = Vest(laptop, request.scenario.origin, speed, now, sleep)
+        kind = partial(Worn, radio=radio or own, before=vest.begin_tick)
+        is_alone = target == "host" and not in_process
+        start = partial(open_host_process if is_alone else open_processor, key=key)
+        worn = open_as(kind, request, ready, start)
         simulation = simulate_here(request, ready, worn, stack)
-        rows = LogRows(simulation, ready, worn)
+        rows = LogRows(simulation, ready, worn, UNKNOWN if is_alone else ())
         record = stack.enter_context(_recorder(request, ready, rows, out)) if out else _forgetting(worn)
         stack.callback(vest.stop)
-        vest.start(simulation, worn, ready, record)
+        vest.start(simulation, worn, ready, record, ENDLESS if duration is None else duration)
         yield vest
         vest.stop()
         if vest.fault is not None:

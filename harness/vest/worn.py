@@ -18,6 +18,8 @@ from models.kit.link import Values
 BYTES = 230  # that the radio brings on a tick, at most: 40 ms at 57600 baud
 ROOM = 4096  # bytes that wait for that: a modem's buffer
 
+SOUNDS = ("tone_hz", "vibrate_left", "vibrate_right")  # the outputs of the command module
+
 
 class Worn(Instrumented):
     """A processor with its instruments and the vest's end of the radio.
@@ -62,6 +64,12 @@ class Worn(Instrumented):
         self.memory = Memory(self.processor.start, self.navigation)
         self._shift = None
         self._coming = b""
+
+    def output(self, component: str, name: str) -> float:
+        """As `Instrumented.output`; what the command module does is heard."""
+        if component == "command_module":
+            return float(self.played[SOUNDS.index(name)])
+        return super().output(component, name)
 
     def make_tick(self, time: float) -> None:
         """One tick of the loop, when its time has come."""

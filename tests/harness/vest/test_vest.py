@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import signal
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
@@ -229,3 +231,12 @@ def test_a_processor_that_is_reset_begins_the_session_asked_for_and_signs_by_its
     known = Decoder(SIMULATION_KEY)
     assert known.receive(sent) == []
     assert known.forged == len(told)
+
+
+def test_ctrl_c_while_its_end_is_waited_for_does_not_hide_that_it_runs() -> None:
+    with open_vest(SCENARIO) as vest:
+        threading.Timer(0.2, signal.raise_signal, [signal.SIGINT]).start()
+        with pytest.raises(KeyboardInterrupt):
+            vest.wait(60.0)
+        assert vest.is_running
+    assert not vest.is_running

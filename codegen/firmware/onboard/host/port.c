@@ -4,6 +4,9 @@
  * VEST_GPS, VEST_IMU   serial devices; pipes and plain files work as well, to try things out
  * VEST_RADIO           serial device (of the XBee), read and written
  * VEST_PLAYS           file that gets a line for each change of tone or vibrators; standard error by default
+ * VEST_CLOCK           file in the place of this computer's clock, for trials with a simulated animal, whose time may
+ *                      run faster: two uint32_t in memory that another program shares. It counts up the first, ms;
+ *                      the second is the time up to which all is done. For a real animal it is not set
  *
  * A line of VEST_PLAYS: ms since the start, Hz of the tone, left, right; `1240 1500 0 0`. */
 #define _POSIX_C_SOURCE 200809L
@@ -15,6 +18,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <sys/stat.h>
 #include <sys/types.h>
 #include <termios.h>
@@ -45,6 +49,7 @@ static const line lines[PORT_SOURCES] = {
 static int files[PORT_SOURCES];
 static int plays = STDERR_FILENO;
 static struct timespec start;
+static volatile uint32_t *shared = NULL; /* the times of VEST_CLOCK, if that is set */
 
 /* Open a file, or end the program: a vest needs all its lines. */
 static int open_file(const char *variable, const char *name, int flags)
@@ -80,9 +85,24 @@ static void set_line(int file, const line *l)
     }
 }
 
+/* Take the time from a file, or end the program: it would run at another time than its animal. */
+static void set_clock(const char *name)
+{
+    const int file = open_file("VEST_CLOCK", name, O_RDWR);
+    void *const mapped = mmap(NULL, 2U * sizeof(*shared), PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
+
+    if (mapped == MAP_FAILED) {
+        (void)fprintf(stderr, "VEST_CLOCK: %s: cannot be mapped: %s\n", name, strerror(errno));
+        exit(EXIT_FAILURE);
+    }
+    (void)close(file);
+    shared = mapped;
+}
+
 void port_init(void)
 {
     const char *const name = getenv("VEST_PLAYS");
+    const char *const clock = getenv("VEST_CLOCK");
 
     for (int i = 0; i < (int)PORT_SOURCES; i++) {
         const line *const l = &lines[i];
@@ -92,6 +112,9 @@ void port_init(void)
     }
     if (name != NULL) {
         plays = open_file("VEST_PLAYS", name, O_WRONLY | O_CREAT | O_APPEND | O_NOCTTY | O_NONBLOCK);
+    }
+    if (clock != NULL) {
+        set_clock(clock);
     }
     (void)clock_gettime(CLOCK_MONOTONIC, &start);
 }
@@ -115,6 +138,9 @@ static uint32_t clock_ms(void)
     struct timespec now;
     int64_t ns;
 
+    if (shared != NULL) {
+        return shared[0];
+    }
     (void)clock_gettime(CLOCK_MONOTONIC, &now);
     ns = ((int64_t)(now.tv_sec - start.tv_sec) * 1000000000) + (int64_t)(now.tv_nsec - start.tv_nsec);
     return (uint32_t)(ns / 1000000);
@@ -124,10 +150,15 @@ static uint32_t clock_ms(void)
  * file, and shorter than a ms. */
 uint32_t port_clock_ms(void)
 {
+    static uint32_t asked = 0U;
     const struct timespec nap = {0, NAP_NS};
 
+    if (shared != NULL) {
+        shared[1] = asked;
+    }
     (void)nanosleep(&nap, NULL);
-    return clock_ms();
+    asked = clock_ms();
+    return asked;
 }
 
 /* A line that fails is silent, which the watchdog answers. */

@@ -1,0 +1,46 @@
+"""The vest's end of the radio, where other programs reach it: a serial device, or a TCP port."""
+
+from __future__ import annotations
+
+import ipaddress
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+
+from harness.vest import LOCALHOST
+from harness.vest.pty_port import Pty
+from harness.vest.tcp_port import TcpPort
+from models.errors import UsageError
+
+
+@contextmanager
+def open_radio(tcp: int | None, bind: str, *, is_signed: bool) -> Iterator[Pty | TcpPort]:
+    """A port that another program can open.
+
+    Args:
+        tcp: number of a TCP port, 0 for a free one; None for a pseudo-terminal.
+        bind: the address at which a TCP port is.
+        is_signed: the vest has a key.
+
+    Raises:
+        UsageError: the port cannot be had, is not asked for, or all the network could command the vest.
+    """
+    if tcp is None:
+        if bind != LOCALHOST:
+            raise UsageError(f"--bind {bind}: is where --tcp listens; expected --tcp PORT too")
+        with closing(Pty()) as pty:
+            yield pty
+        return
+    if not is_signed and not _is_this_machine(bind):
+        raise UsageError(
+            f"--bind {bind}: whoever reaches it commands the vest; expected --key FILE too "
+            "(`canine keygen` makes one), or an address of this machine, such as 127.0.0.1"
+        )
+    with closing(TcpPort(tcp, bind)) as port:
+        yield port
+
+
+def _is_this_machine(address: str) -> bool:
+    try:
+        return ipaddress.ip_address(address).is_loopback
+    except ValueError:
+        return address == "localhost"
