@@ -53,9 +53,9 @@ def run_vest(
     \b
     canine vest                                   three_waypoint; the radio is a serial device, /dev/pts/7 say
     canine vest my.toml --speed 20 --key rex.key --tcp 7000
-    canine vest --target cortex-m4f --set sensors.gps_sigma=2
+    canine vest --target stm32f405 --set sensors.gps_wander=2
 
-    The program of `canine firmware` runs as its own process (or on the simulated processor). Whoever speaks
+    The program of `canine firmware` runs as its own process (or on a simulated processor). Whoever speaks
     to the radio commands the animal: `canine station --port` with the device or the address that is printed.
     The scenario gives animal, sensors and faults, not the mission. Ctrl-C ends it. It leaves trial.mcap.
     """
@@ -68,6 +68,7 @@ def run_vest(
     secret = read(key, print_note) if key else None
     with requested(scenario, Changes(seed=seed)) as request:
         usual = request.default_folder
+    interrupt: KeyboardInterrupt | None = None
     place = folder or usual.with_name(f"{usual.name}-vest")
     with (
         open_radio(tcp, bind, is_signed=secret is not None) as radio,
@@ -94,10 +95,15 @@ def run_vest(
             else:
                 typer.echo(f"key: {short(key)}")
             _watch(vest, lambda: radio.is_open)
-        except KeyboardInterrupt as interrupt:
-            vest.stop()
-            end_interrupted(interrupt, f"{vest.state.account()}; the log is {short(place / FILE)}")
-    typer.echo(f"{vest.state.account()}; the log is {short(place / FILE)}")
+        except KeyboardInterrupt as pressed:
+            interrupt = pressed
+    log = place / FILE
+    account = f"{vest.state.account()}; " + (
+        f"the log is {short(log)}" if log.exists() else "nothing was logged"
+    )
+    if interrupt is not None:
+        end_interrupted(interrupt, account)
+    typer.echo(account)
 
 
 def _watch(vest: Vest, is_open: Callable[[], bool]) -> None:

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 from codegen.firmware.key import Key
-from harness.cosim.loop import Record, Simulation
+from codegen.firmware.targets import find_target
+from harness.cosim.loop import Array, Record, Simulation
 from harness.files import make_folder
 from harness.log.log import FILE
 from harness.log.writer import LogWriter
 from harness.onboard import IN_FIRMWARE
-from harness.onboard.processors import open_processor
+from harness.onboard.processors import Resettable, open_processor
 from harness.onboard.stand_in import by_name
 from harness.trial import DEFAULT
 from harness.trial.contents import LogRows, metadata
@@ -25,7 +26,7 @@ from harness.trial.prepare import Prepared, prepared
 from harness.trial.request import Changes, Request, build_missing, requested
 from harness.trial.scenario import Scenario
 from harness.trial.trial import alone_in
-from harness.vest import SPEEDS, TARGETS
+from harness.vest import BY_CLOCK, SPEEDS, TARGETS
 from harness.vest.host_process import open_host_process
 from harness.vest.pace import Pace
 from harness.vest.port import Port, wire
@@ -223,10 +224,13 @@ def open_vest(
     low, high = SPEEDS
     if not low <= speed <= high:
         raise UsageError(f"--speed {speed:g}: expected {low:g} to {high:g} times the clock's time")
+    if target in BY_CLOCK and speed != 1.0:
+        raise UsageError(f"--speed {speed:g}: a simulated {target} runs by the clock; expected 1")
     laptop, own = wire()
-    changes = Changes(settings=settings, seed=seed, onboard=f"pil:{target}")
+    processor = find_target(target).same_processor_as or target
+    changes = Changes(settings=settings, seed=seed, onboard=f"pil:{processor}")
     with ExitStack() as stack:
-        request = stack.enter_context(requested(scenario, changes))
+        request = replace(stack.enter_context(requested(scenario, changes)), onboard=target)
         build_missing(request, built)
         if is_foreign(request):
             raise UsageError(
@@ -238,11 +242,11 @@ def open_vest(
             note(text)
         vest = Vest(laptop, request.scenario.origin, speed, now, sleep)
         kind = partial(Worn, radio=radio or own, before=vest.begin_tick)
-        is_alone = target == "host" and not in_process
-        start = partial(open_host_process if is_alone else open_processor, key=key)
+        open_alone = _alone(target, in_process=in_process)
+        start = partial(open_alone or open_processor, key=key)
         worn = open_as(kind, request, ready, start)
         simulation = simulate_here(request, ready, worn, stack)
-        rows = LogRows(simulation, ready, worn, UNKNOWN if is_alone else ())
+        rows = LogRows(simulation, ready, worn, UNKNOWN if open_alone else ())
         record = stack.enter_context(_recorder(request, ready, rows, out)) if out else _forgetting(worn)
         stack.callback(vest.stop)
         vest.start(simulation, worn, ready, record, ENDLESS if duration is None else duration)
@@ -250,6 +254,15 @@ def open_vest(
         vest.stop()
         if vest.fault is not None:
             raise vest.fault
+
+
+def _alone(target: str, *, in_process: bool) -> Callable[..., Resettable] | None:
+    """What opens a program that keeps its memory to itself; None for one whose memory can be read."""
+    if target == "stm32f405":
+        from harness.vest.board_on_lines import open_stm32f405  # noqa: PLC0415 - only its users need it
+
+        return open_stm32f405
+    return None if in_process or target != "host" else open_host_process
 
 
 def _notes(scenario: Scenario) -> Iterator[str]:
@@ -267,7 +280,8 @@ def _forgetting(worn: Worn) -> Record:
 
 @contextmanager
 def _recorder(request: Request, ready: Prepared, rows: LogRows, out: Path) -> Iterator[Record]:
-    """What writes rows to the log in a folder."""
+    """What writes rows to the log in a folder; a log without a row is removed."""
+    written = 0
     make_folder(out)
     with (
         alone_in(out),
@@ -279,4 +293,12 @@ def _recorder(request: Request, ready: Prepared, rows: LogRows, out: Path) -> It
             attachments={},
         ) as log,
     ):
-        yield partial(rows.write, log)
+
+        def record(times: Array, values: Mapping[str, Array]) -> None:
+            nonlocal written
+            written += len(times)
+            rows.write(log, times, values)
+
+        yield record
+        if not written:
+            log.abort("it was stopped before its first tick")

@@ -6,14 +6,17 @@ import re
 import signal
 import subprocess
 import sys
+import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from codegen.firmware.key import write_new
-from harness.log.log import FILE, read_log
+from harness.log.log import FILE, LogError, read_log
 from harness.main import INTERRUPTED
 from tests.harness.command import canine
+from tests.harness.vest.leading import PATIENCE
 
 SCENARIO = "two_waypoint"
 PROJECT = Path(__file__).resolve().parents[3]
@@ -55,6 +58,17 @@ def test_the_key_is_named_and_never_shown(capsys: pytest.CaptureFixture[str], tm
     assert secret not in out + err
 
 
+def wait_for_a_tick(path: Path) -> None:
+    """Until a log has one."""
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        with suppress(LogError):
+            read_log(path)
+            return
+        time.sleep(0.05)
+    raise AssertionError(f"{path} has no tick")
+
+
 def test_ctrl_c_ends_it_with_what_happened_and_a_whole_log(tmp_path: Path) -> None:
     with subprocess.Popen(
         [sys.executable, "-m", "harness.main", "vest", SCENARIO, "--out", str(tmp_path)],
@@ -62,6 +76,7 @@ def test_ctrl_c_ends_it_with_what_happened_and_a_whole_log(tmp_path: Path) -> No
     ) as vest:  # fmt: skip
         assert vest.stdout
         assert vest.stdout.readline().startswith("radio: ")
+        wait_for_a_tick(tmp_path / FILE)
         vest.send_signal(signal.SIGINT)
         _, err = vest.communicate(timeout=120)
 

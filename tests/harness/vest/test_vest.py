@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -231,6 +232,13 @@ def test_a_processor_that_is_reset_begins_the_session_asked_for_and_signs_by_its
     known = Decoder(SIMULATION_KEY)
     assert known.receive(sent) == []
     assert known.forged == len(told)
+
+
+def test_a_vest_that_is_stopped_before_its_first_tick_leaves_no_log(tmp_path: Path) -> None:
+    steps = Steps()
+    with open_vest(SCENARIO, out=tmp_path, now=steps.now, sleep=steps.sleep):
+        pass
+    assert not list(tmp_path.iterdir())
 
 
 def test_ctrl_c_while_its_end_is_waited_for_does_not_hide_that_it_runs() -> None:

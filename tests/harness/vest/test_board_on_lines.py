@@ -1,0 +1,54 @@
+"""What an STM32F405 is flashed with leads the animal, on QEMU, over its three serial lines."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+
+import pytest
+
+from codegen.firmware.key import SIZE, Key
+from harness.onboard.processors.stm32f405 import PACKAGE, QEMU
+from harness.vest.vest import open_vest
+from models.errors import UsageError
+from tests.harness.vest.leading import PATIENCE, Leading, mission_of
+
+SCENARIO = "two_waypoint"
+KEY = Key(bytes([7] * (SIZE - 1) + [1]))
+
+
+@pytest.fixture
+def qemu() -> None:
+    """A machine with QEMU."""
+    if shutil.which(QEMU) is None:
+        (pytest.fail if os.environ.get("CI") == "true" else pytest.skip)(
+            f"{QEMU} is missing: apt install {PACKAGE}"
+        )
+
+
+@pytest.mark.usefixtures("qemu")
+def test_the_board_is_commanded_by_radio_and_moves_the_animal_after_a_reset_too() -> None:
+    with open_vest(SCENARIO, target="stm32f405", key=KEY) as vest:
+        operator = Leading(vest.port, mission_of(SCENARIO), KEY)
+
+        def lead_until_it_runs(sessions: int) -> None:
+            end = time.monotonic() + PATIENCE
+            while operator.operator.link.sessions < sessions or vest.state.speed < 0.5:
+                assert time.monotonic() < end
+                assert vest.is_running, vest.fault
+                operator.turn(vest.state.time)
+                time.sleep(0.005)
+
+        lead_until_it_runs(1)
+        vest.reset()
+        lead_until_it_runs(2)
+        assert vest.state.resets == 1
+
+
+def test_the_board_runs_by_the_clock_alone() -> None:
+    with (
+        pytest.raises(UsageError, match="--speed 2: a simulated stm32f405 runs by the clock; expected 1"),
+        open_vest(SCENARIO, target="stm32f405", speed=2.0),
+    ):
+        pass
