@@ -127,8 +127,9 @@ class HostProcess:
             if lines:
                 tone, left, right = (int(word) for word in lines[-1].split()[1:])
                 self._played = tone, bool(left), bool(right)
-            if written:
-                return
+            if not written:  # its end is closed: it ends
+                with suppress(subprocess.TimeoutExpired):
+                    self._process.wait(PATIENCE_S)
         if self._process.poll() is not None:
             assert self._process.stderr is not None
             words = self._process.stderr.read(READ).decode(errors="replace").strip()

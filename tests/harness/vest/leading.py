@@ -15,7 +15,7 @@ from harness.vest.port import Port
 from harness.vest.vest import Vest
 from models.commands import Command, Status
 
-PATIENCE = 300.0  # s of the clock, on the busiest machine
+PATIENCE = 120.0  # s of the clock, on the busiest machine
 
 
 def mission_of(scenario: str) -> Mission:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import time
+from collections.abc import Callable
 
 import pytest
 
@@ -32,17 +33,20 @@ def test_the_board_is_commanded_by_radio_and_moves_the_animal_after_a_reset_too(
     with open_vest(SCENARIO, target="stm32f405", key=KEY) as vest:
         operator = Leading(vest.port, mission_of(SCENARIO), KEY)
 
-        def lead_until_it_runs(sessions: int) -> None:
+        def lead_until(condition: Callable[[], bool]) -> None:
             end = time.monotonic() + PATIENCE
-            while operator.operator.link.sessions < sessions or vest.state.speed < 0.5:
+            while not condition():
                 assert time.monotonic() < end
                 assert vest.is_running, vest.fault
                 operator.turn(vest.state.time)
                 time.sleep(0.005)
 
-        lead_until_it_runs(1)
+        lead_until(lambda: vest.state.speed > 0.5)
         vest.reset()
-        lead_until_it_runs(2)
+        operator.start = False  # after a reset START needs to be wished anew
+        lead_until(lambda: operator.operator.link.sessions == 2 and vest.state.speed == 0.0)
+        operator.start = True
+        lead_until(lambda: vest.state.speed > 0.5)
         assert vest.state.resets == 1
 
 

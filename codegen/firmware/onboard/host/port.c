@@ -136,14 +136,17 @@ uint32_t port_session(void)
 static uint32_t clock_ms(void)
 {
     struct timespec now;
-    int64_t ns;
+    uint32_t ms;
 
     if (shared != NULL) {
-        return shared[0];
+        ms = shared[0];
+    } else {
+        (void)clock_gettime(CLOCK_MONOTONIC, &now);
+        ms = (uint32_t)((((int64_t)(now.tv_sec - start.tv_sec) * 1000000000) +
+                         (int64_t)(now.tv_nsec - start.tv_nsec)) /
+                        1000000);
     }
-    (void)clock_gettime(CLOCK_MONOTONIC, &now);
-    ns = ((int64_t)(now.tv_sec - start.tv_sec) * 1000000000) + (int64_t)(now.tv_nsec - start.tv_nsec);
-    return (uint32_t)(ns / 1000000);
+    return ms;
 }
 
 /* The main loop asks without end. The nap leaves the processor to other programs; it is the only wait in this
