@@ -23,6 +23,7 @@ from codegen.firmware.navigation import DEFAULT, Navigation
 from codegen.firmware.targets import find_target
 from codegen.scratch import Scratch
 from harness.onboard.processors import ProcessorError, Received, Reply
+from harness.onboard.processors.child import tied
 from harness.onboard.processors.processor import SOURCES
 from harness.vest.pty_port import READ, Pty
 from models.kit.link import Values
@@ -62,10 +63,9 @@ class HostProcess:
         with clock.open("r+b") as file:
             self._map = mmap.mmap(file.fileno(), ctypes.sizeof(Clock))
         self._clock = Clock.from_buffer(self._map)
-        self._program = shutil.copy(image.path, self._scratch.path / image.path.name)
-        os.chmod(self._program, EXECUTABLE)
-        guard = shutil.which("setpriv")  # of util-linux: the program dies with the thread that started it
-        self._command = [*([guard, "--pdeathsig", "KILL"] if guard else []), self._program]
+        program = shutil.copy(image.path, self._scratch.path / image.path.name)
+        os.chmod(program, EXECUTABLE)
+        self._command = tied([str(program)])
         self._environment = {f"VEST_{name.upper()}": line.address for name, line in self._lines.items()}
         self._environment |= {"VEST_CLOCK": str(clock), "VEST_PLAYS": "/dev/stdout"}
         self._process: subprocess.Popen[bytes] | None = None

@@ -34,6 +34,7 @@ from harness.vest.worn import Worn
 from models.commands import Command
 from models.errors import UsageError
 from models.kit.timing import TICK
+from models.readings import ON_BOARD
 
 ENDLESS = 1e8  # s: it ends when it is stopped
 UNKNOWN = {*IN_FIRMWARE} - {"command_module"}  # whose signals a program that runs alone keeps to itself
@@ -52,6 +53,7 @@ class State:
         command: what is played on it.
         ticks, missed, latest, lost: see `Pace`; s of the clock.
         resets: of the program.
+        dropped: bytes that came faster than the radio carries.
     """
 
     time: float = 0.0
@@ -65,6 +67,7 @@ class State:
     latest: float = 0.0
     lost: float = 0.0
     resets: int = 0
+    dropped: int = 0
 
     def account(self) -> str:
         """What became of the ticks, in words."""
@@ -72,6 +75,8 @@ class State:
         parts.append(f"{1000 * self.latest:.1f} ms late at most")
         if self.lost:
             parts.append(f"{self.lost:.1f} s left out")
+        if self.dropped:
+            parts.append(f"{self.dropped:,} bytes came faster than the radio carries")
         if self.resets:
             parts.append(f"{self.resets} resets")
         return ", ".join(parts)
@@ -176,6 +181,7 @@ class Vest:
             pace.latest,
             pace.lost,
             self._worn.resets,
+            self._worn.dropped,
         )
 
 
@@ -230,7 +236,8 @@ def open_vest(
     processor = find_target(target).same_processor_as or target
     changes = Changes(settings=settings, seed=seed, onboard=f"pil:{processor}")
     with ExitStack() as stack:
-        request = replace(stack.enter_context(requested(scenario, changes)), onboard=target)
+        request = _guarded(stack.enter_context(requested(scenario, changes)), note)
+        request = replace(request, onboard=target)
         build_missing(request, built)
         if is_foreign(request):
             raise UsageError(
@@ -263,6 +270,18 @@ def _alone(target: str, *, in_process: bool) -> Callable[..., Resettable] | None
 
         return open_stm32f405
     return None if in_process or target != "host" else open_host_process
+
+
+def _guarded(request: Request, note: Callable[[str], None]) -> Request:
+    """The request in the reading with limits: nobody knows who will command the vest."""
+    scenario = request.scenario
+    if scenario.reading == ON_BOARD:
+        return request
+    note(
+        f'{scenario.name}: its reading "{scenario.reading}" is without the safety rules; the vest is '
+        f'"{ON_BOARD}", with them'
+    )
+    return replace(request, scenario=replace(scenario, reading=ON_BOARD))
 
 
 def _notes(scenario: Scenario) -> Iterator[str]:

@@ -30,6 +30,7 @@ from codegen.firmware.navigation import DEFAULT, Navigation
 from codegen.firmware.targets import find_target
 from codegen.scratch import Scratch
 from harness.interrupts import IN_WORKER
+from harness.onboard.processors.child import tied
 from harness.onboard.processors.processor import ProcessorError
 from models.kit.link import Values
 
@@ -209,8 +210,7 @@ def _command(image: Image, log: Path | None) -> list[str]:
     command += ["-device", session]
     if log is not None:
         command += ["-d", "unimp", "-D", str(log)]
-    guard = shutil.which("setpriv")  # of util-linux: QEMU dies with who started it
-    return [guard, "--pdeathsig", "KILL", *command] if guard else command
+    return tied(command)
 
 
 def _end(process: subprocess.Popen[bytes], errors: BinaryIO) -> None:
