@@ -196,6 +196,17 @@ def _shown(name: str) -> str:
     return printable(name)[:SHOWN]
 
 
+def plain(text: str) -> str:
+    """The text of a number as XML has them; Python's `float` and `int` take `1_000` and foreign digits, too.
+
+    Raises:
+        ValueError: it has an underscore, or a character that is not ASCII.
+    """
+    if "_" in text or not text.isascii():
+        raise ValueError(text)
+    return text
+
+
 def parse_xml(data: bytes, what: str) -> ElementTree.Element:
     """The root element of an XML file's content; `what` names it in errors.
 

@@ -12,7 +12,7 @@ import json
 import math
 import os
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import chdir, suppress
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -31,7 +31,7 @@ from fmpy.model_description import ValidationError
 from codegen.cache import stored
 from codegen.scratch import Scratch
 from codegen.toolchains.library import why_not_loaded
-from harness.cosim.archive import parse_xml, read_member, unpack
+from harness.cosim.archive import parse_xml, plain, read_member, unpack
 from harness.cosim.recorder import Position
 from harness.interrupts import held_interrupts
 from models.errors import CanineError, ParameterError, nearest, printable
@@ -55,6 +55,7 @@ MIN_STEP, MAX_STEP = 1e-6, 1e9  # s; shorter ones make more ticks than a user ca
 BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")  # of units, whose exponents they hold in this order
 MAX_VARIABLES = 200_000  # of which FMPy makes 700 MiB of objects in 8 s
 REFERENCES = 2**32  # value references are unsigned integers of 32 bits
+SET = ("input", "parameter", "structuralParameter")  # causalities of what users set
 FMI2_TYPES = {
     "Real": ("Real", np.float64, Type.REAL),
     "Integer": ("Integer", np.int32, Type.INTEGER),
@@ -208,7 +209,7 @@ class FmuDescription:
         refused: variables that cannot be exchanged (String, arrays, ...), by name.
         feedthrough: some output depends on an input within a step; a plant's do not.
         step: the step size that it states, s; `fixed`: it takes no other.
-        warnings: what a strict validator says.
+        warnings: what a strict validator says, and inputs whose start value is not finite.
     """
 
     path: Path
@@ -297,6 +298,11 @@ def describe(path: Path) -> FmuDescription:
         raise FmuError(f"{path}: modelDescription.xml cannot be read: {_one_line(reason)}") from None
     quantities, refused = {}, {}
     for variable in read.modelVariables:
+        if variable.name in quantities or variable.name in refused:
+            name = printable(variable.name)
+            raise FmuError(
+                f'{path}: has two variables "{name}"; give each a name of its own and export it again'
+            )
         quantity = _quantity(path, read, variable)
         if isinstance(quantity, str):
             refused[variable.name] = Refused(variable.causality or "local", quantity)
@@ -312,7 +318,7 @@ def describe(path: Path) -> FmuDescription:
         feedthrough=_feedthrough(read),
         step=step,
         fixed=not _true(read.coSimulation.canHandleVariableCommunicationStepSize),
-        warnings=warnings,
+        warnings=(*warnings, *_without_start(quantities.values())),
         fmpy=read,
     )
 
@@ -334,6 +340,15 @@ def _findings(path: Path, description: bytes) -> tuple[str, ...]:
     return tuple(json.loads(entry.read_text()))
 
 
+def _without_start(quantities: Iterable[Quantity]) -> list[str]:
+    """Inputs that start with what no trial can begin with."""
+    return [
+        f'input "{printable(q.name)}" has the start value {q.start}; connect it, or give it a finite one'
+        for q in quantities
+        if q.causality == "input" and q.start is not None and not math.isfinite(q.start)
+    ]
+
+
 def _step(path: Path, root: Element) -> float | None:
     """The step size that the description states, s: a fixed one before a preferred one."""
     for element, attribute in (("CoSimulation", "fixedInternalStepSize"), ("DefaultExperiment", "stepSize")):
@@ -341,7 +356,7 @@ def _step(path: Path, root: Element) -> float | None:
         text = None if stated is None else stated.get(attribute)
         if text is not None:
             try:
-                step = float(text)
+                step = float(plain(text))
             except ValueError:
                 step = math.nan
             if not MIN_STEP <= step <= MAX_STEP:
@@ -396,7 +411,7 @@ def _quantity(path: Path, read: Any, variable: Any) -> Quantity | str:
             return (
                 {"true": 1.0, "false": 0.0}.get(str(text))
                 if kind is Type.BOOLEAN and str(text).isalpha()
-                else float(text)
+                else float(plain(text))
             )
         except ValueError:
             raise FmuError(
@@ -407,7 +422,7 @@ def _quantity(path: Path, read: Any, variable: Any) -> Quantity | str:
         [float(item.value) for item in declared.items] if variable.type == "Enumeration" and declared else []
     )
     low, high = number("min"), number("max")
-    return Quantity(
+    quantity = Quantity(
         variable.name,
         reference,
         kind,
@@ -419,6 +434,12 @@ def _quantity(path: Path, read: Any, variable: Any) -> Quantity | str:
         min(items) if items and low is None else low,
         max(items) if items and high is None else high,
     )
+    if quantity.start is not None and not quantity.holds(quantity.start) and variable.causality in SET:
+        raise FmuError(
+            f'{path}: "{printable(variable.name)}" has start="{printable(variable.start)}"; '
+            f"expected {quantity.type_name}"
+        )
+    return quantity
 
 
 def _feedthrough(read: Any) -> bool:
@@ -676,7 +697,7 @@ class FmuInstance:
             ParameterError: a value that the type of its variable does not hold.
         """
         for name, value in values.items():
-            quantity = self.description.find(name, "parameter", "structuralParameter", "input")
+            quantity = self.description.find(name, *SET)
             if not quantity.holds(value):
                 raise ParameterError(
                     f"{self.label}: {name} is given {value:.10g}, the FMU declares {quantity.type_name}; "

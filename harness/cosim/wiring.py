@@ -121,10 +121,10 @@ def wire(
     free = {name: tuple(v for v in fmu.inputs if (name, v) not in fed) for name, fmu in fmus.items()}
     for name, variables in free.items():
         for variable in variables:
-            if fmus[name].inputs[variable].start is None and variable not in system.components[name].values:
-                raise WiringError(
-                    f"input {name}.{variable} has neither a source nor a start value; connect it"
-                )
+            start = fmus[name].inputs[variable].start
+            if (start is None or not math.isfinite(start)) and variable not in system.components[name].values:
+                lacking = "a start value" if start is None else f"a finite start value, but {start}"
+                raise WiringError(f"input {name}.{variable} has neither a source nor {lacking}; connect it")
     last = frozenset(name for name, fmu in fmus.items() if not fmu.feedthrough) | frozenset(plants)
     answering = [name for name in fmus if name not in last]
     links = [link for link in system.links if link.source in answering and link.target in answering]

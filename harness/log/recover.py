@@ -116,8 +116,7 @@ def recover(path: Path, out: Path | None = None) -> Recovery:
                 read_records(path, file, size, copy)
                 copy.finish()
                 lost = _lost(file, size, copy)
-            place.open("xb").close()  # takes the name, or fails if it was taken since
-            part.replace(place)
+            _name(part, place)
     except FileExistsError as error:
         raise is_there from error
     except OSError as error:
@@ -125,6 +124,22 @@ def recover(path: Path, out: Path | None = None) -> Recovery:
             f"log {place}: cannot be written ({error.strerror}); make room, or choose another file with --out"
         ) from error
     return Recovery(log, place, copy.counts, lost, copy.has_all)
+
+
+def _name(part: Path, place: Path) -> None:
+    """Give a file that is whole its name: in one step, where the file system has links.
+
+    Raises:
+        FileExistsError: the name was taken since.
+        OSError: it cannot be given.
+    """
+    try:
+        place.hardlink_to(part)
+    except FileExistsError:
+        raise
+    except OSError:
+        place.open("xb").close()  # takes the name, or fails
+        part.replace(place)
 
 
 class _Source(FileIO):

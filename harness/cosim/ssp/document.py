@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from xml.etree.ElementTree import Element
 
+from harness.cosim.archive import plain
 from models.errors import CanineError, printable
 
 SSP = "{http://ssp-standard.org/SSP1/SystemStructure"  # SSP 2.0 kept the names of 1.0
@@ -57,7 +58,7 @@ class Document:
         """An attribute that is a finite number."""
         text = self.attribute(element, name) if default is None else element.get(name, default)
         try:
-            value = float(text)
+            value = float(plain(text))
         except ValueError:
             raise self.fail(f'{titled(element)} has {name}="{text}"; expected a number') from None
         if not math.isfinite(value):
@@ -68,7 +69,7 @@ class Document:
         """An attribute that is a whole number of 64 bits."""
         text = self.attribute(element, name)
         try:
-            value = int(text)
+            value = int(plain(text))
         except ValueError:
             value = 2**63
         if not -(2**63) <= value < 2**63:

@@ -18,9 +18,10 @@ from harness.cosim.fmu import FmuError, FmuInstance, describe
 from harness.cosim.loop import Array, Simulation
 from harness.cosim.ssp import FmuComponent, FmuSystem, open_ssp
 from harness.cosim.stepping import Event, Loop
-from models.errors import CanineError, ParameterError
+from harness.cosim.wiring import wire
+from models.errors import CanineError, ParameterError, WiringError
 from models.kit.declaration import Type
-from tests.harness.cosim.tiny_fmu import V, tiny_fmu
+from tests.harness.cosim.tiny_fmu import V, description, tiny_fmu
 
 GAIN = [V("u", "input", unit="m"), V("k", "parameter", start="2"), V("y", unit="m"), V("n", type="Integer")]
 
@@ -266,6 +267,61 @@ def test_a_wrong_value_reference_is_refused(tmp_path: Path, reference: int) -> N
         f'{path}: "k" has valueReference="{reference}"; '
         "expected a whole number from 0 to 4294967295; export it again"
     )
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("other", ["u", "y"])
+def test_two_variables_of_one_name_are_refused(tmp_path: Path, version: int, other: str) -> None:
+    path = altered(tmp_path, f'name="{other}"', 'name="k"', version)
+    with pytest.raises(FmuError) as caught:
+        describe(path)
+    assert str(caught.value) == (
+        f'{path}: has two variables "k"; give each a name of its own and export it again'
+    )
+
+
+@pytest.mark.parametrize(
+    ("start", "text"),
+    [
+        ("1_000", '"k" has start="1_000"; expected a number'),
+        ("\u0662", '"k" has start="\u0662"; expected a number'),
+        ("300", '"k" has start="300"; expected Integer (int8)'),
+        ("0.5", '"k" has start="0.5"; expected Integer (int8)'),
+        ("NaN", '"k" has start="NaN"; expected Integer (int8)'),
+    ],
+)
+def test_a_start_value_that_is_none_of_its_type_is_refused(tmp_path: Path, start: str, text: str) -> None:
+    path = packed(tmp_path / "dog.fmu", V("k", "parameter", "Int8", start=start), version=3)
+    with pytest.raises(FmuError) as caught:
+        describe(path)
+    assert str(caught.value) == f"{path}: {text}"
+
+
+@pytest.mark.parametrize(("start", "value"), [("NaN", "nan"), ("1e400", "inf")])
+@pytest.mark.parametrize("version", [2, 3])
+def test_an_input_that_starts_with_no_finite_number_is_told_and_must_be_connected(
+    tmp_path: Path, version: int, start: str, value: str
+) -> None:
+    path = packed(
+        tmp_path / "dog.fmu", V("u", "input", start=start), V("k", "parameter", start="NaN"), version=version
+    )
+    fmu = describe(path)
+    # then check tells of it, beside what the standard's schema may say
+    assert f'input "u" has the start value {value}; connect it, or give it a finite one' in fmu.warnings
+    assert not any('"k" has the start' in warning for warning in fmu.warnings)
+    # and a trial does not begin with it
+    with pytest.raises(WiringError) as caught:
+        wire(alone(path), {"plant": fmu})
+    assert str(caught.value) == (
+        f"input plant.u has neither a source nor a finite start value, but {value}; connect it"
+    )
+
+
+def packed(path: Path, *variables: V, version: int) -> Path:
+    """An FMU that can be read and not run."""
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("modelDescription.xml", description([*variables, V("y")], version))
+    return path
 
 
 def test_what_an_fmu_says_on_two_lines_is_one(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """A log that was cut gets back its end: all that was written whole, and a file that is whole again."""
 
+import errno
 import os
 import signal
 import struct
@@ -288,6 +289,42 @@ def test_a_full_disk_leaves_nothing_behind(whole: bytes, tmp_path: Path) -> None
     # then
     assert "cut-recovered.mcap: cannot be written (File too large); make room, or choose" in done.stderr
     assert [p.name for p in tmp_path.iterdir()] == ["cut.mcap"]
+
+
+def test_a_run_that_is_killed_leaves_no_unfinished_file_with_the_name(whole: bytes, tmp_path: Path) -> None:
+    # given a process that is killed as soon as its new file is there and empty
+    path, out = tmp_path / "cut.mcap", tmp_path / "out.mcap"
+    path.write_bytes(whole[:-1])
+    code = (
+        "import os, signal, sys; from pathlib import Path; from harness.log.recover import recover\n"
+        "path, out = map(Path, sys.argv[1:])\n"
+        "def look(*_):\n"
+        "    if os.path.exists(out) and os.stat(out).st_size == 0: os.kill(os.getpid(), signal.SIGKILL)\n"
+        "sys.addaudithook(look)\n"
+        "recover(path, out)\n"
+    )
+    command = [sys.executable, "-c", code, str(path), str(out)]
+    # then it comes to its end
+    assert subprocess.run(command, check=False, cwd=Path(__file__).parents[3]).returncode == 0
+    assert out.read_bytes() == whole
+    assert sorted(tmp_path.iterdir()) == [path, out]
+
+
+def test_a_folder_without_links_gets_its_file_all_the_same(
+    whole: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(self: Path, target: Path) -> None:
+        raise PermissionError(errno.EPERM, "Operation not permitted")
+
+    path, out = tmp_path / "cut.mcap", tmp_path / "out.mcap"
+    path.write_bytes(whole[:-1])
+    monkeypatch.setattr(Path, "hardlink_to", refuse)
+    # when, then
+    recover(path, out)
+    assert out.read_bytes() == whole
+    assert sorted(tmp_path.iterdir()) == [path, out]
+    with pytest.raises(UsageError, match="is there already"):
+        recover(path, out)
 
 
 def no_mcap(path: Path) -> None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import zipfile
 from pathlib import Path
 
 import pytest
 
-from harness.cosim.ssp import StartValue
+from harness.cosim.ssp import SspError, StartValue
 from tests.harness.cosim.ssp.packages import (
     Files,
     bind,
@@ -154,7 +155,18 @@ def test_a_conversion_and_its_transformation_are_rounded_once(tmp_path: Path) ->
 def test_a_mapping_may_keep_units_from_being_converted(tmp_path: Path) -> None:
     stated = parameters(units("km", prefix="ssv"), length="Real 1.5 km")
     kept = entry("length", "k", linear(1000), 'suppressUnitConversion="true"')
-    assert values(alone(tmp_path, bind(binding(stated, mapping(kept))))) == {"a": {"k": 1500}}
+    path = alone(tmp_path, bind(binding(stated, mapping(kept))))
+    # then what was 1.5 km is 1500 of the FMU's unit, and no other unit is left to be refused
+    assert read(path).components["a"].values == {"k": StartValue(1500, "m")}
+
+
+@pytest.mark.parametrize("number", ["1_000", "\u0661\u0662", "1e3_0"])
+@pytest.mark.parametrize("type", ["Real", "Integer"])
+def test_what_only_python_takes_as_a_number_is_refused(tmp_path: Path, type: str, number: str) -> None:
+    stated = parameters(k=f"{type} {number}")
+    path = alone(tmp_path, bind(binding(stated)))
+    with pytest.raises(SspError, match=rf'has value="{re.escape(number)}"; expected a .*number'):
+        read(path)
 
 
 def test_an_integer_mapping_takes_the_numbers_of_the_sets_own_enumeration(tmp_path: Path) -> None:
