@@ -37,8 +37,8 @@ def show(comparison: LogComparison, console: Console) -> None:
         _show_signals(comparison, console)
     if comparison.statements:
         _show_statements(comparison, console)
-    only_stated = comparison.statements and not (comparison.signals or others)
-    line(sentence(comparison) + "; --values-only compares the rows alone" * bool(only_stated))
+    only_stated = not (comparison.agree or comparison.signals or others)
+    line(sentence(comparison) + "; --values-only compares the rows alone" * only_stated)
 
 
 def sentence(comparison: LogComparison) -> str:

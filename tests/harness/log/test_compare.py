@@ -323,10 +323,12 @@ def test_what_is_printed_begins_with_the_first_difference_and_ends_with_the_verd
 
 
 def test_logs_that_are_only_stated_differently_are_told_how_to_compare_their_rows() -> None:
-    result = compare(log({"north": [0.1]}, metadata={"versions": {"numpy": "2"}}), log({"north": [0.1]}))
-    assert not result.agree
-    assert printed(result).endswith(
+    logs = log({"north": [0.1]}, metadata={"versions": {"numpy": "2"}}), log({"north": [0.1]})
+    assert printed(compare(*logs)).endswith(
         "differ: 0 of 1 signals differ in 1 rows up to 0 s; --values-only compares the rows alone\n"
+    )
+    assert printed(compare(*logs, values_only=True)).endswith(
+        "agree: 0 of 1 signals differ in 1 rows up to 0 s\n"
     )
 
 
