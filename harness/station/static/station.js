@@ -11,7 +11,7 @@
   const ENDED = ["SUCCESS", "FAILED", "STOPPED"];
   const STEPS = ["disconnected", "connected", "loaded", "ready", "running"];
 
-  let hello = null, state = null, begun = null, drawnHistory = false, isCentred = false;
+  let hello = null, state = null, begun = null, drawnHistory = false, isCentred = false, isFitted = true;
   const draft = canine.draft(), sound = canine.sound();
   const alarms = canine.alarms({ warnings: id("warnings"), cautions: id("cautions"), calm: id("calm") }, sound);
   const numbers = canine.numbers(id("numbers")), vest = canine.numbers(id("vest"));
@@ -102,6 +102,10 @@
     }
     if (!drawnHistory && before) drawnHistory = true;
     if (before === null) takeIfFree();
+    if (isReplay() && !isFitted) {
+      isFitted = true;
+      chart.map.fit();
+    }
     drawSoon();
   }
   // The time at which the trial that goes on began, from what was told before.
@@ -113,12 +117,11 @@
     const named = { ...columns, command: (columns.command || []).map((value) => name("command", value)),
       mode: (columns.mode || []).map((value) => name("mode", value)) };
     course.take(named);
-    if (!isCentred && isReplay()) isCentred = true;
     chart.setTrack(points(named), named.command);
     drawnHistory = true;
     id("events").replaceChildren();
     for (const event of events || []) tell(event);
-    if (isReplay()) chart.map.fit();
+    isFitted = false;
   }
   const points = ({ latitude = [], longitude = [] }) => latitude.map((value, row) => [value, longitude[row]]);
 
