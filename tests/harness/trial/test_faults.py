@@ -368,7 +368,7 @@ def test_a_link_to_a_mapped_input_is_disturbed_by_the_roles_name(tmp_path: Path)
     # when
     log = flown(scenario, tmp_path / "out", swaps={"plant": mapped(tmp_path)})
     # then it does not hear it for a while, and the tables of faults have that, too
-    heard = log["plant.cmd"]
+    heard = log["plant.command"]
     assert (heard[10:30] == 0).all()
     assert (heard[31:] == 1).all()
     case = Case((fault("controller.command -> plant.command", "off"),))
