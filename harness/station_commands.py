@@ -178,9 +178,9 @@ def _serve(request: Request, mission: str, web: Web, as_json: bool) -> None:
             if draft:
                 session.conduct.draft = draft
             _show_in_browser(session, web)
-    except KeyboardInterrupt:
-        pass  # how a station ends
-    _show(request, report(request.folder), as_json)
+    except KeyboardInterrupt as interrupt:  # how a station ends
+        _show(request, report(request.folder), as_json)
+        end_interrupted(interrupt, f"the log is in {request.folder}")
 
 
 def _play(log: Path, web: Web) -> None:
@@ -192,7 +192,7 @@ def _play(log: Path, web: Web) -> None:
 
 
 def _show_in_browser(shown: Shown, web: Web) -> None:
-    """Serve until a signal ends it."""
+    """Serve until a signal ends it, and raise KeyboardInterrupt with its number."""
     from harness.station.guard import Guard, is_local
     from harness.station.server import address_of, listening, serve
 
@@ -210,7 +210,9 @@ def _show_in_browser(shown: Shown, web: Web) -> None:
             if web.opens:
                 threading.Thread(target=_open, args=(address,), daemon=True).start()
 
-        asyncio.run(serve(shown, guard, listener, ready))
+        number = asyncio.run(serve(shown, guard, listener, ready))
+        if number is not None:
+            raise KeyboardInterrupt(number)
 
 
 def _open(address: str) -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import ipaddress
+import signal
 import socket as sockets
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -310,13 +312,39 @@ def address_of(listener: sockets.socket, guard: Guard) -> str:
     return f"http://{shown}:{number}/" + (f"#token={guard.token}" if guard.token else "")
 
 
+class _Server(uvicorn.Server):
+    """Ends at a signal without raising it in its loop, whose threads would then never be joined.
+
+    Attributes:
+        ended_by: the signal's number; None for none.
+    """
+
+    ended_by: int | None = None
+
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """As uvicorn's, and SIGHUP too."""
+        is_main = threading.current_thread() is threading.main_thread()
+        hung_up = signal.getsignal(signal.SIGHUP)
+        with super().capture_signals():
+            if is_main and hung_up is not signal.SIG_IGN:
+                signal.signal(signal.SIGHUP, self.handle_exit)
+            try:
+                yield
+            finally:
+                if is_main:
+                    signal.signal(signal.SIGHUP, hung_up)
+                self.ended_by = next(iter(self._captured_signals), None)
+                self._captured_signals.clear()
+
+
 async def serve(
     shown: Shown,
     guard: Guard,
     listener: sockets.socket,
     ready: Callable[[uvicorn.Server], None] = lambda server: None,
-) -> None:
-    """Serve until the server is told to end (`should_exit`), or a signal ends it.
+) -> int | None:
+    """Serve until the server is told to end (`should_exit`), or a signal ends it, whose number is returned.
 
     Args:
         ready: is given the server, once it answers.
@@ -335,7 +363,7 @@ async def serve(
         limit_concurrency=8 * MOST_OPERATORS,
         timeout_graceful_shutdown=2,
     )
-    server = uvicorn.Server(config)
+    server = _Server(config)
     serving = asyncio.create_task(server.serve(sockets=[listener]))
     work = asyncio.create_task(station.work())
     try:
@@ -349,3 +377,4 @@ async def serve(
         with suppress(asyncio.CancelledError):
             await work
         await serving
+    return server.ended_by
