@@ -10,7 +10,6 @@ from __future__ import annotations
 import fcntl
 import os
 import re
-import shutil
 import stat
 import tempfile
 import weakref
@@ -59,8 +58,52 @@ class Scratch:
 
 
 def _remove(path: Path, handle: int) -> None:
-    shutil.rmtree(path, ignore_errors=True)
+    """Remove an open folder, also one that was given another name."""
+    with suppress(OSError):
+        os.fchmod(handle, PRIVATE)
+        _empty(handle)
+        with suppress(OSError):  # Linux knows its name
+            path = Path(os.readlink(f"/proc/self/fd/{handle}"))
+        path.rmdir()
     os.close(handle)
+
+
+def _empty(top: int) -> None:
+    """Remove all that is in an open folder.
+
+    Folders in folders are first moved up into it: they may lie deeper than paths, calls or open files go.
+    """
+    folders = _remove_files(top)
+    while folders:
+        name = folders.pop()
+        with suppress(OSError):
+            handle = _open_folder(name, top)
+            try:
+                for inner in _remove_files(handle):
+                    unused = os.urandom(8).hex()
+                    os.rename(inner, unused, src_dir_fd=handle, dst_dir_fd=top)
+                    folders.append(unused)
+            finally:
+                os.close(handle)
+            os.rmdir(name, dir_fd=top)
+
+
+def _remove_files(folder: int) -> list[str]:
+    """Remove all but the folders in an open folder; the folders, which may be moved and removed."""
+    folders = []
+    with os.scandir(folder) as entries:
+        for entry in list(entries):
+            with suppress(OSError):
+                if entry.is_dir(follow_symlinks=False):
+                    os.chmod(entry.name, PRIVATE, dir_fd=folder)
+                    folders.append(entry.name)
+                else:
+                    os.unlink(entry.name, dir_fd=folder)
+    return folders
+
+
+def _open_folder(path: str | Path, beside: int | None = None) -> int:
+    return os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW, dir_fd=beside)
 
 
 @cache
@@ -79,12 +122,13 @@ def _remove_if_abandoned(path: Path) -> None:
     Raises:
         OSError: a process holds it, or it is gone.
     """
-    handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    handle = _open_folder(path)
     try:
         status = os.fstat(handle)
         if status.st_uid == os.geteuid() and stat.S_IMODE(status.st_mode) == PRIVATE:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            shutil.rmtree(path, ignore_errors=True)
+            _empty(handle)
+            path.rmdir()
     finally:
         os.close(handle)
 

@@ -63,6 +63,31 @@ def test_what_a_killed_run_left_is_removed_by_the_next(place: Path, beside: bool
         assert not folder.exists()
 
 
+def test_folders_deeper_than_any_path_are_removed(place: Path) -> None:
+    # given a folder with 1,500 others in each other, one of them closed
+    with Scratch() as folder:
+        here = os.open(folder, os.O_RDONLY)
+        for depth in range(1500):
+            os.mkdir("deep", dir_fd=here)
+            inner = os.open("deep", os.O_RDONLY, dir_fd=here)
+            os.close(os.open("file", os.O_CREAT | os.O_WRONLY, dir_fd=inner))
+            os.symlink("/", "link", dir_fd=inner)
+            if depth == 700:
+                os.chmod("deep", 0, dir_fd=here)
+            os.close(here)
+            here = inner
+        os.close(here)
+    # then
+    assert list(place.iterdir()) == []
+
+
+def test_a_folder_that_was_given_another_name_is_removed(place: Path) -> None:
+    with Scratch() as folder:
+        (folder / "file").write_text("x")
+        folder.rename(place / "other")
+    assert list(place.iterdir()) == []
+
+
 def test_the_folder_of_a_living_run_stays(place: Path) -> None:
     process, folder = holder(place)
     try:
