@@ -17,7 +17,6 @@ from contextlib import contextmanager
 from types import FrameType, TracebackType
 
 Handler = Callable[[int, FrameType | None], object]
-IN_WORKER = "CANINE_WORKER"  # in the environment of a worker, whose processes stay in its session
 # those that end a command, and SIGALRM, with which main.CtrlC tries again
 SIGNALS = [
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGALRM") if hasattr(signal, name)

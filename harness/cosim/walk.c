@@ -11,6 +11,8 @@
 #define EXPORT __declspec(dllexport)
 #else
 #define EXPORT __attribute__((visibility("default")))
+#include <pthread.h>
+#include <unistd.h>
 #endif
 
 enum kind { COPY, CAST, CONVERT, REPLACE, ACCESS2, ACCESS3, STEP2, STEP3, STEPS, TURN };
@@ -104,9 +106,34 @@ EXPORT uint32_t floating_mode(void)
 #endif
 }
 
-/* Bring back a mode; true if it was another. */
+#if defined(_WIN32)
+EXPORT void end_copies(void) { }
+static void end_if_copy(void) { }
+#else
+static volatile bool is_copy;
+
+static void note_copy(void)
+{
+    is_copy = true;
+}
+
+/* From now on a copy of this process that an FMU makes by fork ends when it comes back from the FMU. */
+EXPORT void end_copies(void)
+{
+    pthread_atfork(NULL, NULL, note_copy);
+}
+
+static void end_if_copy(void)
+{
+    if (is_copy)
+        _exit(0);
+}
+#endif
+
+/* Behind each call of an FMU: bring back a mode; true if it was another. */
 EXPORT int restore_mode(uint32_t mode)
 {
+    end_if_copy();
     if (floating_mode() == mode)
         return false;
 #if defined(__x86_64__) || defined(_M_X64)

@@ -351,6 +351,8 @@ class NativeWalk(Walk):
 class Guard:
     """How sums are rounded, and whether the smallest become 0, as it is now; a call of it restores that.
 
+    A copy of this process that an FMU has made by fork ends when it calls it.
+
     Raises:
         NotNativeError: the functions that do it cannot be compiled here.
     """
@@ -363,6 +365,7 @@ class Guard:
         library.restore_mode.argtypes = [ctypes.c_uint32]
         self._restore = library.restore_mode
         self.mode: int = library.floating_mode()
+        library.end_copies()
 
     def __call__(self) -> bool:
         """Restore it; had it been changed?"""

@@ -33,7 +33,7 @@ class AloneJob:
         """As `Job`."""
         alone = self.open(worker, stack)
         alone.instance.initialize(self.parameters)
-        worker.channel.tell("ready")
+        worker.tell("ready")
         alone.run(self.inputs, worker.memory.recorder.rows)
 
     def open(self, worker: Worker, stack: ExitStack) -> Alone:
@@ -49,7 +49,7 @@ class LifeJob(AloneJob):
     def carry_out(self, worker: Worker, stack: ExitStack) -> list[str]:
         """As `Job`; what it was seen to do."""
         alone = self.open(worker, stack)
-        worker.channel.tell("ready")
+        worker.tell("ready")
         return live(alone, self.inputs, self.sizes.room)
 
 
@@ -105,7 +105,6 @@ def _have_done(process: WorkerProcess, job: AloneJob, fmu: FmuDescription) -> An
     limits = process.limits
     try:
         process.begin(job, subject)
-        process.hear("ready", limit=limits.start)
         answer = process.hear("done", limit=limits.call)["answer"]
         process.check_memory()
         process.hear("closed", limit=limits.free)

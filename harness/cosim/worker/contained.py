@@ -74,8 +74,7 @@ class Contained:
             self.components, {n: fmu.path.name for n, fmu in self.fmus.items()}, self.wiring.step
         )
         try:
-            self.process.begin(job, subject)
-            ready = self.process.hear("ready", limit=self.process.limits.start)
+            ready = self.process.begin(job, subject)
         except FmuError as error:
             self._end(early=True)
             raise FmuError("; ".join([str(error), *self.notes]), error.fault) from None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import ExitStack
 from typing import Any, Protocol
 
@@ -21,11 +22,19 @@ class Worker:
     def __init__(self, channel: Channel, memory: SharedMemory, guard: Guard | None) -> None:
         self.channel, self.memory, self.guard = channel, memory, guard
 
+    def tell(self, kind: str, **values: Any) -> None:
+        """Tell the parent. A worker that it does not hear any more ends."""
+        try:
+            self.channel.tell(kind, **values)
+        except OSError:
+            self.memory.flight.is_unheard = 1
+            os._exit(1)
+
     def mark(self, component: str, what: str) -> None:
         """A call begins; or it is over, with two empty texts."""
         flight = self.memory.flight
         if self.guard is not None and self.guard():
-            self.channel.tell("restored", where=flight.where.decode(errors="replace"))
+            self.tell("restored", where=flight.where.decode(errors="replace"))
         flight.mark(component, what)
 
 

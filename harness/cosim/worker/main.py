@@ -1,4 +1,4 @@
-"""The worker process: `python -m harness.cosim.worker CONNECTION BYTES`, started by `process`."""
+"""The worker process: it does one job after the other."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import ctypes
 import os
 import resource
 import signal
-import sys
 from contextlib import ExitStack, suppress
 from dataclasses import asdict
 from multiprocessing.connection import Connection
@@ -14,46 +13,43 @@ from multiprocessing.connection import Connection
 from harness.cosim.fmu import FmuError
 from harness.cosim.walk import Guard, NotNativeError
 from harness.cosim.worker.job import Job, Worker
-from harness.cosim.worker.shared import Channel, SharedMemory
+from harness.cosim.worker.shared import Channel, SharedMemory, mapped
 from models.errors import CanineError
 
-PR_SET_PDEATHSIG = 1
 
-
-def main(connection: int, memory: int) -> None:
+def main(connection: int, memory: int, size: int) -> None:
     """Do the parent's jobs, and tell what comes of them.
 
     Args:
         connection: the file descriptor of the connection to it.
-        memory: bytes of address space that this process may have.
+        memory: that of the memory that both share.
+        size: bytes of address space that this process may have.
     """
-    with suppress(OSError, AttributeError):  # the system ends this process when its parent ends, however
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # one that an FMU raises ends it at once
     os.set_inheritable(connection, False)  # a process that an FMU starts must not keep it open
-    channel, folder, guard = Channel(Connection(connection)), os.getcwd(), guard_of()
-    limit_memory(memory)
+    channel, shared, guard = Channel(Connection(connection)), mapped(memory), guard_of()
+    limit_memory(size)
     with suppress(EOFError):  # the parent has closed the connection
         while True:
-            job, path = channel.take()
+            job, folder = channel.take()
             os.chdir(folder)
-            carry_out(job, Worker(channel, SharedMemory(path, job.sizes), guard))
+            carry_out(job, Worker(channel, SharedMemory(shared, job.sizes), guard))
 
 
 def carry_out(job: Job, worker: Worker) -> None:
     """Do a job and tell what comes of it; then free what it left, and tell that."""
-    channel = worker.channel
     with ExitStack() as stack:
         try:
-            channel.tell("done", answer=job.carry_out(worker, stack))
+            worker.tell("done", answer=job.carry_out(worker, stack))
         except CanineError as error:
             flush()
             fault = error.fault if isinstance(error, FmuError) else None
-            channel.tell("error", type=type(error).__name__, text=str(error), fault=fault and asdict(fault))
+            worker.tell("error", type=type(error).__name__, text=str(error), fault=fault and asdict(fault))
         except Exception as error:  # ours, or no memory left
             flush()
-            channel.tell("error", type="", text=f"the worker failed: {type(error).__name__}: {error}")
+            worker.tell("error", type="", text=f"the worker failed: {type(error).__name__}: {error}")
     flush()
-    channel.tell("closed")
+    worker.tell("closed")
 
 
 def flush() -> None:
@@ -70,12 +66,6 @@ def guard_of() -> Guard | None:
 
 
 def limit_memory(size: int) -> None:
-    """Allow so many bytes of addresses, and no core files."""
-    for limit, most in ((resource.RLIMIT_AS, size), (resource.RLIMIT_CORE, 0)):
-        with suppress(OSError, ValueError):
-            resource.setrlimit(limit, (most, resource.getrlimit(limit)[1]))
-
-
-if __name__ == "__main__":
-    main(int(sys.argv[1]), int(sys.argv[2]))
-    os._exit(0)  # what an FMU left to be run at the end has no place here
+    """Allow so many bytes of addresses."""
+    with suppress(OSError, ValueError):
+        resource.setrlimit(resource.RLIMIT_AS, (size, resource.getrlimit(resource.RLIMIT_AS)[1]))

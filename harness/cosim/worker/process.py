@@ -22,12 +22,13 @@ from harness.cosim.fmu import Fault, FmuError
 from harness.cosim.ssp import SspError
 from harness.cosim.stepping import GIB, Limits
 from harness.cosim.worker.job import Job
-from harness.cosim.worker.shared import UNHEARD, Channel, SharedMemory
-from harness.interrupts import IN_WORKER
+from harness.cosim.worker.shared import MOST_BYTES, Channel, SharedMemory, mapped, new_memory
+from harness.cosim.worker.supervisor import descendants
 from models.errors import CanineError, ParameterError, UsageError, WiringError, printable
 
 POLL = 0.05  # s
-DEATHS = 40  # times that what the worker started is ended; a process may wait for a device and stay
+SEARCH = 0.5  # s between searches for the processes that the worker has started
+DEATH = 10.0  # s for them to end; a process may wait for a device and stay
 BUSY = 60.0  # s that the worker may take between calls
 ADDRESSES = 4  # times the memory limit: of addresses that are not used
 LINES, WIDTH = 5, 200  # of what an FMU prints, that are shown
@@ -93,7 +94,7 @@ class WorkerProcess:
 
     Attributes:
         memory: of the present job.
-        pid, folder: of the process that was started last.
+        pid: of the supervisor that was started last; `folder`: of its worker.
     """
 
     memory: SharedMemory
@@ -107,7 +108,6 @@ class WorkerProcess:
         self._printed: dict[str, Printed] = {}
         self._restored: dict[str, int] = {}
         self._notes: list[str] = []
-        self._jobs = 0
 
     def __enter__(self) -> WorkerProcess:
         return self
@@ -115,26 +115,48 @@ class WorkerProcess:
     def __exit__(self, *_: object) -> None:
         self.end()
 
-    def begin(self, job: Job, subject: Subject) -> None:
-        """Give the worker a job."""
-        if self._process is None or self._process.poll() is not None:
-            self.end()
-            self._start()
-        self.subject, self._jobs = subject, self._jobs + 1
+    def begin(self, job: Job, subject: Subject) -> dict[str, Any]:
+        """Give the worker a job; what it tells when it is ready.
+
+        If an earlier job's FMU has spoiled the worker for others, the job begins in a new one.
+
+        Raises:
+            CanineError: what the worker tells of, or has ended it.
+        """
+        self.subject = subject
+        if self._process is not None and self._process.poll() is None and job.sizes.all <= len(self._shared):
+            with suppress(OSError):
+                try:
+                    return self._begin(job)
+                except CanineError:
+                    if self.memory.flight.calls:  # an FMU of this job was called
+                        raise
+        self.end()
+        self._start(max(job.sizes.all, MOST_BYTES))
+        return self._begin(job)
+
+    def _begin(self, job: Job) -> dict[str, Any]:
+        """Give the worker a job, with a folder of its own.
+
+        Raises:
+            OSError: its folder cannot be made.
+        """
         self._seen: tuple[object, ...] = ()
         self._looked = 0.0
         self._is_told = False  # of an error
         self._taken = 0
-        path = self.folder / f"memory-{self._jobs}"
-        (self.folder / f"memory-{self._jobs - 1}").unlink(missing_ok=True)
-        self.memory = SharedMemory(path, job.sizes)
-        self.give((job, path))
+        self.memory = SharedMemory(self._shared, job.sizes)
+        self.memory.flight.begin()
+        self._work.close()
+        self.give((job, self._work.enter_context(Scratch(self.folder))))
+        return self.hear("ready", limit=self.limits.start)
 
-    def _start(self) -> None:
-        """Start the worker in a folder of its own, which is removed after it."""
+    def _start(self, size: int) -> None:
+        """Start the worker, with so many bytes of memory, in a folder of its own, removed after it."""
         stack = self._stack
         self.folder = stack.enter_context(Scratch())
-        (self.folder / "work").mkdir()
+        self._work = stack.enter_context(ExitStack())
+        memory = new_memory(size)
         ours, theirs = Pipe()
         self._channel = Channel(ours)
         stack.callback(self._channel.close)
@@ -144,23 +166,24 @@ class WorkerProcess:
             "TMPDIR": str(self.folder),
             "PYTHONPATH": paths,
             "OPENBLAS_NUM_THREADS": "1",
-            IN_WORKER: "1",
         }
-        arguments = [str(theirs.fileno()), str(ADDRESSES * self.limits.memory)]
+        handles = [theirs.fileno(), memory]
+        arguments = map(str, [*handles, ADDRESSES * self.limits.memory])
         with theirs:
             process = subprocess.Popen(
                 [sys.executable, "-P", "-m", "harness.cosim.worker", *arguments],
-                stdin=subprocess.DEVNULL,
+                stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
-                cwd=self.folder / "work",
+                cwd=self.folder,
                 env=environment,
-                pass_fds=[theirs.fileno()],
+                pass_fds=handles,
                 start_new_session=True,
             )
         assert process.stdout is not None
         assert process.stderr is not None
-        self._process, self.pid = process, process.pid
+        self._process, self.pid, self._shared = process, process.pid, mapped(memory)
+        self._searched, self._processes = 0.0, list[int]()
         self._printed = {"stdout": Printed(process.stdout), "stderr": Printed(process.stderr)}
 
     def take(self, rows: int) -> None:
@@ -223,9 +246,8 @@ class WorkerProcess:
     def abandon(self) -> None:
         """End the process from another thread; the one that awaits its answer hears that it has gone."""
         process = self._process
-        if process is not None and process.poll() is None:
-            with suppress(ProcessLookupError, PermissionError):
-                os.killpg(process.pid, signal.SIGKILL)
+        if process is not None:
+            _let_end(process)
 
     def take_notes(self) -> list[str]:
         """What the user should know of the last job: what FMUs printed, whose rounding was restored."""
@@ -295,12 +317,14 @@ class WorkerProcess:
             self._fail("overwritten", "wrote over memory that is not its own{}")
 
     def _resident(self) -> int:
-        """Bytes of memory that the worker has in use."""
-        assert self._process is not None
-        try:
-            return int(Path(f"/proc/{self._process.pid}/statm").read_text().split()[1]) * PAGE
-        except (OSError, IndexError, ValueError):
-            return 0
+        """Bytes of memory that the worker and the processes that it has started have in use."""
+        if (now := time.monotonic()) > self._searched + SEARCH:
+            self._searched, self._processes = now, descendants(self.pid)
+        pages = 0
+        for number in self._processes:
+            with suppress(OSError, IndexError):
+                pages += int(Path(f"/proc/{number}/statm").read_text().split()[1])
+        return pages * PAGE
 
     def _where(self) -> tuple[str, str]:
         """Component and function of the call that is being made; "" between calls."""
@@ -316,30 +340,25 @@ class WorkerProcess:
         return "", ""
 
     def _kill(self) -> None:
-        """End the worker, its session, and what else it has started."""
+        """End the worker and all that it has started."""
         assert self._process is not None
-        with suppress(ProcessLookupError, PermissionError):
-            os.killpg(self._process.pid, signal.SIGKILL)
-        self._process.wait()
-        for _ in range(DEATHS):
-            if not (strays := _processes_with(f"TMPDIR={self.folder}")):
-                return
-            for number in strays:
-                with suppress(ProcessLookupError, PermissionError):
-                    os.kill(number, signal.SIGKILL)
-            time.sleep(POLL)
-        self._notes.append(f"processes that an FMU started cannot be ended: {', '.join(map(str, strays))}")
+        _let_end(self._process)
+        try:
+            self._process.wait(DEATH)
+        except subprocess.TimeoutExpired:
+            strays = ", ".join(map(str, descendants(self.pid)))
+            self._notes.append(f"processes that an FMU started cannot be ended: {strays}")
 
     def _fail_as_it_ended(self) -> NoReturn:
         """The worker has gone, or cannot be heard any more."""
         assert self._process is not None
         self.check_memory()
         try:
-            status = self._process.wait(timeout=1.0)
+            status = self._process.wait(DEATH)
         except subprocess.TimeoutExpired:
             self._kill()
             self._fail("exit", "closed the worker's connection{}")
-        if status == UNHEARD:
+        if self.memory.flight.is_unheard:
             raise FmuError(
                 f"an FMU closed files of the process that are not its own{self._moment()}; {self._one_of}",
                 Fault("exit", "", "", "", self._time()),
@@ -373,15 +392,10 @@ class WorkerProcess:
         return f" at t = {self._time():.10g} s"
 
 
-def _processes_with(variable: str) -> list[int]:
-    """The processes that run with a variable in their environment: what a worker started has its folder."""
-    processes = []
-    for folder in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError, ValueError):
-            is_alive = (folder / "stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
-            if is_alive and variable.encode() in (folder / "environ").read_bytes().split(b"\0"):
-                processes.append(int(folder.name))
-    return processes
+def _let_end(process: subprocess.Popen[bytes]) -> None:
+    """Let go of a supervisor, which then ends its worker."""
+    assert process.stdin is not None
+    process.stdin.close()
 
 
 def _error(message: Mapping[str, Any]) -> CanineError:

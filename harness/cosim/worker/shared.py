@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import ctypes
+import fcntl
 import json
 import mmap
 import os
 import pickle
 from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +17,6 @@ import numpy.typing as npt
 from harness.cosim.recorder import Recorder, recorder_size
 
 TEXT = 400  # bytes for the call that is being made
-UNHEARD = 77  # exit status of a worker whose connection is lost
 ROWS, FEWEST_ROWS, MOST_BYTES = 4000, 200, 2**26  # rows that are kept for the parent, and their memory
 SOUND = 0x43414E494E45  # what lies round the flight recorder, as long as nobody writes over it
 
@@ -35,6 +34,16 @@ class Sizes(NamedTuple):
     width: int
     room: int
 
+    @property
+    def recorder(self) -> int:
+        """Bytes of position and rows."""
+        return recorder_size(self.row_size, self.room)
+
+    @property
+    def all(self) -> int:
+        """Bytes."""
+        return ctypes.sizeof(Flight) + self.recorder + 8 * self.room * self.width
+
 
 def sizes_of(row_size: int, width: int = 0) -> Sizes:
     """The sizes of a ring of rows from which the parent takes them meanwhile."""
@@ -48,6 +57,7 @@ class Flight(ctypes.Structure):
         before, after: `SOUND`.
         calls: how many have begun or ended.
         taken: rows that the parent has taken.
+        is_unheard: 1 if the worker ends because its connection to the parent is lost.
         where: component and function, a line each; empty between calls.
     """
 
@@ -55,12 +65,14 @@ class Flight(ctypes.Structure):
         ("before", ctypes.c_int64),
         ("calls", ctypes.c_int64),
         ("taken", ctypes.c_int64),
+        ("is_unheard", ctypes.c_int64),
         ("where", ctypes.c_char * TEXT),
         ("after", ctypes.c_int64),
     ]
     before: int
     calls: int
     taken: int
+    is_unheard: int
     where: bytes
     after: int
 
@@ -69,33 +81,47 @@ class Flight(ctypes.Structure):
         self.calls += 1
         self.where = f"{component}\n{what}".encode()[:TEXT] if component else b""
 
+    def begin(self) -> None:
+        """A job begins."""
+        ctypes.memset(ctypes.addressof(self), 0, ctypes.sizeof(self))
+        self.before = self.after = SOUND
+
     @property
     def is_sound(self) -> bool:
         """Has nobody written over it?"""
         return self.before == self.after == SOUND
 
 
+def new_memory(size: int) -> int:
+    """A file of so many bytes, open, that both processes map. It has no name, and nobody can make it smaller:
+    what is cut off a file that is mapped ends a process that reads it, the parent as well.
+    """
+    handle = os.memfd_create("canine-rows", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+    os.ftruncate(handle, size)
+    fcntl.fcntl(handle, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_SEAL)
+    return handle
+
+
+def mapped(handle: int) -> mmap.mmap:
+    """The memory of an open file, which is closed."""
+    try:
+        return mmap.mmap(handle, os.fstat(handle).st_size)
+    finally:
+        os.close(handle)
+
+
 class SharedMemory:
-    """The memory of a job, a file that both processes map; the parent makes it.
+    """What a job has of the memory.
 
     Attributes:
         flight: which call is being made.
         recorder: position and rows; `companion`: (rows, width), a companion's.
     """
 
-    def __init__(self, path: Path, sizes: Sizes) -> None:
-        start, rows = ctypes.sizeof(Flight), recorder_size(sizes.row_size, sizes.room)
-        size = start + rows + 8 * sizes.room * sizes.width
-        is_new = not path.exists()
-        if is_new:
-            with path.open("xb") as file:
-                file.truncate(size)
-        with path.open("r+b") as file:
-            self._map = mmap.mmap(file.fileno(), size)
-        view = memoryview(self._map)
+    def __init__(self, memory: mmap.mmap, sizes: Sizes) -> None:
+        start, rows = ctypes.sizeof(Flight), sizes.recorder
+        view = memoryview(memory)[: sizes.all]
         self.flight = Flight.from_buffer(view[:start])
-        if is_new:
-            self.flight.before = self.flight.after = SOUND
         self.buffer = view[start : start + rows]
         self.companion: npt.NDArray[np.float64] = np.frombuffer(view[start + rows :], np.float64)
         self.companion = self.companion.reshape(sizes.room, sizes.width)
@@ -117,11 +143,12 @@ class Channel:
         return pickle.loads(self._connection.recv_bytes())
 
     def tell(self, kind: str, **values: Any) -> None:
-        """Worker to parent. In JSON: what comes from a process with others' code is not executed."""
-        try:
-            self._connection.send_bytes(json.dumps({"kind": kind, **values}).encode())
-        except OSError:  # an FMU has closed it
-            os._exit(UNHEARD)
+        """Worker to parent. In JSON: what comes from a process with others' code is not executed.
+
+        Raises:
+            OSError: an FMU has closed it.
+        """
+        self._connection.send_bytes(json.dumps({"kind": kind, **values}).encode())
 
     def hear(self, timeout: float) -> dict[str, Any] | None:
         """In the parent: what `tell` sent; None if nothing comes for so long [s].

@@ -56,7 +56,7 @@ class WorkerSimulation(Simulation):
     ) -> None:
         rows, worker = recorder.position.rows, self.worker
         if rows > first:
-            worker.channel.tell("rows", rows=rows)
+            worker.tell("rows", rows=rows)
         while rows - worker.memory.flight.taken > recorder.room - MANY:
             time.sleep(WAIT)
 
@@ -81,7 +81,7 @@ class SimulationJob:
     def carry_out(self, worker: Worker, stack: ExitStack) -> dict[str, Any]:
         """As `Job`."""
         simulation = self._prepare(worker, stack)
-        worker.channel.tell("ready", calls=simulation.call_names, notes=simulation.notes)
+        worker.tell("ready", calls=simulation.call_names, notes=simulation.notes)
         events, duration, stop = worker.channel.take()
         outcome = simulation.run(events, duration=duration, stop=stop, memory=worker.memory.buffer)
         return asdict(outcome)

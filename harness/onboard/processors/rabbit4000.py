@@ -22,7 +22,6 @@ from codegen.firmware.targets import Target
 from codegen.scratch import Scratch
 from codegen.toolchains.compiler import NUMERICS, WARNINGS, build_library, compiler_version, this_platform
 from codegen.toolchains.sdcc import home
-from harness.interrupts import IN_WORKER
 from harness.onboard.processors.processor import (
     COUNTS,
     MAX_BYTES,
@@ -73,8 +72,8 @@ class Console:
         try:
             self._process = subprocess.Popen(
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, bufsize=0,
-                # Ctrl-C is for the harness; a worker has its own session, and ends with all that is in it
-                start_new_session=IN_WORKER not in os.environ,
+                # Ctrl-C is for the harness
+                start_new_session=True,
                 env=os.environ | {"LD_PRELOAD": str(_wait_library())},
             )  # fmt: skip
         except OSError as reason:

@@ -29,7 +29,6 @@ from codegen.firmware.key import SIMULATION_KEY, Key
 from codegen.firmware.navigation import DEFAULT, Navigation
 from codegen.firmware.targets import find_target
 from codegen.scratch import Scratch
-from harness.interrupts import IN_WORKER
 from harness.onboard.processors.child import tied
 from harness.onboard.processors.processor import ProcessorError
 from models.kit.link import Values
@@ -82,8 +81,8 @@ class Board:
         try:
             self._process = subprocess.Popen(
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors,
-                # Ctrl-C is for the harness; a worker has its own session, and ends with all that is in it
-                start_new_session=IN_WORKER not in os.environ, bufsize=0,
+                # Ctrl-C is for the harness
+                start_new_session=True, bufsize=0,
             )  # fmt: skip
         except OSError as reason:
             self._errors.close()

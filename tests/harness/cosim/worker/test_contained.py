@@ -3,12 +3,13 @@
 import os
 import re
 import signal
-import subprocess
+import tempfile
 import threading
 import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from multiprocessing import get_context
 from pathlib import Path
 from platform import machine
 
@@ -18,9 +19,10 @@ import pytest
 from harness.cosim.fmu import Fault, FmuError, describe
 from harness.cosim.loop import Simulation
 from harness.cosim.ssp import FmuComponent, FmuSystem, ScaledLink, StartValue
-from harness.cosim.stepping import Event, Limits
+from harness.cosim.stepping import Event, Limits, Loop
 from harness.cosim.worker.contained import Contained
 from harness.cosim.worker.process import WorkerProcess
+from harness.cosim.worker.supervisor import descendants
 from models.errors import ParameterError, WiringError
 from tests.harness.cosim.tiny_fmu import V, tiny_fmu
 
@@ -56,22 +58,16 @@ def toy(
     )
 
 
-def lives(group: int) -> bool:
-    """Does a process of the group run? One that has ended may wait to be taken note of."""
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        with suppress(OSError):
-            state, _, its_group = stat.read_text().rpartition(")")[2].split()[:3]
-            if int(its_group) == group and state not in "ZX":
-                return True
+def lives(number: int) -> bool:
+    """Does a process run? One that has ended may wait to be taken note of."""
+    with suppress(OSError):
+        return Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
     return False
 
 
-def ends(group: int) -> bool:
-    """Has the group been ended? The system takes a moment for a process that is no child of this one."""
-    until = time.monotonic() + 10.0
-    while lives(group) and time.monotonic() < until:
-        time.sleep(0.01)
-    return not lives(group)
+def started(process: WorkerProcess) -> list[int]:
+    """The supervisor, the worker, and what that has started."""
+    return [process.pid, *descendants(process.pid)]
 
 
 @dataclass
@@ -83,10 +79,10 @@ class Run:
     error: FmuError | None
 
 
-def run(system: FmuSystem, limits: Limits = LIMITS, duration: float = 1.0) -> Run:
+def run(system: FmuSystem, limits: Limits = LIMITS, duration: float = 1.0, loop: Loop = "native") -> Run:
     """Run it, and see that nothing is left of the worker."""
     rows: list[float] = []
-    error, contained = None, None
+    error, contained, processes = None, None, list[int]()
 
     def record(times: np.ndarray, values: Mapping[str, np.ndarray]) -> None:
         assert np.array_equal(times, 0.04 * np.arange(len(rows), len(rows) + len(times)))
@@ -94,19 +90,21 @@ def run(system: FmuSystem, limits: Limits = LIMITS, duration: float = 1.0) -> Ru
 
     fmus = {name: describe(part.fmu) for name, part in system.components.items()}
     try:
-        with Contained(system, fmus, limits=limits) as contained:
+        with Contained(system, fmus, limits=limits, loop=loop) as contained:
+            processes = started(contained.process)
             contained.run(duration=duration, record=record)
     except FmuError as raised:
         error = raised
     if contained is not None:
-        assert ends(contained.process.pid)
+        assert len(processes) > 1
+        assert not any(map(lives, processes))
         assert not contained.process.folder.exists()
     return Run(rows, contained.notes if contained else [], error)
 
 
 ENDS = {
     "exit(0)": ("extern void exit(int); exit(0);", "exit", "ended the process.*, with exit status 0"),
-    "_exit(0)": ("extern void _exit(int); _exit(0);", "exit", "ended the process.*, with exit status 0"),
+    "_exit(77)": ("extern void _exit(int); _exit(77);", "exit", "ended the process.*, with exit status 77"),
     "a segfault": ("*(volatile int *)8 = 1;", "crash", "ended the process.*: segmentation fault"),
     "abort": ("extern void abort(void); abort();", "crash", "ended the process.*: aborted"),
     "a stack overflow": (
@@ -128,13 +126,21 @@ ENDS = {
         "memory",
         r"took 0\.\d+ GiB of memory.*; the limit is 0\.391 GiB",
     ),
+    "much memory in a process of its own": (
+        "extern void *malloc(unsigned long); extern void *memset(void *, int, unsigned long);"
+        "extern int fork(void); extern unsigned sleep(unsigned);"
+        "static void *volatile kept;"
+        "if (fork() == 0) kept = memset(malloc(3ul << 27), 1, 3ul << 27); for (;;) sleep(100);",
+        "memory",
+        r"took 0\.\d+ GiB of memory.*; the limit is 0\.391 GiB",
+    ),
     "10 GB at once": (
         "extern void *malloc(unsigned long); extern void *memset(void *, int, unsigned long);"
         "static void *volatile kept; kept = memset(malloc(10ul << 30), 1, 10ul << 30);",
         "crash",
         "ended the process.*: segmentation fault",  # there is no memory at the address that it gets
     ),
-    "a signal": ("extern int raise(int); raise(14);", "crash", "ended the process.*: alarm clock"),
+    "an interrupt": ("extern int raise(int); raise(2);", "crash", "ended the process.*: interrupt"),
     "an error": ("return 3;", "status", "returned error"),
     "fatal": ("return 4;", "status", "returned fatal"),
     "discard": ("return 2;", "status", "returned discard"),
@@ -313,6 +319,7 @@ def test_ctrl_c_ends_a_worker_whose_fmu_never_comes_back(tmp_path: Path) -> None
     system = toy(tmp_path, step=f"{LATE}for (volatile int i = 0;; i++) {{ }}")
     fmus = {name: describe(part.fmu) for name, part in system.components.items()}
     with Contained(system, fmus, limits=replace(LIMITS, call=1000.0)) as contained:
+        processes = started(contained.process)
         position = contained.process.memory.recorder.position
 
         def press() -> None:
@@ -325,7 +332,7 @@ def test_ctrl_c_ends_a_worker_whose_fmu_never_comes_back(tmp_path: Path) -> None
             contained.run(duration=1, record=lambda _, values: rows.extend(values["plant"][:, -1].tolist()))
     # then its rows are there, and it is gone
     assert rows == [*range(DIES_AT + 1)]
-    assert ends(contained.process.pid)
+    assert not any(map(lives, processes))
 
 
 def test_memory_that_is_taken_a_little_on_each_step_is_noticed(tmp_path: Path) -> None:
@@ -416,12 +423,12 @@ def test_one_worker_runs_many_simulations_and_a_fault_harms_none_of_the_others(t
     assert not process.folder.exists()
 
 
-POSITION = "8 + 8 + 8 + 400 + 8"  # behind the call that is being made
+POSITION = "8 + 8 + 8 + 8 + 400 + 8"  # behind the call that is being made
 OVERWRITES = """extern void *fopen(const char *, const char *); extern char *fgets(char *, int, void *);
 extern char *strstr(const char *, const char *); extern unsigned long strtoul(const char *, char **, int);
 extern void *memset(void *, int, unsigned long);
 if (t > 0.39) { void *f = fopen("/proc/self/maps", "r"); char line[999]; while (fgets(line, 999, f))
-  if (strstr(line, "/memory-")) { char *end; unsigned long from = strtoul(line, &end, 16);
+  if (strstr(line, "memfd:canine-rows")) { char *end; unsigned long from = strtoul(line, &end, 16);
     memset((char *)from + %s, 0x7f, %s); } }
 """
 
@@ -450,41 +457,116 @@ def test_an_fmu_that_writes_over_what_the_worker_shares_is_found_out(
     assert result.rows == [*range(len(result.rows))]
 
 
-def test_a_process_that_an_fmu_sends_into_a_session_of_its_own_is_ended(tmp_path: Path) -> None:
-    # given a plant that starts a daemon, whose number it writes down
-    told = tmp_path / "number"
-    step = "extern int fork(void), setsid(void), getpid(void); extern unsigned sleep(unsigned);"
-    step += "extern void *fopen(const char *, const char *); extern int fprintf(void *, const char *, ...);"
-    step += "extern int fclose(void *); if (t == 0 && fork() == 0) { setsid(); if (fork() == 0) {"
-    step += f'void *f = fopen("{told}", "w"); fprintf(f, "%d", getpid()); fclose(f); }} sleep(100); }}'
-    step += "if (t > 0.9) sleep(1);"
+SPOILS = {  # what harms the trials after it, unless they have a worker of their own
+    "its folder is gone": 'system("rm -rf $TMPDIR");',
+    "its folder has another name": 'system("mv $TMPDIR $TMPDIR-x");',
+    "its working folder is gone": 'system("rm -rf $PWD");',
+    "no file may be opened": "unsigned long none[2] = {0, 0}; setrlimit(7, none);",
+}
+
+
+@pytest.mark.parametrize("name", SPOILS)
+def test_an_fmu_that_spoils_the_worker_harms_neither_its_trial_nor_the_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    # given a folder for temporary files, and a plant that spoils what the worker needs
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(temporary))
+    outside = "extern int system(const char *), setrlimit(int, const void *);"
+    spoils = toy(tmp_path / "spoils", outside=outside, step=f"if (t == 0) {{ {SPOILS[name]} }}")
+    rows: list[float] = []
+    # when it runs twice, and then a good one
+    with WorkerProcess(LIMITS) as process:
+        for system in (spoils, spoils, toy(tmp_path / "good")):
+            fmus = {name: describe(part.fmu) for name, part in system.components.items()}
+            with Contained(system, fmus, process=process) as contained:
+                contained.run(duration=1.0, record=lambda _, values: rows.extend(values["plant"][:, -1]))
+            assert contained.notes == []
+    # then all trials are whole, and nothing is left
+    assert rows == [*range(26)] * 3
+    assert list(temporary.iterdir()) == []
+
+
+def test_memory_that_both_processes_use_cannot_be_cut_off(tmp_path: Path) -> None:
+    # given a plant that empties all open files, and all in its folder
+    outside = "extern int ftruncate(int, long), system(const char *);"
+    step = "for (int i = 0; i < 99; i++) ftruncate(i, 0);"
+    step += "system(\"find $TMPDIR -type f ! -name '*.so' -exec truncate -s 0 {} +\");"
     # when
-    result = run(toy(tmp_path, step=step))
+    result = run(toy(tmp_path, outside=outside, step=f"if (t == 0) {{ {step} }}"))
     # then
     assert result.error is None
-    assert not lives_alone(int(told.read_text()))
+    assert result.rows == [*range(26)]
+
+
+@pytest.mark.parametrize("loop", ["native", "python"])
+def test_a_copy_of_the_worker_that_an_fmu_makes_ends_when_it_returns(tmp_path: Path, loop: Loop) -> None:
+    # given a plant that forks as it starts and on each step, and waits for the copy to come back
+    outside = "extern int fork(void), usleep(unsigned);"
+    copies = "if (fork()) usleep(20000);"
+    # when
+    result = run(toy(tmp_path, outside=outside, start=copies, step=f"if (t < 0.2) {copies}"), loop=loop)
+    # then the trial has its rows once, and no word from a copy
+    assert result.error is None
+    assert result.notes == []
+    assert result.rows == [*range(26)]
+
+
+def daemon(number: Path) -> str:
+    """C that starts a process in a session and with an environment of its own, and awaits its number."""
+    shell = f"echo $$ > {number}-; mv {number}- {number}; exec sleep 1000"
+    return (
+        "extern int system(const char *), access(const char *, int), usleep(unsigned);"
+        f"system(\"setsid env -i sh -c '{shell}' < /dev/null > /dev/null 2>&1 &\");"
+        f'while (access("{number}", 0)) usleep(1000);'
+    )
+
+
+def test_a_process_that_an_fmu_sends_into_a_session_of_its_own_is_ended(tmp_path: Path) -> None:
+    number = tmp_path / "number"
+    result = run(toy(tmp_path, step=f"if (t == 0) {{ {daemon(number)} }}"))
+    assert result.error is None
+    assert not lives(int(number.read_text()))
+
+
+def test_nothing_lives_on_when_the_parent_is_killed(tmp_path: Path) -> None:
+    # given a trial whose plant has started a process, and hangs
+    number = tmp_path / "number"
+    system = toy(tmp_path, step=f"{daemon(number)} for (;;) usleep(9999);")
+    parent = get_context("spawn").Process(target=run, args=(system, replace(LIMITS, call=1000.0)))
+    parent.start()
+    while not number.exists():
+        assert parent.is_alive()
+        time.sleep(0.01)
+    processes = [*descendants(parent.ident or 0)]
+    assert int(number.read_text()) in processes
+    # when
+    parent.kill()
+    parent.join()
+    # then
+    until = time.monotonic() + 60.0
+    while any(map(lives, processes)) and time.monotonic() < until:
+        time.sleep(0.01)
+    assert not any(map(lives, processes))
 
 
 def test_a_process_that_cannot_be_ended_is_a_note_and_holds_nothing_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # given one that has ended already, and so cannot be ended
-    dead = subprocess.Popen(["true"])
-    os.waitid(os.P_PID, dead.pid, os.WEXITED | os.WNOWAIT)
-    monkeypatch.setattr("harness.cosim.worker.process._processes_with", lambda variable: [dead.pid])
+    # given a plant that stops the process that would end it
+    monkeypatch.setattr("harness.cosim.worker.process.DEATH", 0.1)
+    system = toy(tmp_path, step="extern int kill(int, int), getppid(void); if (t == 0) kill(getppid(), 19);")
+    fmus = {name: describe(part.fmu) for name, part in system.components.items()}
     # when
-    result = run(toy(tmp_path))
-    dead.wait()
+    with Contained(system, fmus, limits=LIMITS) as contained:
+        supervisor, worker = started(contained.process)
+        contained.run(duration=1.0)
     # then
-    assert result.error is None
-    assert result.notes == [f"processes that an FMU started cannot be ended: {dead.pid}"]
-
-
-def lives_alone(number: int) -> bool:
-    """Does a process run?"""
-    with suppress(OSError):
-        return Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
-    return False
+    assert contained.notes == [f"processes that an FMU started cannot be ended: {worker}"]
+    os.kill(supervisor, signal.SIGCONT)
+    os.waitpid(supervisor, 0)
+    assert not lives(worker)
 
 
 ODD = {  # what an FMU may do without harm: C outside of functions, in its first step, and a note
