@@ -36,6 +36,7 @@ from harness.options import (
     Controller,
     Estimator,
     Fmi,
+    Foxglove,
     MemoryLimit,
     Onboard,
     Plant,
@@ -168,6 +169,7 @@ def run(
             help="by default out/<scenario>-<seed>, <folder of the log>-again, or out/<scenario>-seeds",
         ),
     ] = None,
+    foxglove: Foxglove = None,
     as_json: Annotated[bool, typer.Option("--json", help="print the summary as JSON")] = False,
 ) -> None:
     """Run a trial, and write its log and report.
@@ -181,9 +183,11 @@ def run(
     canine run --controller quarter_turn --plant differential_drive   and another controller, another plant
     canine run --onboard pil:cortex-m4f           the firmware in the loop, fed with its instruments' bytes
     canine run two_waypoint --seeds 1:20          twenty trials: a folder each, a table, seeds.csv
+    canine run --foxglove 8765                    at the clock's pace, once a viewer is there
 
     It leaves trial.mcap, summary.json, trial.html and trial.png.
     """
+    from harness.log.live import viewers_at
     from harness.trial import trial
     from harness.trial.prepare import prepared
     from harness.trial.request import Changes, build_missing, requested
@@ -194,13 +198,15 @@ def run(
     changes = Changes(order, fmi, swaps, settings or [], seed, onboard, estimator, ahrs, loop, limits)
     if seeds is not None and seed is not None:
         raise UsageError(f"--seed {seed} and --seeds {seeds}: expected one of both")
+    if seeds is not None and foxglove is not None:
+        raise UsageError(f"--foxglove {foxglove} and --seeds {seeds}: viewers are shown one trial")
     with requested(target, changes) as request:
         with build_status("building the FMUs") as done:
             build_missing(request, done)
         if seeds is not None:
             _run_seeds(request, seeds, folder, as_json)
             return
-        with prepared(request) as ready:
+        with prepared(request) as ready, viewers_at(foxglove, print_note, paced=True) as viewers:
             notes = (*request.notes, *ready.notes)
             for note in notes:
                 print_note(note)
@@ -210,7 +216,7 @@ def run(
             duration, fault = request.scenario.duration, None
             with progress_bar("trial [s]", duration, quiet=as_json or duration < LONG_S) as progress:
                 try:
-                    summary = trial.run(request, ready, place, progress)
+                    summary = trial.run(request, ready, place, progress, viewers=viewers)
                 except trial.EndedByFaultError as error:
                     summary, fault = error.summary, error
                 except KeyboardInterrupt as interrupt:

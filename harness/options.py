@@ -39,6 +39,12 @@ Onboard = Annotated[
     ),
 ]
 Fmi = Annotated[Literal["2", "3"] | None, typer.Option(help="version of our FMUs; 2 by default")]
+Foxglove = Annotated[
+    int | None,
+    typer.Option(
+        metavar="PORT", min=0, max=65535, help="show it live to Foxglove or Lichtblick; they look at 8765"
+    ),
+]
 CallLimit = Annotated[
     float,
     typer.Option(

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from harness.console import build_status, end_interrupted, json_of, out, print_note, say_where
-from harness.options import Seed
+from harness.options import Foxglove, Seed
 from models.errors import UsageError
 
 if TYPE_CHECKING:
@@ -67,6 +67,7 @@ def operate(
     folder: Annotated[
         Path | None, typer.Option("--out", file_okay=False, metavar="DIR", help="of the log and its summary")
     ] = None,
+    foxglove: Foxglove = None,
     as_json: Annotated[bool, typer.Option("--json", help="print the summary as JSON")] = False,
 ) -> None:
     """The operator's station: command a vest from the browser, and record every byte.
@@ -95,21 +96,25 @@ def operate(
         raise UsageError("--start: only with --headless; in the browser START is held")
     if headless and (replay or not mission):
         raise UsageError("--headless: expected --mission FILE and a vest, --port or --simulate")
+    if replay and foxglove is not None:
+        raise UsageError(f"--foxglove {foxglove}: a log is opened in the viewer; expected it with a vest")
     _require_extra()
     if replay:
         _play(replay, Web(bind, http_port, not no_browser))
         return
     from codegen.firmware import key as keys
+    from harness.log.live import viewers_at
     from harness.station.opening import Request
 
     secret = keys.read(key, print_note) if key else None
     if secret is None and port:
         print_note("INSECURE: no --key: whoever has such a radio can command this vest")
-    request = Request(port, simulate, speed, seed, secret, folder)
-    if headless:
-        _lead(request, mission, start, as_json)
-    else:
-        _serve(request, mission, Web(bind, http_port, not no_browser), as_json)
+    with viewers_at(foxglove, print_note) as viewers:
+        request = Request(port, simulate, speed, seed, secret, folder, viewers)
+        if headless:
+            _lead(request, mission, start, as_json)
+        else:
+            _serve(request, mission, Web(bind, http_port, not no_browser), as_json)
 
 
 def _require_extra() -> None:

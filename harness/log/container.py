@@ -16,7 +16,7 @@ import zlib
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
-from typing import IO, Any, NamedTuple, TypeVar
+from typing import IO, TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +25,9 @@ from mcap import records
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
+
+if TYPE_CHECKING:
+    from harness.log.live import Viewers
 
 COMPRESSION = "zstd"
 LEVEL = 1  # the third costs a third more time and saves 3 % of space
@@ -60,14 +63,16 @@ class Container:
     """Writes an MCAP file.
 
     Messages, schemas and channels gather in a chunk until `flush` compresses and writes it; everything else
-    is written at once. Log time and publish time are equal, and every sequence number is 0.
+    is written at once. Log time and publish time are equal, and every sequence number is 0. Viewers are sent
+    the messages once the container has them.
 
     Raises:
         OSError: from every method, if the file cannot be written.
     """
 
-    def __init__(self, file: IO[bytes], profile: str) -> None:
+    def __init__(self, file: IO[bytes], profile: str, viewers: Viewers | None = None) -> None:
         self._file = file
+        self._viewers = viewers
         self._position = 0
         self._checksum = 0  # CRC-32 of what is before the position
         self._compressor = zstandard.ZstdCompressor(level=LEVEL)
@@ -105,6 +110,8 @@ class Container:
         number = len(self._channels) + 1
         self._channels.append(records.Channel(number, topic, encoding, dict(metadata or {}), schema))
         self._append(_encoded(self._channels[-1]))
+        if self._viewers is not None:
+            self._viewers.add_channel(self._channels[-1], self._schemas[schema - 1])
         return number
 
     def add_messages(
@@ -144,6 +151,8 @@ class Container:
                 self._append(b"".join(pieces[2 * start : 2 * end]), (numbers[start:end], entries))
             if i < len(bounds) - 2:
                 self.flush()
+        if self._viewers is not None:
+            self._viewers.send(numbers.tolist(), moments.tolist(), ordered)
 
     def flush(self) -> None:
         """Compress the messages so far into a chunk, and hand it to the operating system."""

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from mcap.well_known import MessageEncoding, SchemaEncoding
@@ -33,6 +33,9 @@ from harness.log.log import (
 from harness.log.route import Route
 from harness.log.rows import Rows
 
+if TYPE_CHECKING:
+    from harness.log.live import Viewers
+
 MEDIA_TYPE = "application/octet-stream"
 
 
@@ -46,6 +49,7 @@ class LogWriter:
         metadata: records by name (`scenario`, `parameters`, `roles`, `versions`): text to text. The waypoints
             that are drawn come from `parameters`: `controller.waypoint_north[1]` and so on, in SI units.
         attachments: files by name, the .ssp.
+        viewers: who are sent what is written, too.
 
     Raises:
         LogError: the file cannot be written.
@@ -59,8 +63,9 @@ class LogWriter:
         origin: tuple[float, float],
         metadata: Mapping[str, Mapping[str, str]],
         attachments: Mapping[str, bytes],
+        viewers: Viewers | None = None,
     ) -> None:
-        self.path = path
+        self.path, self._viewers = path, viewers
         try:
             self._file = path.open("wb")
         except OSError as error:
@@ -86,7 +91,7 @@ class LogWriter:
         """Write what comes before the first tick, through to the file."""
         from harness.log.foxglove import Views  # noqa: PLC0415 (protobuf: readers do without)
 
-        self._container = Container(self._file, PROFILE)
+        self._container = Container(self._file, PROFILE, self._viewers)
         own = {"format": FORMAT, "latitude": repr(origin[0]), "longitude": repr(origin[1])}
         records = {OWN_RECORD: own, **metadata}
         for name, values in {**records, CHECK_RECORD: checksums(records, attachments)}.items():

@@ -16,6 +16,7 @@ from codegen.firmware.bundle import settable
 from codegen.firmware.key import Key
 from harness.files import make_folder
 from harness.log.geodesy import TangentPlane
+from harness.log.live import Viewers
 from harness.log.log import FILE, Log, LogError, read_log
 from harness.onboard.radio import Position
 from harness.station.draft import Draft
@@ -47,6 +48,7 @@ class Request:
         speed: trial time over the clock's, of a simulated vest.
         key: of the vest; None for one that was built without.
         out: the folder of the log; None for the default one.
+        viewers: who are shown what is logged.
     """
 
     port: str = ""
@@ -55,6 +57,7 @@ class Request:
     seed: int | None = None
     key: Key | None = None
     out: Path | None = None
+    viewers: Viewers | None = None
 
     @property
     def folder(self) -> Path:
@@ -130,7 +133,8 @@ def opened(
         else:
             port, reopen = open_port(request.port, note), lambda: open_port(request.port)
         origin = scenario.origin if scenario else None
-        sink = Sink(folder, _metadata(about, scenario), speed=request.speed, origin=origin)
+        metadata = _metadata(about, scenario)
+        sink = Sink(folder, metadata, speed=request.speed, origin=origin, viewers=request.viewers)
         session = Session(port, request.key, sink, about, reopen=reopen)
         try:
             yield session

@@ -27,6 +27,7 @@ from codegen.firmware.telemetry import FIELDS, Flag, Telemetry
 from harness.files import make_folder
 from harness.log.channel import SECOND, Channel
 from harness.log.geodesy import TangentPlane
+from harness.log.live import Viewers
 from harness.log.log import FILE
 from harness.log.writer import LogWriter
 from harness.onboard.radio import Mission
@@ -139,6 +140,7 @@ class Sink:
         metadata: of the log, by record; `parameters` are those of the vest, if they are known.
         speed: trial time over this machine's, of a simulated vest.
         origin: latitude and longitude of north = east = 0 in degrees; None for the first fix.
+        viewers: who are shown what is logged.
 
     Raises:
         UsageError: the folder cannot be made.
@@ -152,6 +154,7 @@ class Sink:
         *,
         speed: float = 1.0,
         origin: tuple[float, float] | None = None,
+        viewers: Viewers | None = None,
     ) -> None:
         make_folder(folder)
         self.path, self.clock = folder / FILE, Clock(speed)
@@ -164,6 +167,7 @@ class Sink:
             origin=origin or (0.0, 0.0),
             metadata={"versions": versions, **metadata},
             attachments={},
+            viewers=viewers,
         )
         self._topics = {topic: self._writer.add_topic(topic, *stated) for topic, stated in SCHEMAS.items()}
         self._messages: list[tuple[int, float, bytes]] = []

@@ -15,6 +15,7 @@ from harness.cosim.fmu import FmuError
 from harness.cosim.loop import Array, Simulation, Stop
 from harness.cosim.worker.contained import Contained
 from harness.files import differences, make_folder, write_whole
+from harness.log.live import Viewers
 from harness.log.log import FILE, Log, LogError, read_log
 from harness.log.writer import LogWriter
 from harness.onboard.processors import open_processor
@@ -61,6 +62,8 @@ def run(
     out: Path,
     progress: Callable[[float], None] | None = None,
     start: OpenProcessor = open_processor,
+    *,
+    viewers: Viewers | None = None,
 ) -> dict[str, Any]:
     """Run a trial and write log, summary, page and picture; the summary.
 
@@ -72,6 +75,7 @@ def run(
         out: the folder, made if need be.
         progress: called with the trial's time [s].
         start: opens the processor of `request.onboard`, given the firmware's parameters.
+        viewers: are shown the trial; it begins when one of them asks for a topic.
 
     Raises:
         UsageError: the folder cannot be made, holds the log that is read, or another trial writes into it.
@@ -85,7 +89,7 @@ def run(
         state = RunState()
         fault: FmuError | None = None
         try:
-            _simulate(request, ready, out, start, state, progress=progress)
+            _simulate(request, ready, out, start, state, progress=progress, viewers=viewers)
         except FmuError as error:
             if error.fault is None or not state.is_logged:
                 raise
@@ -156,6 +160,7 @@ def _simulate(
     state: RunState,
     *,
     progress: Callable[[float], None] | None,
+    viewers: Viewers | None,
 ) -> None:
     """Run the trial and write its log; `state` tells how that goes, however it ends."""
     scenario = request.scenario
@@ -171,7 +176,10 @@ def _simulate(
             origin=scenario.origin,
             metadata=metadata(request, ready),
             attachments=attachments(request, ready),
+            viewers=viewers,
         ) as log:
+            if viewers is not None:
+                viewers.wait()
 
             def record(times: Array, values: Mapping[str, Array]) -> None:
                 state.is_logged = True

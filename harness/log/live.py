@@ -1,0 +1,128 @@
+"""The topics of a log while they are written, for viewers such as Foxglove and Lichtblick.
+
+Viewers connect to a WebSocket on this machine, by foxglove-sdk's protocol `foxglove.sdk.v1`. What they are
+sent are the messages of the log, with their times in it.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from types import TracebackType
+from typing import Any, Self
+
+from mcap import records
+
+from harness.log.channel import SECOND
+from models.errors import UsageError
+
+HOST = "127.0.0.1"
+POLL_S = 0.05
+AGAIN_S = 1.0  # between two times that what was said once is said
+
+
+class Viewers:
+    """Sends what a log is given to all viewers that are connected; as a context manager it ends the server.
+
+    Args:
+        port: to listen on; 0 for any that is free, which `port` then has.
+        paced: send each message when its time has come by the clock, from the first one on: for a trial that
+            is computed faster than it happens.
+
+    Raises:
+        UsageError: foxglove-sdk is not installed, or nothing can listen there.
+    """
+
+    def __init__(self, port: int, *, paced: bool = False) -> None:
+        try:
+            import foxglove  # noqa: PLC0415 - an optional extra
+        except ImportError:
+            raise UsageError(
+                "--foxglove needs foxglove-sdk, which is not installed; pip install 'guided-canine[foxglove]'"
+            ) from None
+        self._sdk: Any = foxglove
+        self._context = foxglove.Context()
+        self._channels: dict[int, Any] = {}
+        self._sent: dict[int, tuple[int, bytes, int]] = {}  # by topic: how many, and the last with its time
+        self._again = time.monotonic() + AGAIN_S
+        self._paced = paced
+        self._began: float | None = None
+        try:
+            self._server: Any = foxglove.start_server(
+                name="Guided Canine", host=HOST, port=port, context=self._context
+            )
+        except RuntimeError as error:
+            raise UsageError(f"--foxglove {port}: cannot listen on {HOST}:{port} ({error})") from error
+        self.port: int = self._server.port
+
+    @property
+    def address(self) -> str:
+        """What a viewer opens."""
+        return f"ws://localhost:{self.port}"
+
+    def wait(self) -> None:
+        """Wait until a viewer asks for a topic."""
+        while not any(channel.has_sinks() for channel in self._channels.values()):
+            time.sleep(POLL_S)
+
+    def add_channel(self, channel: records.Channel, schema: records.Schema) -> None:
+        """A topic of the log, before its first message."""
+        stated = self._sdk.Schema(name=schema.name, encoding=schema.encoding, data=schema.data)
+        self._channels[channel.id] = self._sdk.Channel(
+            channel.topic, schema=stated, message_encoding=channel.message_encoding, context=self._context
+        )
+
+    def send(self, channels: Sequence[int], times: Sequence[int], messages: Sequence[bytes]) -> None:
+        """Messages in the order of their times, ns."""
+        for number, moment, message in zip(channels, times, messages, strict=True):
+            if self._paced:
+                self._keep_pace(moment / SECOND)
+            count, *_ = self._sent.get(number, (0, b"", 0))
+            self._sent[number] = count + 1, message, moment
+            self._channels[number].log(message, log_time=moment)
+        if time.monotonic() >= self._again:
+            self._say_again()
+
+    def _keep_pace(self, moment: float) -> None:
+        now = time.monotonic()
+        if self._began is None:
+            self._began = now - moment
+        if (left := self._began + moment - now) > 0:
+            time.sleep(left)
+
+    def _say_again(self) -> None:
+        """Send what was said once, such as the scene, to viewers that came since, too.
+
+        foxglove-sdk could tell when one comes, but from a thread of its own that may wait for this one.
+        """
+        self._again = time.monotonic() + AGAIN_S
+        for number, (count, message, moment) in self._sent.items():
+            if count == 1:
+                self._channels[number].log(message, log_time=moment)
+
+    def close(self) -> None:
+        """End the server."""
+        self._server.stop()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+@contextmanager
+def viewers_at(
+    port: int | None, note: Callable[[str], None], *, paced: bool = False
+) -> Iterator[Viewers | None]:
+    """Viewers at a port, with a note of their address; None without one. Raises UsageError as `Viewers`."""
+    if port is None:
+        yield None
+        return
+    with Viewers(port, paced=paced) as viewers:
+        begin = "; the trial begins when one of them asks for a topic" if paced else ""
+        note(f"Foxglove and Lichtblick open {viewers.address}{begin}")
+        yield viewers
