@@ -45,7 +45,7 @@ class Visit:
 OpenPage = Callable[..., Visit]
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")  # not of a session: Playwright's event loop keeps others from having theirs
 def browser() -> Iterator[Browser]:
     program = shutil.which("chromium")
     if program is None:
