@@ -256,7 +256,8 @@ def test_a_vest_that_is_stopped_before_its_first_tick_leaves_no_log(tmp_path: Pa
 
 def test_ctrl_c_while_its_end_is_waited_for_does_not_hide_that_it_runs() -> None:
     with open_vest(SCENARIO) as vest:
-        threading.Timer(0.2, signal.raise_signal, [signal.SIGINT]).start()
+        main = threading.main_thread().ident
+        threading.Timer(0.2, signal.pthread_kill, [main, signal.SIGINT]).start()
         with pytest.raises(KeyboardInterrupt):
             vest.wait(60.0)
         assert vest.is_running
