@@ -82,13 +82,13 @@ def operate(
     STOP latches, and is sent again until it is cleared. It goes by radio, and reaches no farther. Once the
     browser that commands is gone the vest hears nothing, and stops the animal by its own rules.
     """
-    given = [
+    sources = [
         name for name, value in (("--port", port), ("--simulate", simulate), ("--replay", replay)) if value
     ]
-    if len(given) != 1:
+    if len(sources) != 1:
         raise UsageError(
-            f"station: got {' and '.join(given) or 'none of --port, --simulate, --replay'}; expected one of "
-            "--port DEVICE, --simulate SCENARIO, --replay LOG"
+            f"station: got {' and '.join(sources) or 'none of --port, --simulate, --replay'}; expected one "
+            "of --port DEVICE, --simulate SCENARIO, --replay LOG"
         )
     if not simulate and (speed != 1.0 or seed is not None):
         raise UsageError("--speed and --seed are of a simulated vest; expected them with --simulate")

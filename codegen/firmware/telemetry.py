@@ -218,6 +218,11 @@ class Telemetry:
     battery: Annotated[int, Wire("uint16_t", "mV", "of the board's battery, 0 if it does not tell")]
     temperature: Annotated[int, Wire("int16_t", "0.1 degC", "of the pack, -32768 if it does not tell")]
 
+    @property
+    def refused(self) -> Refusal:
+        """Why the last START was refused; NONE too for a number that is none of ours."""
+        return Refusal(self.refusal) if self.refusal in set(Refusal) else Refusal.NONE
+
     def payload(self) -> bytes:
         """The fields packed."""
         return PAYLOAD.pack(*astuple(self))

@@ -280,9 +280,9 @@ class Conduct:
             return
         if self._has(Flag.STARTED):
             self._start = None
-        elif telemetry.received in self._start.counters and telemetry.refusal != Refusal.NONE:
+        elif telemetry.received in self._start.counters and telemetry.refused:
             self._start = None
-            self._tell(Level.CAUTION, f"START was refused: {Refusal(telemetry.refusal).words}")
+            self._tell(Level.CAUTION, f"START was refused: {telemetry.refused.words}")
 
     # what is sent -----------------------------------------------------------------------------------------
 

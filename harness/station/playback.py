@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import orjson
 
-from codegen.firmware.telemetry import FIELDS, Flag, Refusal, Telemetry
+from codegen.firmware.telemetry import FIELDS, Flag, Telemetry
 from harness.log.channel import SECOND
 from harness.log.contents import MESSAGE, Contents
 from harness.log.log import Log, LogError, read_log, read_records
@@ -184,9 +184,9 @@ def _of_rows(log: Log) -> list[_Frame]:
     """States from the telemetry alone, where no station recorded what it showed."""
 
     def state(row: int) -> dict[str, Any]:
-        told = _telemetry(log, row)
-        flags, missing = Flag(told.flags), lacking(told.ready)
-        refusal = Refusal(told.refusal) if told.refusal in set(Refusal) else Refusal.NONE
+        telemetry = _telemetry(log, row)
+        flags, missing = Flag(telemetry.flags), lacking(telemetry.ready)
+        refusal = telemetry.refused
         link = (
             LinkState.READY
             if not missing
@@ -194,19 +194,19 @@ def _of_rows(log: Log) -> list[_Frame]:
             if Flag.LOADED in flags
             else LinkState.CONNECTED
         )
-        if Flag.STARTED in flags and told.mode not in ENDED:
+        if Flag.STARTED in flags and telemetry.mode not in ENDED:
             link = LinkState.RUNNING
         return {
             "is": "state",
             "time": float(log.time[row]),
-            "link": link if told.session else LinkState.DISCONNECTED,
-            "telemetry": values_of(told),
-            "place": [told.latitude * 1e-7, told.longitude * 1e-7] if Flag.FIXED in flags else None,
+            "link": link if telemetry.session else LinkState.DISCONNECTED,
+            "telemetry": values_of(telemetry),
+            "place": [telemetry.latitude * 1e-7, telemetry.longitude * 1e-7] if Flag.FIXED in flags else None,
             "missing": missing,
             "refusal": refusal.words if refusal else None,
             "draft": as_json(Draft()),
             "draft_id": None,
-            "on_board": {"id": told.mission_id, "mission": None} if Flag.LOADED in flags else None,
+            "on_board": {"id": telemetry.mission_id, "mission": None} if Flag.LOADED in flags else None,
             "stop_latched": False,
             "holding": None,
             "uploading": False,

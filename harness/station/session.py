@@ -237,8 +237,8 @@ class Session:
     @property
     def is_insecure(self) -> bool:
         """Frames are not verified."""
-        told = self.conduct.telemetry
-        return self.conduct.link.key is None or (told is not None and Flag.INSECURE in Flag(told.flags))
+        telemetry, key = self.conduct.telemetry, self.conduct.link.key
+        return key is None or (telemetry is not None and Flag.INSECURE in Flag(telemetry.flags))
 
     def alarms(self, now: float) -> list[Alarm]:
         """What is wrong now."""
@@ -250,20 +250,22 @@ class Session:
     def state(self, now: float) -> dict[str, Any]:
         """What is shown, as harness/station/README.md lists it."""
         conduct, desk = self.conduct, self.conduct.desk
-        told = conduct.telemetry
-        flags = Flag(told.flags) if told else Flag(0)
-        refusal = Refusal(told.refusal) if told and told.refusal in set(Refusal) else Refusal.NONE
-        on_board = None
-        if told and Flag.LOADED in flags:
+        telemetry = conduct.telemetry
+        flags = Flag(telemetry.flags) if telemetry else Flag(0)
+        refusal = telemetry.refused if telemetry else Refusal.NONE
+        place = on_board = None
+        if telemetry and Flag.FIXED in flags:
+            place = [telemetry.latitude * 1e-7, telemetry.longitude * 1e-7]
+        if telemetry and Flag.LOADED in flags:
             ours = conduct.on_board
             mission = as_json(Draft(ours.home, ours.waypoints, ours.fence)) if ours else None
-            on_board = {"id": told.mission_id, "mission": mission}
+            on_board = {"id": telemetry.mission_id, "mission": mission}
         return {
             "is": "state",
             "time": self._log_clock.at(now),
             "link": conduct.state(now),
-            "telemetry": values_of(told) if told else None,
-            "place": [told.latitude * 1e-7, told.longitude * 1e-7] if told and Flag.FIXED in flags else None,
+            "telemetry": values_of(telemetry) if telemetry else None,
+            "place": place,
             "missing": conduct.missing(now),
             "refusal": refusal.words if refusal else None,
             "draft": as_json(conduct.draft),

@@ -257,8 +257,8 @@ class Sink:
 
     def _values(self, telemetry: Telemetry | None, override: Command) -> dict[str, list[float]]:
         """A row, by component; zeros before the first telemetry, but for the position, which is not known."""
-        told = telemetry or Telemetry(*[0] * len(FIELDS))
-        numbers, flags = values_of(told), Flag(told.flags)
+        or_zeros = telemetry or Telemetry(*[0] * len(FIELDS))
+        numbers, flags = values_of(or_zeros), Flag(or_zeros.flags)
         north = east = math.nan
         if telemetry and self._plane and Flag.FIXED in flags:
             north, east = self._plane.to_plane(numbers["latitude"], numbers["longitude"])

@@ -50,7 +50,7 @@ class LogRows:
                 several = _columns(quantity, named)
                 columns += several
                 picked += [place] * len(several)
-            scales = [(*column.told, *column.given) for column in columns]
+            scales = [(*column.from_input, *column.from_output) for column in columns]
             if any(scale != (1.0, 0.0, 1.0, 0.0) for scale in scales) or len(picked) != len(set(picked)):
                 self.scales[name] = (picked, np.array(scales).T)
             self.channels.append(
@@ -69,8 +69,8 @@ class LogRows:
     def by_roles(self, values: Mapping[str, Array]) -> dict[str, Array]:
         """Rows in the roles' units, with the columns of `channels`; as `Simulation.run` hands them over."""
         rows = dict(values)
-        for name, (picked, (told, shift, given, offset)) in self.scales.items():
-            rows[name] = (values[name][:, picked] - shift) / told * given + offset
+        for name, (picked, (in_factor, in_offset, out_factor, out_offset)) in self.scales.items():
+            rows[name] = (values[name][:, picked] - in_offset) / in_factor * out_factor + out_offset
         return rows
 
     def write(self, log: LogWriter, times: Array, values: Mapping[str, Array]) -> None:
@@ -94,16 +94,16 @@ class _Column:
     """One signal in the log.
 
     Attributes:
-        given: factor and offset that make of an output the role's value.
-        told: those that made of the role's value an input.
+        from_output: factor and offset that make of an output the role's value.
+        from_input: those that made of the role's value an input.
     """
 
     name: str
     unit: str
     type: str
     meaning: str
-    given: tuple[float, float] = (1.0, 0.0)
-    told: tuple[float, float] = (1.0, 0.0)
+    from_output: tuple[float, float] = (1.0, 0.0)
+    from_input: tuple[float, float] = (1.0, 0.0)
 
 
 def _columns(quantity: Quantity, named: _Named | None) -> list[_Column]:
@@ -121,13 +121,13 @@ def _columns(quantity: Quantity, named: _Named | None) -> list[_Column]:
     columns = []
     if quantity.causality == "output":
         columns = [
-            _Column(own, role.needs[own].unit, kind, meaning, given=(r.factor, r.offset))
+            _Column(own, role.needs[own].unit, kind, meaning, from_output=(r.factor, r.offset))
             for own, r in outputs.items()
             if r.name == name
         ]
     elif quantity.causality == "input":
         columns = [
-            _Column(own, role.inputs[own].unit, kind, meaning, told=(r.factor, r.offset))
+            _Column(own, role.inputs[own].unit, kind, meaning, from_input=(r.factor, r.offset))
             for own, r in inputs.items()
             if r.name == name
         ]

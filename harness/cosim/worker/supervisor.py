@@ -62,10 +62,10 @@ def descendants(process: int) -> list[int]:
             with suppress(OSError), open(f"/proc/{name}/stat", "rb") as file:
                 parent = int(file.read().rpartition(b")")[2].split()[1])
                 children.setdefault(parent, []).append(int(name))
-    found = [process]
-    for number in found:
-        found += children.get(number, [])
-    return found[1:]
+    processes = [process]
+    for number in processes:
+        processes += children.get(number, [])
+    return processes[1:]
 
 
 def _end_with_parent(worker: int) -> None:

@@ -63,14 +63,14 @@ def read(data: bytes) -> Draft:
 
 
 def _column(names: list[str], spellings: tuple[str, ...]) -> int:
-    found = [i for i, name in enumerate(names) if name in spellings]
-    if len(found) != 1:
+    columns = [i for i, name in enumerate(names) if name in spellings]
+    if len(columns) != 1:
         listed = printable(in_words(", ".join(names)))
         raise MissionFileError(
             f'line 1: the header is "{listed}", expected one column {" or ".join(spellings)}, as in '
             '"kind,latitude,longitude"'
         )
-    return found[0]
+    return columns[0]
 
 
 def write(draft: Draft, name: str) -> bytes:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 
 import pytest
 
@@ -124,3 +125,9 @@ def test_comment_of_a_telemetry_field_in_c_states_the_unit_by_radio() -> None:
     assert Wire("int16_t", "cm/s", "ground speed").comment == "cm/s: ground speed"
     assert Wire("uint8_t", "", "what the animal is told").comment == "what the animal is told"
     assert math.isclose(UNITS["1e-7 deg"][1] * 1e7, math.radians(1))
+
+
+def test_the_number_of_a_refusal_that_is_none_of_ours_is_no_refusal() -> None:
+    known = Telemetry(*[0] * len(FIELDS))
+    assert replace(known, refusal=Refusal.LOW_BATTERY).refused is Refusal.LOW_BATTERY
+    assert replace(known, refusal=255).refused is Refusal.NONE
