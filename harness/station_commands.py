@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import threading
 import webbrowser
 from collections.abc import Iterator
@@ -18,6 +17,7 @@ from harness.options import Foxglove, Seed
 from models.errors import UsageError
 
 if TYPE_CHECKING:
+    from harness.station.draft import Draft
     from harness.station.opening import Request
     from harness.station.session import Session
     from harness.station.shown import Shown
@@ -133,12 +133,9 @@ def _require_extra() -> None:
 def _lead(request: Request, mission: str, start: bool, as_json: bool) -> None:
     """`canine station --headless`."""
     from harness.station.headless import Headless
-    from harness.station.mission_files import load
     from harness.station.opening import report
 
-    draft = load(mission)
-    for note in draft.notes:
-        print_note(f"{mission}: {note}")
+    draft = _draft(mission)
     try:
         with _at_work(request) as session:
             Headless(session, lambda event: print_note(f"{event.time:.1f} s: {event.text}")).lead(
@@ -149,6 +146,16 @@ def _lead(request: Request, mission: str, start: bool, as_json: bool) -> None:
     finally:
         summary = report(request.folder)
     _show(request, summary, as_json)
+
+
+def _draft(mission: str) -> Draft:
+    """The mission of a file; what its reader leaves out is told."""
+    from harness.station.mission_files import load
+
+    draft = load(mission)
+    for note in draft.notes:
+        print_note(f"{mission}: {note}")
+    return draft
 
 
 @contextmanager
@@ -174,10 +181,9 @@ def _show(request: Request, summary: object, as_json: bool) -> None:
 
 def _serve(request: Request, mission: str, web: Web, as_json: bool) -> None:
     """A station in the browser, until Ctrl-C."""
-    from harness.station.mission_files import load
     from harness.station.opening import report
 
-    draft = load(mission) if mission else None
+    draft = _draft(mission) if mission else None
     try:
         with _at_work(request) as session:
             if draft:
@@ -198,6 +204,8 @@ def _play(log: Path, web: Web) -> None:
 
 def _show_in_browser(shown: Shown, web: Web) -> None:
     """Serve until a signal ends it, and raise KeyboardInterrupt with its number."""
+    import asyncio  # takes a sixth of the start of every command
+
     from harness.station.guard import Guard, is_local
     from harness.station.server import address_of, listening, serve
 

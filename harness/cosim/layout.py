@@ -12,6 +12,7 @@ import ctypes
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -73,7 +74,7 @@ class Cast:
             fits = (values >= low) & (values <= high)
         return np.asarray(fits, dtype=np.bool_)
 
-    @property
+    @cached_property
     def _holds_all(self) -> bool:
         """Does the target's type hold all values of the source's?"""
         return np.can_cast(bool if self.is_boolean else self.source.dtype, self.target.dtype)
@@ -91,11 +92,11 @@ class Conversion(Cast):
         values = super().values() * self.factor + self.offset
         return values if self.target.dtype.kind == "f" else np.clip(np.rint(values), *self.bounds)
 
-    @property
+    @cached_property
     def _holds_all(self) -> bool:
         return self.target.dtype.name != "float32"
 
-    @property
+    @cached_property
     def bounds(self) -> tuple[float, float]:
         """The least and the largest float64 that the target's type holds."""
         if self.target.dtype.kind == "f":
@@ -115,7 +116,7 @@ class Replacement(Cast):
         values = zip(super().values().tolist(), self.tables, strict=True)
         return np.array([table.get(value, value) for value, table in values], dtype=object)
 
-    @property
+    @cached_property
     def _holds_all(self) -> bool:
         return False
 

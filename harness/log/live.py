@@ -19,7 +19,8 @@ from models.errors import UsageError
 
 HOST = "127.0.0.1"
 POLL_S = 0.05
-AGAIN_S = 1.0  # between two times that what was said once is said
+AGAIN_S = 1.0  # between two times that the same scene is sent
+LASTING = ("/3d/scene",)  # topics whose last message holds until the next
 
 
 class Viewers:
@@ -44,7 +45,7 @@ class Viewers:
         self._sdk: Any = foxglove
         self._context = foxglove.Context()
         self._channels: dict[int, Any] = {}
-        self._sent: dict[int, tuple[int, bytes, int]] = {}  # by topic: how many, and the last with its time
+        self._lasting: dict[int, tuple[bytes, int] | None] = {}  # by topic: the last message, and its time
         self._again = time.monotonic() + AGAIN_S
         self._paced = paced
         self._began: float | None = None
@@ -68,6 +69,8 @@ class Viewers:
 
     def add_channel(self, channel: records.Channel, schema: records.Schema) -> None:
         """A topic of the log, before its first message."""
+        if channel.topic in LASTING:
+            self._lasting[channel.id] = None
         stated = self._sdk.Schema(name=schema.name, encoding=schema.encoding, data=schema.data)
         self._channels[channel.id] = self._sdk.Channel(
             channel.topic, schema=stated, message_encoding=channel.message_encoding, context=self._context
@@ -78,8 +81,8 @@ class Viewers:
         for number, moment, message in zip(channels, times, messages, strict=True):
             if self._paced:
                 self._keep_pace(moment / SECOND)
-            count, *_ = self._sent.get(number, (0, b"", 0))
-            self._sent[number] = count + 1, message, moment
+            if number in self._lasting:
+                self._lasting[number] = message, moment
             self._channels[number].log(message, log_time=moment)
         if time.monotonic() >= self._again:
             self._say_again()
@@ -92,13 +95,14 @@ class Viewers:
             time.sleep(left)
 
     def _say_again(self) -> None:
-        """Send what was said once, such as the scene, to viewers that came since, too.
+        """Send the scene to viewers that came since it was drawn, too.
 
         foxglove-sdk could tell when one comes, but from a thread of its own that may wait for this one.
         """
         self._again = time.monotonic() + AGAIN_S
-        for number, (count, message, moment) in self._sent.items():
-            if count == 1:
+        for number, last in self._lasting.items():
+            if last is not None:
+                message, moment = last
                 self._channels[number].log(message, log_time=moment)
 
     def close(self) -> None:

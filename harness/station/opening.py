@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +60,7 @@ class Request:
     out: Path | None = None
     viewers: Viewers | None = None
 
-    @property
+    @cached_property
     def folder(self) -> Path:
         """Of the log: a simulated vest's is written over, another one's has a name of its own."""
         if self.out is not None:

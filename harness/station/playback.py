@@ -20,14 +20,13 @@ from harness.station.desk import OrderError
 from harness.station.draft import Draft, as_json
 from harness.station.events import Event, Level
 from harness.station.history import History
-from harness.station.session import cues, thresholds
+from harness.station.session import IDLE_S, SHOW_S, cues, thresholds
 from harness.station.shown import TRACK, News, event_message, hello
 from harness.station.sink import EVENTS, SEVERITY, STATE, values_of
 from models.modes import ENDED
 
 SPEEDS = 0.1, 100.0
 LEVELS = {number: level for level, number in SEVERITY.items()}
-SHOW_S = 0.04  # s between two states that are shown, at least
 
 
 class _Recorded(Contents):
@@ -155,7 +154,8 @@ class Playback:
         """As `Shown`."""
         self._advance()
         now = self._clock()
-        if not self._dirty or now - self._shown_at < SHOW_S:
+        waited = now - self._shown_at
+        if waited < SHOW_S or not (self._dirty or waited >= IDLE_S):
             return News(None)
         self._dirty, self._shown_at = False, now
         place = max(bisect_right(self._times, self._at) - 1, 0)

@@ -151,7 +151,9 @@ class Station:
             if len(data) > MAX_BYTES:
                 return _error(f"the file has more than {MAX_BYTES} bytes")
         try:
-            return JSONResponse(as_json(read(request.query_params.get("name", ""), bytes(data))))
+            # not on the loop, which keeps the vest's operator alive: a large file takes seconds
+            draft = await asyncio.to_thread(read, request.query_params.get("name", ""), bytes(data))
+            return JSONResponse(as_json(draft))
         except CanineError as reason:
             return _error(str(reason))
 

@@ -67,7 +67,6 @@ ESTIMATOR = {  # by the name in a trial's log: the field of the telemetry
     "east_sd": "position_sd",
     "speed_sd": "speed_sd",
 }
-COMPONENTS = ("telemetry", "estimator", "controller")
 CONTROLLER = ("command", "mode", "status", "waypoint", "distance", "deviation", "directional_commands")
 
 

@@ -59,13 +59,12 @@ class Grid:
 def sweep_page(sweep: Sweep, table: Sequence[Point], outcomes: Outcomes, texts: Sequence[str]) -> bytes:
     """The page of a sweep; `texts` are its recommendations in words."""
     options = "".join(f" --{role} {name}" for role, name in sweep.named.items())
+    few = len(table) * len(sweep.scenarios) <= MOST_SCENARIOS
     places = []
     for index, (values, point) in enumerate(zip(sweep.points, table, strict=True)):
         label = ", ".join(f"{axis.label} {plain(v)}" for axis, v in zip(sweep.axes, values, strict=True))
         settings = [axis.settings[axis.written.index(v)] for axis, v in zip(sweep.axes, values, strict=True)]
-        blocks = {role: name for role, name in sweep.named.items() if role not in sweep.swaps}
-        few = len(table) * len(sweep.scenarios) <= MOST_SCENARIOS
-        scenarios = [s.override(settings, swaps=blocks) for s in sweep.scenarios] if few else []
+        scenarios = [s.override(settings, swaps=sweep.blocks) for s in sweep.scenarios] if few else []
         ticks = outcomes.ticks[index][: outcomes.ran[index]]
         places.append(Place(label, point, ticks, scenarios, options))
     first, *second = sweep.axes

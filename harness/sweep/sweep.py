@@ -60,6 +60,7 @@ class Sweep:
         swaps: FMUs of others by role, as they were named.
         special: what differs from the sweep of the name alone: reading, system, seed, varied parameters.
         named: what was named for plant, controller and estimator, by role.
+        blocks: our blocks among them, by role.
     """
 
     name: str
@@ -72,6 +73,7 @@ class Sweep:
     swaps: Mapping[str, str] = field(default_factory=dict)
     special: tuple[str, ...] = ()
     named: Mapping[str, str] = field(default_factory=dict)
+    blocks: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def job(self) -> Job:
@@ -232,7 +234,7 @@ def plan_sweep(
     name = target if isinstance(target, str) and target in TRIAL_TYPES else first.name
     return Sweep(
         name, axes, job, tuple(scenarios), chosen, components.system(first).name, first.seed,
-        components.fmus, special, components.names,
+        components.fmus, special, components.names, components.blocks,
     )  # fmt: skip
 
 

@@ -127,6 +127,24 @@ def test_a_viewer_that_comes_late_has_the_scene(tmp_path: Path, monkeypatch: pyt
     assert (topic, moment) == ("/3d/scene", 0)
 
 
+def test_a_scene_that_was_drawn_anew_is_the_one_that_late_viewers_have(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given a log whose route became known under way: its scene was drawn twice
+    monkeypatch.setattr("harness.log.live.AGAIN_S", 0.0)
+    with Viewers(0) as viewers, writer(tmp_path / "a.mcap", viewers) as log:
+        log.write_rows(np.array([0.0, 0.04]), rows(0.0, 1.5))
+        log.settle((32.6, -85.5), {"controller.waypoint_count": "1"})
+        log.write_rows(np.array([0.08]), rows(2.0))
+        # when
+        with viewer_at(viewers.port) as viewer:
+            viewer.ask("/3d/scene")
+            viewers.wait()
+            log.write_rows(np.array([0.12]), rows(2.5))
+            [(topic, _, _)] = viewer.read(1)
+    assert topic == "/3d/scene"
+
+
 def test_a_paced_log_waits_until_a_messages_time_has_come(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
