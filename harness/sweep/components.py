@@ -10,12 +10,7 @@ from fmus.folder import build_folder, is_current
 from harness.sweep.cosimulated import ForeignFmu
 from harness.trial.replacements import OURS, find_replacement
 from harness.trial.scenario import Scenario
-from models.system import (
-    CONTROLLER,
-    PLANT,
-    System,
-    find_system,
-)
+from models.system import CONTROLLER, PLANT, System, find_system
 
 
 @dataclass(frozen=True)
@@ -71,8 +66,7 @@ def find_components(**names: str | Path | None) -> Components:
         if name is None:
             continue
         part = find_replacement(role, name)
-        own = part if isinstance(part, str) else _own_block(part, role)
-        swaps[role] = ForeignFmu.of(Path(name)) if own is None else own
+        swaps[role] = part if isinstance(part, str) else _own_block(part, role) or ForeignFmu.of(part)
     return Components(swaps, {role: str(name) for role, name in names.items() if name is not None})
 
 

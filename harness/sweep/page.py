@@ -61,9 +61,8 @@ def sweep_page(sweep: Sweep, table: Sequence[Point], outcomes: Outcomes, texts: 
     options = "".join(f" --{role} {name}" for role, name in sweep.named.items())
     few = len(table) * len(sweep.scenarios) <= MOST_SCENARIOS
     places = []
-    for index, (values, point) in enumerate(zip(sweep.points, table, strict=True)):
+    for index, (values, settings, point) in enumerate(zip(sweep.points, sweep.settings, table, strict=True)):
         label = ", ".join(f"{axis.label} {plain(v)}" for axis, v in zip(sweep.axes, values, strict=True))
-        settings = [axis.settings[axis.written.index(v)] for axis, v in zip(sweep.axes, values, strict=True)]
         scenarios = [s.override(settings, swaps=sweep.blocks) for s in sweep.scenarios] if few else []
         ticks = outcomes.ticks[index][: outcomes.ran[index]]
         places.append(Place(label, point, ticks, scenarios, options))

@@ -83,14 +83,14 @@ class Sweep:
         return self.work
 
     @property
-    def has_fmus(self) -> bool:
-        """Does it run FMUs of others?"""
-        return bool(self.swaps)
-
-    @property
     def points(self) -> list[tuple[Decimal, ...]]:
         """The varied parameters' values of each point, as written."""
         return list(product(*(axis.written for axis in self.axes)))
+
+    @property
+    def settings(self) -> list[tuple[str, ...]]:
+        """The same values as a scenario's settings."""
+        return settings_of(self.axes)
 
     @property
     def about(self) -> str:
@@ -133,7 +133,7 @@ class Sweep:
         texts = [scenario.text() for scenario in self.scenarios]
         written = [[axis.column, *map(str, axis.written)] for axis in self.axes]
         everything = json.dumps(
-            [program(has_fmus=self.has_fmus), texts, written, job], sort_keys=True, default=str
+            [program(has_fmus=self.work.has_fmus), texts, written, job], sort_keys=True, default=str
         )
         return hashlib.sha256(everything.encode()).hexdigest()
 
@@ -213,7 +213,7 @@ def plan_sweep(
                 raise SweepError(f"--set {setting}: the parameter is varied; leave out one of the two")
     job: Job | Cells
     if components.foreign:
-        job = Cells(tuple(_cell_at(point, cell, axes) for point in product(*(a.written for a in axes))))
+        job = Cells(tuple(_cell_with(values, cell, components.blocks) for values in settings_of(axes)))
         check_size(job, first.seed)
         _check_cells(job, note)
     else:
@@ -238,13 +238,14 @@ def plan_sweep(
     )  # fmt: skip
 
 
-def _cell_at(point: Sequence[Decimal], cell: Cosimulated, axes: Sequence[Axis]) -> Cosimulated:
+def settings_of(axes: Sequence[Axis]) -> list[tuple[str, ...]]:
+    """What a scenario sets at each point; the last axis varies first."""
+    return list(product(*(axis.settings for axis in axes)))
+
+
+def _cell_with(settings: Sequence[str], cell: Cosimulated, blocks: Mapping[str, str]) -> Cosimulated:
     """The trials at a point of a sweep with FMUs."""
-    scenarios, blocks = cell.scenarios, {r: part for r, part in cell.swaps.items() if isinstance(part, str)}
-    for axis, value in zip(axes, point, strict=True):
-        setting = axis.settings[axis.written.index(value)]
-        scenarios = tuple(scenario.override([setting], swaps=blocks) for scenario in scenarios)
-    return replace(cell, scenarios=scenarios)
+    return replace(cell, scenarios=tuple(s.override(settings, swaps=blocks) for s in cell.scenarios))
 
 
 def _check_cells(job: Cells, note: Callable[[str], None]) -> None:
@@ -330,14 +331,18 @@ def report(sweep: Sweep, outcomes: Outcomes, folder: Path) -> tuple[list[Point],
     recommendation = (json.dumps(result, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode()
     picture = sweep_png([(axis.label, axis.written) for axis in sweep.axes], table, result, sweep.about)
     labels = [tuple(map(plain, point)) for point in sweep.points]
-    rows = csv_of([axis.column for axis in sweep.axes], labels, table, has_fmus=sweep.has_fmus)
-    texts = list(dict.fromkeys(result[key]["text"] for key in ADVICE)) if len(table) > 1 else []
-    page = sweep_page(sweep, table, outcomes, texts)
+    rows = csv_of([axis.column for axis in sweep.axes], labels, table, has_fmus=sweep.work.has_fmus)
+    page = sweep_page(sweep, table, outcomes, _advice(table, result))
     for name, content in (
         (CSV, rows), (PICTURE, picture), (PAGE, page), (RECOMMENDATION, recommendation)
     ):  # fmt: skip
         write_whole(folder / name, content)
     return table, result
+
+
+def _advice(table: Sequence[Point], result: Mapping[str, Any]) -> list[str]:
+    """The recommendation in words, each text once; none where there is nothing to compare."""
+    return list(dict.fromkeys(result[key]["text"] for key in ADVICE)) if len(table) > 1 else []
 
 
 def fmu_failures_of(sweep: Sweep, table: Sequence[Point]) -> list[str]:
@@ -357,7 +362,7 @@ def show(sweep: Sweep, table: Sequence[Point], result: Mapping[str, Any], consol
         printed.add_column(escape(axis.label), justify="right")
     for heading in ("success", "95 % interval", "time [s]", "sd", "commands", "timeouts"):
         printed.add_column(escape(heading), justify="right")
-    if sweep.has_fmus:
+    if sweep.work.has_fmus:
         printed.add_column("FMU failures", justify="right")
     step = math.ceil(len(table) / SHOWN)
     for point in table[::step]:
@@ -369,13 +374,10 @@ def show(sweep: Sweep, table: Sequence[Point], result: Mapping[str, Any], consol
             f"{100 * low:.1f}-{100 * high:.1f}",
             *("-" if mean is None else f"{mean:.2f}" for mean in means),
             str(point.timeouts),
-            *([f"{len(point.fmu_failures)} of {point.trials}"] if sweep.has_fmus else []),
+            *([f"{len(point.fmu_failures)} of {point.trials}"] if sweep.work.has_fmus else []),
         )
     print_table(printed, console)
     if step > 1:
         console.print(f"1 row of every {step}; all {len(table)} are in {CSV}", style="dim")
-    if len(table) == 1:
-        console.print("one point: nothing to compare")
-        return
-    for text in dict.fromkeys(result[key]["text"] for key in ADVICE):
+    for text in _advice(table, result) or ["one point: nothing to compare"]:
         console.print(escape(text), soft_wrap=True)

@@ -117,11 +117,11 @@ def comparison_data(a: Log, b: Log, comparison: LogComparison) -> dict[str, Any]
             columns |= {f"{key}.{both[0]}": side[both[0]] for key, side in sides.items()}
             panels.append(panel(title, unit, lines, **(ANGLES if unit == "rad" else {"include": [0]})))
     differing = {difference.signal for difference in comparison.signals}
-    for name in OF_INTEREST:
-        if name in differing:
-            columns[f"difference.{name}"] = _difference(sides, name, units[name])
-            line = Line(f"difference.{name}", "B - A", "estimate")
-            panels.append(panel(f"{name}, B - A", units[name], [line], height=90))
+    shown = {name: units[name] for name in OF_INTEREST if name in differing}
+    for name, difference in _differences(sides["a"], sides["b"], times, shown).items():
+        columns[f"difference.{name}"] = difference
+        line = Line(f"difference.{name}", "B - A", "estimate")
+        panels.append(panel(f"{name}, B - A", units[name], [line], height=90))
     tracks = _tracks(sides, columns)
     strips = _strips(sides, columns)
     states = [columns[strip["signal"]] for strip in strips]
@@ -148,19 +148,24 @@ def comparison_data(a: Log, b: Log, comparison: LogComparison) -> dict[str, Any]
     }
 
 
-def _difference(sides: Mapping[str, Side], name: str, unit: str) -> Array:
-    """B - A at each time, the shorter way round for angles; what was last where not both have a row."""
-    a, b = sides["a"], sides["b"]
+def _differences(a: Side, b: Side, times: Array, units: Mapping[str, str]) -> dict[str, Array]:
+    """B - A of signals at each time, the shorter way round for angles; the last where not both have a row.
+
+    Args:
+        units: of the signals, by name.
+    """
     at, of_a, of_b = np.intersect1d(a.log.time, b.log.time, assume_unique=True, return_indices=True)
-    times = np.union1d(a.log.time, b.log.time)
     if not len(at):
-        return np.full(len(times), np.nan)
-    difference = b.signals[name][of_b] - a.signals[name][of_a]
-    if turn := TURN.get(unit):
-        difference = difference - turn * np.round(difference / turn)
+        return {name: np.full(len(times), np.nan) for name in units}
     last = np.searchsorted(at, times, side="right") - 1
-    values: Array = np.where((last >= 0) & (times <= at[-1]), difference[last], np.nan)
-    return values
+    known = (last >= 0) & (times <= at[-1])
+    differences = {}
+    for name, unit in units.items():
+        difference = b.signals[name][of_b] - a.signals[name][of_a]
+        if turn := TURN.get(unit):
+            difference = difference - turn * np.round(difference / turn)
+        differences[name] = np.where(known, difference[last], np.nan)
+    return differences
 
 
 def _tracks(sides: Mapping[str, Side], columns: dict[str, Array]) -> list[dict[str, Any]]:

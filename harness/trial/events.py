@@ -16,16 +16,23 @@ from harness.trial.summary import DOUBTS, stopped_by
 from models.commands import Status
 
 Level = Literal["advisory", "caution", "warning"]
+Mark = Literal["waypoint", "anomaly"]
+MARKS: dict[str, Mark] = {"waypoint": "waypoint", "anomaly": "anomaly"}  # by the controller's output
 TOGETHER = 1.01  # s: doubts of the estimator that follow one another within it are one event
 
 
 @dataclass(frozen=True)
 class Event:
-    """What happened at a time [s], and how grave it is."""
+    """What happened at a time [s], and how grave it is.
+
+    Attributes:
+        mark: what marks it on the path and over time; None for nothing.
+    """
 
     time: float
     level: Level
     text: str
+    mark: Mark | None = None
 
 
 def events(log: Log) -> list[Event]:
@@ -53,7 +60,7 @@ def _of_controller(log: Log) -> Iterator[Event]:
             elif output == "status" and values[row] in (Status.FAILED, Status.STOPPED):
                 level = "warning"
                 text += f": {why}" if why else ""
-            yield Event(float(log.time[row]), level, text)
+            yield Event(float(log.time[row]), level, text, MARKS.get(output))
 
 
 def _of_estimator(log: Log) -> Iterator[Event]:
@@ -65,7 +72,7 @@ def _of_estimator(log: Log) -> Iterator[Event]:
         for group in np.split(times, np.flatnonzero(np.diff(times) > TOGETHER) + 1):
             if len(group):
                 more = f", {len(group)} times until {group[-1]:.2f} s" if len(group) > 1 else ""
-                yield Event(float(group[0]), "caution", text + more)
+                yield Event(float(group[0]), "caution", text + more, "anomaly")
 
 
 def _of_disturbances(log: Log) -> Iterator[Event]:

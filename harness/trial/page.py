@@ -282,10 +282,4 @@ def bands(log: Log) -> list[dict[str, Any]]:
 
 def marks(happened: Sequence[Event]) -> list[dict[str, Any]]:
     """Waypoints that were reached, and the first tick of each anomaly."""
-    kinds = {"waypoint": "waypoint", "anomaly": "anomaly"}
-    return [
-        {"time": event.time, "kind": kind, "text": event.text}
-        for event in happened
-        for prefix, kind in kinds.items()
-        if event.text.startswith(prefix) or (kind == "anomaly" and event.text.startswith("estimator:"))
-    ]
+    return [{"time": event.time, "kind": event.mark, "text": event.text} for event in happened if event.mark]

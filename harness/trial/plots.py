@@ -117,9 +117,9 @@ def trial_figure(
     figure = new_figure(11, 7.4)
     grid = figure.add_gridspec(3, 2, width_ratios=(1, 1.1), height_ratios=(1, 1, 1.15))
     path = figure.add_subplot(grid[:, 0])
-    handles = draw_path(path, log)
-    styles = _band_styles(log)
-    bands = {kind: (styles[kind], spans) for kind, spans in disturbances(log).items()} | dict(more)
+    disturbed = disturbances(log)
+    handles = _draw_path(path, log, disturbed)
+    bands = _bands(disturbed) | dict(more)
     _draw_over_time(figure, [figure.add_subplot(grid[row, 1]) for row in range(3)], log, bands)
     handles += [band_handle(label, style) for label, (style, _) in bands.items()]
     add_legend(figure, handles)
@@ -130,11 +130,10 @@ def trial_figure(
     return figure
 
 
-def _band_styles(log: Log) -> dict[str, Style]:
-    """How each kind of disturbance is drawn; faults take their styles in turns."""
-    known = disturbances(log)
-    faults = [kind for kind in known if kind not in BANDS]
-    return {kind: BANDS[kind] for kind in known if kind in BANDS} | dict(zip(faults, cycle(FAULTS)))
+def _bands(disturbed: Mapping[str, Sequence[Span]]) -> dict[str, tuple[Style, Sequence[Span]]]:
+    """How each kind of disturbance is drawn over time, and when; faults take their styles in turns."""
+    styles = cycle(FAULTS)
+    return {kind: (BANDS.get(kind) or next(styles), spans) for kind, spans in disturbed.items()}
 
 
 def _title(log: Log) -> str:
@@ -153,7 +152,7 @@ def trial_png(log: Log) -> bytes:
     return png_of(trial_figure(log))
 
 
-def draw_path(axes: Axes, log: Log) -> list[Line2D | Patch]:
+def _draw_path(axes: Axes, log: Log, disturbed: Mapping[str, Sequence[Span]]) -> list[Line2D | Patch]:
     """Draw the path, east to the right, north up; the truth in the colour of the command in force.
 
     Returns:
@@ -189,7 +188,7 @@ def draw_path(axes: Axes, log: Log) -> list[Line2D | Patch]:
     if "estimator.north" in log:
         handles.append(Line2D([], [], **ON_MAP))
     if "plant.north" in log:
-        _draw_trails(axes, log)
+        _draw_trails(axes, log, disturbed)
         handles += _draw_commanded_path(axes, log)
         handles += _draw_start(axes, log)
         _draw_anomalies(axes, log, log["plant.east"], log["plant.north"])
@@ -243,10 +242,10 @@ def _set_view(axes: Axes) -> None:
     axes.autoscale_view()
 
 
-def _draw_trails(axes: Axes, log: Log) -> None:
+def _draw_trails(axes: Axes, log: Log, disturbed: Mapping[str, Sequence[Span]]) -> None:
     """Lay what disturbed the trial under the path, as broad as its kind, so that all of several show."""
     place = np.column_stack([log["plant.east"], log["plant.north"]])
-    for kind, spans in disturbances(log).items():
+    for kind, spans in disturbed.items():
         color, width = TRAILS.get(kind, FAULT_TRAIL)
         during = [place[(log.time >= start) & (log.time <= end)] for start, end in spans]
         during = [trail for trail in during if len(trail)]

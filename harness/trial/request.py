@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -157,20 +157,35 @@ def with_seed(request: Request, seed: int) -> Request:
         ScenarioError: no trial can have the seed.
         CanineError: the package cannot be read.
     """
-    scenario = request.scenario.override((), seed)
-    is_foreign = request.package is not None or scenario.package is not None
-    if is_foreign and os.path.exists(holder(request.ssp)):  # unlike Path's, it raises nothing
-        from harness.cosim.fmu import describe  # noqa: PLC0415 - fmpy
-        from harness.cosim.in_place import adapters_in  # noqa: PLC0415 - fmpy
-        from harness.cosim.ssp import open_ssp  # noqa: PLC0415 - fmpy
+    (one,) = with_seeds(request, [seed])
+    return one
 
-        with open_ssp(request.ssp) as system:
-            mapped = {n: adapter.parameters for n, adapter in adapters_in(system).items()}
-            names = {n: own["seed"].name for n, own in mapped.items() if "seed" in own}
-            binding = [c for c in system.components.values() if names.get(c.name, "seed") in c.values]
-            drawing = [c.name for c in binding if c.name in SEEDED or describe(c.fmu).model in FAULT_NAMES]
-        scenario = scenario.override(f"{c}.seed={seed}" for c in drawing if c not in request.swaps)
-    return replace(request, scenario=scenario)
+
+def with_seeds(request: Request, seeds: Iterable[int]) -> Iterator[Request]:
+    """As `with_seed`, with each of several; the package is read once."""
+    drawing = _drawing(request)
+    for seed in seeds:
+        scenario = request.scenario.override((), seed)
+        if drawing:
+            scenario = scenario.override(f"{name}.seed={seed}" for name in drawing)
+        yield replace(request, scenario=scenario)
+
+
+def _drawing(request: Request) -> list[str]:
+    """The components whose seed a package of others binds: the dog, the sensors, and faults."""
+    is_foreign = request.package is not None or request.scenario.package is not None
+    if not is_foreign or not os.path.exists(holder(request.ssp)):  # unlike Path's, it raises nothing
+        return []
+    from harness.cosim.fmu import describe  # noqa: PLC0415 - fmpy
+    from harness.cosim.in_place import adapters_in  # noqa: PLC0415 - fmpy
+    from harness.cosim.ssp import open_ssp  # noqa: PLC0415 - fmpy
+
+    with open_ssp(request.ssp) as system:
+        mapped = {n: adapter.parameters for n, adapter in adapters_in(system).items()}
+        names = {n: own["seed"].name for n, own in mapped.items() if "seed" in own}
+        binding = [c for c in system.components.values() if names.get(c.name, "seed") in c.values]
+        drawing = [c.name for c in binding if c.name in SEEDED or describe(c.fmu).model in FAULT_NAMES]
+    return [name for name in drawing if name not in request.swaps]
 
 
 def _request_of(target: str | Scenario, folder: Path) -> Request:

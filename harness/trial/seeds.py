@@ -15,7 +15,7 @@ from harness.files import make_folder, write_whole
 from harness.terminal import new_table, percent, print_table
 from harness.trial import trial
 from harness.trial.prepare import prepared
-from harness.trial.request import Request, with_seed
+from harness.trial.request import Request, with_seeds
 from models.errors import UsageError
 from models.kit.random import MAX_SEED
 
@@ -67,9 +67,8 @@ def run_seeds(
         summaries: list[dict[str, Any]] = []
         notes_printed: set[str] = set()
         try:
-            for seed in seeds:
+            for seed, one in zip(seeds, with_seeds(request, seeds), strict=True):
                 folder = out / str(seed)
-                one = with_seed(request, seed)
                 with prepared(one) as ready:
                     others = "" if summaries else trial.replaced(one, ready, folder)
                     for text in (*request.notes, *ready.notes, *([others] if others else [])):
