@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import threading
 import webbrowser
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from harness.console import build_status, end_interrupted, json_of, out, print_note, say_where
 from harness.options import Foxglove, Seed
+from harness.vest import LOCALHOST
 from models.errors import UsageError
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ def operate(
     bind: Annotated[
         str,
         typer.Option(metavar="ADDRESS", help="listen elsewhere than on this machine alone: needs a token"),
-    ] = "127.0.0.1",
+    ] = LOCALHOST,
     http_port: Annotated[int, typer.Option(min=0, max=65535, help="0 for any that is free")] = HTTP_PORT,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="print the address alone")] = False,
     folder: Annotated[
@@ -133,19 +134,12 @@ def _require_extra() -> None:
 def _lead(request: Request, mission: str, start: bool, as_json: bool) -> None:
     """`canine station --headless`."""
     from harness.station.headless import Headless
-    from harness.station.opening import report
 
     draft = _draft(mission)
-    try:
-        with _at_work(request) as session:
-            Headless(session, lambda event: print_note(f"{event.time:.1f} s: {event.text}")).lead(
-                draft, start=start
-            )
-    except KeyboardInterrupt as interrupt:
-        end_interrupted(interrupt, f"what was under way is aborted; the log is in {request.folder}")
-    finally:
-        summary = report(request.folder)
-    _show(request, summary, as_json)
+    with _at_work(request, as_json) as session:
+        Headless(session, lambda event: print_note(f"{event.time:.1f} s: {event.text}")).lead(
+            draft, start=start
+        )
 
 
 def _draft(mission: str) -> Draft:
@@ -159,39 +153,47 @@ def _draft(mission: str) -> Draft:
 
 
 @contextmanager
-def _at_work(request: Request) -> Iterator[Session]:
-    """A station at work; building the FMUs of a simulated vest takes seconds for each."""
-    from harness.station.opening import opened
+def _at_work(request: Request, as_json: bool) -> Iterator[Session]:
+    """A station at work. However it ends, its summary and page are written; after an error none is shown.
 
-    with ExitStack() as stack:
-        with build_status("building the FMUs") as done:
-            session = stack.enter_context(opened(request, print_note, done))
-        yield session
+    Building the FMUs of a simulated vest takes seconds for each.
+    """
+    from harness.station.opening import opened, report
+
+    session = interrupt = None
+    try:
+        with ExitStack() as stack:
+            with build_status("building the FMUs") as done:
+                session = stack.enter_context(opened(request, print_note, done))
+            yield session
+    except KeyboardInterrupt as pressed:
+        interrupt = pressed
+    finally:  # a station that was not opened has no log: the one in its folder is an earlier one's
+        summary = report(request.folder) if session else None
+    if summary:
+        _show(request, summary, as_json)
+    if interrupt:
+        kept = f"what was under way is aborted; the log is in {request.folder}"
+        end_interrupted(interrupt, kept if summary else "nothing was recorded")
 
 
-def _show(request: Request, summary: object, as_json: bool) -> None:
+def _show(request: Request, summary: Mapping[str, Any], as_json: bool) -> None:
     from harness.trial.summary import show
 
     if as_json:
         typer.echo(json_of(summary))
-    elif isinstance(summary, dict):
+    else:
         show(summary, out())
         say_where(request.folder)
 
 
 def _serve(request: Request, mission: str, web: Web, as_json: bool) -> None:
     """A station in the browser, until Ctrl-C."""
-    from harness.station.opening import report
-
     draft = _draft(mission) if mission else None
-    try:
-        with _at_work(request) as session:
-            if draft:
-                session.conduct.draft = draft
-            _show_in_browser(session, web)
-    except KeyboardInterrupt as interrupt:  # how a station ends
-        _show(request, report(request.folder), as_json)
-        end_interrupted(interrupt, f"the log is in {request.folder}")
+    with _at_work(request, as_json) as session:
+        if draft:
+            session.conduct.draft = draft
+        _show_in_browser(session, web)
 
 
 def _play(log: Path, web: Web) -> None:
@@ -206,8 +208,9 @@ def _show_in_browser(shown: Shown, web: Web) -> None:
     """Serve until a signal ends it, and raise KeyboardInterrupt with its number."""
     import asyncio  # takes a sixth of the start of every command
 
-    from harness.station.guard import Guard, is_local
+    from harness.station.guard import Guard
     from harness.station.server import address_of, listening, serve
+    from harness.vest.radio_port import is_local
 
     guard = Guard.of(web.bind)
     if not is_local(web.bind):

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Literal
 import pytest
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Page
+    from playwright.sync_api import Browser, BrowserType, Page
 
 DESK, TABLET = (1366, 768), (768, 1024)  # pixels, width and height
 SERIOUS = ("serious", "critical")
@@ -45,17 +45,19 @@ class Visit:
 OpenPage = Callable[..., Visit]
 
 
-@pytest.fixture(scope="module")  # not of a session: Playwright's event loop keeps others from having theirs
-def browser() -> Iterator[Browser]:
+def launch(kind: BrowserType) -> Browser:
+    """Start the system's Chromium; the test is skipped where there is none."""
     program = shutil.which("chromium")
     if program is None:
         pytest.skip("no browser: apt install chromium")
-    from playwright.sync_api import sync_playwright  # noqa: PLC0415
+    return kind.launch(executable_path=program, args=["--no-sandbox"])
 
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
+
+@pytest.fixture(scope="module")  # not of a session: Playwright's event loop keeps others from having theirs
+def browser() -> Iterator[Browser]:
+    playwright = pytest.importorskip("playwright.sync_api")
+    with playwright.sync_playwright() as started, launch(started.chromium) as browser:
         yield browser
-        browser.close()
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ to the port, what is shown, a log.
 `draft` is a mission as it is drawn, `mission_files` and `formats/` read and write it. `ports` carries bytes.
 `desk` knows who commands, `conduct` turns orders into frames and telemetry into a state, `alarms` and
 `quality` judge it: these four are stepped with the time, and know no socket. `session` joins them to a port
-and to the `sink`, which writes the log; `playback` plays a log. `server` shows either to browsers, as
-README.md states, past the `guard`; `headless` does without one.
+and to the `sink`, which writes the log; `playback` plays one. `shown` is what both give to browsers, with the
+`history` for who comes late; `readings` are a telemetry in its units. `server` serves either, as README.md
+states, past the `guard`; `headless` does without one. `opening` opens it all, and reports at the end.
 """

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from codegen.firmware.telemetry import Flag, Ready, Telemetry
-from harness.station.conduct import SILENT_S, Conduct, LinkState
+from harness.station.conduct import SILENT_S, Conduct
 from harness.station.events import Level
 from harness.trial.summary import STOPPED_BY, TOO_MANY
 from models.commands import Status
@@ -63,7 +63,7 @@ def _conditions(now: float, conduct: Conduct) -> Iterator[Condition]:
     telemetry, lives = conduct.telemetry, conduct.desk.lives(now)
     running = conduct.is_under_way
     serious = Level.WARNING if running else Level.CAUTION
-    if telemetry is None or conduct.state(now) is LinkState.DISCONNECTED:
+    if telemetry is None or not conduct.is_heard(now):
         yield ("link", serious, f"the vest has not been heard for {SILENT_S:g} s")
     else:
         age = conduct.quality.age(now)

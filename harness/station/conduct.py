@@ -16,6 +16,7 @@ many times real time hears them as often.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -41,6 +42,7 @@ RELEASE_S = 1.0  # s after which an override ends by itself (watchdog.override_t
 GREETING_S = 3.0  # s between greetings while nobody commands; longer than watchdog.link_timeout
 RELEASE = Override(Command.NONE)
 HELD = (Command.FORWARD, Command.LEFT, Command.RIGHT, Command.RECALL)
+OF_ANYBODY = ("alive", "take", "stop", "note")  # orders of those, too, who do not command
 NOTE_CHARS = 500
 OF_MISSION = Ready.REACH | Ready.LEGS | Ready.FIRST_LEG | Ready.PLANNED | Ready.FENCE | Ready.INSIDE
 
@@ -103,8 +105,8 @@ class Conduct:
         self._abort: _Wish[Abort] | None = None
         self._release: _Wish[Override] | None = None
         self._urgent = False
-        self._sent_at, self._sent_ms = -1e9, 0  # of the last frame: ours, and the vest's clock
-        self._greeted_at = -1e9
+        self._sent_at, self._sent_ms = -math.inf, 0  # of the last frame: ours, and the vest's clock
+        self._greeted_at = -math.inf
         self._was_silent = True
         self._commanded = False
 
@@ -119,7 +121,7 @@ class Conduct:
         name = order.get("do")
         if not isinstance(name, str) or name not in _ORDERS:
             raise OrderError(f"do is {printable(repr(name)):.80}; expected one of {', '.join(_ORDERS)}")
-        if name not in ("alive", "stop", "note", "take"):
+        if name not in OF_ANYBODY:
             self.desk.require(operator, name)
         self.desk.hear(operator, now)
         _ORDERS[name](self, now, operator, order)
@@ -147,7 +149,9 @@ class Conduct:
             raise OrderError(f"draft: {reason}") from None
 
     def _ask_upload(self, now: float, operator: int, order: dict[str, Any]) -> None:
-        mission = self._mission("upload")
+        mission = self.draft.mission
+        if isinstance(mission, str):
+            raise OrderError(f"upload: {mission}")
         self._require_heard(now, "upload")
         if self._has(Flag.STARTED):
             raise OrderError(
@@ -242,7 +246,7 @@ class Conduct:
             self._abort.counters.clear()
         self._sent_ms = 0
         self._urgent = self._was_silent = True  # it is greeted at once
-        self._greeted_at = -1e9 if self._sessions == 1 else self._greeted_at
+        self._greeted_at = -math.inf if self._sessions == 1 else self._greeted_at
 
     def _hear(self, now: float, telemetry: Telemetry) -> None:
         before = self.telemetry
@@ -293,13 +297,13 @@ class Conduct:
         if not self.link.open or not self._is_due(now):
             return b""
         self._urgent = False
+        wishes, frames = self._wishes(now, lives), b""
         try:
-            frames = b"".join(self._frame(now, wish) for wish in self._wishes(now, lives))
+            frames = b"".join(self._frame(now, wish) for wish in wishes)
         except RadioError as reason:
             self._tell(Level.WARNING, str(reason))
             self._upload = self._start = None
-            return b""
-        if frames:
+        if wishes:
             self._sent_at = now
             self._sent_ms = self.telemetry.time_ms if self.telemetry else 0
         return frames
@@ -327,7 +331,7 @@ class Conduct:
             self._tell(Level.CAUTION, f"START was not answered within {ANSWER_S:g} s, and is forgotten")
         if self._release and now - self._release.since > RELEASE_S:
             self._release = None
-        if not self._was_silent and not self._is_heard(now):
+        if not self._was_silent and not self.is_heard(now):
             self._was_silent = True
             self._tell(Level.WARNING, f"the vest has not been heard for {SILENT_S:g} s")
 
@@ -375,6 +379,11 @@ class Conduct:
         """Was a trial on, by the last telemetry?"""
         return self._has(Flag.STARTED) and self.telemetry is not None and self.telemetry.mode not in ENDED
 
+    def is_heard(self, now: float) -> bool:
+        """Has telemetry of this session come within SILENT_S?"""
+        age = self.quality.age(now)
+        return self.telemetry is not None and age is not None and age <= SILENT_S
+
     @property
     def on_board(self) -> Mission | None:
         """The mission that this station gave in this session, and that the vest holds."""
@@ -382,7 +391,7 @@ class Conduct:
 
     def state(self, now: float) -> LinkState:
         """How far the vest is from a trial."""
-        if not self._is_heard(now):
+        if not self.is_heard(now):
             return LinkState.DISCONNECTED
         if self.is_under_way:
             return LinkState.RUNNING
@@ -392,7 +401,7 @@ class Conduct:
 
     def missing(self, now: float) -> list[dict[str, str]]:
         """What a START needs and lacks: the vest's own bits, then ours, each as `bit` and `words`."""
-        if self.telemetry is None or not self._is_heard(now):
+        if self.telemetry is None or not self.is_heard(now):
             return [{"bit": "heard", "words": "the vest is not heard"}]
         own = {
             "commander": (not self.desk.lives(now), "nobody commands"),
@@ -413,10 +422,8 @@ class Conduct:
     @property
     def draft_id(self) -> int | None:
         """The id that the mission on screen would have on board; None while it cannot be uploaded."""
-        try:
-            return self._mission("draft").id
-        except OrderError:
-            return None
+        mission = self.draft.mission
+        return None if isinstance(mission, str) else mission.id
 
     def pending(self) -> dict[str, bool]:
         """Which wishes wait for the vest."""
@@ -437,26 +444,9 @@ class Conduct:
     def _has(self, flag: Flag) -> bool:
         return self.telemetry is not None and flag in Flag(self.telemetry.flags)
 
-    def _is_heard(self, now: float) -> bool:
-        age = self.quality.age(now)
-        return self.telemetry is not None and age is not None and age <= SILENT_S
-
     def _require_heard(self, now: float, order: str) -> None:
-        if not self._is_heard(now):
+        if not self.is_heard(now):
             raise OrderError(f"{order}: the vest is not heard; is it on, in reach, its key this one?")
-
-    def _mission(self, order: str) -> Mission:
-        """The mission on screen as it is sent."""
-        draft = self.draft
-        if draft.home is None or not draft.waypoints:
-            lacks = "home" if draft.home is None else "waypoints"
-            raise OrderError(f"{order}: the mission has no {lacks}; expected home and at least one waypoint")
-        mission = Mission(draft.home, draft.waypoints, draft.fence)
-        try:
-            mission.payload()
-        except RadioError as reason:
-            raise OrderError(f"{order}: {reason}") from None
-        return mission
 
 
 def lacking(ready: int) -> list[dict[str, str]]:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from harness.files import in_words
-from harness.onboard.radio import MAX_LATITUDE, MAX_LONGITUDE, Position
+from harness.onboard.radio import MAX_LATITUDE, MAX_LONGITUDE, Mission, Position, RadioError
 from models.cmec import MAX_WAYPOINTS
 from models.errors import UsageError, printable
 from models.fence import MAX_CORNERS
@@ -34,6 +35,19 @@ class Draft:
     waypoints: tuple[Position, ...] = ()
     fence: tuple[Position, ...] = ()
     notes: tuple[str, ...] = ()
+
+    @cached_property
+    def mission(self) -> Mission | str:
+        """The mission as it is sent; while it cannot be, why."""
+        if self.home is None or not self.waypoints:
+            lacks = "home" if self.home is None else "waypoints"
+            return f"the mission has no {lacks}; expected home and at least one waypoint"
+        mission = Mission(self.home, self.waypoints, self.fence)
+        try:
+            mission.payload()
+        except RadioError as reason:
+            return str(reason)
+        return mission
 
 
 def as_json(draft: Draft) -> dict[str, Any]:

@@ -15,20 +15,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
+from harness.vest.radio_port import is_local
+
 SUBPROTOCOL = "canine"
 TOKEN_PREFIX = "token."  # of the subprotocol that carries the token: browsers send no headers of ours
-LOCAL = "127.0.0.1"
 TOKEN_BYTES = 24
-
-
-def is_local(bind: str) -> bool:
-    """Does nobody but this machine reach an address?"""
-    if bind == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(bind).is_loopback
-    except ValueError:
-        return False
 
 
 @dataclass(frozen=True)

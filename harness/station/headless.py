@@ -8,16 +8,16 @@ from typing import Any
 
 import orjson
 
-from harness.station.conduct import LinkState
+from harness.station.conduct import Conduct, LinkState
 from harness.station.desk import OrderError
 from harness.station.draft import Draft, as_json
 from harness.station.events import Event
-from harness.station.session import POLL_S, Session
+from harness.station.session import Session
+from harness.station.shown import POLL_S
 from models.errors import CanineError
 
 HEARD_S, READY_S = 30.0, 120.0  # s within which the vest is to be heard, and to be ready
 ALIVE_S = 0.2  # s between two signs of life
-AGAIN_S = 1.0  # s between two tries of an upload
 OPERATOR = 0
 
 
@@ -52,13 +52,13 @@ class Headless:
             HeadlessError: the vest is not heard, does not take the mission, or is not ready to start.
         """
         self._order("draft", mission=as_json(mission))
-        self._wait(lambda: self._state is not LinkState.DISCONNECTED, HEARD_S, "the vest was not heard")
+        self._wait_until_heard()
         self._upload()
         if not start:
             return
         self._wait(lambda: self._state is LinkState.READY, READY_S, "the vest was not ready")
         self._order("start")
-        self._wait(lambda: self._conduct.pending()["starting"] is False, READY_S, "START was not answered")
+        self._wait(lambda: not self._conduct.pending()["starting"], READY_S, "START was not answered")
         if self._state is not LinkState.RUNNING:
             raise HeadlessError(f"the mission has not begun: {self._missing()}")
         self._wait(lambda: not self._conduct.is_under_way)
@@ -72,24 +72,28 @@ class Headless:
         if self._state is LinkState.RUNNING:
             raise OrderError("upload: a mission is under way on the vest; ABORT it at its station first")
         self._order("abort")
-        self._wait(lambda: self._conduct.pending()["aborting"] is False, HEARD_S, "ABORT was not answered")
+        self._wait(lambda: not self._conduct.pending()["aborting"], HEARD_S, "ABORT was not answered")
         deadline = self.session.now + READY_S
         while self._conduct.on_board is None:
             if self.session.now > deadline:
                 raise HeadlessError(f"the vest did not take the mission within {READY_S:g} s")
+            self._wait_until_heard()
             self._order("upload")
-            self._wait(lambda: self._conduct.pending()["uploading"] is False, HEARD_S, "no answer")
+            self._wait(lambda: not self._conduct.pending()["uploading"], HEARD_S, "no answer")
+
+    def _wait_until_heard(self) -> None:
+        self._wait(lambda: self._conduct.is_heard(self.session.now), HEARD_S, "the vest was not heard")
 
     @property
-    def _conduct(self) -> Any:
+    def _conduct(self) -> Conduct:
         return self.session.conduct
 
     @property
     def _state(self) -> LinkState:
-        return self.session.conduct.state(self.session.now)
+        return self._conduct.state(self.session.now)
 
     def _missing(self) -> str:
-        return "; ".join(reason["words"] for reason in self.session.conduct.missing(self.session.now))
+        return "; ".join(reason["words"] for reason in self._conduct.missing(self.session.now))
 
     def _order(self, name: str, **content: Any) -> None:
         self.session.order(OPERATOR, orjson.loads(orjson.dumps({"do": name, **content})))

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -16,11 +15,9 @@ import numpy as np
 from codegen.firmware.bundle import settable
 from codegen.firmware.key import Key
 from harness.files import make_folder
-from harness.log.geodesy import TangentPlane
 from harness.log.live import Viewers
 from harness.log.log import FILE, Log, LogError, read_log
-from harness.onboard.radio import Position
-from harness.station.draft import Draft
+from harness.station.formats.scenario import of_scenario
 from harness.station.ports import Port, PortError, open_port
 from harness.station.session import About, Session
 from harness.station.sink import Sink
@@ -30,7 +27,7 @@ from harness.trial.plan import Interface, interfaces_of_system, plan, values_of
 from harness.trial.scenario import Scenario, load
 from harness.trial.summary import summarize, write_summary
 from harness.trial.trial import PAGE, SUMMARY, alone_in
-from harness.vest.vest import Vest, open_vest
+from harness.vest.vest import Vest, guarded, open_vest
 from models.errors import UsageError
 from models.kit.declaration import flatten
 from models.readings import ON_BOARD
@@ -144,30 +141,19 @@ def opened(
 
 
 def _scenario(request: Request, note: Note) -> Scenario | None:
-    """What a simulated vest, animal and sensors are; None with a real vest. The safety rules hold in it."""
+    """What a simulated vest, animal and sensors are; None with a real vest."""
     if not request.simulate:
         return None
     scenario = load(request.simulate)
-    if scenario.reading not in (None, "", ON_BOARD):
-        note(
-            f'{scenario.name}: the reading "{ON_BOARD}", with the safety rules, takes the place of '
-            f'"{scenario.reading}"'
-        )
     seed = scenario.seed if request.seed is None else request.seed
-    return replace(scenario, reading=ON_BOARD, seed=seed)
+    return replace(guarded(scenario, note), seed=seed)
 
 
 def _about(request: Request, scenario: Scenario | None) -> About:
     """What is known of the vest."""
     if scenario is None:
         return About(request.port, vest_parameters(Scenario(request.port, reading=ON_BOARD)))
-    plane = TangentPlane(*map(math.radians, scenario.origin))
-
-    def places(points: Sequence[Sequence[float]]) -> tuple[Position, ...]:
-        return tuple(Position(*plane.place(*point[:2])) for point in points)
-
-    mission = Draft(places([scenario.start])[0], places(scenario.waypoints), places(scenario.fence))
-    return About(f"simulation of {scenario.name}", vest_parameters(scenario), mission)
+    return About(f"simulation of {scenario.name}", vest_parameters(scenario), of_scenario(scenario))
 
 
 def vest_parameters(scenario: Scenario) -> dict[str, str]:

@@ -6,12 +6,13 @@ import math
 import time
 from bisect import bisect_right
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import orjson
 
-from codegen.firmware.telemetry import FIELDS, Flag, Telemetry
+from codegen.firmware.telemetry import Flag, Telemetry
 from harness.log.channel import SECOND
 from harness.log.contents import MESSAGE, Contents
 from harness.log.log import Log, LogError, read_log, read_records
@@ -20,9 +21,9 @@ from harness.station.desk import OrderError
 from harness.station.draft import Draft, as_json
 from harness.station.events import Event, Level
 from harness.station.history import History
-from harness.station.session import IDLE_S, SHOW_S, cues, thresholds
-from harness.station.shown import TRACK, News, event_message, hello
-from harness.station.sink import EVENTS, SEVERITY, STATE, values_of
+from harness.station.readings import telemetry_of
+from harness.station.shown import TRACK, News, Refresh, add_to, told, welcome
+from harness.station.sink import EVENTS, SEVERITY, STATE
 from models.modes import ENDED
 
 SPEEDS = 0.1, 100.0
@@ -70,45 +71,37 @@ class Playback:
             recorded = _Recorded(path.stat().st_size, (STATE, EVENTS))
             read_records(path, file, path.stat().st_size, recorded)
         self._frames = [
-            _Frame(moment, lambda state=state: orjson.loads(state))  # type: ignore[misc]
-            for moment, state in sorted(recorded.messages[STATE])
-        ] or _of_rows(self._log)
+            _Frame(moment, partial(orjson.loads, state)) for moment, state in sorted(recorded.messages[STATE])
+        ] or [
+            _Frame(float(moment), partial(_state_of, self._log, row))
+            for row, moment in enumerate(self._log.time)
+        ]
         self._times = [frame.time for frame in self._frames]
         self._events = [_event(moment, data) for moment, data in recorded.messages[EVENTS]]
         self._begin, self._end = float(self._log.time[0]), max(float(self._log.time[-1]), self._times[-1])
         self._operators: set[int] = set()
         self._at, self._speed, self._playing = self._begin, 1.0, False
         self._looked = clock()
-        self._dirty, self._shown_at = True, -math.inf
-        self._history = self._track()
-
-    def _track(self) -> History:
-        history = History(TRACK)
-        for i in range(len(self._log.time)):
-            telemetry = _telemetry(self._log, i)
-            if Flag.FIXED in Flag(telemetry.flags):
-                place = {"latitude": telemetry.latitude * 1e-7, "longitude": telemetry.longitude * 1e-7}
-                history.add(values_of(telemetry) | place | {"time": float(self._log.time[i])})
-        return history
+        self._refresh = Refresh()
+        self._track = History(TRACK)
+        for row, moment in enumerate(self._log.time):
+            add_to(self._track, float(moment), telemetry_of(self._log, row))
 
     def join(self, operator: int) -> list[bytes]:
         """As `Shown`."""
         self._operators.add(operator)
-        self._dirty = True
-        parameters = self._log.metadata.get("parameters", {})
-        first = hello(
+        self._refresh.stale = True
+        return welcome(
             operator,
+            self._log.metadata.get("parameters", {}),
+            self._track,
+            self._events,
             commander=None,
             insecure=bool(int(self._log["telemetry.flags"][-1]) & Flag.INSECURE),
             replay={"from": self._begin, "until": self._end},
-            thresholds=thresholds(parameters),
-            cues=cues(parameters),
             source=f"replay of {self._log.path.name}",
             scenario=None,
         )
-        events = [event_message(event) for event in self._events]
-        past = {"is": "history", "columns": self._history.columns(), "events": events}
-        return [orjson.dumps(first), orjson.dumps(past)]
 
     def leave(self, operator: int) -> None:
         """As `Shown`."""
@@ -131,7 +124,7 @@ class Playback:
                 return
             case _:
                 raise OrderError("a log is replayed: nothing can be ordered but seek, play and pause")
-        self._dirty = True
+        self._refresh.stale = True
 
     @staticmethod
     def _number(order: dict[str, Any], name: str, least: float, most: float) -> float:
@@ -145,7 +138,7 @@ class Playback:
         now = self._clock()
         if self._playing:
             self._at += (now - self._looked) * self._speed
-            self._dirty = True
+            self._refresh.stale = True
             if self._at >= self._end:
                 self._at, self._playing = self._end, False
         self._looked = now
@@ -153,18 +146,12 @@ class Playback:
     def poll(self) -> News:
         """As `Shown`."""
         self._advance()
-        now = self._clock()
-        waited = now - self._shown_at
-        if waited < SHOW_S or not (self._dirty or waited >= IDLE_S):
+        if not self._refresh.is_due(self._looked):
             return News(None)
-        self._dirty, self._shown_at = False, now
         place = max(bisect_right(self._times, self._at) - 1, 0)
         state = self._frames[place].state()
         replay = {"time": self._at, "playing": self._playing, "speed": self._speed}
         return News(orjson.dumps(state | {"operators": sorted(self._operators), "replay": replay}))
-
-    def close(self) -> None:
-        """As `Shown`."""
 
 
 def _event(moment: float, data: bytes) -> Event:
@@ -172,52 +159,40 @@ def _event(moment: float, data: bytes) -> Event:
     return Event(moment, LEVELS.get(content["level"], Level.CAUTION), str(content["message"]))
 
 
-def _telemetry(log: Log, row: int) -> Telemetry:
-    """A row's telemetry, in the units in which it was sent."""
-    numbers = [
-        log[f"telemetry.{name.removesuffix('_ms')}"][row] / wire.factor for name, wire in FIELDS.items()
-    ]
-    return Telemetry(*(round(number) for number in numbers))
+def _state_of(log: Log, row: int) -> dict[str, Any]:
+    """A state from a row's telemetry alone, where no station recorded what it showed."""
+    telemetry = telemetry_of(log, row)
+    is_loaded = Flag.LOADED in Flag(telemetry.flags)
+    return {
+        "is": "state",
+        "time": float(log.time[row]),
+        "link": _link_of(telemetry),
+        **told(telemetry),
+        "missing": lacking(telemetry.ready),
+        "draft": as_json(Draft()),
+        "draft_id": None,
+        "on_board": {"id": telemetry.mission_id, "mission": None} if is_loaded else None,
+        "stop_latched": False,
+        "holding": None,
+        "uploading": False,
+        "starting": False,
+        "aborting": False,
+        "commander": None,
+        "commander_alive": False,
+        "offered": False,
+        "operators": [],
+        "link_quality": None,
+        "alarms": [],
+    }
 
 
-def _of_rows(log: Log) -> list[_Frame]:
-    """States from the telemetry alone, where no station recorded what it showed."""
-
-    def state(row: int) -> dict[str, Any]:
-        telemetry = _telemetry(log, row)
-        flags, missing = Flag(telemetry.flags), lacking(telemetry.ready)
-        refusal = telemetry.refused
-        link = (
-            LinkState.READY
-            if not missing
-            else LinkState.LOADED
-            if Flag.LOADED in flags
-            else LinkState.CONNECTED
-        )
-        if Flag.STARTED in flags and telemetry.mode not in ENDED:
-            link = LinkState.RUNNING
-        return {
-            "is": "state",
-            "time": float(log.time[row]),
-            "link": link if telemetry.session else LinkState.DISCONNECTED,
-            "telemetry": values_of(telemetry),
-            "place": [telemetry.latitude * 1e-7, telemetry.longitude * 1e-7] if Flag.FIXED in flags else None,
-            "missing": missing,
-            "refusal": refusal.words if refusal else None,
-            "draft": as_json(Draft()),
-            "draft_id": None,
-            "on_board": {"id": telemetry.mission_id, "mission": None} if Flag.LOADED in flags else None,
-            "stop_latched": False,
-            "holding": None,
-            "uploading": False,
-            "starting": False,
-            "aborting": False,
-            "commander": None,
-            "commander_alive": False,
-            "offered": False,
-            "operators": [],
-            "link_quality": None,
-            "alarms": [],
-        }
-
-    return [_Frame(float(moment), lambda row=row: state(row)) for row, moment in enumerate(log.time)]  # type: ignore[misc]
+def _link_of(telemetry: Telemetry) -> LinkState:
+    """How far the vest is from a trial, as far as it tells itself."""
+    flags = Flag(telemetry.flags)
+    if not telemetry.session:
+        return LinkState.DISCONNECTED
+    if Flag.STARTED in flags and telemetry.mode not in ENDED:
+        return LinkState.RUNNING
+    if not lacking(telemetry.ready):
+        return LinkState.READY
+    return LinkState.LOADED if Flag.LOADED in flags else LinkState.CONNECTED

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import socket
 from collections.abc import Callable
 from contextlib import suppress
@@ -61,10 +62,10 @@ class SerialPort:
     def write(self, data: bytes) -> None:
         """As `Port`."""
         try:
-            self._port.write(data)
+            with suppress(BlockingIOError, InterruptedError):
+                os.write(self._port.fileno(), data)  # its own `write` tries again until all is taken
         except self._failures as reason:
-            if "timeout" not in str(reason).lower():
-                raise PortError(f"port {self._device}: is gone ({_reason(reason)})") from None
+            raise PortError(f"port {self._device}: is gone ({_reason(reason)})") from None
 
     def close(self) -> None:
         """As `Port`."""

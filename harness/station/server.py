@@ -27,10 +27,17 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from harness.station.desk import OrderError
 from harness.station.draft import as_json, from_json
-from harness.station.guard import LOCAL, SUBPROTOCOL, Guard, token_of
-from harness.station.mission_files import FORMATS, MAX_BYTES, read, write
-from harness.station.session import POLL_S, failure
-from harness.station.shown import MESSAGE_BYTES, MESSAGES_PER_S, Shown, event_message
+from harness.station.guard import SUBPROTOCOL, Guard, token_of
+from harness.station.mission_files import MAX_BYTES, read, write
+from harness.station.shown import (
+    MESSAGE_BYTES,
+    MESSAGES_PER_S,
+    POLL_S,
+    Shown,
+    error_message,
+    event_message,
+)
+from harness.vest import LOCALHOST
 from models.errors import CanineError, UsageError
 
 STATIC = Path(__file__).parent / "static"
@@ -82,7 +89,7 @@ class Outbox:
         messages, self._others = list(self._others), deque()
         if self._left_out:
             text = f"{self._left_out} messages were left out, since this browser is too slow"
-            messages.insert(0, orjson.dumps({"is": "error", "text": text}))
+            messages.insert(0, error_message(text))
             self._left_out = 0
         if self._state is not None:
             messages.append(self._state)
@@ -131,7 +138,7 @@ class Station:
         """Look at the port again and again, and tell the browsers what is new."""
         while True:
             news = self.shown.poll()
-            messages = [orjson.dumps(event_message(event)) for event in news.events]
+            messages = [event_message(event) for event in news.events]
             for outbox in self._outboxes.values():
                 for message in messages:
                     outbox.put(message)
@@ -145,14 +152,10 @@ class Station:
     async def _import(self, request: Request) -> Response:
         if response := self._refused(request):
             return response
-        data = bytearray()
-        async for part in request.stream():
-            data += part
-            if len(data) > MAX_BYTES:
-                return _error(f"the file has more than {MAX_BYTES} bytes")
         try:
+            data = await _body(request, "file", MAX_BYTES)
             # not on the loop, which keeps the vest's operator alive: a large file takes seconds
-            draft = await asyncio.to_thread(read, request.query_params.get("name", ""), bytes(data))
+            draft = await asyncio.to_thread(read, request.query_params.get("name", ""), data)
             return JSONResponse(as_json(draft))
         except CanineError as reason:
             return _error(str(reason))
@@ -160,22 +163,16 @@ class Station:
     async def _export(self, request: Request) -> Response:
         if response := self._refused(request):
             return response
-        data = bytearray()
-        async for part in request.stream():
-            data += part
-            if len(data) > MESSAGE_BYTES:
-                return _error(f"the mission has more than {MESSAGE_BYTES} bytes")
         to = request.query_params.get("to", "")
         try:
-            content = orjson.loads(bytes(data))
+            content = orjson.loads(await _body(request, "mission", MESSAGE_BYTES))
             mission = content.get("mission") if isinstance(content, dict) else None
             written = write(from_json(mission), to)
         except orjson.JSONDecodeError as reason:
             return _error(f"the mission is no JSON ({reason})")
         except CanineError as reason:
             return _error(str(reason))
-        name = f"mission.{to}" if to in FORMATS else "mission"
-        disposition = {"content-disposition": f'attachment; filename="{name}"'}
+        disposition = {"content-disposition": f'attachment; filename="mission.{to}"'}
         return Response(written, media_type="application/octet-stream", headers=disposition)
 
     def _refused(self, request: Request) -> Response | None:
@@ -222,7 +219,7 @@ class Station:
             try:
                 self.shown.order(operator, _order(message))
             except OrderError as reason:
-                outbox.put(failure(reason))
+                outbox.put(error_message(str(reason)))
 
 
 def _order(message: Message) -> dict[str, Any]:
@@ -250,6 +247,20 @@ async def _send(browser: WebSocket, outbox: Outbox) -> None:
                     await browser.send_text(message.decode())
             except (WebSocketDisconnect, TimeoutError, RuntimeError):  # the last one: it is closed already
                 return
+
+
+async def _body(request: Request, what: str, most: int) -> bytes:
+    """The body of a request.
+
+    Raises:
+        UsageError: it has more bytes than `most`.
+    """
+    data = bytearray()
+    async for part in request.stream():
+        data += part
+        if len(data) > most:
+            raise UsageError(f"the {what} has more than {most} bytes")
+    return bytes(data)
 
 
 def _error(text: str) -> Response:
@@ -307,7 +318,7 @@ def address_of(listener: sockets.socket, guard: Guard) -> str:
     """What a browser opens; the token is in the fragment, which browsers do not send."""
     host, number = listener.getsockname()[:2]
     shown = f"[{host}]" if ":" in host else host
-    if guard.bind in ("localhost", LOCAL):
+    if guard.bind in ("localhost", LOCALHOST):
         shown = "localhost"
     elif ipaddress.ip_address(host).is_unspecified:  # any address of this machine
         shown = sockets.gethostname()
@@ -371,7 +382,8 @@ async def serve(
     try:
         while not server.started and not serving.done():
             await asyncio.sleep(POLL_S)
-        ready(server)
+        if server.started:
+            ready(server)
         await asyncio.wait((serving, work), return_when=asyncio.FIRST_COMPLETED)
     finally:
         server.should_exit = True

@@ -13,34 +13,23 @@ from typing import Any
 import orjson
 
 from codegen.firmware.key import Key
-from codegen.firmware.telemetry import Flag, Refusal, Telemetry
+from codegen.firmware.telemetry import Flag, Telemetry
 from harness.log.log import LogError
 from harness.onboard.radio import Link, Mission, RadioError
-from harness.onboard.tones import commands
 from harness.station.alarms import Alarm, Alarms
 from harness.station.conduct import Conduct
 from harness.station.draft import Draft, as_json
 from harness.station.events import Event, Level
 from harness.station.history import History
 from harness.station.ports import Port, PortError
-from harness.station.shown import TRACK, News, event_message, hello
-from harness.station.sink import Sink, values_of
+from harness.station.shown import TRACK, News, Refresh, add_to, told, welcome
+from harness.station.sink import Sink
 from models.commands import Command
-from models.errors import CanineError, UsageError
+from models.errors import UsageError
 
-SHOW_S = 0.04  # s between two states that are shown, at least
-IDLE_S = 0.5  # and at most
 REOPEN_S = 2.0  # s between two tries to open a port that is gone
+UNRECORDED = ("alive", "draft")  # orders that would fill the log, as the repetitions of a hold would
 EVENTS = 500  # that are kept for who joins late
-POLL_S = 0.01  # s between two looks at the port
-THRESHOLDS = (
-    "moving_deviation",
-    "stop_deviation",
-    "capture_radius",
-    "stopped_speed",
-    "stop_hold",
-    "turn_timeout",
-)
 
 
 @dataclass(frozen=True)
@@ -88,15 +77,13 @@ class Session:
         self._log_clock = sink.clock
         self._events: deque[Event] = deque(maxlen=EVENTS)
         self._new: list[Event] = []
-        self._history = History(TRACK)
-        self._dirty = True
-        self._shown_at = 0.0
+        self._track = History(TRACK)
+        self._refresh = Refresh()
         self._recorded: Mission | None = None
         self._pool = ThreadPoolExecutor(1, "station-port")
         self._opening: Future[Port] | None = None
         self._failed_at = 0.0
         self._lost = ""  # why nothing is recorded any more
-        self._held: str | None = None
 
     @property
     def now(self) -> float:
@@ -106,20 +93,18 @@ class Session:
     def join(self, operator: int) -> list[bytes]:
         """As `Shown`."""
         self.conduct.desk.join(operator)
-        self._dirty = True
-        first = hello(
+        self._refresh.stale = True
+        return welcome(
             operator,
+            self.about.parameters,
+            self._track,
+            self._events,
             commander=self.conduct.desk.commander,
             insecure=self.is_insecure,
             replay=None,
-            thresholds=thresholds(self.about.parameters),
-            cues=cues(self.about.parameters),
             source=self.about.source,
             scenario=as_json(self.about.mission) if self.about.mission.home else None,
         )
-        events = [event_message(event) for event in self._events]
-        past = {"is": "history", "columns": self._history.columns(), "events": events}
-        return [orjson.dumps(first), orjson.dumps(past)]
 
     def leave(self, operator: int) -> None:
         """As `Shown`."""
@@ -128,19 +113,12 @@ class Session:
 
     def order(self, operator: int, order: dict[str, Any]) -> None:
         """As `Shown`: it is carried out, and sent, at once."""
-        now = self.now
+        now, held = self.now, self.conduct.holding
         self.conduct.order(now, operator, order)
-        if self._sink and self._is_worth_noting(order):
+        is_renewed = order["do"] == "hold" and self.conduct.holding is held
+        if not is_renewed and order["do"] not in UNRECORDED:
             self._record(lambda sink: sink.order(now, operator, order))
         self._act(now)
-
-    def _is_worth_noting(self, order: Mapping[str, Any]) -> bool:
-        """Signs of life, and the repetitions of a hold, would fill the log."""
-        name = order["do"]
-        held, self._held = self._held, order.get("command") if name == "hold" else self._held
-        if name == "release":
-            self._held = None
-        return name not in ("alive", "draft") and not (name == "hold" and held == self._held)
 
     def poll(self) -> News:
         """As `Shown`."""
@@ -153,31 +131,23 @@ class Session:
         self._act(now)
         self._record(lambda sink: sink.step(now))
         events, self._new = tuple(self._new), []
-        waited = now - self._shown_at
-        if waited < SHOW_S or not (self._dirty or waited >= IDLE_S):
-            return News(None, events)
-        self._dirty, self._shown_at = False, now
+        return News(self._show(now) if self._refresh.is_due(now) else None, events)
+
+    def _show(self, now: float) -> bytes:
         state = orjson.dumps(self.state(now))
         self._record(lambda sink: sink.show(now, state))
-        return News(state, events)
+        return state
 
     def _hear(self, now: float, telemetry: Telemetry) -> None:
         override = Command.STOP if self.conduct.latched else self.conduct.holding or Command.NONE
         self._record(lambda sink: sink.tell(now, telemetry, override))
-        if Flag.FIXED in Flag(telemetry.flags):
-            place = {"latitude": telemetry.latitude * 1e-7, "longitude": telemetry.longitude * 1e-7}
-            self._history.add(values_of(telemetry) | place | {"time": self._log_clock.at(now)})
-        self._dirty = True
+        add_to(self._track, self._log_clock.at(now), telemetry)
+        self._refresh.stale = True
 
     def _act(self, now: float) -> None:
         """Send what is due, and note what happened."""
-        frames = self.conduct.step(now)
-        if frames and self._port:
-            self._record(lambda sink: sink.send(now, frames))
-            try:
-                self._port.write(frames)
-            except PortError as reason:
-                self._lose_port(now, reason)
+        if frames := self.conduct.step(now):
+            self._send(now, frames)
         if self.conduct.on_board is not self._recorded:
             self._recorded = mission = self.conduct.on_board
             if mission:
@@ -185,11 +155,19 @@ class Session:
         for level, text in self.conduct.take_events():
             self._tell(now, level, text)
 
+    def _send(self, now: float, frames: bytes) -> None:
+        if self._port:
+            self._record(lambda sink: sink.send(now, frames))
+            try:
+                self._port.write(frames)
+            except PortError as reason:
+                self._lose_port(now, reason)
+
     def _tell(self, now: float, level: Level, text: str) -> None:
         event = Event(self._log_clock.at(now), level, text)
         self._events.append(event)
         self._new.append(event)
-        self._dirty = True
+        self._refresh.stale = True
         self._record(lambda sink: sink.event(event))
 
     def _record(self, write: Callable[[Sink], None]) -> None:
@@ -250,27 +228,15 @@ class Session:
     def state(self, now: float) -> dict[str, Any]:
         """What is shown, as harness/station/README.md lists it."""
         conduct, desk = self.conduct, self.conduct.desk
-        telemetry = conduct.telemetry
-        flags = Flag(telemetry.flags) if telemetry else Flag(0)
-        refusal = telemetry.refused if telemetry else Refusal.NONE
-        place = on_board = None
-        if telemetry and Flag.FIXED in flags:
-            place = [telemetry.latitude * 1e-7, telemetry.longitude * 1e-7]
-        if telemetry and Flag.LOADED in flags:
-            ours = conduct.on_board
-            mission = as_json(Draft(ours.home, ours.waypoints, ours.fence)) if ours else None
-            on_board = {"id": telemetry.mission_id, "mission": mission}
         return {
             "is": "state",
             "time": self._log_clock.at(now),
             "link": conduct.state(now),
-            "telemetry": values_of(telemetry) if telemetry else None,
-            "place": place,
+            **told(conduct.telemetry),
             "missing": conduct.missing(now),
-            "refusal": refusal.words if refusal else None,
             "draft": as_json(conduct.draft),
             "draft_id": conduct.draft_id,
-            "on_board": on_board,
+            "on_board": self._on_board(),
             "stop_latched": conduct.latched,
             "holding": conduct.holding.name if conduct.holding is not None else None,
             **conduct.pending(),
@@ -282,49 +248,25 @@ class Session:
             "alarms": [asdict(alarm) for alarm in self.alarms(now)],
         }
 
+    def _on_board(self) -> dict[str, Any] | None:
+        """The mission that the vest holds; its places, if this station gave it in this session."""
+        telemetry, ours = self.conduct.telemetry, self.conduct.on_board
+        if telemetry is None or Flag.LOADED not in Flag(telemetry.flags):
+            return None
+        mission = as_json(Draft(ours.home, ours.waypoints, ours.fence)) if ours else None
+        return {"id": telemetry.mission_id, "mission": mission}
+
     def close(self) -> None:
         """End: a mission that is under way is aborted, for nobody would renew a STOP. Twice does no harm."""
         now = self.now
-        if self._dirty:  # a replay ends as the screen would have
-            self._record(lambda sink: sink.show(now, orjson.dumps(self.state(now))))
-        for frames in self._last_frames():
-            self._record(lambda sink, frames=frames: sink.send(now, frames))  # type: ignore[misc]
-            if self._port:
-                with suppress(PortError):
-                    self._port.write(frames)
+        if self._refresh.stale:  # a replay ends as the screen would have
+            self._show(now)
+        if self.conduct.is_under_way:
+            with suppress(RadioError):
+                for frames in self.conduct.farewell():
+                    self._send(now, frames)
         self._pool.shutdown(wait=False, cancel_futures=True)
         if self._port:
             self._port.close()
         self._record(lambda sink: sink.close())
         self._sink = self._port = None
-
-    def _last_frames(self) -> list[bytes]:
-        if not self.conduct.is_under_way:
-            return []
-        try:
-            return self.conduct.farewell()
-        except RadioError:
-            return []
-
-
-def thresholds(parameters: Mapping[str, str]) -> dict[str, float]:
-    """What the controller decides by, as far as the parameters tell; SI."""
-    stated = {name: parameters.get(f"controller.{name}") for name in THRESHOLDS}
-    return {name: float(value) for name, value in stated.items() if value is not None}
-
-
-def cues(parameters: Mapping[str, str]) -> dict[str, dict[str, float | bool]]:
-    """What the animal hears and feels of each command, by its name."""
-    prefix = "command_module."
-    stated = {
-        name.removeprefix(prefix): float(x) for name, x in parameters.items() if name.startswith(prefix)
-    }
-    return {
-        command.name: {"tone_hz": tone, "vibrate_left": left, "vibrate_right": right}
-        for (tone, left, right), command in commands(stated).items()
-    }
-
-
-def failure(reason: CanineError) -> bytes:
-    """An order that cannot be carried out, as a browser gets it."""
-    return orjson.dumps({"is": "error", "text": str(reason)})

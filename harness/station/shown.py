@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from importlib.metadata import version
 from typing import Any, Protocol
 
+import orjson
+
+from codegen.firmware.telemetry import Telemetry
+from harness.onboard.tones import commands
 from harness.station.conduct import HOLD_S, NOTE_CHARS
 from harness.station.desk import ALIVE_S
 from harness.station.events import Event
+from harness.station.history import History
+from harness.station.readings import position_of, values_of
 from models.cmec import MAX_WAYPOINTS
 from models.commands import Command, Status
 from models.fence import MAX_CORNERS
 from models.modes import Anomaly, Mode
 
+POLL_S = 0.01  # s between two looks at the port
+SHOW_S = 0.04  # s between two states that are shown, at least
+IDLE_S = 0.5  # and at most
+PATIENCE_S = 3.0  # s after which a browser that hears nothing takes the station for lost
 MESSAGE_BYTES = 65536  # of a browser's message, at most
 MESSAGES_PER_S = 50
 LIMITS = {
@@ -26,7 +37,16 @@ LIMITS = {
     "note_chars": NOTE_CHARS,
     "hold_s": HOLD_S,
     "alive_s": ALIVE_S,
+    "silent_s": PATIENCE_S,
 }
+THRESHOLDS = (
+    "moving_deviation",
+    "stop_deviation",
+    "capture_radius",
+    "stopped_speed",
+    "stop_hold",
+    "turn_timeout",
+)
 ENUMS: Mapping[str, type[IntEnum]] = {"command": Command, "mode": Mode, "status": Status, "anomaly": Anomaly}
 TRACK = (
     "time", "latitude", "longitude", "speed", "heading", "position_sd", "deviation", "distance", "command",
@@ -60,19 +80,97 @@ class Shown(Protocol):
         """Carry out an order. Raises OrderError."""
 
     def poll(self) -> News:
-        """Look what has come; called a hundred times a second."""
-
-    def close(self) -> None:
-        """The end."""
+        """Look what has come; called each POLL_S."""
 
 
-def hello(operator: int, **facts: Any) -> dict[str, Any]:
-    """The first message to a browser."""
-    enums = {name: [member.name for member in kind] for name, kind in ENUMS.items()}
-    first = {"is": "hello", "version": version("guided-canine"), "you": operator}
-    return first | {"limits": LIMITS, "enums": enums} | facts
+class Refresh:
+    """When a state is shown: each IDLE_S at least, and if it is `stale` each SHOW_S.
+
+    Attributes:
+        stale: what is shown is no longer so.
+    """
+
+    def __init__(self) -> None:
+        self.stale = True
+        self._shown_at = -math.inf
+
+    def is_due(self, now: float) -> bool:
+        """Is a state shown now?"""
+        if now - self._shown_at < (SHOW_S if self.stale else IDLE_S):
+            return False
+        self.stale, self._shown_at = False, now
+        return True
 
 
-def event_message(event: Event) -> dict[str, Any]:
-    """An event as a browser gets it."""
+def welcome(
+    operator: int, parameters: Mapping[str, str], track: History, events: Iterable[Event], **facts: Any
+) -> list[bytes]:
+    """The first messages to a browser: who it is and what holds, and what was.
+
+    Args:
+        parameters: of the vest, `component.name` to its value (SI), as text.
+        track: rows of TRACK.
+        facts: further ones of `hello`.
+    """
+    hello = {
+        "is": "hello",
+        "version": version("guided-canine"),
+        "you": operator,
+        "limits": LIMITS,
+        "enums": {name: [member.name for member in kind] for name, kind in ENUMS.items()},
+        "thresholds": _thresholds(parameters),
+        "cues": _cues(parameters),
+    }
+    history = {"is": "history", "columns": track.columns(), "events": [_as_json(event) for event in events]}
+    return [orjson.dumps(hello | facts), orjson.dumps(history)]
+
+
+def _thresholds(parameters: Mapping[str, str]) -> dict[str, float]:
+    """What the controller decides by, as far as the parameters tell; SI."""
+    stated = {name: parameters.get(f"controller.{name}") for name in THRESHOLDS}
+    return {name: float(value) for name, value in stated.items() if value is not None}
+
+
+def _cues(parameters: Mapping[str, str]) -> dict[str, dict[str, float | bool]]:
+    """What the animal hears and feels of each command, by its name."""
+    prefix = "command_module."
+    stated = {
+        name.removeprefix(prefix): float(x) for name, x in parameters.items() if name.startswith(prefix)
+    }
+    return {
+        command.name: {"tone_hz": tone, "vibrate_left": left, "vibrate_right": right}
+        for (tone, left, right), command in commands(stated).items()
+    }
+
+
+def add_to(track: History, time: float, telemetry: Telemetry) -> None:
+    """Add where the animal is, if that is known, and how it is led; `time` is that of the log, s."""
+    if place := position_of(telemetry):
+        latitude, longitude = place
+        track.add(values_of(telemetry) | {"time": time, "latitude": latitude, "longitude": longitude})
+
+
+def told(telemetry: Telemetry | None) -> dict[str, Any]:
+    """What a state says of the last telemetry alone."""
+    if telemetry is None:
+        return {"telemetry": None, "place": None, "refusal": None}
+    refusal = telemetry.refused
+    return {
+        "telemetry": values_of(telemetry),
+        "place": position_of(telemetry),
+        "refusal": refusal.words if refusal else None,
+    }
+
+
+def _as_json(event: Event) -> dict[str, Any]:
     return {"is": "event", "time": event.time, "level": event.level, "text": event.text}
+
+
+def event_message(event: Event) -> bytes:
+    """An event as a browser gets it."""
+    return orjson.dumps(_as_json(event))
+
+
+def error_message(text: str) -> bytes:
+    """What went wrong, as a browser gets it."""
+    return orjson.dumps({"is": "error", "text": text})

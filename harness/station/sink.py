@@ -33,6 +33,7 @@ from harness.log.writer import LogWriter
 from harness.onboard.radio import Mission
 from harness.onboard.stand_in import Onboard
 from harness.station.events import ENDS_A_TRIAL, Event, Level
+from harness.station.readings import position_of, values_of
 from models.commands import Command, Status
 
 REPORT_S = 0.2  # between two telemetries (watchdog.report_period)
@@ -96,15 +97,6 @@ def _channel(component: str, block: str, signals: list[tuple[str, str, str, str]
     return Channel(component, block, names, units, types, meanings)
 
 
-def values_of(telemetry: Telemetry) -> dict[str, float | int]:
-    """The telemetry's fields in SI, by the names of the log; those without a unit are whole numbers."""
-    values: dict[str, float | int] = {}
-    for name, wire in FIELDS.items():
-        number = getattr(telemetry, name)
-        values[name.removesuffix("_ms")] = number * wire.factor if wire.si else number
-    return values
-
-
 class Clock:
     """The time of the log: the vest's clock while the vest is heard, and else this machine's.
 
@@ -157,7 +149,7 @@ class Sink:
     ) -> None:
         make_folder(folder)
         self.path, self.clock = folder / FILE, Clock(speed)
-        self.origin, self._speed = origin, speed
+        self._speed = speed
         self._parameters = dict(metadata.get("parameters", {}))
         versions = {"guided-canine": version("guided-canine"), "numpy": version("numpy")}
         self._writer = LogWriter(
@@ -171,7 +163,10 @@ class Sink:
         self._topics = {topic: self._writer.add_topic(topic, *stated) for topic, stated in SCHEMAS.items()}
         self._messages: list[tuple[int, float, bytes]] = []
         self._rows: list[tuple[float, dict[str, list[float]]]] = []
-        self._plane = TangentPlane(*map(math.radians, origin)) if origin else None
+        self.origin: tuple[float, float] | None = None
+        self._plane: TangentPlane | None = None
+        if origin:
+            self._plane_at(origin)
         self._before: Telemetry | None = None
         self._last = 0.0  # s, of the last row
         self._row = self._values(None, Command.NONE)
@@ -205,7 +200,9 @@ class Sink:
     def tell(self, now: float, telemetry: Telemetry, override: Command) -> None:
         """A telemetry that can be believed: a row, and the rows that are missing before it."""
         time = max(self.clock.follow(now, telemetry), self._last + LEAST_S)
-        self._settle_at(telemetry)
+        if self._plane is None and (place := position_of(telemetry)):
+            self._plane_at(place)
+            self._settle()
         self._fill(time)
         self._row = self._values(telemetry, override)
         self._write_row(time, self._row)
@@ -214,12 +211,10 @@ class Sink:
 
     def take_mission(self, mission: Mission) -> None:
         """A mission is on board: waypoints, home and fence as parameters of the controller."""
-        if self.origin is None:
-            self.origin = mission.home.latitude, mission.home.longitude
-        self._plane = TangentPlane(*map(math.radians, self.origin))
-        self._parameters |= mission_parameters(mission, self._plane)
+        plane = self._plane_at((mission.home.latitude, mission.home.longitude))
+        self._parameters |= mission_parameters(mission, plane)
         self._flush_rows()
-        self._writer.settle(self.origin, self._parameters)
+        self._settle()
 
     def step(self, now: float) -> None:
         """Repeat the last row while the vest is silent; flush each second."""
@@ -242,12 +237,16 @@ class Sink:
         self.flush()
         self._writer.close()
 
-    def _settle_at(self, telemetry: Telemetry) -> None:
-        """The first fix becomes the origin, if there is none yet."""
-        if self.origin is None and Flag.FIXED in Flag(telemetry.flags):
-            self.origin = telemetry.latitude * 1e-7, telemetry.longitude * 1e-7
-            self._plane = TangentPlane(*map(math.radians, self.origin))
-            self._writer.settle(self.origin, self._parameters)
+    def _plane_at(self, place: tuple[float, float]) -> TangentPlane:
+        """The plane of north and east; this place, deg, becomes its origin if there is none yet."""
+        if self._plane is None:
+            self.origin, self._plane = place, TangentPlane(*map(math.radians, place))
+        return self._plane
+
+    def _settle(self) -> None:
+        """State the origin and the mission, which became known on the way."""
+        assert self.origin is not None
+        self._writer.settle(self.origin, self._parameters)
 
     def _fill(self, until: float) -> None:
         """Repeat the last row, so that no step up to a time is longer than LONGEST_S."""

@@ -30,7 +30,7 @@ def open_radio(tcp: int | None, bind: str, *, is_signed: bool) -> Iterator[Pty |
         with closing(Pty()) as pty:
             yield pty
         return
-    if not is_signed and not _is_this_machine(bind):
+    if not is_signed and not is_local(bind):
         raise UsageError(
             f"--bind {bind}: whoever reaches it commands the vest; expected --key FILE too "
             "(`canine keygen` makes one), or an address of this machine, such as 127.0.0.1"
@@ -39,7 +39,8 @@ def open_radio(tcp: int | None, bind: str, *, is_signed: bool) -> Iterator[Pty |
         yield port
 
 
-def _is_this_machine(address: str) -> bool:
+def is_local(address: str) -> bool:
+    """Does nobody but this machine reach an address?"""
     try:
         return ipaddress.ip_address(address).is_loopback
     except ValueError:

@@ -31,8 +31,9 @@ class TcpPort:
         try:
             family, *_, place = socket.getaddrinfo(bind, port, type=socket.SOCK_STREAM)[0]
             self._server = socket.create_server(place[:2], family=family)
-        except OSError as reason:
-            raise UsageError(f"--tcp {port}: {bind} cannot be listened at: {reason.strerror}") from None
+        except (OSError, UnicodeError) as reason:
+            why = getattr(reason, "strerror", None) or reason
+            raise UsageError(f"--tcp {port}: {bind} cannot be listened at: {why}") from None
         self._server.setblocking(False)
         self._client: socket.socket | None = None
         host, number = self._server.getsockname()[:2]

@@ -236,8 +236,8 @@ def open_vest(
     processor = find_target(target).same_processor_as or target
     changes = Changes(settings=settings, seed=seed, onboard=f"pil:{processor}")
     with ExitStack() as stack:
-        request = _guarded(stack.enter_context(requested(scenario, changes)), note)
-        request = replace(request, onboard=target)
+        request = stack.enter_context(requested(scenario, changes))
+        request = replace(request, onboard=target, scenario=guarded(request.scenario, note))
         build_missing(request, built)
         if is_foreign(request):
             raise UsageError(
@@ -272,16 +272,18 @@ def _alone(target: str, *, in_process: bool) -> Callable[..., Resettable] | None
     return None if in_process or target != "host" else open_host_process
 
 
-def _guarded(request: Request, note: Callable[[str], None]) -> Request:
-    """The request in the reading with limits: nobody knows who will command the vest."""
-    scenario = request.scenario
-    if scenario.reading == ON_BOARD:
-        return request
-    note(
-        f'{scenario.name}: its reading "{scenario.reading}" is without the safety rules; the vest is '
-        f'"{ON_BOARD}", with them'
-    )
-    return replace(request, scenario=replace(scenario, reading=ON_BOARD))
+def guarded(scenario: Scenario, note: Callable[[str], None]) -> Scenario:
+    """The scenario in the reading with the safety rules: nobody knows who will command the vest.
+
+    Args:
+        note: is told if the scenario states another reading.
+    """
+    if scenario.reading not in (None, ON_BOARD):
+        note(
+            f'{scenario.name}: its reading "{scenario.reading}" is without the safety rules; the vest is '
+            f'"{ON_BOARD}", with them'
+        )
+    return replace(scenario, reading=ON_BOARD)
 
 
 def _notes(scenario: Scenario) -> Iterator[str]:

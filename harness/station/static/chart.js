@@ -5,18 +5,17 @@
   const STEP = 0.5, LONG_STEP = 5; // m, that an arrow key moves a place
   const ARROWS = { ArrowUp: [1, 0], ArrowDown: [-1, 0], ArrowRight: [0, 1], ArrowLeft: [0, -1] };
   const NEAR = 0.2; // m, below which the track gets no point
-  const names = { home: () => "home", waypoints: (index) => "waypoint " + (index + 1), fence: (index) => "fence corner " + (index + 1) };
 
   canine.chart = function (element, draft, origin) {
     const map = canine.map(element, { degrees: true, origin, label: "map" }), { leaflet, content } = map;
-    const shapes = L.featureGroup().addTo(content), held = L.featureGroup().addTo(content);
+    const shapes = L.featureGroup().addTo(content), differing = L.featureGroup().addTo(content);
     const handles = { home: [], waypoints: [], fence: [] };
     const track = map.track("path"), animal = map.animal("estimate");
     const target = L.polyline([], { className: "to-target", interactive: false, color: null }).addTo(leaflet);
     let tool = "move", mayEdit = false, radius = 0, onBoard = null, last = null, homeAtHand = null, limits = { waypoints: 16, corners: 7 };
 
     const line = (points, className, more) => L.polyline(points, { className, interactive: false, color: null, fillColor: null, ...more });
-    const isHeld = (kind, index) =>
+    const isOnBoard = (kind, index) =>
       Boolean(onBoard) && canine.samePlace(kind === "home" ? draft.value.home : draft.value[kind][index], kind === "home" ? onBoard.home : onBoard[kind][index]);
     const circle = (place, className) => L.circle(place, { radius, className, interactive: false, color: null, fillColor: null });
 
@@ -24,8 +23,8 @@
     function draw() {
       const { home, waypoints, fence } = draft.value, places = [...(home ? [home] : []), ...waypoints];
       shapes.clearLayers();
-      held.clearLayers();
-      if (onBoard) drawHeld();
+      differing.clearLayers();
+      if (onBoard) drawDiffering();
       if (fence.length > 1) L.polygon(fence, { className: "fence", interactive: false, color: null, fillColor: null }).addTo(shapes);
       if (radius) places.forEach((place) => circle(place, "capture").addTo(shapes));
       places.slice(1).forEach((place, index) => {
@@ -41,19 +40,19 @@
       place("waypoints", waypoints);
       place("fence", fence);
     }
-    function drawHeld() {
+    function drawDiffering() {
       const { home, waypoints, fence } = onBoard;
       waypoints.forEach((place, index) => {
-        if (isHeld("waypoints", index)) return;
-        circle(place, "capture differs").addTo(held);
+        if (isOnBoard("waypoints", index)) return;
+        circle(place, "capture differs").addTo(differing);
         const icon = L.divIcon({ className: "", iconSize: [20, 20], html: canine.element("div", { class: "waypoint differs" }, index + 1) });
-        L.marker(place, { icon, interactive: false, keyboard: false }).addTo(held);
+        L.marker(place, { icon, interactive: false, keyboard: false }).addTo(differing);
       });
       const route = [home, ...waypoints];
       const same = canine.sameMission({ ...onBoard, fence: [] }, { ...draft.value, fence: [] });
-      if (!same) line(route, "leg differs").addTo(held);
+      if (!same) line(route, "leg differs").addTo(differing);
       if (fence.length && JSON.stringify(fence) !== JSON.stringify(draft.value.fence)) {
-        L.polygon(fence, { className: "fence differs", interactive: false, color: null, fillColor: null }).addTo(held);
+        L.polygon(fence, { className: "fence differs", interactive: false, color: null, fillColor: null }).addTo(differing);
       }
     }
 
@@ -66,16 +65,16 @@
         some[index].setLatLng(where);
         const face = some[index].getElement();
         face.firstChild.className = faceOf(kind, index);
-        face.setAttribute("aria-label", names[kind](index) + (isHeld(kind, index) ? ", on board" : ", not on board"));
+        face.setAttribute("aria-label", canine.placeName(kind, index) + (isOnBoard(kind, index) ? ", on board" : ", not on board"));
         some[index].dragging[mayEdit ? "enable" : "disable"]();
       });
     }
     const faceOf = (kind, index) =>
-      (kind === "fence" ? "corner" : kind === "home" ? "waypoint home" : "waypoint") + (isHeld(kind, index) ? "" : " new");
+      (kind === "fence" ? "corner" : kind === "home" ? "waypoint home" : "waypoint") + (isOnBoard(kind, index) ? "" : " new");
     function handle(kind, index) {
       const text = kind === "home" ? "H" : kind === "fence" ? "" : String(index + 1);
       const icon = L.divIcon({ className: "handle", iconSize: [34, 34], html: canine.element("div", { class: faceOf(kind, index) }, text) });
-      const marker = L.marker([0, 0], { icon, draggable: true, autoPan: true, title: names[kind](index) }).addTo(content);
+      const marker = L.marker([0, 0], { icon, draggable: true, autoPan: true, title: canine.placeName(kind, index) }).addTo(content);
       const moved = ([latitude, longitude]) => draft.move(kind, index, [latitude, longitude]);
       marker.on("dragend", () => moved([marker.getLatLng().lat, marker.getLatLng().lng]));
       marker.getElement().addEventListener("keydown", (event) => {

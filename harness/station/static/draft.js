@@ -15,6 +15,9 @@
   });
   canine.sameMission = (one, other) => Boolean(one && other) && JSON.stringify(clean(one)) === JSON.stringify(clean(other));
 
+  canine.placeName = (kind, index) =>
+    ({ home: "home", waypoints: "waypoint " + (index + 1), fence: "fence corner " + (index + 1) })[kind];
+
   // A draft: `value`, `change(next)`, `undo()`, `redo()`, `adopt(mission)` for one that another drew, `listen(react)`.
   canine.draft = function () {
     const listeners = new Set(), done = [], undone = [];

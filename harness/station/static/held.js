@@ -9,7 +9,7 @@
     (element.isContentEditable || element.tagName === "TEXTAREA" || (element.tagName === "INPUT" && /^(text|number|search)$/.test(element.type)));
   canine.isText = isText;
 
-  // A button, and a key of the whole page: `begin()` when it is pressed (false refuses), `end(why)` when it is let go.
+  // A button, and a key of the whole page: `begin()` when it is pressed (false refuses), `end()` when it is let go.
   canine.held = function (button, key, { begin, end }) {
     let pointer = null, pressed = null; // the pointer and the key that hold it
     const isHeld = () => pointer !== null || pressed !== null;
@@ -18,11 +18,11 @@
       button.classList.add("held");
       return true;
     };
-    const letGo = function (why) {
+    const letGo = function () {
       if (!isHeld()) return;
       pointer = pressed = null;
       button.classList.remove("held");
-      end(why);
+      end();
     };
     button.addEventListener("pointerdown", (event) => {
       if (event.button !== 0 || isHeld() || !start()) return;
@@ -31,7 +31,7 @@
     });
     for (const name of ["pointerup", "pointercancel", "lostpointercapture"]) {
       button.addEventListener(name, (event) => {
-        if (event.pointerId === pointer) letGo("released");
+        if (event.pointerId === pointer) letGo();
       });
     }
     button.addEventListener("contextmenu", (event) => event.preventDefault());
@@ -43,20 +43,20 @@
       if (!event.repeat && !isHeld() && start()) pressed = event.code;
     });
     window.addEventListener("keyup", (event) => {
-      if (pressed !== null && event.code === pressed) letGo("released");
+      if (pressed !== null && event.code === pressed) letGo();
     });
     canine.onLeave(letGo);
-    return { letGo, isHeld };
+    return { letGo };
   };
 
-  // Calls back with the reason whenever the operator's eyes or hands have left the page.
+  // Calls back whenever the operator's eyes or hands have left the page.
   const leavers = new Set();
   canine.onLeave = (react) => leavers.add(react);
-  const leave = (why) => leavers.forEach((react) => react(why));
-  window.addEventListener("blur", () => leave("the page lost the focus"));
-  window.addEventListener("pagehide", () => leave("the page was left"));
+  const leave = () => leavers.forEach((react) => react());
+  window.addEventListener("blur", leave);
+  window.addEventListener("pagehide", leave);
   document.addEventListener("visibilitychange", () => {
-    if (document.hidden) leave("the page was hidden");
+    if (document.hidden) leave();
   });
   canine.leave = leave;
 
@@ -69,7 +69,7 @@
         bar.style.transition = `width ${seconds}s linear`;
         bar.style.width = "100%";
         timer = setTimeout(() => {
-          hold.letGo("done");
+          hold.letGo();
           act();
         }, 1000 * seconds);
       },
@@ -102,6 +102,6 @@
         },
       });
     });
-    return { letGo: (why) => holds.forEach((one) => one.letGo(why)), get held() { return held; } };
+    return { letGo: () => holds.forEach((one) => one.letGo()), get held() { return held; } };
   };
 })();

@@ -2,7 +2,8 @@
 (function () {
   "use strict";
   const canine = (window.canine = window.canine || {});
-  const SILENT_S = 3; // the station speaks each second at least
+  const SILENT_S = 3; // until the station has told how long it may say nothing
+  const LOOK_MS = 500;
   const SHORTEST_MS = 500, LONGEST_MS = 4000; // before another attempt
 
   canine.token = () => new URLSearchParams(location.hash.slice(1)).get("token");
@@ -40,12 +41,12 @@
       const silent = socket;
       lost(silent);
       silent.close();
-    }, 250 * SILENT_S);
+    }, LOOK_MS);
     open();
     return {
       isOpen,
-      // How long the station may say nothing, in s.
-      set patience(seconds) { patience = seconds || SILENT_S; },
+      // How long the station may say nothing, in s, once it has told.
+      set patience(seconds) { patience = seconds; },
       // False if nobody is there to hear it.
       send(message) {
         if (!isOpen()) return false;

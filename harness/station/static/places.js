@@ -5,7 +5,7 @@
   const LIMITS = [90, 180]; // deg
   const AXES = ["latitude", "longitude"];
 
-  // `react` is told what is wrong with a number.
+  // `complain` is told what is wrong with a number.
   canine.places = function (table, total, draft, complain) {
     const body = table.tBodies[0];
     let mayEdit = false, radius = 0;
@@ -28,7 +28,7 @@
       if (again) again.focus();
     }
     function row(kind, index, label, place, leg) {
-      const name = kind === "home" ? "home" : kind === "fence" ? "fence corner " + (index + 1) : "waypoint " + (index + 1);
+      const name = canine.placeName(kind, index);
       const cells = AXES.map((axis, which) => {
         const input = canine.element("input", { type: "text", inputmode: "decimal", value: place[which].toFixed(7), size: 11,
           "aria-label": `${axis} of ${name} in deg`, "data-key": `${kind}-${index}-${axis}`, disabled: !mayEdit });

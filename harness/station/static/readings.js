@@ -5,7 +5,7 @@
   const RANGE = Math.PI / 2; // rad that the gauge shows to each side
   const UNLIMITED = 65535, NOT_TOLD = -32768; // of the telemetry's whole numbers
 
-  // A list of terms and values whose elements are kept: `set({term: text})`, `mark(term, level)`.
+  // A list of terms and values whose elements are kept: `set({term: text})`, or `[text, level]`.
   canine.numbers = function (list) {
     const values = new Map();
     return {
@@ -30,16 +30,18 @@
     const needle = canine.element("span", { class: "needle" }), zone = canine.element("span", { class: "zone" });
     const inner = canine.element("span", { class: "zone inner" }), words = canine.element("span", { class: "words number" }, "");
     element.append(zone, inner, canine.element("span", { class: "middle" }), needle, words);
+    let moving = null; // the deviation at which a turn begins
     const percent = (angle) => 50 + (50 * Math.max(-RANGE, Math.min(RANGE, angle))) / RANGE + "%";
     return {
-      setThresholds({ moving_deviation: moving, stop_deviation: stop }) {
-        for (const [part, angle] of [[zone, moving], [inner, stop]]) {
+      setThresholds(thresholds) {
+        moving = thresholds.moving_deviation;
+        for (const [part, angle] of [[zone, moving], [inner, thresholds.stop_deviation]]) {
           part.hidden = !canine.isNumber(angle);
           part.style.left = percent(-angle || 0);
           part.style.right = `calc(100% - ${percent(angle || 0)})`;
         }
       },
-      set(deviation, moving) {
+      set(deviation) {
         const known = canine.isNumber(deviation);
         needle.hidden = !known;
         if (known) needle.style.left = percent(deviation);

@@ -6,12 +6,10 @@
   const ALIVE_MS = 200, DRAW_MS = 100, COURSE_MS = 500, DRAFT_MS = 250, SEEK_MS = 100; // between two of a kind
   const MOST_EVENTS = 500; // on the screen; the log has all
   const KEYS = { FORWARD: "F", LEFT: "L", RIGHT: "R", RECALL: "C" };
-  const CUES = { FORWARD: { tone_hz: 1500 }, STOP: { tone_hz: 3500 }, RECALL: { tone_hz: 9500 },
-    LEFT: { vibrate_left: true }, RIGHT: { vibrate_right: true } }; // Table 4.1
   const ENDED = ["SUCCESS", "FAILED", "STOPPED"];
   const STEPS = ["disconnected", "connected", "loaded", "ready", "running"];
 
-  let hello = null, state = null, begun = null, drawnHistory = false, isCentred = false, isFitted = true;
+  let hello = null, state = null, begun = null, playback = null, isCentred = false, isFitted = true;
   const draft = canine.draft(), sound = canine.sound();
   const alarms = canine.alarms({ warnings: id("warnings"), cautions: id("cautions"), calm: id("calm") }, sound);
   const numbers = canine.numbers(id("numbers")), vest = canine.numbers(id("vest"));
@@ -28,22 +26,19 @@
   const link = canine.connect({ react, changed });
   const send = (message) => link.send(message) || void tell({ level: "warning", text: `not sent, nobody answers: ${message.do}` });
   const isReplay = () => Boolean(hello && hello.replay);
-  const commands = () => Boolean(link.isOpen() && hello && state && !isReplay() && state.commander === hello.you);
+  const isCommander = () => Boolean(link.isOpen() && hello && state && !isReplay() && state.commander === hello.you);
   const isRunning = () => Boolean(state && state.link === "running");
-  const name = (kind, value) => {
-    const names = hello && hello.enums && hello.enums[kind];
-    return typeof value === "number" && names ? names[value] : value;
-  };
+  const nameOf = (kind, value) => (typeof value === "number" ? hello.enums[kind][value] : value);
+  const inWords = (kind, value) => (nameOf(kind, value) || "\u2013").toLowerCase().replaceAll("_", " ");
 
   // what the server tells
 
   function changed(open) {
-    if (!open) canine.leave("the station is not heard");
+    if (!open) canine.leave();
     drawSoon();
   }
   function react(message) {
     if (message.is === "hello") begin(message);
-    else if (hello === null) return; // what was told before it greeted
     else if (message.is === "state") take(message);
     else if (message.is === "history") recall(message);
     else if (message.is === "event") tell(message);
@@ -56,18 +51,17 @@
     const first = hello === null;
     hello = message;
     state = null;
-    drawnHistory = false;
-    id("source").textContent = hello.source || "";
+    id("source").textContent = hello.source;
     id("signed").hidden = !hello.insecure;
-    document.title = (hello.source ? hello.source + " \u2013 " : "") + "Guided Canine station";
+    document.title = hello.source + " \u2013 Guided Canine station";
     document.body.classList.toggle("replay", isReplay());
-    const thresholds = hello.thresholds || {};
+    const { thresholds, limits } = hello;
     gauge.setThresholds(thresholds);
     course.setThresholds(thresholds);
     course.fixed = isReplay();
     chart.radius = places.radius = thresholds.capture_radius || 0;
-    if (hello.limits) chart.limits = hello.limits;
-    link.patience = hello.limits && hello.limits.silent_s;
+    chart.limits = limits;
+    link.patience = limits.silent_s;
     if (first && isReplay()) buildPlayback();
     id("playback").hidden = !isReplay();
     id("scenario").hidden = !hello.scenario;
@@ -84,15 +78,15 @@
   function take(message) {
     const before = state;
     state = message;
-    if (state.draft && (before === null || !commands())) draft.adopt(state.draft);
+    if (state.draft && (before === null || !isCommander())) draft.adopt(state.draft);
     centre();
     chart.homeAtHand = state.place || (hello.scenario && hello.scenario.home);
     const { telemetry } = state;
     if (telemetry) {
-      const told = name("command", telemetry.command), added = !isReplay() && course.add({
+      const told = nameOf("command", telemetry.command), added = !isReplay() && course.add({
         ...telemetry, time: state.time, latitude: state.place && state.place[0], longitude: state.place && state.place[1],
-        command: told, mode: name("mode", telemetry.mode) });
-      if (added && drawnHistory) chart.follow(state.place, told);
+        command: told, mode: nameOf("mode", telemetry.mode) });
+      if (added) chart.follow(state.place, told);
       const wasRunning = before && before.link === "running";
       if (!isRunning()) begun = null;
       else if (!wasRunning || begun === null) {
@@ -100,7 +94,6 @@
         if (before) chart.setTrack([]); // that of this trial alone
       }
     }
-    if (!drawnHistory && before) drawnHistory = true;
     if (before === null) takeIfFree();
     if (isReplay() && !isFitted) {
       isFitted = true;
@@ -114,16 +107,14 @@
     return time.length ? time[Math.min(last + 1, time.length - 1)] : now;
   }
   function recall({ columns, events }) {
-    const named = { ...columns, command: (columns.command || []).map((value) => name("command", value)),
-      mode: (columns.mode || []).map((value) => name("mode", value)) };
+    const named = { ...columns, command: columns.command.map((value) => nameOf("command", value)),
+      mode: columns.mode.map((value) => nameOf("mode", value)) };
     course.take(named);
-    chart.setTrack(points(named), named.command);
-    drawnHistory = true;
+    chart.setTrack(columns.latitude.map((value, row) => [value, columns.longitude[row]]), named.command);
     id("events").replaceChildren();
-    for (const event of events || []) tell(event);
+    events.forEach(tell);
     isFitted = false;
   }
-  const points = ({ latitude = [], longitude = [] }) => latitude.map((value, row) => [value, longitude[row]]);
 
   function tell({ time, level, text }) {
     const list = id("events");
@@ -142,11 +133,11 @@
   }
   // A page that nobody sees does not command: Space would not reach it.
   setInterval(() => {
-    if (commands() && !document.hidden) link.send({ do: "alive" });
+    if (isCommander() && !document.hidden) link.send({ do: "alive" });
   }, ALIVE_MS);
   const stop = function () {
-    manual.letGo("STOP");
-    start.letGo("STOP");
+    manual.letGo();
+    start.letGo();
     send({ do: "stop" });
   };
   id("stop").addEventListener("pointerdown", (event) => {
@@ -184,7 +175,7 @@
   function sendDraft() {
     clearTimeout(draftTimer);
     draftTimer = null;
-    if (commands()) send({ do: "draft", mission: draft.value });
+    if (isCommander()) send({ do: "draft", mission: draft.value });
   }
   press("upload", () => {
     sendDraft();
@@ -199,12 +190,11 @@
     chart.map.fit();
   });
   press("home-here", () => draft.change({ home: state.place }));
-  press("add-waypoint", () => mark("waypoint", chart.centre()));
-  press("add-corner", () => mark("fence", chart.centre()));
+  press("add-waypoint", () => chart.add("waypoint", chart.centre()));
+  press("add-corner", () => chart.add("fence", chart.centre()));
   press("fit", () => chart.map.fit());
-  press("follow", () => id("follow").setAttribute("aria-pressed", String(!isPressed("follow"))));
-  const isPressed = (button) => id(button).getAttribute("aria-pressed") === "true";
-  const mark = (kind, place) => chart.add(kind, place);
+  const follows = () => id("follow").getAttribute("aria-pressed") === "true";
+  press("follow", () => id("follow").setAttribute("aria-pressed", String(!follows())));
   const tools = [...document.querySelectorAll("[data-tool]")];
   for (const button of tools) {
     button.addEventListener("click", () => {
@@ -265,7 +255,7 @@
     if (canine.isText(event.target)) return;
     const key = event.key.toLowerCase();
     if (key === "m" && !event.ctrlKey && !event.metaKey && !event.repeat) mute();
-    if (!(event.ctrlKey || event.metaKey) || !commands() || (key !== "z" && key !== "y")) return;
+    if (!(event.ctrlKey || event.metaKey) || !isCommander() || (key !== "z" && key !== "y")) return;
     event.preventDefault();
     if (key === "y" || event.shiftKey) draft.redo();
     else draft.undo();
@@ -321,7 +311,6 @@
     playback = replay;
     id("playback").append(canine.playback(replay));
   }
-  let playback = null;
 
   // drawing, at most each DRAW_MS
 
@@ -363,12 +352,12 @@
     if (id("who").textContent !== words) id("who").textContent = words;
     const watches = link.isOpen() && state && !isReplay();
     id("take").hidden = !(watches && (state.commander !== hello.you || state.offered));
-    id("take").textContent = commands() ? "Keep command" : "Take command";
+    id("take").textContent = isCommander() ? "Keep command" : "Take command";
     id("take").disabled = Boolean(watches && state.commander !== null && state.commander !== hello.you && state.commander_alive && !state.offered);
-    id("hand-over").hidden = !(commands() && state.operators.length > 1 && !state.offered);
+    id("hand-over").hidden = !(isCommander() && state.operators.length > 1 && !state.offered);
   }
   function drawConduct() {
-    const mine = commands(), latched = Boolean(state && state.stop_latched), heard = Boolean(state && state.link !== "disconnected");
+    const mine = isCommander(), latched = Boolean(state && state.stop_latched), heard = Boolean(state && state.link !== "disconnected");
     const reasons = whyNot();
     id("stop").classList.toggle("latched", latched);
     id("stop").setAttribute("aria-pressed", String(latched));
@@ -380,8 +369,8 @@
     id("clear-stop").disabled = !mine;
     id("start").disabled = !mine || reasons.length > 0 || state.link !== "ready" || !isUploaded();
     id("abort").disabled = !mine || !heard;
-    if (id("start").disabled) start.letGo("START is not offered any more");
-    if (!mine || !heard) manual.letGo("the command or the vest is lost"); // a button that is off hears no release
+    if (id("start").disabled) start.letGo();
+    if (!mine || !heard) manual.letGo(); // a button that is off hears no release
     for (const button of document.querySelectorAll("#manual button")) {
       button.disabled = !mine || !heard;
       button.classList.toggle("active", Boolean(state && state.holding === button.dataset.command));
@@ -397,7 +386,7 @@
   }
   // How the last trial ended, until an ABORT clears it.
   function outcome() {
-    const status = state && state.telemetry && name("status", state.telemetry.status);
+    const status = state && state.telemetry && nameOf("status", state.telemetry.status);
     return ENDED.includes(status) ? `The trial has ended: ${status}. ABORT makes the vest ready for another. ` : "";
   }
   // Why START cannot be given now, in words.
@@ -405,7 +394,7 @@
     if (isReplay()) return ["this is a log"];
     if (!link.isOpen() || !state) return ["the station does not answer"];
     if (isRunning()) return [];
-    const reasons = (state.missing || []).map(({ words }) => words);
+    const reasons = state.missing.map(({ words }) => words);
     if (state.refusal) reasons.push("the last START was refused: " + state.refusal);
     return reasons;
   }
@@ -413,13 +402,13 @@
     Boolean(state && state.on_board && (state.on_board.mission ? canine.sameMission(state.on_board.mission, draft.value) : state.on_board.id === state.draft_id));
 
   function drawAlarms() {
-    const told = state && link.isOpen() && Array.isArray(state.alarms) ? state.alarms : [];
+    const told = state && link.isOpen() ? state.alarms : [];
     const own = link.isOpen() || !hello ? [] : [{ key: "station", level: "warning", since: null,
       text: "the station does not answer: nothing can be sent, not even STOP; the vest stops by itself when it hears nobody" }];
     alarms.show([...own, ...told], state && state.time);
   }
   function drawMission() {
-    const mine = commands();
+    const mine = isCommander();
     chart.mayEdit = places.mayEdit = mine;
     id("undo").disabled = !mine || !draft.canUndo;
     id("redo").disabled = !mine || !draft.canRedo;
@@ -440,52 +429,52 @@
     if (id("on-board").textContent !== words) id("on-board").textContent = words;
   }
   function drawReadings() {
-    const { telemetry, place, link_quality: quality = {} } = state, heard = telemetry && state.link !== "disconnected";
-    const told = telemetry ? name("command", telemetry.command) : "NONE", shown = telemetry || {};
-    cue.set(told, (hello.cues || CUES)[told] || {});
-    const moving = hello.thresholds && hello.thresholds.moving_deviation;
-    gauge.set(telemetry && isRunning() ? telemetry.deviation : null, moving);
+    const { telemetry, place } = state, heard = telemetry && state.link !== "disconnected";
+    const quality = state.link_quality || {}; // a trial's log has none
+    const told = telemetry ? nameOf("command", telemetry.command) : "NONE", shown = telemetry || {};
+    cue.set(told, hello.cues[told]);
+    gauge.set(telemetry && isRunning() ? telemetry.deviation : null);
     const mission = state.on_board && state.on_board.mission, total = mission ? mission.waypoints.length : null;
     const aim = mission && isRunning() ? mission.waypoints[shown.waypoint] || mission.home : null;
     chart.show(place, shown.heading, shown.position_sd, aim);
-    if (id("follow").getAttribute("aria-pressed") === "true" && (isRunning() || isReplay())) chart.keep(place);
+    if (follows() && (isRunning() || isReplay())) chart.keep(place);
     const gps = age("gps", shown.gps_frames, state.time), imu = age("imu", shown.imu_frames, state.time);
     const stale = (seconds) => (!heard ? "stale" : seconds > 2 ? "warning" : seconds > 1 ? "caution" : "");
-    const format = canine.format, dim = heard ? "" : "stale";
+    const format = canine.format, dim = heard ? "" : "stale", count = (number) => String(number ?? "\u2013");
     numbers.set({
       "Speed": [format(shown.speed, "m/s", 1), dim],
       "Heading": [canine.isNumber(shown.heading) ? format((shown.heading + 2 * Math.PI) % (2 * Math.PI), "rad", 0) : "\u2013", dim],
       "To target": [isRunning() ? format(shown.distance, "m", 1) : "\u2013", dim],
       "Reached": [telemetry ? `${shown.waypoint}${total === null ? "" : " of " + total}` : "\u2013", dim],
-      "Mode": [telemetry ? String(name("mode", shown.mode)).toLowerCase().replaceAll("_", " ") : "\u2013", dim],
+      "Mode": [inWords("mode", shown.mode), dim],
       "Trial": [begun === null ? "\u2013" : canine.clock(state.time - begun), dim],
       "GPS 2-sigma": [format(2 * shown.position_sd, "m", 1), dim],
       "GPS age": [telemetry ? format(gps, "s", 1) : "\u2013", stale(gps)],
       "IMU": [telemetry ? (imu > 1 ? `silent ${format(imu, "s", 0)}` : "ok") : "\u2013", stale(imu)],
-      "Turns used": [telemetry ? String(shown.directional_commands) : "\u2013", dim],
+      "Turns used": [count(shown.directional_commands), dim],
       "Turns left": [canine.leftOf.issues(shown.issues_left), dim],
       "Link age": [format(quality.age_s, "s", 1), stale(quality.age_s)],
     });
     vest.set({
-      "Status": String(name("status", shown.status) || "\u2013").toLowerCase(),
-      "Anomaly": String(name("anomaly", shown.anomaly) || "\u2013").toLowerCase().replaceAll("_", " "),
-      "Last anomaly": String(name("anomaly", shown.last_anomaly) || "\u2013").toLowerCase().replaceAll("_", " "),
+      "Status": inWords("status", shown.status),
+      "Anomaly": inWords("anomaly", shown.anomaly),
+      "Last anomaly": inWords("anomaly", shown.last_anomaly),
       "Vibration left": canine.leftOf.seconds(shown.vibration_left),
       "Tone left": canine.leftOf.seconds(shown.tone_left),
       "Battery": canine.battery(shown.battery),
       "Temperature": canine.temperature(shown.temperature),
-      "GPS errors": String(shown.gps_errors ?? "\u2013"),
-      "IMU errors": String(shown.imu_errors ?? "\u2013"),
-      "Fixes rejected": String(shown.rejected_fixes ?? "\u2013"),
+      "GPS errors": count(shown.gps_errors),
+      "IMU errors": count(shown.imu_errors),
+      "Fixes rejected": count(shown.rejected_fixes),
       "Round trip": format(quality.round_trip_s, "s", 2),
-      "Frames lost": String(quality.lost ?? "\u2013"),
-      "Frames late": String(quality.late ?? "\u2013"),
-      "Frames damaged": String(quality.errors ?? "\u2013"),
-      "Frames forged": String(quality.forged ?? "\u2013"),
-      "Sessions": String(quality.sessions ?? "\u2013"),
-      "Vest: damaged": String(shown.link_errors ?? "\u2013"),
-      "Vest: forged": String(shown.link_forged ?? "\u2013"),
-      "Vest: replayed": String(shown.link_replayed ?? "\u2013"),
+      "Frames lost": count(quality.lost),
+      "Frames late": count(quality.late),
+      "Frames damaged": count(quality.errors),
+      "Frames forged": count(quality.forged),
+      "Sessions": count(quality.sessions),
+      "Vest: damaged": count(shown.link_errors),
+      "Vest: forged": count(shown.link_forged),
+      "Vest: replayed": count(shown.link_replayed),
       "Radio": hello.insecure ? ["not signed", "caution"] : "signed",
     });
   }

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import shutil
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from playwright.sync_api import sync_playwright
 
-from tests.browser import DESK, TABLET
+from tests.browser import DESK, TABLET, launch
 from tests.harness.station.browser import Served, simulated
 
 if TYPE_CHECKING:
@@ -26,7 +25,7 @@ def main() -> None:
         simulated(Path(folder), speed=1.0) as station,
         sync_playwright() as playwright,
     ):
-        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        browser = launch(playwright.chromium)
         page = _enter(browser, station, DESK)
         page.click("#scenario")
         page.click("#upload", timeout=60_000)

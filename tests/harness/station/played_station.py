@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from harness.report.inline import PARTS
+from harness.station.history import History
+from harness.station.shown import TRACK, welcome
 from models.commands import Command, Status
 from models.modes import Anomaly, Mode
 
@@ -33,18 +35,24 @@ MISSION: dict[str, Any] = {
 OTHER: dict[str, Any] = {"home": HOME, "waypoints": [[32.60652, -85.4877], [32.6064, -85.4872]], "fence": []}
 ME = 1
 STEP = 100  # ms
-HELLO: dict[str, Any] = {
-    "is": "hello", "version": "0", "you": ME, "commander": None, "insecure": False, "replay": None,
-    "limits": {"waypoints": 16, "corners": 7, "silent_s": 120},
-    "thresholds": {
-        "moving_deviation": math.radians(37), "stop_deviation": math.radians(20), "capture_radius": 4.0,
-    },
-    "enums": {
-        name: [str(entry.name) for entry in kind]
-        for name, kind in (("command", Command), ("mode", Mode), ("status", Status), ("anomaly", Anomaly))
-    },
-    "source": "a test", "scenario": MISSION,
+THRESHOLDS = {
+    "moving_deviation": math.radians(37), "stop_deviation": math.radians(20), "capture_radius": 4.0,
 }  # fmt: skip
+GREETING, HISTORY = (
+    json.loads(message)
+    for message in welcome(
+        ME,
+        {f"controller.{name}": repr(value) for name, value in THRESHOLDS.items()},
+        History(TRACK),
+        (),
+        commander=None,
+        insecure=False,
+        replay=None,
+        source="a test",
+        scenario=MISSION,
+    )
+)
+HELLO: dict[str, Any] = GREETING | {"limits": GREETING["limits"] | {"silent_s": 120}}
 TELEMETRY: dict[str, Any] = {
     "time": 0.0, "speed": 2.0, "heading": 0.2, "position_sd": 0.8, "distance": 25.3, "deviation": -0.3,
     "directional_commands": 1, "command": Command.FORWARD, "mode": Mode.FORWARD, "status": Status.RUNNING,
@@ -112,6 +120,7 @@ class PlayedStation:
         self._state = {}
         socket.on_message(lambda text: self.sent.append(json.loads(text)))
         self.say(self.hello)
+        self.say(HISTORY)
 
     def say(self, message: dict[str, Any]) -> None:
         """A message to the page."""

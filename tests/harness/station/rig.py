@@ -24,7 +24,16 @@ MISSION = Draft(HOME, (place(40, 0), place(40, 40)))
 OTHER = Draft(HOME, (place(60, 0),))
 
 
-class _Tapped(Host):
+class Hands:
+    """A clock that the test lets go on, s."""
+
+    now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+class Tapped(Host):
     """The program on this machine; what it sends by radio can be had."""
 
     sent = b""
@@ -68,7 +77,7 @@ class Rig:
         self.events: list[tuple[Level, str]] = []
 
     def _reset(self) -> None:
-        self.processor = _Tapped(program())
+        self.processor = Tapped(program())
         self.vest = Vest(self.processor)
 
     def reset(self) -> None:
@@ -110,20 +119,13 @@ class Rig:
         self.order("take", operator)
         self.alive.add(operator)
 
-    def load(self, mission: Draft = MISSION) -> None:
+    def load(self) -> None:
         """Operator 1 commands, and has a mission on board."""
         self.take()
-        self.order("draft", mission=as_json(mission))
+        self.order("draft", mission=as_json(MISSION))
         self.run(1)
         self.order("upload")
         self.until(lambda: self.conduct.on_board is not None)
-
-    def begin(self) -> None:
-        """Its mission is under way."""
-        self.load()
-        self.until(lambda: not self.conduct.missing(self.now))
-        self.order("start")
-        self.until(lambda: self.conduct.is_under_way)
 
     @property
     def is_started(self) -> bool:
@@ -131,3 +133,34 @@ class Rig:
 
     def texts(self) -> str:
         return "\n".join(text for _, text in self.events)
+
+
+def connected() -> Rig:
+    """Operator 1 commands a vest that is heard."""
+    rig = Rig()
+    rig.take()
+    rig.run(1)
+    return rig
+
+
+def drawn() -> Rig:
+    """A mission is on screen, too."""
+    rig = connected()
+    rig.order("draft", mission=as_json(MISSION))
+    return rig
+
+
+def ready() -> Rig:
+    """A mission is on board, and nothing is missing for a START."""
+    rig = Rig()
+    rig.load()
+    rig.until(lambda: not rig.conduct.missing(rig.now))
+    return rig
+
+
+def under_way() -> Rig:
+    """A mission is under way."""
+    rig = ready()
+    rig.order("start")
+    rig.until(lambda: rig.conduct.is_under_way)
+    return rig

@@ -8,7 +8,7 @@ from harness.station.draft import as_json
 from harness.station.events import Level
 from harness.station.history import MOST_ROWS, History
 from models.commands import Command
-from tests.harness.station.rig import MISSION, Rig
+from tests.harness.station.rig import MISSION, Rig, connected, under_way
 
 
 def alarms(rig: Rig, watch: Alarms | None = None) -> dict[str, Alarm]:
@@ -16,8 +16,7 @@ def alarms(rig: Rig, watch: Alarms | None = None) -> dict[str, Alarm]:
 
 
 def test_nothing_is_wrong_while_a_mission_is_led() -> None:
-    rig = Rig()
-    rig.begin()
+    rig = under_way()
     rig.run(1)
     assert alarms(rig) == {}
 
@@ -28,8 +27,7 @@ def test_a_silent_vest_is_a_caution_at_rest_and_a_warning_under_way() -> None:
     rig.downlink = False
     rig.run(3)
     assert alarms(rig)["link"].level is Level.CAUTION
-    rig = Rig()
-    rig.begin()
+    rig = under_way()
     rig.downlink = False
     rig.run(1)
     assert alarms(rig)["late"].level is Level.CAUTION
@@ -38,8 +36,7 @@ def test_a_silent_vest_is_a_caution_at_rest_and_a_warning_under_way() -> None:
 
 
 def test_a_vest_that_does_not_hear_us_is_a_warning_before_the_mission_ends() -> None:
-    rig = Rig()
-    rig.begin()
+    rig = under_way()
     rig.uplink = False
     seen = set()
     for _ in range(80):
@@ -50,8 +47,7 @@ def test_a_vest_that_does_not_hear_us_is_a_warning_before_the_mission_ends() -> 
 
 
 def test_a_dead_tab_is_a_warning_while_a_mission_is_under_way() -> None:
-    rig = Rig()
-    rig.begin()
+    rig = under_way()
     rig.alive.clear()
     rig.run(1.2)
     assert alarms(rig)["commander"] == Alarm(
@@ -60,8 +56,7 @@ def test_a_dead_tab_is_a_warning_while_a_mission_is_under_way() -> None:
 
 
 def test_an_alarm_knows_since_when_and_the_most_urgent_comes_first() -> None:
-    rig, watch = Rig(), Alarms()
-    rig.begin()
+    rig, watch = under_way(), Alarms()
     rig.order("stop")
     rig.run(0.2)
     begun = alarms(rig, watch)["stop"].since
@@ -87,9 +82,7 @@ def test_sensors_that_fail_are_named() -> None:
 
 
 def test_forged_frames_are_a_caution_for_half_a_minute() -> None:
-    rig, watch = Rig(), Alarms()
-    rig.take()
-    rig.run(1)
+    rig, watch = connected(), Alarms()
     rig.conduct.link.decoder.forged += 1
     rig.run(0.2)
     assert alarms(rig, watch)["forged"].level is Level.CAUTION

@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 
 from codegen.firmware.telemetry import Flag, Ready
-from harness.onboard.radio import Mission, Start
+from harness.onboard.radio import LAST, Mission, Start
 from harness.station.conduct import ORDERS, LinkState
 from harness.station.desk import OrderError
 from harness.station.draft import Draft, as_json
@@ -15,7 +15,7 @@ from harness.station.events import Level
 from models.commands import Command, Status
 from models.kit.timing import TICK
 from tests.harness.onboard.vest import place
-from tests.harness.station.rig import HOME, MISSION, OTHER, Rig
+from tests.harness.station.rig import HOME, MISSION, OTHER, Rig, connected, drawn, ready, under_way
 
 
 def bits(rig: Rig) -> set[str]:
@@ -40,9 +40,7 @@ def test_a_vest_is_connected_loaded_ready_running() -> None:
 
 
 def test_each_bit_that_the_vest_lacks_is_named_in_words() -> None:
-    rig = Rig()
-    rig.take()
-    rig.run(1)
+    rig = connected()
     named = {reason["bit"]: reason["words"] for reason in rig.conduct.missing(rig.now)}
     assert rig.conduct.telemetry is not None
     assert named == {"mission": "the vest holds no mission"}, "what judges a mission waits for one"
@@ -56,10 +54,7 @@ def test_each_bit_that_the_vest_lacks_is_named_in_words() -> None:
 
 
 def test_a_mission_counts_as_on_board_once_telemetry_shows_its_id() -> None:
-    rig = Rig()
-    rig.take()
-    rig.order("draft", mission=as_json(MISSION))
-    rig.run(1)
+    rig = drawn()
     rig.downlink = False
     rig.order("upload")
     rig.run(1)
@@ -71,10 +66,7 @@ def test_a_mission_counts_as_on_board_once_telemetry_shows_its_id() -> None:
 
 
 def test_a_mission_that_is_lost_on_the_air_is_sent_again() -> None:
-    rig = Rig()
-    rig.take()
-    rig.order("draft", mission=as_json(MISSION))
-    rig.run(1)
+    rig = drawn()
     rig.uplink = False
     rig.order("upload")
     rig.run(0.6)
@@ -83,10 +75,7 @@ def test_a_mission_that_is_lost_on_the_air_is_sent_again() -> None:
 
 
 def test_a_mission_that_is_lost_while_other_frames_pass_is_not_on_board() -> None:
-    rig = Rig()
-    rig.take()
-    rig.order("draft", mission=as_json(MISSION))
-    rig.run(1)
+    rig = drawn()
     rig.lost = {Mission.type}
     rig.order("upload")
     rig.tick()
@@ -100,10 +89,7 @@ def test_a_mission_that_is_lost_while_other_frames_pass_is_not_on_board() -> Non
 
 
 def test_an_upload_ends_with_its_commander() -> None:
-    rig = Rig()
-    rig.take()
-    rig.order("draft", mission=as_json(MISSION))
-    rig.run(1)
+    rig = drawn()
     rig.lost = {Mission.type}
     rig.order("upload")
     rig.alive.clear()
@@ -114,18 +100,13 @@ def test_an_upload_ends_with_its_commander() -> None:
 
 
 def test_a_vest_at_20_times_real_time_hears_as_many_frames_of_its_own_time() -> None:
-    rig = Rig()
-    rig.take()
-    rig.run(1)
+    rig = connected()
     rig.pace = 20.0
     assert all(rig.run(1) and rig.conduct._has(Flag.LINK_OK) for _ in range(20))
 
 
 def test_an_upload_that_nobody_acknowledges_is_given_up_and_told() -> None:
-    rig = Rig()
-    rig.take()
-    rig.order("draft", mission=as_json(MISSION))
-    rig.run(1)
+    rig = drawn()
     rig.uplink = False
     rig.order("upload")
     rig.run(5.2)
@@ -134,9 +115,7 @@ def test_an_upload_that_nobody_acknowledges_is_given_up_and_told() -> None:
 
 
 def test_a_start_that_is_refused_is_told_and_not_repeated() -> None:
-    rig = Rig()
-    rig.load()
-    rig.until(lambda: not rig.conduct.missing(rig.now))
+    rig = ready()
     rig.downlink = False
     rig.vest.inside.radio.mission.count = 0  # the vest loses what the last telemetry told
     rig.order("start")
@@ -149,9 +128,7 @@ def test_a_start_that_is_refused_is_told_and_not_repeated() -> None:
 
 
 def test_a_start_that_is_not_answered_is_forgotten_after_3_s() -> None:
-    rig = Rig()
-    rig.load()
-    rig.until(lambda: not rig.conduct.missing(rig.now))
+    rig = ready()
     rig.uplink = False
     rig.order("start")
     rig.run(3.2)
@@ -162,9 +139,7 @@ def test_a_start_that_is_not_answered_is_forgotten_after_3_s() -> None:
 
 
 def test_the_reason_of_an_earlier_refusal_does_not_end_a_start_that_is_lost_on_the_air() -> None:
-    rig = Rig()
-    rig.load()
-    rig.until(lambda: not rig.conduct.missing(rig.now))
+    rig = ready()
     rig.vest.inside.refusal = 7
     rig.run(0.5)
     rig.lost = {Start.type}
@@ -184,18 +159,14 @@ def test_the_reason_of_an_earlier_refusal_does_not_end_a_start_that_is_lost_on_t
     ],
 )
 def test_a_start_is_refused_here_while_something_tells_against_it(before: object, says: str) -> None:
-    rig = Rig()
-    rig.load()
-    rig.until(lambda: not rig.conduct.missing(rig.now))
+    rig = ready()
     before(rig)  # type: ignore[operator]
     with pytest.raises(OrderError, match=says):
         rig.order("start")
 
 
 def test_a_mission_that_another_station_gave_is_not_started() -> None:
-    rig = Rig()
-    rig.load()
-    rig.until(lambda: not rig.conduct.missing(rig.now))
+    rig = ready()
     other = Rig(first=1000)
     other.processor, other.vest, other.now = rig.processor, rig.vest, rig.now
     other.take()
@@ -207,9 +178,7 @@ def test_a_mission_that_another_station_gave_is_not_started() -> None:
 
 
 def test_a_mission_that_takes_the_place_of_ours_is_told() -> None:
-    rig = Rig()
-    rig.load()
-    rig.until(lambda: not rig.conduct.missing(rig.now))
+    rig = ready()
     rig.vest.inside.radio.mission.id ^= 1
     rig.run(0.5)
     assert (Level.WARNING, True) in [(level, "another station" in text) for level, text in rig.events]
@@ -217,8 +186,7 @@ def test_a_mission_that_takes_the_place_of_ours_is_told() -> None:
 
 
 def test_no_mission_is_uploaded_while_one_is_under_way() -> None:
-    rig = Rig()
-    rig.begin()
+    rig = under_way()
     rig.order("draft", mission=as_json(OTHER))
     with pytest.raises(OrderError, match="ABORT first"):
         rig.order("upload")
@@ -232,8 +200,7 @@ def test_no_mission_is_uploaded_while_one_is_under_way() -> None:
 
 
 def test_stop_is_played_within_two_ticks_and_latches() -> None:
-    rig = Rig()
-    rig.begin()
+    rig = under_way()
     assert rig.run(1)[-1] is Command.FORWARD
     rig.order("stop")
     played = rig.run(5)
@@ -244,8 +211,7 @@ def test_stop_is_played_within_two_ticks_and_latches() -> None:
 
 
 def test_stop_lets_go_of_what_is_held() -> None:
-    rig = Rig()
-    rig.begin()
+    rig = under_way()
     rig.order("hold", command="LEFT")
     rig.order("stop")
     assert rig.conduct.holding is None
@@ -253,9 +219,7 @@ def test_stop_lets_go_of_what_is_held() -> None:
 
 
 def test_a_stop_without_commander_and_mission_keeps_no_vest_awake() -> None:
-    rig = Rig()
-    rig.take()
-    rig.run(1)
+    rig = connected()
     rig.order("stop")
     rig.alive.clear()
     rig.run(2.5)
@@ -263,8 +227,7 @@ def test_a_stop_without_commander_and_mission_keeps_no_vest_awake() -> None:
 
 
 def test_stop_that_is_lost_on_the_air_is_sent_again() -> None:
-    rig = Rig()
-    rig.begin()
+    rig = under_way()
     rig.uplink = False
     rig.order("stop")
     rig.run(0.2)
@@ -273,8 +236,7 @@ def test_stop_that_is_lost_on_the_air_is_sent_again() -> None:
 
 
 def test_who_watches_may_stop_and_may_do_nothing_else() -> None:
-    rig = Rig()
-    rig.begin()
+    rig = under_way()
     rig.conduct.desk.join(2)
     for name in set(ORDERS) - {"stop", "note", "alive", "take"}:
         with pytest.raises(OrderError, match="operator 1 commands, operator 2 watches"):
@@ -286,16 +248,14 @@ def test_who_watches_may_stop_and_may_do_nothing_else() -> None:
 
 
 def test_a_hold_is_refused_while_stop_is_latched() -> None:
-    rig = Rig()
-    rig.begin()
+    rig = under_way()
     rig.order("stop")
     with pytest.raises(OrderError, match="STOP is latched, and beats LEFT"):
         rig.order("hold", command="LEFT")
 
 
 def test_a_latched_stop_holds_over_a_vest_that_begins_anew() -> None:
-    rig = Rig()
-    rig.begin()
+    rig = under_way()
     rig.order("stop")
     rig.run(1)
     rig.reset()
@@ -305,8 +265,7 @@ def test_a_latched_stop_holds_over_a_vest_that_begins_anew() -> None:
 
 
 def test_when_nobody_commands_a_mission_that_a_latched_stop_holds_is_aborted_and_never_goes_on() -> None:
-    rig = Rig()
-    rig.begin()
+    rig = under_way()
     rig.order("stop")
     rig.run(1)
     rig.alive.clear()
@@ -320,8 +279,7 @@ def test_when_nobody_commands_a_mission_that_a_latched_stop_holds_is_aborted_and
 
 
 def test_an_abort_ends_the_mission_and_what_is_held() -> None:
-    rig = Rig()
-    rig.begin()
+    rig = under_way()
     rig.order("hold", command="RECALL")
     rig.run(0.2)
     rig.order("abort")
@@ -332,8 +290,7 @@ def test_an_abort_ends_the_mission_and_what_is_held() -> None:
 
 
 def test_an_abort_is_sent_until_the_vest_has_heard_it() -> None:
-    rig = Rig()
-    rig.begin()
+    rig = under_way()
     rig.uplink = False
     rig.order("abort")
     rig.run(0.5)
@@ -349,9 +306,7 @@ def test_an_abort_is_sent_until_the_vest_has_heard_it() -> None:
 
 @pytest.mark.parametrize("command", ["FORWARD", "LEFT", "RIGHT", "RECALL"])
 def test_a_command_is_played_while_it_is_held_and_let_go_by_a_release(command: str) -> None:
-    rig = Rig()
-    rig.take()
-    rig.run(1)
+    rig = connected()
     played = []
     for _ in range(10):
         rig.order("hold", command=command)
@@ -362,9 +317,7 @@ def test_a_command_is_played_while_it_is_held_and_let_go_by_a_release(command: s
 
 
 def test_a_hold_that_is_not_renewed_for_three_tenths_is_let_go() -> None:
-    rig = Rig()
-    rig.take()
-    rig.run(1)
+    rig = connected()
     rig.order("hold", command="LEFT")
     played = rig.run(1)
     held = sum(command is Command.LEFT for command in played) * TICK
@@ -374,9 +327,7 @@ def test_a_hold_that_is_not_renewed_for_three_tenths_is_let_go() -> None:
 
 def test_what_a_commander_holds_is_let_go_when_it_leaves_hands_over_or_another_takes() -> None:
     for end in ("leave", "hand_over", "take"):
-        rig = Rig()
-        rig.take()
-        rig.run(1)
+        rig = connected()
         rig.order("hold", command="LEFT")
         rig.tick()
         if end == "leave":
@@ -391,9 +342,7 @@ def test_what_a_commander_holds_is_let_go_when_it_leaves_hands_over_or_another_t
 
 
 def test_stop_cannot_be_held_and_nonsense_is_refused_with_what_is_expected() -> None:
-    rig = Rig()
-    rig.take()
-    rig.run(1)
+    rig = connected()
     with pytest.raises(OrderError, match="expected one of FORWARD, LEFT, RIGHT, RECALL"):
         rig.order("hold", command="STOP")
     with pytest.raises(OrderError, match="expected one of alive, take"):
@@ -410,8 +359,7 @@ def test_stop_cannot_be_held_and_nonsense_is_refused_with_what_is_expected() -> 
 
 
 def test_a_dead_tab_is_not_kept_alive_the_vest_ends_its_mission_as_with_a_lost_link() -> None:
-    rig = Rig()
-    rig.begin()
+    rig = under_way()
     rig.alive.clear()
     rig.run(1.1)
     assert "is silent: the heartbeat to the vest ends" in rig.texts()
@@ -422,8 +370,7 @@ def test_a_dead_tab_is_not_kept_alive_the_vest_ends_its_mission_as_with_a_lost_l
 
 
 def test_a_socket_that_is_gone_ends_the_heartbeat_at_once() -> None:
-    rig = Rig()
-    rig.begin()
+    rig = under_way()
     rig.conduct.leave(rig.now, 1)
     rig.alive.clear()
     rig.tick()
@@ -432,16 +379,14 @@ def test_a_socket_that_is_gone_ends_the_heartbeat_at_once() -> None:
 
 
 def test_a_second_commander_is_refused_while_the_first_one_lives() -> None:
-    rig = Rig()
-    rig.begin()
+    rig = under_way()
     with pytest.raises(OrderError, match="take: operator 1 commands; expected that it hands over"):
         rig.order("take", 2)
     assert rig.conduct.desk.commander == 1
 
 
 def test_another_may_take_the_command_of_a_dead_tab() -> None:
-    rig = Rig()
-    rig.begin()
+    rig = under_way()
     rig.alive.clear()
     rig.run(1.2)
     rig.take(2)
@@ -451,8 +396,7 @@ def test_another_may_take_the_command_of_a_dead_tab() -> None:
 
 
 def test_a_hand_over_keeps_the_vest_going_until_the_other_takes() -> None:
-    rig = Rig()
-    rig.begin()
+    rig = under_way()
     rig.order("hand_over")
     rig.run(3)
     assert rig.conduct.desk.commander == 1
@@ -476,8 +420,7 @@ def test_who_hands_over_may_think_better_of_it() -> None:
 
 
 def test_without_a_commander_greetings_are_too_rare_to_keep_a_mission_going() -> None:
-    rig = Rig()
-    rig.begin()
+    rig = under_way()
     rig.conduct.leave(rig.now, 1)
     rig.alive.clear()
     times = []
@@ -496,8 +439,7 @@ def test_without_a_commander_greetings_are_too_rare_to_keep_a_mission_going() ->
 
 
 def test_a_vest_that_begins_anew_needs_mission_and_start_again() -> None:
-    rig = Rig()
-    rig.begin()
+    rig = under_way()
     rig.reset()
     rig.run(3)
     assert "the vest has begun anew: the mission under way is over; upload again" in rig.texts()
@@ -512,8 +454,7 @@ def test_a_vest_that_begins_anew_needs_mission_and_start_again() -> None:
 
 
 def test_a_vest_that_is_silent_for_2_s_is_disconnected_and_told() -> None:
-    rig = Rig()
-    rig.begin()
+    rig = under_way()
     rig.downlink = False
     rig.run(1.7)
     assert rig.conduct.state(rig.now) is LinkState.RUNNING
@@ -528,17 +469,14 @@ def test_a_vest_that_is_silent_for_2_s_is_disconnected_and_told() -> None:
 
 
 def test_a_reset_is_no_silence() -> None:
-    rig = Rig()
-    rig.take()
-    rig.run(1)
+    rig = connected()
     rig.reset()
     rig.run(1)
     assert "has not been heard" not in rig.texts()
 
 
 def test_an_abort_is_not_forgotten_when_somebody_plays_another_session() -> None:
-    rig = Rig()
-    rig.begin()
+    rig = under_way()
     rig.uplink = False
     rig.order("abort")
     rig.tick()
@@ -549,6 +487,13 @@ def test_an_abort_is_not_forgotten_when_somebody_plays_another_session() -> None
     rig.uplink = True
     rig.run(1.5)
     assert not rig.is_started
+
+
+def test_a_session_without_counters_is_told_as_often_as_frames_would_be_sent() -> None:
+    rig = connected()
+    rig.conduct.link.counter = LAST
+    rig.run(2)
+    assert 2 <= rig.texts().count("has no counter left: restart it") <= 10
 
 
 def test_a_note_is_an_event_and_an_empty_one_is_refused() -> None:
@@ -562,9 +507,7 @@ def test_a_note_is_an_event_and_an_empty_one_is_refused() -> None:
 
 
 def test_a_mission_needs_waypoints_and_a_fence_that_is_a_polygon() -> None:
-    rig = Rig()
-    rig.take()
-    rig.run(1)
+    rig = connected()
     rig.order("draft", mission={"home": [HOME.latitude, HOME.longitude], "waypoints": []})
     with pytest.raises(OrderError, match="the mission has no waypoints"):
         rig.order("upload")

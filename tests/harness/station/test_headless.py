@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 import time
 from pathlib import Path
 from typing import Any
@@ -18,9 +19,11 @@ from harness.station.draft import Draft
 from harness.station.headless import Headless, HeadlessError
 from harness.station.opening import Request, opened
 from harness.station.playback import Playback
+from harness.trial.scenario import SHIPPED
 from models.commands import Command, Status
 from tests.harness.command import canine
-from tests.harness.station.browser import served
+from tests.harness.station.browser import served, vest_of
+from tests.harness.station.rig import Hands
 
 LEAD = ("station", "--simulate", "three_waypoint", "--headless", "--mission", "three_waypoint")
 
@@ -86,8 +89,7 @@ def test_a_station_that_ends_aborts_what_is_under_way(tmp_path: Path) -> None:
         headless._wait(lambda: session.conduct.state(session.now) is conduct.LinkState.READY, 60)
         headless._order("start")
         headless._wait(lambda: session.conduct.is_under_way, 60)
-        port: Any = session._port
-        vest = port._vest
+        vest = vest_of(session)
         session.close()
         end = time.monotonic() + 30
         while vest.state.command is not Command.STOP:
@@ -153,16 +155,17 @@ def test_a_real_vests_log_is_never_written_over(tmp_path: Path, capsys: pytest.C
     assert (tmp_path / "trial.mcap").read_bytes() == b"precious"
 
 
+def test_a_station_that_is_not_opened_says_nothing_of_an_earlier_log(
+    led: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copy(led / "trial.mcap", tmp_path)
+    arguments = ("--headless", "--mission", "three_waypoint", "--out", tmp_path)
+    status, _, _ = canine(capsys, "station", "--port", "/dev/null", *arguments)
+    assert status == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["trial.mcap"]
+
+
 # the log, played ------------------------------------------------------------------------------------------
-
-
-class Hands:
-    """A clock that the test lets go on."""
-
-    now = 0.0
-
-    def __call__(self) -> float:
-        return self.now
 
 
 def shown(playback: Playback) -> dict[str, Any]:
@@ -228,6 +231,22 @@ def test_a_log_is_played_to_a_browser(led: Path) -> None:
         browser.do("stop")
         browser.until(lambda: bool(browser.errors))
         assert "nothing can be ordered but seek, play and pause" in browser.errors[0]
+
+
+def test_the_log_of_a_trial_with_the_firmware_on_board_is_played(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scenario = tmp_path / "short.toml"
+    scenario.write_text((SHIPPED / "three_waypoint.toml").read_text().replace("300.0", "10.0"))
+    assert canine(capsys, "run", scenario, "--onboard", "pil:host", "--out", tmp_path)[0] == 0
+    playback = Playback(tmp_path / "trial.mcap", Hands())
+    _, history = (json.loads(message) for message in playback.join(1))
+    assert len(history["columns"]["latitude"]) > 20
+    playback.order(1, {"do": "seek", "time": 8.0})
+    state = shown(playback)
+    assert (state["link"], state["link_quality"], state["draft_id"]) == ("running", None, None)
+    assert state["place"] == pytest.approx([32.6, -85.5], abs=0.1)
+    assert state["on_board"]["id"] == state["telemetry"]["mission_id"]
 
 
 def test_a_log_without_telemetry_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

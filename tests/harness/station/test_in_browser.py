@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -15,7 +14,7 @@ import pytest
 from harness.log.log import read_log
 from harness.station.opening import report
 from models.commands import Command
-from tests.browser import OpenPage, Visit
+from tests.browser import OpenPage, Visit, launch
 from tests.harness.station.browser import Served, simulated
 
 if TYPE_CHECKING:
@@ -138,9 +137,7 @@ def test_space_stops_the_animal_and_a_hold_ends_with_the_focus(station: Served, 
 @pytest.fixture
 def doomed(browser: Browser) -> Iterator[Browser]:
     """Another browser, whose processes can be killed."""
-    with browser.browser_type.launch(
-        executable_path=shutil.which("chromium"), args=["--no-sandbox"]
-    ) as another:
+    with launch(browser.browser_type) as another:
         yield another
 
 

@@ -75,6 +75,16 @@ def test_a_serial_port_carries_every_byte_value_unchanged() -> None:
     os.close(ours)
 
 
+def test_a_serial_port_that_takes_nothing_loses_bytes_and_holds_nobody_up() -> None:
+    ours, theirs = os.openpty()
+    port = open_port(os.ttyname(theirs))
+    for _ in range(2000):
+        port.write(bytes(1000))
+    port.close()
+    os.close(theirs)
+    os.close(ours)
+
+
 def test_a_serial_port_that_is_pulled_is_told() -> None:
     ours, theirs = os.openpty()
     port = open_port(os.ttyname(theirs))

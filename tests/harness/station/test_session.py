@@ -1,20 +1,27 @@
-"""A station whose port is pulled, or whose disk is full, goes on and says so."""
+"""What a station records, and that one whose port is pulled, or whose disk is full, goes on and says so."""
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable
 from pathlib import Path
 
+from mcap.reader import make_reader
+
+from codegen.firmware.key import SIMULATION_KEY, Key
 from harness.log.log import LogError
 from harness.station.events import Level
 from harness.station.opening import vest_parameters
 from harness.station.ports import PortError
 from harness.station.session import REOPEN_S, About, Session
-from harness.station.sink import Sink
+from harness.station.sink import ORDERS, Sink
 from harness.trial.scenario import Scenario
 from models.errors import UsageError
+from models.kit.timing import TICK
+from tests.harness.onboard.vest import Vest, program
 from tests.harness.station.browser import Silence
+from tests.harness.station.rig import Hands, Tapped
 
 
 class Pulled(Silence):
@@ -24,19 +31,32 @@ class Pulled(Silence):
         raise PortError("port x: is gone")
 
 
-class Hands:
-    now = 0.0
+class OnDesk(Silence):
+    """A port to the program on board, which makes a tick with each look."""
 
-    def __call__(self) -> float:
-        return self.now
+    def __init__(self) -> None:
+        self._processor, self._coming = Tapped(program()), b""
+        self._vest = Vest(self._processor)
+
+    def read(self) -> bytes:
+        self._vest.tick(self._coming)
+        self._coming = b""
+        return self._processor.sent
+
+    def write(self, data: bytes) -> None:
+        self._coming += data
 
 
 def session(
-    folder: Path, port: Silence, hands: Hands, reopen: Callable[[], Silence] | None = None
+    folder: Path,
+    port: Silence,
+    hands: Hands,
+    reopen: Callable[[], Silence] | None = None,
+    key: Key | None = None,
 ) -> Session:
     about = About("x", vest_parameters(Scenario("x")))
     sink = Sink(folder, {"parameters": about.parameters})
-    return Session(port, None, sink, about, reopen=reopen, clock=hands)
+    return Session(port, key, sink, about, reopen=reopen, clock=hands)
 
 
 def texts(station: Session, hands: Hands, until: str) -> list[str]:
@@ -95,3 +115,26 @@ def test_a_log_that_cannot_be_written_stops_no_station_and_is_an_alarm(tmp_path:
     alarm = station.alarms(station.now)[0]
     assert (alarm.key, alarm.level) == ("log", Level.WARNING)
     station.close()
+
+
+def test_a_hold_is_recorded_once_and_again_if_it_is_ordered_after_it_lapsed(tmp_path: Path) -> None:
+    hands = Hands()
+    station = session(tmp_path, OnDesk(), hands, key=SIMULATION_KEY)
+
+    def look(seconds: float) -> None:
+        for _ in range(round(seconds / TICK)):
+            hands.now += TICK
+            station.poll()
+
+    station.order(1, {"do": "take"})
+    look(0.8)
+    for _ in range(3):
+        station.order(1, {"do": "hold", "command": "LEFT"})
+        look(0.12)
+    look(0.4)
+    assert station.conduct.holding is None
+    station.order(1, {"do": "hold", "command": "LEFT"})
+    station.close()
+    with (tmp_path / "trial.mcap").open("rb") as file:
+        orders = make_reader(file).iter_messages(topics=[ORDERS])
+        assert [json.loads(message.data)["do"] for *_, message in orders] == ["take", "hold", "hold"]

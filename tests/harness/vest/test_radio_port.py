@@ -108,6 +108,11 @@ def test_a_port_that_is_taken_is_refused() -> None:
             TcpPort(number)
 
 
+def test_an_address_that_is_no_name_is_refused() -> None:
+    with pytest.raises(UsageError, match=r"--tcp 0: a\.\.b cannot be listened at: "):
+        TcpPort(0, "a..b")
+
+
 @pytest.mark.parametrize("bind", ["0.0.0.0", "::", "192.0.2.1", "example.org"])
 def test_beyond_this_machine_a_vest_needs_a_key(bind: str) -> None:
     with (
