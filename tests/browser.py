@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 DESK, TABLET = (1366, 768), (768, 1024)  # pixels, width and height
 SERIOUS = ("serious", "critical")
+PATIENCE_MS = 120_000  # for what a page is asked, on the busiest machine
 
 
 @dataclass
@@ -72,6 +73,7 @@ def open_page(browser: Browser) -> Iterator[OpenPage]:
         prepare: Callable[[Page], None] = lambda page: None,
     ) -> Visit:
         context = browser.new_context(viewport={"width": size[0], "height": size[1]}, color_scheme=theme)
+        context.set_default_timeout(PATIENCE_MS)
         contexts.append(context)
         visit = Visit(context.new_page())
         visit.page.on("pageerror", lambda error: visit.errors.append(str(error)))

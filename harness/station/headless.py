@@ -74,7 +74,7 @@ class Headless:
         self._order("abort")
         self._wait(lambda: not self._conduct.pending()["aborting"], HEARD_S, "ABORT was not answered")
         deadline = self.session.now + READY_S
-        while self._conduct.on_board is None:
+        while not self._is_on_board():
             if self.session.now > deadline:
                 raise HeadlessError(f"the vest did not take the mission within {READY_S:g} s")
             self._wait_until_heard()
@@ -83,6 +83,11 @@ class Headless:
 
     def _wait_until_heard(self) -> None:
         self._wait(lambda: self._conduct.is_heard(self.session.now), HEARD_S, "the vest was not heard")
+
+    def _is_on_board(self) -> bool:
+        """Does the vest hold the mission on screen, and not only one from before?"""
+        held = self._conduct.on_board
+        return held is not None and held.id == self._conduct.draft_id
 
     @property
     def _conduct(self) -> Conduct:

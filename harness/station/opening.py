@@ -10,18 +10,17 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from codegen.firmware.bundle import settable
 from codegen.firmware.key import Key
 from harness.files import make_folder
 from harness.log.live import Viewers
-from harness.log.log import FILE, Log, LogError, read_log
+from harness.log.log import FILE, LogError, read_log
 from harness.station.formats.scenario import of_scenario
 from harness.station.ports import Port, PortError, open_port
 from harness.station.session import About, Session
 from harness.station.sink import Sink
 from harness.trial.firmware import firmware_values, interfaces_on_board, navigation_of
+from harness.trial.missions import last_mission, start_of
 from harness.trial.page import write_page
 from harness.trial.plan import Interface, interfaces_of_system, plan, values_of
 from harness.trial.scenario import Scenario, load
@@ -177,16 +176,6 @@ def _metadata(about: About, scenario: Scenario | None) -> dict[str, dict[str, st
     return {"scenario": named, "parameters": dict(about.parameters), "run": {"station": about.source}}
 
 
-def last_mission(log: Log) -> Log:
-    """A station's log up to the end of the last mission that was under way; the log itself if none was."""
-    rows = np.flatnonzero(log["controller.start"] != 0)
-    if not rows.size:
-        return log
-    until = int(rows[-1]) + 1
-    values = {component: table[:until] for component, table in log.values.items()}
-    return replace(log, time=log.time[:until], values=values)
-
-
 def report(folder: Path) -> Mapping[str, Any] | None:
     """Write summary.json, of the last mission, and the page of a log; the summary, None without a log.
 
@@ -197,10 +186,7 @@ def report(folder: Path) -> Mapping[str, Any] | None:
         log = read_log(folder / FILE)
     except LogError:
         return None
-    mission = last_mission(log)
-    started = np.flatnonzero(np.diff(mission["controller.start"], prepend=0.0) > 0)
-    began = float(mission.time[started[-1]]) if started.size else None
-    summary = summarize(mission) | {"started_s": began}
+    summary = summarize(log) | {"started_s": start_of(last_mission(log))}
     write_summary(summary, folder / SUMMARY)
     write_page(log, summary, folder / PAGE)
     return summary

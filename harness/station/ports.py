@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Protocol
 from urllib.parse import urlsplit
 
+from harness.vest.tcp_port import as_radio
 from models.errors import CanineError, UsageError, printable
 
 BAUD = 57600  # of the radio's serial line, as the firmware's ports set it
@@ -87,8 +88,7 @@ class TcpPort:
             raise UsageError(
                 f"--port {printable(self._name)}: cannot be reached ({_reason(reason)}); does the vest run?"
             ) from None
-        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._socket.setblocking(False)
+        as_radio(self._socket)  # a peer that is lost is told within 5 s, and the port opened again
 
     def read(self) -> bytes:
         """As `Port`."""

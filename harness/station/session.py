@@ -17,7 +17,8 @@ from codegen.firmware.telemetry import Flag, Telemetry
 from harness.log.log import LogError
 from harness.onboard.radio import Link, Mission, RadioError
 from harness.station.alarms import Alarm, Alarms
-from harness.station.conduct import Conduct
+from harness.station.conduct import ORDERS, Conduct
+from harness.station.desk import OrderError
 from harness.station.draft import Draft, as_json
 from harness.station.events import Event, Level
 from harness.station.history import History
@@ -30,6 +31,8 @@ from models.errors import UsageError
 REOPEN_S = 2.0  # s between two tries to open a port that is gone
 UNRECORDED = ("alive", "draft")  # orders that would fill the log, as the repetitions of a hold would
 EVENTS = 500  # that are kept for who joins late
+OLD_S = 2.0  # s after which it is too late to answer a state; the vest waits as long for its operator
+AT_ANY_TIME = ("stop", "abort", "release", "note")  # orders that are right however late they come
 
 
 @dataclass(frozen=True)
@@ -79,6 +82,7 @@ class Session:
         self._new: list[Event] = []
         self._track = History(TRACK)
         self._refresh = Refresh()
+        self._seen: deque[tuple[float, float]] = deque()  # when states were shown: the log's time, ours
         self._recorded: Mission | None = None
         self._pool = ThreadPoolExecutor(1, "station-port")
         self._opening: Future[Port] | None = None
@@ -112,13 +116,28 @@ class Session:
         self._act(self.now)
 
     def order(self, operator: int, order: dict[str, Any]) -> None:
-        """As `Shown`: it is carried out, and sent, at once."""
+        """As `Shown`: it is carried out, and sent, at once, unless it comes too late."""
         now, held = self.now, self.conduct.holding
+        if not self._is_timely(now, order):
+            if order["do"] == "alive":  # a sign of life that is old is none
+                return
+            raise OrderError(
+                f"{order['do']}: came {OLD_S:g} s or more after what it answers was shown, as out of a lost "
+                "network, and is not carried out; order it again"
+            )
         self.conduct.order(now, operator, order)
         is_renewed = order["do"] == "hold" and self.conduct.holding is held
         if not is_renewed and order["do"] not in UNRECORDED:
             self._record(lambda sink: sink.order(now, operator, order))
         self._act(now)
+
+    def _is_timely(self, now: float, order: Mapping[str, Any]) -> bool:
+        """May it act now? What a network held back would act on an animal that nobody has seen since."""
+        while self._seen and now - self._seen[0][1] > OLD_S:
+            self._seen.popleft()
+        if "seen" not in order or order.get("do") not in ORDERS or order["do"] in AT_ANY_TIME:
+            return True
+        return any(order["seen"] == time for time, _ in self._seen)
 
     def poll(self) -> News:
         """As `Shown`."""
@@ -134,7 +153,9 @@ class Session:
         return News(self._show(now) if self._refresh.is_due(now) else None, events)
 
     def _show(self, now: float) -> bytes:
-        state = orjson.dumps(self.state(now))
+        content = self.state(now)
+        self._seen.append((content["time"], now))
+        state = orjson.dumps(content)
         self._record(lambda sink: sink.show(now, state))
         return state
 

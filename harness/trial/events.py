@@ -12,7 +12,7 @@ import numpy as np
 from harness.log.events import OUTPUTS, in_words
 from harness.log.log import Log
 from harness.trial.disturbances import disturbances
-from harness.trial.summary import DOUBTS, stopped_by
+from harness.trial.summary import DOUBTS, ended_by
 from models.commands import Status
 
 Level = Literal["advisory", "caution", "warning"]
@@ -44,7 +44,6 @@ def events(log: Log) -> list[Event]:
 
 
 def _of_controller(log: Log) -> Iterator[Event]:
-    why = stopped_by(log)
     for output in OUTPUTS:
         signal = f"controller.{output}"
         if signal not in log:
@@ -58,7 +57,7 @@ def _of_controller(log: Log) -> Iterator[Event]:
             if output == "anomaly" and after > row + 1:
                 text += f" for {log.time[min(after, len(values) - 1)] - log.time[row]:.2f} s"
             elif output == "status" and values[row] in (Status.FAILED, Status.STOPPED):
-                level = "warning"
+                level, why = "warning", ended_by(log, row)
                 text += f": {why}" if why else ""
             yield Event(float(log.time[row]), level, text, MARKS.get(output))
 

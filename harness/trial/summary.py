@@ -19,6 +19,7 @@ from harness.log.channel import Array
 from harness.log.log import Log, named
 from harness.terminal import console_of, new_table, print_table
 from harness.trial.disturbances import faults_of
+from harness.trial.missions import is_of_station, last_mission
 from models.commands import Status
 from models.modes import Anomaly
 from models.system import ESTIMATOR
@@ -41,6 +42,8 @@ STOPPED_BY = {  # what ends a trial in STOPPED, in words
     Anomaly.OUTSIDE_FENCE: "the animal was outside the fence (rule 7)",
 }
 NO_ERROR = "no estimate, or no truth to compare it with"
+LAST_HEARD = "it was under way when the vest was last heard"
+NOT_BEGUN = "no mission was begun"
 TOO_MANY = "another directional command was needed, after MAXTURN of them"
 LABELS = {
     "scenario": "scenario",
@@ -64,7 +67,7 @@ def summarize(log: Log, real_time_factor: float | None = None, notes: Sequence[s
 
     - `outcome` follows from the last `status` of the controller: `success`, `failed` or `stopped`. Otherwise
       it is `timeout`, or `stopped` if the log is broken: something else ended the run. A run without a
-      controller times out.
+      controller times out. A station's log is about its last mission, and never a timeout.
     - `stopped_by` says in words which safety rule stopped it (models/SAFETY.md), that the operator did, what
       else ended the run, why the trial failed, or why the vest let none begin; None after a success, and if
       the time was over.
@@ -80,6 +83,8 @@ def summarize(log: Log, real_time_factor: float | None = None, notes: Sequence[s
         real_time_factor: trial time over elapsed time; a log has no wall-clock time.
         notes: what the user should know; a log has none.
     """
+    if is_of_station(log):
+        log = last_mission(log)
     scenario = log.metadata.get("scenario", {})
     outcome, time = _outcome(log)
     return {
@@ -113,7 +118,7 @@ def estimator_of(log: Log) -> str | None:
 def _outcome(log: Log) -> tuple[str, float]:
     if "controller.status" in log and log["controller.status"][-1] in OUTCOMES:
         return OUTCOMES[Status(int(log["controller.status"][-1]))], float(log.time[_since(log)])
-    return ("stopped" if log.broken else "timeout"), float(log.time[-1])
+    return ("stopped" if log.broken or is_of_station(log) else "timeout"), float(log.time[-1])
 
 
 def _since(log: Log) -> int:
@@ -124,20 +129,32 @@ def _since(log: Log) -> int:
 
 
 def stopped_by(log: Log) -> str | None:
-    """Why a trial did not succeed, in words: the anomaly of the tick on which the controller stopped.
+    """Why a trial did not succeed, in words; None after a success, and if the time was over.
 
-    One that ends no trial, such as an invalid estimate, came then by chance: the operator stopped it. If the
-    log is not whole, the reason for that.
+    If the log is not whole, the reason for that.
     """
     outcome, _ = _outcome(log)
     status = log["controller.status"][-1] if "controller.status" in log else Status.IDLE
-    if outcome == "timeout" and status == Status.IDLE and "telemetry.refusal" in log:
+    if status in (Status.STOPPED, Status.FAILED):
+        return ended_by(log, _since(log))
+    if outcome == "stopped" and log.broken:
+        return log.broken
+    if status == Status.IDLE and "telemetry.refusal" in log:
         refusal = Refusal(int(log["telemetry.refusal"][-1]))
-        return f"START was refused: {refusal.words}" if refusal else None
-    if status not in (Status.STOPPED, Status.FAILED):
-        return log.broken if log.broken and outcome == "stopped" else None
-    code = log["controller.anomaly"][_since(log)] if "controller.anomaly" in log else Anomaly.NONE
-    if status == Status.FAILED:
+        if refusal:
+            return f"START was refused: {refusal.words}"
+    if outcome == "stopped":
+        return NOT_BEGUN if status == Status.IDLE else LAST_HEARD
+    return None
+
+
+def ended_by(log: Log, row: int) -> str | None:
+    """Why a trial was stopped or failed on a row, in words: the anomaly of it.
+
+    One that ends no trial, such as an invalid estimate, came then by chance: the operator stopped it.
+    """
+    code = log["controller.anomaly"][row] if "controller.anomaly" in log else Anomaly.NONE
+    if log["controller.status"][row] == Status.FAILED:
         return TOO_MANY if code == Anomaly.TRIAL_FAILURE else None
     known = {int(anomaly): STOPPED_BY.get(anomaly, STOPPED_BY[Anomaly.NONE]) for anomaly in Anomaly}
     return known.get(code, named(Anomaly, code))

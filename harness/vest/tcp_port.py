@@ -13,6 +13,15 @@ READ = 65_536  # bytes at once
 KEPT_ALIVE = {"TCP_KEEPIDLE": 2, "TCP_KEEPINTVL": 1, "TCP_KEEPCNT": 3, "TCP_USER_TIMEOUT": 5000}
 
 
+def as_radio(connection: socket.socket) -> None:
+    """Have a connection carry a radio's bytes: at once, without waiting, and only while its peer answers."""
+    connection.setblocking(False)
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for name in KEPT_ALIVE.keys() & set(dir(socket)):  # not every system has all
+        connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), KEPT_ALIVE[name])
+
+
 class TcpPort:
     """A server for one client; further ones are turned away until it has gone.
 
@@ -82,11 +91,7 @@ class TcpPort:
                 if self._client is not None:
                     client.close()
                     continue
-                client.setblocking(False)
-                client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                client.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-                for name in KEPT_ALIVE.keys() & set(dir(socket)):  # not every system has all
-                    client.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), KEPT_ALIVE[name])
+                as_radio(client)
                 self._client = client
 
     def _leave(self) -> None:

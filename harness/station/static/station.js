@@ -24,7 +24,9 @@
     remove: id("ground-remove"), said: id("ground-said") }, () => draft.value.home);
 
   const link = canine.connect({ react, changed });
-  const send = (message) => link.send(message) || void tell({ level: "warning", text: `not sent, nobody answers: ${message.do}` });
+  // Each message names the state that it answers, by its time: the station lets none act that comes too late.
+  const answer = (message) => link.send({ ...message, seen: state && state.time });
+  const send = (message) => answer(message) || void tell({ level: "warning", text: `not sent, nobody answers: ${message.do}` });
   const isReplay = () => Boolean(hello && hello.replay);
   const isCommander = () => Boolean(link.isOpen() && hello && state && !isReplay() && state.commander === hello.you);
   const isRunning = () => Boolean(state && state.link === "running");
@@ -133,7 +135,7 @@
   }
   // A page that nobody sees does not command: Space would not reach it.
   setInterval(() => {
-    if (isCommander() && !document.hidden) link.send({ do: "alive" });
+    if (isCommander() && !document.hidden) answer({ do: "alive" });
   }, ALIVE_MS);
   const stop = function () {
     manual.letGo();
@@ -426,6 +428,7 @@
       words = `Mission ${board.id.toString(16).padStart(4, "0")}: ${shown}`;
     }
     if (waypoints.length && !home) words += "; home is not marked yet";
+    if (board && isRunning() && !isUploaded()) words += "; the mission under way is that on board: ABORT it to upload another";
     if (id("on-board").textContent !== words) id("on-board").textContent = words;
   }
   function drawReadings() {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
 import signal
@@ -27,6 +26,7 @@ from harness.onboard.processors.stm32f405 import MACHINE, PACKAGE, QEMU, Board, 
 from harness.onboard.radio import Decoder
 from models.commands import Command
 from tests.codegen.firmware.vest import check_telemetry, lead, lead_until_forward
+from tests.harness.vest.devices import require_qemu
 
 TARGET = TARGETS["stm32f405"]
 QUIET = Playing(0, vibrate_left=False, vibrate_right=False)
@@ -43,10 +43,7 @@ PLAYED = {  # Table 4.1
 @pytest.fixture(scope="module")
 def image() -> Image:
     """The program, for a machine with QEMU."""
-    if shutil.which(QEMU) is None:
-        (pytest.fail if os.environ.get("CI") == "true" else pytest.skip)(
-            f"{QEMU} is missing: apt install {PACKAGE}"
-        )
+    require_qemu()
     return board_image(TARGET, bundle(TARGET))
 
 

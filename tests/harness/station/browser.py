@@ -9,13 +9,14 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import uvicorn
 from websockets.sync.client import ClientConnection, connect
 
 from codegen.firmware.key import Key
 from harness.station.guard import Guard
+from harness.station.mission_files import load
 from harness.station.opening import Request, opened, vest_parameters
 from harness.station.server import listening, serve
 from harness.station.session import About, Session
@@ -24,6 +25,7 @@ from harness.station.sink import Sink
 from harness.trial.scenario import Scenario
 
 LONGEST_S = 60.0
+T = TypeVar("T")
 
 
 class Browser:
@@ -97,9 +99,15 @@ class Served:
 
     @contextmanager
     def browser(self, **options: Any) -> Iterator[Browser]:
+        with self.tab(Browser, **options) as browser:
+            yield browser
+
+    @contextmanager
+    def tab(self, kind: Callable[[ClientConnection], T], **options: Any) -> Iterator[T]:
+        """A browser of a kind; options are those of its socket."""
         usual: Any = {"subprotocols": ["canine"], "origin": f"http://{self.address}", "close_timeout": 0.5}
         with connect(f"ws://{self.address}/ws", **(usual | options)) as socket:
-            yield Browser(socket)
+            yield kind(socket)
 
 
 @contextmanager
@@ -127,12 +135,21 @@ def served(shown: Shown, guard: Guard | None = None) -> Iterator[Served]:
 
 
 @contextmanager
-def simulated(folder: Path, speed: float = 5.0) -> Iterator[Served]:
+def simulated(folder: Path, speed: float = 5.0, scenario: str | Path = "three_waypoint") -> Iterator[Served]:
     """A station with a simulated vest."""
-    request = Request(simulate="three_waypoint", speed=speed, out=folder)
+    request = Request(simulate=str(scenario), speed=speed, out=folder)
     with opened(request, lambda text: None) as session, served(session) as station:
         station.vest = vest_of(session)
         yield station
+
+
+@contextmanager
+def by_radio(folder: Path, radio: str, mission: str | Path = "three_waypoint") -> Iterator[Served]:
+    """A station at a vest's radio, with a mission on screen."""
+    with opened(Request(port=radio, out=folder), lambda text: None) as session:
+        session.conduct.draft = load(str(mission))
+        with served(session) as station:
+            yield station
 
 
 class Silence:

@@ -79,7 +79,8 @@ class PlayedStation:
     """The other end of the page.
 
     Attributes:
-        sent: what the page sent by its socket, in order.
+        sent: what the page sent by its socket, in order, without `seen`.
+        seen: by the last of these: the time of the state that it answers.
         posts: path, query and body of what it sent otherwise.
         answers: by path, status and body of the answer.
         connections: so many times it has connected.
@@ -87,6 +88,7 @@ class PlayedStation:
 
     hello: dict[str, Any] = field(default_factory=lambda: HELLO)
     sent: list[dict[str, Any]] = field(default_factory=list)
+    seen: float | None = None
     posts: list[tuple[str, str, bytes]] = field(default_factory=list)
     answers: dict[str, tuple[int, bytes]] = field(default_factory=dict)
     connections: int = 0
@@ -118,9 +120,14 @@ class PlayedStation:
         self._socket = socket
         self.connections += 1
         self._state = {}
-        socket.on_message(lambda text: self.sent.append(json.loads(text)))
+        socket.on_message(self._take)
         self.say(self.hello)
         self.say(HISTORY)
+
+    def _take(self, text: str | bytes) -> None:
+        message = json.loads(text)
+        self.seen = message.pop("seen")
+        self.sent.append(message)
 
     def say(self, message: dict[str, Any]) -> None:
         """A message to the page."""

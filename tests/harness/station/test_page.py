@@ -354,6 +354,14 @@ def test_only_a_page_that_is_seen_keeps_the_vest_going(page: Page, station: Play
     assert len(station.orders("alive")) == count
 
 
+def test_what_the_page_sends_names_the_state_that_it_answers(page: Page, station: PlayedStation) -> None:
+    for _ in range(2):
+        station.state()
+        station.sent.clear()
+        station.await_order("alive")
+        assert station.seen == station.time
+
+
 def test_a_page_takes_the_command_that_nobody_has_unless_a_mission_runs(
     station: PlayedStation, open_page: OpenPage
 ) -> None:

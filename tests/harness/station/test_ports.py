@@ -10,8 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from harness.station.ports import PortError, open_port
+from harness.station.ports import PortError, TcpPort, open_port
 from models.errors import UsageError
+
+UNTIL_LOST = (socket.TCP_USER_TIMEOUT, socket.TCP_KEEPIDLE, socket.TCP_KEEPINTVL, socket.TCP_KEEPCNT)
 
 
 @pytest.fixture
@@ -41,6 +43,15 @@ def test_a_tcp_port_carries_bytes_both_ways_and_never_waits(listener: socket.soc
         assert vest.recv(10) == b"\x00\xff"
         vest.sendall(b"\xa5\x5a")
         assert until(port.read, 2) == b"\xa5\x5a"
+    port.close()
+
+
+def test_a_peer_that_does_not_even_acknowledge_is_given_up_within_seconds(listener: socket.socket) -> None:
+    port = open_port(name_of(listener))
+    assert isinstance(port, TcpPort)
+    options = [port._socket.getsockopt(socket.IPPROTO_TCP, option) for option in UNTIL_LOST]
+    assert port._socket.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
+    assert options == [5000, 2, 1, 3]
     port.close()
 
 

@@ -7,14 +7,18 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import orjson
+import pytest
 from mcap.reader import make_reader
 
 from codegen.firmware.key import SIMULATION_KEY, Key
 from harness.log.log import LogError
+from harness.station.desk import OrderError
 from harness.station.events import Level
 from harness.station.opening import vest_parameters
 from harness.station.ports import PortError
-from harness.station.session import REOPEN_S, About, Session
+from harness.station.session import OLD_S, REOPEN_S, About, Session
+from harness.station.shown import Refresh
 from harness.station.sink import ORDERS, Sink
 from harness.trial.scenario import Scenario
 from models.errors import UsageError
@@ -138,3 +142,44 @@ def test_a_hold_is_recorded_once_and_again_if_it_is_ordered_after_it_lapsed(tmp_
     with (tmp_path / "trial.mcap").open("rb") as file:
         orders = make_reader(file).iter_messages(topics=[ORDERS])
         assert [json.loads(message.data)["do"] for *_, message in orders] == ["take", "hold", "hold"]
+
+
+def shown(station: Session) -> float:
+    """The time of a state that is shown now."""
+    station._refresh = Refresh()
+    state = station.poll().state
+    assert state is not None
+    time: float = orjson.loads(state)["time"]
+    return time
+
+
+def test_an_order_that_answers_a_state_of_long_ago_is_not_carried_out(tmp_path: Path) -> None:
+    hands = Hands()
+    station = session(tmp_path, Silence(), hands)
+    seen = shown(station)
+    hands.now += OLD_S
+    station.order(1, {"do": "take", "seen": seen})
+    assert station.conduct.desk.commander == 1
+    hands.now += 0.01
+    with pytest.raises(OrderError, match=r"take: came 2 s or more after what it answers was shown"):
+        station.order(2, {"do": "take", "seen": seen})
+    with pytest.raises(OrderError):
+        station.order(2, {"do": "take", "seen": "yesterday"})
+    with pytest.raises(OrderError, match="expected one of alive"):
+        station.order(2, {"seen": seen})
+    station.close()
+
+
+def test_a_sign_of_life_that_comes_late_is_none_and_a_stop_is_obeyed_however_late(tmp_path: Path) -> None:
+    hands = Hands()
+    station = session(tmp_path, Silence(), hands)
+    station.order(1, {"do": "take"})
+    seen = shown(station)
+    hands.now += OLD_S + 0.01
+    station.order(1, {"do": "alive", "seen": seen})
+    assert not station.conduct.desk.lives(station.now)
+    station.order(1, {"do": "alive", "seen": shown(station)})
+    assert station.conduct.desk.lives(station.now)
+    station.order(2, {"do": "stop", "seen": seen})
+    assert station.conduct.latched
+    station.close()

@@ -15,9 +15,10 @@ from harness.log.log import LogError, read_log
 from harness.log.recover import recover
 from harness.onboard.radio import Mission, Position
 from harness.station.events import Event, Level
-from harness.station.opening import last_mission
 from harness.station.playback import Playback
 from harness.station.sink import Clock, Sink
+from harness.trial.events import events
+from harness.trial.missions import last_mission, start_of
 from harness.trial.summary import summarize
 from models.commands import Command, Status
 from models.modes import Anomaly
@@ -26,6 +27,7 @@ HOME = Position(32.6, -85.4)
 MISSION = Mission(HOME, (Position(32.6009, -85.4),), ())
 NOTHING = Telemetry(*[0] * len(FIELDS))
 GUARDED = {"parameters": {"controller.capture_radius": "7.0", "controller.guarded": "1.0"}}
+STATION = {"run": {"station": "a test"}, **GUARDED}
 FIXED = int(Flag.FIXED | Flag.VALID | Flag.LINK_OK)
 
 
@@ -126,7 +128,7 @@ def test_the_mission_becomes_the_route_once_it_is_on_board_the_last_one_holds(tm
 
 
 def test_an_anomaly_is_reported_on_one_row_and_ends_a_trial_in_words(tmp_path: Path) -> None:
-    sink = Sink(tmp_path, GUARDED)
+    sink = Sink(tmp_path, STATION)
     started = FIXED | Flag.STARTED
     tell(sink, 0.4, 2.0, flags=started, status=Status.RUNNING)
     tell(sink, 2.0, 3.0, flags=started, status=Status.RUNNING, last_anomaly=Anomaly.TURN_FAILURE)
@@ -135,10 +137,50 @@ def test_an_anomaly_is_reported_on_one_row_and_ends_a_trial_in_words(tmp_path: P
     tell(sink, 4.0, 6.0, last_anomaly=Anomaly.NO_PROGRESS)
     sink.close()
     log = read_log(tmp_path / "trial.mcap")
-    summary = summarize(last_mission(log))
+    summary = summarize(log)
     assert summary["anomalies"] == {"TURN_FAILURE": 1, "DIRECTION_SWITCH": 1, "NO_PROGRESS": 1}
     assert summary["outcome"] == "stopped"
     assert summary["stopped_by"] == "the animal did not move on (rule 4)"
+
+
+def test_a_mission_that_abort_ended_was_stopped_by_the_operator_whatever_ended_the_one_before(
+    tmp_path: Path,
+) -> None:
+    # given a log of two missions, of which a rule stopped the first, and ABORT the second
+    sink = Sink(tmp_path, STATION)
+    started = int(FIXED | Flag.STARTED)
+    running = {"flags": started, "status": int(Status.RUNNING)}
+    fence = {"last_anomaly": int(Anomaly.OUTSIDE_FENCE)}
+    tell(sink, 0.4, 2.0, **running)
+    tell(sink, 2.0, 4.0, flags=started, status=Status.STOPPED, **fence)
+    tell(sink, 4.0, 6.0, **fence)
+    tell(sink, 6.0, 8.0, **running)
+    tell(sink, 8.0, 9.4, status=Status.STOPPED)  # the stop is held for 1.5 s
+    tell(sink, 9.4, 12.0)
+    sink.close()
+    log = read_log(tmp_path / "trial.mcap")
+    # then the summary is about the second, and each event has its own reason
+    summary = summarize(log)
+    assert (summary["outcome"], summary["stopped_by"]) == ("stopped", "the operator")
+    assert summary["time_s"] == pytest.approx(8.0)
+    assert start_of(last_mission(log)) == pytest.approx(6.0)
+    stops = [event.text for event in events(log) if "STOPPED" in event.text]
+    assert [text.partition(": ")[2] for text in stops] == [
+        "the animal was outside the fence (rule 7)",
+        "the operator",
+    ]
+
+
+def test_a_mission_whose_end_was_not_heard_or_that_was_not_begun_is_no_timeout(tmp_path: Path) -> None:
+    sink = Sink(tmp_path, STATION)
+    tell(sink, 0.4, 2.0)
+    sink.flush()
+    idle = summarize(replace(read_log(tmp_path / "trial.mcap"), broken=""))
+    assert (idle["outcome"], idle["stopped_by"]) == ("stopped", "no mission was begun")
+    tell(sink, 2.0, 4.0, flags=FIXED | Flag.STARTED, status=Status.RUNNING)
+    sink.close()
+    cut = summarize(read_log(tmp_path / "trial.mcap"))
+    assert (cut["outcome"], cut["stopped_by"]) == ("stopped", "it was under way when the vest was last heard")
 
 
 # a log that was cut ---------------------------------------------------------------------------------------

@@ -1,16 +1,29 @@
-"""The laptop's end of a radio that other programs reach: a serial device, or a TCP connection."""
+"""The laptop's end of a radio that other programs reach, by a serial device or TCP; QEMU's absence."""
 
 from __future__ import annotations
 
 import os
 import select
+import shutil
 import socket
 from contextlib import suppress
 from types import TracebackType
 from typing import Self
 from urllib.parse import urlsplit
 
+import pytest
+
+from harness.onboard.processors.stm32f405 import PACKAGE, QEMU
+
 READ = 65_536
+
+
+def require_qemu() -> None:
+    """Skip the test on a machine without QEMU."""
+    if shutil.which(QEMU) is None:
+        (pytest.fail if os.environ.get("CI") == "true" else pytest.skip)(
+            f"{QEMU} is missing: apt install {PACKAGE}"
+        )
 
 
 class Device:

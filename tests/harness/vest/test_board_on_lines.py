@@ -2,34 +2,23 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 import time
 from collections.abc import Callable
 
 import pytest
 
 from codegen.firmware.key import SIZE, Key
-from harness.onboard.processors.stm32f405 import PACKAGE, QEMU
 from harness.vest.vest import open_vest
 from models.errors import UsageError
+from tests.harness.vest.devices import require_qemu
 from tests.harness.vest.leading import PATIENCE, Leading, mission_of
 
 SCENARIO = "two_waypoint"
 KEY = Key(bytes([7] * (SIZE - 1) + [1]))
 
 
-@pytest.fixture
-def qemu() -> None:
-    """A machine with QEMU."""
-    if shutil.which(QEMU) is None:
-        (pytest.fail if os.environ.get("CI") == "true" else pytest.skip)(
-            f"{QEMU} is missing: apt install {PACKAGE}"
-        )
-
-
-@pytest.mark.usefixtures("qemu")
 def test_the_board_is_commanded_by_radio_and_moves_the_animal_after_a_reset_too() -> None:
+    require_qemu()
     with open_vest(SCENARIO, target="stm32f405", key=KEY) as vest:
         operator = Leading(vest.port, mission_of(SCENARIO), KEY)
 
