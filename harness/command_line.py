@@ -15,6 +15,7 @@ from harness import (
     fault_commands,
     firmware_commands,
     log_commands,
+    route_commands,
     station_commands,
     sweep_commands,
     vest_commands,
@@ -97,6 +98,7 @@ def canine(
     canine study outage                           estimators through outages, beside the text's numbers
     canine sweep two                              many trials at each value of a parameter
     canine matrix --controllers cmec,quarter_turn --plants canine,dog.fmu    many trials with each pair
+    canine plan campus.geojson --from gate --to pond                routes round buildings, tried by trials
     canine keygen --out vest.key                  a vest's radio key
     canine firmware --target stm32f405 --key vest.key --out fw      the onboard program's sources
     canine pil --target cortex-m4f                runs them on the simulated processor, bit by bit
@@ -467,6 +469,7 @@ def _replay_all(
 
 app.command("sweep")(sweep_commands.sweep_parameters)
 app.command("matrix")(sweep_commands.compare_controllers)
+app.command("plan")(route_commands.plan_route)
 
 
 @app.command("fit")

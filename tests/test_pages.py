@@ -21,7 +21,8 @@ FILES = [
 MADE = {  # by commands, by generators, or by users
     "block_fmu.h", "dog.toml", "fit.json", "fit.toml", "fixes.h", "matrix.json", "mine.toml", "models.h",
     "mrg32k3a.h", "my.toml", "navigation.h", "outages.json", "pil.json", "recommendation.json",
-    "recording.toml", "seeds.csv", "summary.json", "tune.json", "tune.toml", "units.json",
+    "recording.toml", "route.toml", "routes.json", "seeds.csv", "summary.json", "tune.json", "tune.toml",
+    "units.json",
 }  # fmt: skip
 
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from codegen.batch.areas import Areas
 from codegen.cache import kept, knows
 from codegen.files import write_whole
 from codegen.scratch import Scratch
@@ -56,10 +57,13 @@ class Results:
     Attributes:
         ticks: (trials,) index of each trial's last tick, from 0.
         values: (trials, observed) the observed variables after that tick.
+        entered: (trials,) the number of the first area that each trial's plant was in, 0 for none; None
+            where nothing is watched.
     """
 
     ticks: Counts
     values: Array
+    entered: Counts | None = None
 
 
 class Batch:
@@ -70,6 +74,8 @@ class Batch:
         varied: parameters that differ from point to point, as "component.parameter[1]".
         observe: states and outputs; the results are their values at the end of a trial.
         stop: an output, and the values of it that end a trial.
+        watch: the states that are the plant's north and east, to be held against areas from the start of a
+            trial to its end; without it the runner is what it is without areas.
 
     Raises:
         ParameterError, WiringError: the system has no variable of this name.
@@ -81,11 +87,13 @@ class Batch:
         varied: Sequence[str] = (),
         observe: Sequence[str] = (),
         stop: tuple[str, Collection[int]] | None = None,
+        watch: tuple[str, str] | None = None,
     ) -> None:
         self.system = system
         self.varied = [self._key(name, "parameter") for name in varied]
         self.observed = [self._key(name, "state", "output") for name in observe]
         self.stop = None if stop is None else (self._key(stop[0], "output"), frozenset(stop[1]))
+        self.watched = None if watch is None else (self._key(watch[0], "state"), self._key(watch[1], "state"))
         self._libraries: dict[object, ctypes.CDLL] = {}
 
     def run(
@@ -98,6 +106,7 @@ class Batch:
         *,
         changes: Sequence[Change] = (),
         stalls: Stalls = MappingProxyType({}),
+        areas: Areas | None = None,
     ) -> Results:
         """Run trials; other threads of the process run meanwhile.
 
@@ -110,11 +119,14 @@ class Batch:
             changes: of free inputs, in every trial; of two on one tick, the later one in the list holds.
             stalls: ticks on which components are not stepped, in every trial: spans of one are apart, and in
                 their order.
+            areas: what a batch that watches holds the plant's place against.
 
         Raises:
             ParameterError, WiringError: a name or an index does not exist, or a shape is wrong.
             CompileError: the library cannot be built.
         """
+        if (areas is None) != (self.watched is None):
+            raise ParameterError(f"{self.system.name}: expected areas and what to watch, or neither")
         points = np.ascontiguousarray(points, dtype=np.float64)
         point, seed = np.asarray(point), np.asarray(seed)
         self._check(points, point, seed, ticks)
@@ -145,13 +157,17 @@ class Batch:
             dtype=[("tick", "i4"), ("input", "i4"), ("value", "f8")],
         )
         last, observed = np.empty(len(point), np.int32), np.empty((len(point), len(self.observed)))
-        job = _Job(
+        plain = (
             common.ctypes.data, points.ctypes.data, len(point), point.ctypes.data, seed.ctypes.data,
             ticks, len(schedule), schedule.ctypes.data, last.ctypes.data, observed.ctypes.data,
         )  # fmt: skip
+        job, entered = _Job(*plain), None
+        if areas is not None:
+            entered, grid = np.zeros(len(point), np.int32), _Areas.of(areas)
+            job = _WatchedJob(*plain, ctypes.addressof(grid), entered.ctypes.data)
         if library.batch_run(ctypes.byref(job)) != 0:
             raise MemoryError("batch: no memory for the trials under way")
-        return Results(last, observed)
+        return Results(last, observed, entered)
 
     def _check(self, points: Array, point: Counts, seed: Counts, ticks: int) -> None:
         """Check what the library takes for granted."""
@@ -244,7 +260,7 @@ class Batch:
     def _needed(self) -> dict[str, frozenset[str]]:
         from codegen.batch.pruning import needed  # noqa: PLC0415 - traces the models
 
-        observed = [*self.observed, *([self.stop[0]] if self.stop else [])]
+        observed = [*self.observed, *([self.stop[0]] if self.stop else []), *(self.watched or ())]
         return {component: names for component, names in needed(self.system, observed).items() if names}
 
     @property
@@ -256,14 +272,25 @@ class Batch:
         """What decides the runner, beside the sources of the models and the values of inputs."""
         components = [(c, block.__module__, block.__name__) for c, block in self.system.components.items()]
         stop = None if self.stop is None else (self.stop[0], sorted(self.stop[1]))
-        return self.system.name, components, self.system.links, self.varied, self.observed, stop
+        watched = () if self.watched is None else (self.watched,)
+        return self.system.name, components, self.system.links, self.varied, self.observed, stop, *watched
 
     def _sources(self) -> Sources:
         from codegen.batch.sources import Sources  # noqa: PLC0415 - traces the models
 
         lanes = 16 if _is_wide() else 8  # two vectors: one computes while the other waits for a result
         common = list(self._common)
-        return Sources(self.system, self.keep, self.varied, self.observed, self.stop, common, lanes, FLIGHTS)
+        return Sources(
+            self.system,
+            self.keep,
+            self.varied,
+            self.observed,
+            self.stop,
+            common,
+            lanes,
+            FLIGHTS,
+            self.watched,
+        )
 
     def ticks(self, changing: Collection[Key], fixed: Mapping[Key, float]) -> list[Tick]:
         """The ordinary ticks, as in `Sources.ticks`."""
@@ -318,6 +345,26 @@ class _Job(ctypes.Structure):
         ("changes", ctypes.c_int32), ("change", ctypes.c_void_p), ("ticks", ctypes.c_void_p),
         ("observed", ctypes.c_void_p),
     ]  # fmt: skip
+
+
+class _WatchedJob(_Job):
+    _fields_ = [("areas", ctypes.c_void_p), ("entered", ctypes.c_void_p)]
+
+
+class _Areas(ctypes.Structure):
+    _fields_ = [
+        ("north", ctypes.c_double), ("east", ctypes.c_double), ("per_metre", ctypes.c_double),
+        ("rows", ctypes.c_int32), ("columns", ctypes.c_int32), ("edges", ctypes.c_int32),
+        ("cell", ctypes.c_void_p), ("edge", ctypes.c_void_p),
+    ]  # fmt: skip
+
+    @classmethod
+    def of(cls, areas: Areas) -> _Areas:
+        """The areas for the runner; they must outlive it."""
+        cells, edges = areas.cells, areas.edges
+        return cls(
+            *areas.corner, 1 / areas.side, *cells.shape, len(edges), cells.ctypes.data, edges.ctypes.data
+        )
 
 
 @cache

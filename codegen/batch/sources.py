@@ -30,6 +30,7 @@ class Sources:
         common: the variables that may be set, in the order in which the runner takes their values.
         lanes: trials that take the ordinary tick together.
         flights: trials under way at a time, in each thread.
+        watched: the north and the east of the plant that areas are held against; None for none.
     """
 
     system: System
@@ -40,6 +41,7 @@ class Sources:
     common: Sequence[Key]
     lanes: int
     flights: int
+    watched: tuple[Key, Key] | None = None
 
     def ticks(self, changing: Collection[Key], fixed: Mapping[Key, float]) -> list[Tick]:
         """The ordinary ticks: one for each mode of the largest state machine, or one for all modes.
@@ -83,7 +85,13 @@ class Sources:
         ticks = self.ticks(changing, fixed)
         fields = sorted(frozenset().union(*(tick.reads | tick.writes for tick in ticks)))
         used = sorted(frozenset().union(*(tick.common for tick in ticks)))
+        watched = None
+        if self.watched:
+            places = ({"field": field_name(key), **self._place(key)} for key in self.watched)
+            watched = dict(zip(("north", "east"), places, strict=True))
         context = {
+            "watched": watched,
+            "watching": ", const areas *w, flight *f" if watched else "",
             "system": self.system.name,
             "version": VERSION,
             "flights": self.flights,
@@ -110,6 +118,7 @@ class Sources:
                     )
                     or "true",
                     "operations": tick.operations,
+                    "moves": self.watched and not tick.writes.isdisjoint(self.watched),
                     "lines": tick.lines,
                     "reads": [(field_name(key), key in tick.writes) for key in sorted(tick.reads)],
                     "fields": [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from typing import Any
 
 from harness.files import in_words
@@ -11,11 +12,35 @@ from harness.station.formats.shapes import Shape, labelled, of_shapes, ring
 from models.errors import printable
 
 
+@dataclass(frozen=True)
+class Feature:
+    """A feature of such a file.
+
+    Attributes:
+        where: what it is, for errors.
+        geometry: with a type.
+    """
+
+    where: str
+    name: object
+    properties: dict[str, Any]
+    geometry: dict[str, Any]
+
+
 def read(data: bytes) -> Draft:
     """The mission in such a file.
 
     Raises:
         MissionFileError: it holds none, or several.
+    """
+    return of_shapes([_shape(feature) for feature in features_of(content_of(data))])
+
+
+def content_of(data: bytes) -> dict[str, Any]:
+    """The object that such a file is.
+
+    Raises:
+        MissionFileError: it is none.
     """
     try:
         content = json.loads(data.decode("utf-8-sig"))
@@ -27,24 +52,39 @@ def read(data: bytes) -> Draft:
         raise MissionFileError(f"is no JSON that can be read ({printable(reason)})") from None
     if not isinstance(content, dict):
         raise MissionFileError(f"is {in_words(content)}, expected a FeatureCollection or a Feature")
+    return content
+
+
+def features_of(content: dict[str, Any]) -> list[Feature]:
+    """The features of a collection, or of what is a feature or a geometry itself.
+
+    Raises:
+        MissionFileError: one has no geometry.
+    """
     features = content.get("features") if content.get("type") == "FeatureCollection" else [content]
     if not isinstance(features, list):
         raise MissionFileError(f"features is {in_words(features)}, expected a list")
-    return of_shapes([_shape(number, feature) for number, feature in enumerate(features, start=1)])
+    return [_feature(number, feature) for number, feature in enumerate(features, start=1)]
 
 
-def _shape(number: int, feature: Any) -> Shape:
+def _feature(number: int, feature: Any) -> Feature:
     where = f"feature {number}"
     properties: Any = {}
     geometry = feature
     if isinstance(feature, dict) and feature.get("type") == "Feature":
         geometry, properties = feature.get("geometry"), feature.get("properties")
-    if not isinstance(geometry, dict) or not isinstance(kind := geometry.get("type"), str):
+    if not isinstance(geometry, dict) or not isinstance(geometry.get("type"), str):
         raise MissionFileError(f"{where} is {printable(in_words(geometry))}, expected a geometry with a type")
-    name = properties.get("name") if isinstance(properties, dict) else None
+    properties = properties if isinstance(properties, dict) else {}
+    name = properties.get("name")
     if isinstance(name, str) and name:
         where += f" ({printable(in_words(name))})"
-    places = geometry.get("coordinates", [])
+    return Feature(where, name, properties, geometry)
+
+
+def _shape(feature: Feature) -> Shape:
+    where, kind = feature.where, feature.geometry["type"]
+    places = feature.geometry.get("coordinates", [])
     if kind == "Point":
         places = [places]
     elif kind == "Polygon":
@@ -53,7 +93,7 @@ def _shape(number: int, feature: Any) -> Shape:
         (places,) = places
     if not isinstance(places, list):
         raise MissionFileError(f"{where}: coordinates is {in_words(places)}, expected a list")
-    return Shape(where, name, kind, places)
+    return Shape(where, feature.name, kind, places)
 
 
 def write(draft: Draft, name: str) -> bytes:

@@ -23,17 +23,30 @@ def read(data: bytes) -> Draft:
     Raises:
         MissionFileError: it holds none, or several.
     """
+    return of_shapes([_shape(*labelled_mark) for labelled_mark in placemarks(data)])
+
+
+def placemarks(data: bytes) -> list[tuple[str, Any]]:
+    """The placemarks of such a file, each behind what errors call it.
+
+    Raises:
+        MissionFileError: it is no such file.
+    """
     check_xml(data, "kml")
     try:
         document = fastkml.KML.parse(io.BytesIO(data), strict=True, validate=False)
-        marks = list(find_all(document, of_type=fastkml.Placemark))
-        return of_shapes([_shape(number, mark) for number, mark in enumerate(marks, start=1)])
+        marks: list[Any] = list(find_all(document, of_type=fastkml.Placemark))
+        for mark in marks:
+            mark.geometry  # noqa: B018 - made here, of what the file holds
     except (FastKMLError, ValueError, TypeError, AttributeError) as reason:
         raise MissionFileError(f"is no KML: {printable(reason)}") from None
+    return [
+        (f"placemark {number}" + (f" ({printable(in_words(mark.name))})" if mark.name else ""), mark)
+        for number, mark in enumerate(marks, start=1)
+    ]
 
 
-def _shape(number: int, mark: Any) -> Shape:
-    where = f"placemark {number}" + (f" ({printable(in_words(mark.name))})" if mark.name else "")
+def _shape(where: str, mark: Any) -> Shape:
     geometry = mark.geometry
     match geometry:
         case Point():

@@ -1,0 +1,136 @@
+"""The command `canine plan`; `command_line` adds it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from harness.console import json_of, out, print_note, progress_bar, say_where
+from harness.options import Controller, Plant, Settings
+from models.errors import UsageError
+from models.kit.random import MAX_SEED
+
+
+def plan_route(
+    target: Annotated[str, typer.Argument(metavar="MAP")],
+    *,
+    begin: Annotated[
+        str,
+        typer.Option(
+            "--from", metavar="P", help="a point's name, latitude,longitude, or in metres north,east"
+        ),
+    ],
+    end: Annotated[str, typer.Option("--to", metavar="P", help="the same")],
+    metres: Annotated[
+        bool, typer.Option("--metres", help="a GeoJSON in metres, east before north, that does not say so")
+    ] = False,
+    origin: Annotated[
+        str, typer.Option(metavar="LAT,LON", help="where [0, 0] of a map in metres is, for the mission")
+    ] = "",
+    along: Annotated[
+        Literal["open", "streets", "both"], typer.Option(help="round the areas, along the streets, or both")
+    ] = "both",
+    clearance: Annotated[str, typer.Option(metavar="m,...", help="from the areas")] = "3,6,9",
+    ways: Annotated[int, typer.Option(help="different ways with each clearance, at most")] = 4,
+    longest: Annotated[float, typer.Option(help="times the shortest way that another may be long")] = 2.0,
+    prefer_turns: Annotated[
+        float, typer.Option(metavar="m", help="what a turn nearer to 45 or 90 deg by 45 deg is worth")
+    ] = 0.0,
+    spacing: Annotated[
+        str, typer.Option(metavar="m|none,...", help="between waypoints; none: at corners alone")
+    ] = "none,12,15,20,25",
+    scenario: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SCENARIO.toml", help="its dog and its controller; start and waypoints are replaced"
+        ),
+    ] = None,
+    system: Annotated[
+        Literal["cts", "full"],
+        typer.Option(help="of the trials; cts: the true state into the controller; full: the estimate"),
+    ] = "cts",
+    reading: Annotated[
+        str | None, typer.Option(help="the scenario's, or calibrated with a count of turns per waypoint")
+    ] = None,
+    plant: Plant = None,
+    controller: Controller = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, max=MAX_SEED, help="of the first trial of each candidate")
+    ] = None,
+    trials: Annotated[int, typer.Option(help="of each candidate that is left at the end")] = 4096,
+    settings: Settings = None,
+    folder: Annotated[
+        Path | None, typer.Option("--out", file_okay=False, metavar="DIR", help="by default out/plan-<map>")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print routes.json")] = False,
+) -> None:
+    """Find routes round buildings, each scored by simulated trials: routes.json and .png, scenario, mission.
+
+    \b
+    canine plan five_buildings --from home --to goal          a map that comes with the project
+    canine plan campus.geojson --from 32.6062,-85.4877 --to 32.6079,-85.4876
+    canine plan campus.kml --from gate --to pond --clearance 5,10 --spacing none,20,25
+    canine plan yard.geojson --metres --from 0,0 --to 180,40 --along streets
+    canine plan five_buildings --from home --to goal --scenario my.toml --system full
+
+    A map is GeoJSON or KML: polygons are areas that the dog may not enter, lines are streets, points with a
+    name are places for --from and --to. Candidates are different ways, by which side of each area they pass,
+    times clearances, times spacings of waypoints. They are tried by the same seeds, in rounds: the better
+    half goes on with twice as many trials. Of those left, routes are shown that no other one beats in
+    success, time, stimuli and chance of entering an area at once. route.toml is for `canine run`,
+    mission.geojson for the station.
+    """
+    _require_extra()
+    from harness.routes import halving, report
+    from harness.routes.problem import Asked, prepare
+
+    problem = prepare(
+        Asked(
+            target, begin, end, metres, _origin(origin), along,
+            [_number("--clearance", part) for part in _listed(clearance)], ways, longest, prefer_turns,
+            [None if part == "none" else _number("--spacing", part) for part in _listed(spacing)],
+            scenario, system, reading, settings or (), plant, controller, seed, trials,
+        ),
+        print_note,
+    )  # fmt: skip
+    with progress_bar("% of the trials", 100, quiet=as_json) as progress:
+        result = halving.run(problem, progress and (lambda share: progress(100 * share)))
+    place = folder or report.default_folder(result)
+    report.write(result, place, print_note)
+    if as_json:
+        typer.echo(json_of(report.facts(result)))
+    else:
+        report.show(result, out())
+        say_where(place)
+
+
+def _require_extra() -> None:
+    """Are the packages there that a plan needs?"""
+    from importlib.util import find_spec
+
+    lacks = [name for name in ("networkx", "shapely", "fastkml") if not find_spec(name)]
+    if lacks:
+        raise UsageError(f'canine plan needs {", ".join(lacks)}; pip install "guided-canine[routes]"')
+
+
+def _listed(text: str) -> list[str]:
+    return [part.strip() for part in text.split(",") if part.strip()]
+
+
+def _number(option: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise UsageError(f'{option} "{text}": expected a number of m') from None
+
+
+def _origin(text: str) -> tuple[float, float] | None:
+    if not text:
+        return None
+    try:
+        latitude, longitude = map(float, text.split(","))
+    except ValueError:
+        raise UsageError(f'--origin "{text}": expected latitude,longitude in deg') from None
+    return latitude, longitude

@@ -1,0 +1,291 @@
+"""Maps in files: GeoJSON and KML.
+
+Polygons are no-go areas, lines are streets, points with a name are marks. KML is in degrees, and so is
+GeoJSON (RFC 7946: longitude before latitude), unless it says `"units": "metres"` beside its features, or
+`--metres` is given: then coordinates are metres, east before north, and a member
+`"origin": [longitude, latitude]` may say where [0, 0] is.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely.geometry import shape
+from shapely.validation import explain_validity
+
+from harness.files import in_words, nearest_file
+from harness.log.geodesy import TangentPlane
+from harness.routes import MAPS
+from harness.routes.site import Area, Place, RouteError, Site
+from harness.station.draft import MissionFileError
+from harness.station.formats import geojson
+from models.errors import nearest, printable
+
+SHIPPED = Path(__file__).with_name("maps")
+MAX_BYTES = 16 * 2**20
+FARTHEST = 20_000.0  # m from where the route begins; a map in other units is farther
+SMALLEST = 0.25  # m2: an area smaller than this is no building; it is in other units, or damaged
+METRES, DEGREES = "metres", "degrees"
+HINT = ' A map in metres says "units": "metres" beside its features, or takes --metres'
+CRS84 = ("CRS84", "EPSG:4326", "EPSG::4326")  # names of what GeoJSON has been in before RFC 7946, and is in
+LINES = ("LineString", "LinearRing", "MultiLineString")
+POLYGONS = ("Polygon", "MultiPolygon")
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A feature of a map as its file has it: x is longitude or east, y is latitude or north."""
+
+    where: str
+    name: str
+    shape: shapely.Geometry
+
+
+@dataclass(frozen=True)
+class Map:
+    """A map as its file has it.
+
+    Attributes:
+        label: of the file, for errors.
+        origin: latitude and longitude of [0, 0], deg, where a map in metres says so.
+    """
+
+    name: str
+    label: str
+    units: str
+    figures: list[Figure]
+    origin: tuple[float, float] | None = None
+    notes: list[str] = field(default_factory=list)
+
+    def place_of(self, option: str, text: str) -> Place:
+        """A place as a user names it, x before y: a mark, or latitude,longitude or north,east.
+
+        Raises:
+            RouteError: it is neither.
+        """
+        marks = {f.name: f.shape for f in self.figures if f.shape.geom_type == "Point" and f.name}
+        if text in marks:
+            return marks[text].x, marks[text].y
+        pair = "latitude,longitude in deg" if self.units == DEGREES else "north,east in m"
+        try:
+            y, x = map(float, text.split(","))
+        except ValueError:
+            hint = nearest(text, marks) if marks else ""
+            raise RouteError(f'{option} "{text}": expected {pair}, or a mark of {self.label}{hint}') from None
+        _check_numbers(f'{option} "{text}"', np.array([[x, y]]), self.units)
+        return x, y
+
+    def site(self, begin: Place, origin: tuple[float, float] | None = None) -> Site:
+        """The map in metres.
+
+        Args:
+            begin: where the route begins, as the file has it; the origin of a map in degrees.
+            origin: latitude and longitude, deg, of [0, 0] of a map in metres; overrides the file's.
+
+        Raises:
+            RouteError: a feature is none that can be used, or lies too far away.
+        """
+        if self.units == DEGREES and origin is not None:
+            raise RouteError(f"--origin: {self.label} is in degrees; expected it with a map in metres")
+        at = self.origin if origin is None else origin
+        if self.units == DEGREES:
+            at = begin[1], begin[0]
+        areas: list[Area] = []
+        streets: list[shapely.LineString] = []
+        marks: dict[str, Place] = {}
+        for figure in self.figures:
+            laid = shapely.transform(figure.shape, lambda places: self._metres(places, begin))
+            self._check_distance(figure, laid, self._metres(np.array([begin]), begin)[0])
+            parts = list(getattr(laid, "geoms", [laid]))
+            if laid.geom_type in POLYGONS:
+                areas += [self._area(figure, part, len(areas) + 1) for part in parts]
+            elif laid.geom_type in LINES:
+                streets += [shapely.LineString(part.coords) for part in parts]
+            elif figure.name:
+                marks[figure.name] = (laid.x, laid.y)
+        if not areas and not streets:
+            raise RouteError(f"{self.label}: has no polygon and no line; expected buildings or streets")
+        return Site(self.name, areas, streets, marks, at, self.notes)
+
+    def metres(self, place: Place, begin: Place) -> Place:
+        """A place of the file, x before y, in metres to the north and the east."""
+        north, east = self._metres(np.array([place]), begin)[0]
+        return float(north), float(east)
+
+    def _metres(self, places: Any, begin: Place) -> Any:
+        """(n, 2) x and y as the file has them to (n, 2) north and east in m."""
+        if self.units == METRES:
+            return places[:, ::-1]
+        plane = TangentPlane(math.radians(begin[1]), math.radians(begin[0]))
+        north, east = plane.to_plane(np.radians(places[:, 1]), np.radians(places[:, 0]))
+        return np.column_stack((north, east))
+
+    def _area(self, figure: Figure, polygon: shapely.Polygon, number: int) -> Area:
+        """A polygon as an area, checked."""
+        if polygon.area < SMALLEST:
+            raise RouteError(
+                f"{self.label}: {figure.where}: the polygon has {polygon.area:.2g} m2, expected {SMALLEST:g} "
+                f"at least; the map is read in {self.units}: are its units mixed?"
+            )
+        return Area(figure.name or f"area {number}", figure.where, polygon)
+
+    def _check_distance(self, figure: Figure, laid: shapely.Geometry, begin: Any) -> None:
+        far = np.hypot(*(shapely.get_coordinates(laid) - begin).T).max(initial=0.0)
+        if far > FARTHEST:
+            raise RouteError(
+                f"{self.label}: {figure.where} reaches {far / 1000:.0f} km from where the route begins, "
+                f"expected {FARTHEST / 1000:g} km at most; the map is read in {self.units}: are its units "
+                f"mixed?{HINT if self.units == DEGREES else ''}"
+            )
+
+
+def _check_numbers(where: str, places: Any, units: str) -> None:
+    """Refuse coordinates, x before y, that are none of these units."""
+    if not np.isfinite(places).all():
+        raise RouteError(f"{where}: has a coordinate that is no finite number")
+    if units == METRES:
+        return
+    for axis, name, limit in ((0, "longitude", 180.0), (1, "latitude", 85.0)):
+        worst = places[np.abs(places[:, axis]).argmax(), axis]
+        if abs(worst) > limit:
+            raise RouteError(f"{where}: {name} is {worst:.10g}, expected -{limit:g} to {limit:g} deg.{HINT}")
+
+
+def load(target: str, *, metres: bool = False) -> Map:
+    """The map of a file, or the shipped one of this name.
+
+    Args:
+        metres: a GeoJSON's coordinates are metres, whatever it says.
+
+    Raises:
+        RouteError: it cannot be read, is no map, has no feature, or one that is not what it should be.
+    """
+    path = Path(target)
+    if not path.suffix and not path.exists() and target in shipped():
+        path = SHIPPED / f"{target}.geojson"
+    ending = path.suffix.lower().lstrip(".")
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except FileNotFoundError:
+        hint = nearest_file(path) if path.suffix else nearest(target, shipped())
+        raise RouteError(f'there is no map "{target}"{hint}') from None
+    except OSError as reason:
+        raise RouteError(f"{target}: cannot be read ({reason.strerror})") from None
+    if ending not in MAPS:
+        raise RouteError(f'{target}: the ending is "{ending}", expected one of {", ".join(MAPS)}')
+    if len(data) > MAX_BYTES:
+        raise RouteError(
+            f"{target}: has more than {MAX_BYTES // 2**20} MiB; cut it to the place of the route"
+        )
+    try:
+        return (_read_kml if ending == "kml" else _read_geojson)(path.stem, target, data, metres)
+    except (MissionFileError, RouteError) as reason:
+        raise RouteError(f"{target}: {reason}") from None
+
+
+def shipped() -> list[str]:
+    """The names of the maps that come with the project."""
+    return sorted(path.stem for path in SHIPPED.glob("*.geojson"))
+
+
+def _read_geojson(name: str, label: str, data: bytes, metres: bool) -> Map:
+    content = geojson.content_of(data)
+    units = METRES if metres else _units_of(content)
+    raw = []
+    for feature in geojson.features_of(content):
+        own = feature.properties.get("units", units)
+        if own != units:
+            raise RouteError(
+                f"{feature.where}: its units are {printable(in_words(own))}, those of the map are {units}; "
+                "expected the same of all"
+            )
+        raw.append((feature.where, feature.name, feature.geometry))
+    return _map(name, label, units, raw, _origin_of(content))
+
+
+def _units_of(content: dict[str, Any]) -> str:
+    """Degrees, unless the file says something else."""
+    units, crs = content.get("units", DEGREES), content.get("crs")
+    if units not in (METRES, DEGREES):
+        raise RouteError(f'units is {printable(in_words(units))}, expected "{METRES}" or "{DEGREES}"')
+    if crs is not None and units == DEGREES and not _name_of(crs).endswith(CRS84):
+        raise RouteError(
+            f"crs is {printable(in_words(crs))}, expected longitude and latitude of WGS 84 (RFC 7946); "
+            'convert it, or say "units": "metres" if its axes are east and north in m'
+        )
+    return str(units)
+
+
+def _name_of(crs: object) -> str:
+    """The name in a `crs` member, as files before RFC 7946 have it."""
+    properties = crs.get("properties") if isinstance(crs, dict) else None
+    name = properties.get("name") if isinstance(properties, dict) else None
+    return name if isinstance(name, str) else ""
+
+
+def _origin_of(content: dict[str, Any]) -> tuple[float, float] | None:
+    """Latitude and longitude of [0, 0]."""
+    origin = content.get("origin")
+    if origin is None:
+        return None
+    try:
+        longitude, latitude = map(float, origin)
+    except (TypeError, ValueError):
+        raise RouteError(
+            f"origin is {printable(in_words(origin))}, expected [longitude, latitude] in deg"
+        ) from None
+    return latitude, longitude
+
+
+def _read_kml(name: str, label: str, data: bytes, metres: bool) -> Map:
+    if metres:
+        raise RouteError("KML is in degrees; expected --metres with GeoJSON alone")
+    from harness.station.formats import kml  # noqa: PLC0415 - fastkml, which GeoJSON does without
+
+    raw = [
+        (where, mark.name, mark.geometry.__geo_interface__)
+        for where, mark in kml.placemarks(data)
+        if mark.geometry is not None
+    ]
+    return _map(name, label, DEGREES, raw, None)
+
+
+def _map(
+    name: str,
+    label: str,
+    units: str,
+    raw: list[tuple[str, object, Any]],
+    origin: tuple[float, float] | None,
+) -> Map:
+    """A map of features: what each is called, its name, its geometry."""
+    figures, left_out = [], 0
+    for where, named, geometry in raw:
+        if geometry.get("type") not in ("Point", *LINES, *POLYGONS):
+            left_out += 1
+            continue
+        try:
+            figure = shapely.force_2d(shape(geometry))
+        except (ValueError, TypeError, KeyError, IndexError, AttributeError, shapely.GEOSException) as reason:
+            raise RouteError(f"{where}: is no {geometry['type']} ({printable(reason)})") from None
+        if figure.is_empty:
+            raise RouteError(f"{where}: has no coordinates")
+        _check_numbers(where, shapely.get_coordinates(figure), units)
+        if geometry["type"] in POLYGONS and not figure.is_valid:
+            raise RouteError(
+                f"{where}: the polygon crosses or touches itself ({explain_validity(figure)}, as the file "
+                "writes places); expected edges that meet at corners alone: mend it there"
+            )
+        figures.append(Figure(where, printable(named) if isinstance(named, str) else "", figure))
+    if not figures:
+        raise RouteError("has no feature; expected polygons of no-go areas, or lines of streets")
+    notes = []
+    if left_out:
+        plural = "s" if left_out > 1 else ""
+        notes.append(f"{label}: {left_out} feature{plural} left out, no polygon, line or point")
+    return Map(name, label, units, figures, origin, notes)

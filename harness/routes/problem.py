@@ -1,0 +1,237 @@
+"""What is asked for, resolved: the map, the scenario, the candidates; before any trial."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from harness.routes.candidates import Candidate, candidates_of
+from harness.routes.map_file import load
+from harness.routes.open_ground import open_ways
+from harness.routes.score import Scorer, route_scenario
+from harness.routes.site import Place, RouteError, Site
+from harness.routes.streets import street_ways
+from harness.routes.way import OPEN, STREETS, Way, best
+from harness.sweep.components import Components, find_components
+from harness.sweep.trials import Options, adapted
+from harness.trial import scenario as scenarios
+from harness.trial.scenario import Scenario, Written
+from models.errors import nearest
+from models.kit.random import MAX_SEED
+from models.readings import ON_BOARD, READING, READINGS
+from models.system import ESTIMATOR, System
+
+ALONG = (OPEN, STREETS, "both")
+CLEARANCES = (3.0, 6.0, 9.0)  # m
+SPACINGS = (None, 12.0, 15.0, 20.0, 25.0)  # m
+WAYS = 4
+LONGEST = 2.0  # times the shortest way
+TRIALS = 4096  # of each candidate that is left at the end
+SPARE = 3  # times as many ways are looked at where turns are preferred
+COUNTED: dict[str, Written] = {"cmec.reset_turns": True}  # what a plan asks of its controller, by default
+COUNTED_SETTING = "cmec.reset_turns=true"
+DURATION = 600.0  # s of a trial, without a scenario that says so
+FITTED = {"cruise_speed", "drift", "left_turn_rate", "right_turn_rate"}  # `canine fit` gives them
+MEAN_DOG = (
+    "the dog is the mean one of Table 5.1, not yours: the best spacing depends on its drift and turns; fit "
+    "it from logs (`canine fit`), and give --scenario or --set"
+)
+HABITUATION = (
+    "the dog heeds the last vibration as it heeds the first: if yours does not, fewer waypoints are better"
+)
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What `canine plan` is asked; the attributes are its options."""
+
+    target: str
+    begin: str
+    end: str
+    metres: bool = False
+    origin: tuple[float, float] | None = None
+    along: str = "both"
+    clearances: Sequence[float] = CLEARANCES
+    ways: int = WAYS
+    longest: float = LONGEST
+    preference: float = 0.0
+    spacings: Sequence[float | None] = SPACINGS
+    scenario: str | None = None
+    system: str = "cts"
+    reading: str | None = None
+    settings: Sequence[str] = ()
+    plant: str | None = None
+    controller: str | None = None
+    seed: int | None = None
+    trials: int = TRIALS
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A plan's parts, checked, before any trial.
+
+    Attributes:
+        base: the scenario that the result is written as, in its own system: candidates may be tried in
+            another.
+        candidates: the shortest unsplit one first.
+        assumes: what of the dog and the controller is not known to be so.
+    """
+
+    asked: Asked
+    site: Site
+    begin: Place
+    end: Place
+    base: Scenario
+    scorer: Scorer
+    candidates: list[Candidate]
+    notes: list[str]
+    assumes: list[str]
+
+
+def prepare(asked: Asked, note: Callable[[str], None] = lambda text: None) -> Problem:
+    """Read the map, resolve the scenario, and make the candidates.
+
+    Args:
+        note: called with a line for the user.
+
+    Raises:
+        RouteError: the map or an option cannot be used, a place is in an area, or the end cannot be reached.
+        UsageError: the scenario cannot be used.
+    """
+    _check(asked)
+    map_file = load(asked.target, metres=asked.metres)
+    raw_begin, raw_end = map_file.place_of("--from", asked.begin), map_file.place_of("--to", asked.end)
+    site = map_file.site(raw_begin, asked.origin)
+    begin, end = (map_file.metres(place, raw_begin) for place in (raw_begin, raw_end))
+    for option, text, place in (("--from", asked.begin, begin), ("--to", asked.end, end)):
+        area = site.area_at(place)
+        if area is not None:
+            raise RouteError(
+                f"{site.name}: {option} {text} is in {area.where}; expected a place outside all areas"
+            )
+    base, in_trials, components = _scenarios(asked, site, begin, end)
+    system = components.system(in_trials)
+    scorer = Scorer(in_trials, system, site.areas, begin)
+    ways = _ways(asked, site, begin, end)
+    controller = scorer.trial_type(Candidate(ways[0], None, (end,))).values["controller"]
+    _check_count(controller, system, in_trials)
+    least = controller.get("capture_radius", _start_of(system, "capture_radius"))
+    if math.dist(begin, end) <= least:
+        raise RouteError(
+            f"--to {asked.end}: is {math.dist(begin, end):.1f} m from --from {asked.begin}; expected more "
+            f"than d', {least:g} m"
+        )
+    by_length = sorted(ways, key=lambda way: way.length)
+    (reference, *_), _ = candidates_of(by_length, [None], site, least)
+    others, notes = candidates_of(ways, asked.spacings, site, least)
+    candidates = [reference, *(c for c in others if c.waypoints != reference.waypoints)]
+    notes = [*site.notes, *notes]
+    for text in notes:
+        note(text)
+    return Problem(asked, site, begin, end, base, scorer, candidates, notes, _assumptions(in_trials))
+
+
+def _check(asked: Asked) -> None:
+    """Refuse numbers that make no sense."""
+    for option, values in (("--clearance", asked.clearances), ("--spacing", asked.spacings)):
+        if not values:
+            raise RouteError(f"{option}: expected one number at least")
+    for clearance in asked.clearances:
+        if not 0 < clearance <= 100:
+            raise RouteError(f"--clearance {clearance:g}: expected more than 0, up to 100 m")
+    if asked.along not in ALONG:
+        raise RouteError(f"--along {asked.along}: expected one of {', '.join(ALONG)}")
+    for option, value, low, high in (
+        ("--ways", asked.ways, 1, 50),
+        ("--longest", asked.longest, 1, 10),
+        ("--prefer-turns", asked.preference, 0, 1000),
+        ("--trials", asked.trials, 1, 1_000_000),
+    ):
+        if not low <= value <= high:
+            raise RouteError(f"{option} {value:g}: expected {low} to {high}")
+    if asked.reading is not None and asked.reading not in READINGS:
+        raise RouteError(
+            f"--reading {asked.reading}: there is no such reading{nearest(asked.reading, READINGS)}"
+        )
+
+
+def _ways(asked: Asked, site: Site, begin: Place, end: Place) -> list[Way]:
+    """The ways to try.
+
+    Raises:
+        RouteError: there is none.
+    """
+    count = asked.ways * (SPARE if asked.preference else 1)
+    found: list[Way] = []
+    if asked.along != STREETS and (site.areas or asked.along == OPEN):
+        for clearance in sorted(asked.clearances):
+            ways = open_ways(site, begin, end, clearance, count=count, longest=asked.longest)
+            found += best(ways, asked.ways, asked.preference)
+    if asked.along != OPEN:
+        if asked.along == STREETS and not site.streets:
+            raise RouteError(f"{site.name}: has no line; expected streets, or take --along open")
+        ways = street_ways(site, begin, end, count=count, longest=asked.longest)
+        found += best(ways, asked.ways, asked.preference)
+    if not found:
+        gap = f" with {min(asked.clearances):g} m clear of them" if asked.along != STREETS else ""
+        raise RouteError(
+            f"{site.name}: no way leads from {asked.begin} to {asked.end}: none round the areas{gap}, none "
+            "along streets; take a smaller --clearance, or mend the map"
+        )
+    return found
+
+
+def _scenarios(asked: Asked, site: Site, begin: Place, end: Place) -> tuple[Scenario, Scenario, Components]:
+    """The scenario of the result, the same in the system of the trials, and what is in it."""
+    if asked.scenario is None:
+        own = Scenario(name=site.name, parameters=COUNTED, duration=DURATION)
+    else:
+        own = scenarios.load(asked.scenario, mission=False)
+    if own.package is not None:
+        raise RouteError(f"--scenario {asked.scenario}: runs a package; expected one of a system of ours")
+    components = find_components(plant=asked.plant, controller=asked.controller)
+    if components.foreign:
+        raise RouteError(
+            f"{', '.join(components.fmus.values())}: an FMU takes hundreds of times as long as a block of "
+            "ours; expected --plant and --controller by name"
+        )
+    own = replace(
+        route_scenario(own, begin, (end,)),
+        origin=site.origin or own.origin,
+        reading=asked.reading or own.reading or READING,
+    )
+    in_trials = adapted(own, Options(asked.system, seed=asked.seed), asked.settings, components)
+    if in_trials.seed + asked.trials - 1 > MAX_SEED:
+        raise RouteError(f"--seed {in_trials.seed}: expected {MAX_SEED - asked.trials + 1} at most")
+    base = replace(
+        in_trials, system=own.system, estimator=own.estimator if own.system != "cts" else ESTIMATOR
+    )
+    return base, in_trials, components
+
+
+def _check_count(controller: Mapping[str, float], system: System, scenario: Scenario) -> None:
+    """Refuse a controller that does not count turns anew at each waypoint."""
+    if "reset_turns" not in system.components["controller"].flat_names("parameter"):
+        return  # controllers beside the CMEC always count per waypoint
+    if not controller.get("reset_turns", _start_of(system, "reset_turns")):
+        most = controller.get("max_turns", _start_of(system, "max_turns"))
+        raise RouteError(
+            f"{scenario.name}: the reading {scenario.reading} counts turns over the whole trial "
+            f"(cmec.reset_turns is false), and one more than MAXTURN, {most:g}, ends it: hardly any route "
+            f"would be led to its end; expected a count per waypoint: --set {COUNTED_SETTING}, or --reading "
+            f"{ON_BOARD}"
+        )
+
+
+def _start_of(system: System, name: str) -> float:
+    """The default of a parameter of the controller."""
+    return system.components["controller"].variables()[name].start[0]
+
+
+def _assumptions(scenario: Scenario) -> list[str]:
+    """What of the dog is not known to be so: a route is recommended on it."""
+    own = {name.partition(".")[2] for name in scenario.parameters if name.startswith(("canine.", "plant."))}
+    assumes = [] if own & FITTED else [MEAN_DOG]
+    assumes.append(HABITUATION)
+    return assumes

@@ -1,0 +1,174 @@
+"""The results of a plan: table, routes.json, routes.png; scenario and mission of the recommended route."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.markup import escape
+
+from harness.files import make_folder, write_whole
+from harness.routes.candidates import Candidate
+from harness.routes.halving import Result
+from harness.routes.picture import routes_png
+from harness.routes.score import Score
+from harness.station.formats import geojson
+from harness.station.formats.scenario import of_scenario
+from harness.terminal import new_table, percent, print_table
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+ROUTES, PICTURE, SCENARIO, MISSION = "routes.json", "routes.png", "route.toml", "mission.geojson"
+
+
+def default_folder(result: Result) -> Path:
+    """The folder of the results by default."""
+    return Path("out") / f"plan-{result.problem.site.name}"
+
+
+def write(result: Result, folder: Path, note: Callable[[str], None] = lambda text: None) -> None:
+    """Write the files; all are made before the first is written.
+
+    Args:
+        note: called with a line for the user.
+
+    Raises:
+        UsageError: the folder cannot be made or written into.
+        FileError: a file cannot be written.
+    """
+    files = {ROUTES: _json(facts(result)), PICTURE: routes_png(result)}
+    name = f"route-{result.problem.site.name}"
+    if result.recommended is None:
+        note("no candidate ever succeeded: there is no scenario and no mission to write")
+    else:
+        scenario = result.scenario_of(result.recommended, name)
+        files[SCENARIO] = _commented(result) + scenario.text().encode()
+        if result.problem.site.origin is None:
+            note("the map does not say where on the earth it is: no mission is written; give --origin")
+        else:
+            files[MISSION] = geojson.write(of_scenario(scenario), name)
+    make_folder(folder)
+    for left_over in {SCENARIO, MISSION} - files.keys():
+        (folder / left_over).unlink(missing_ok=True)  # of an earlier plan
+    for file, content in files.items():
+        write_whole(folder / file, content)
+
+
+def facts(result: Result) -> dict[str, Any]:
+    """The content of routes.json."""
+    problem, scorer = result.problem, result.problem.scorer
+    recommended = result.recommended
+    return {
+        "map": problem.site.name,
+        "from": list(problem.begin),
+        "to": list(problem.end),
+        "origin": problem.site.origin,
+        "system": scorer.scenario.system,
+        "controller": scorer.system.components["controller"].title(),
+        "plant": scorer.system.components["plant"].title(),
+        "reading": scorer.scenario.reading,
+        "parameters": dict(scorer.scenario.parameters),
+        "seed": scorer.scenario.seed,
+        "candidates": len(problem.candidates),
+        "rounds": [{"candidates": each.candidates, "trials": each.trials} for each in result.rounds],
+        "assumes": problem.assumes,
+        "notes": problem.notes,
+        "recommended": None if recommended is None else result.ranked.index(recommended) + 1,
+        "reference": result.ranked.index(result.reference) + 1,
+        "routes": [
+            {
+                "number": number,
+                "on_front": candidate in result.front,
+                "not_shown_worse": candidate in result.as_good,
+                **_facts_of(candidate, result.tried[candidate], result),
+            }
+            for number, candidate in enumerate(result.ranked, start=1)
+        ],
+    }
+
+
+def _facts_of(candidate: Candidate, score: Score, result: Result) -> dict[str, Any]:
+    low, high = score.interval
+    entry_low, entry_high = score.entry_interval
+    return {
+        "length_m": round(candidate.way.length, 2),
+        "along": candidate.way.kind,
+        "clearance_m": candidate.way.clearance,
+        "spacing_m": candidate.spacing,
+        "waypoints": [[round(north, 3), round(east, 3)] for north, east in candidate.waypoints],
+        "trials": score.trials,
+        "successes": score.successes,
+        "success_rate": score.success_rate,
+        "ci_low": low,
+        "ci_high": high,
+        "reached": int(score.reached.sum()),
+        "entries": score.entries,
+        "entry_rate": score.entry_rate,
+        "entry_ci_low": entry_low,
+        "entry_ci_high": entry_high,
+        "entered": score.by_area(result.problem.site.areas),
+        "mean_time_s": score.mean_time,
+        "mean_commands": score.mean_commands,
+    }
+
+
+def _json(content: object) -> bytes:
+    return (json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode()
+
+
+def _commented(result: Result) -> bytes:
+    """The scenario's comment: what was found of it, and on what that rests."""
+    candidate = result.recommended
+    if candidate is None:
+        raise ValueError("there is no recommended route")
+    score = result.tried[candidate]
+    low, high = score.interval
+    lines = [
+        f"A route by `canine plan` on the map {result.problem.site.name}: {candidate.label}",
+        f"{percent(score.success_rate)} of {score.trials} trials reached the end and entered no area "
+        f"(95 % interval {100 * low:.1f} to {100 * high:.1f})",
+        *(f"It is assumed that {text}" for text in result.problem.assumes),
+    ]
+    return "".join(f"# {line}.\n" for line in lines).encode()
+
+
+def show(result: Result, console: Console) -> None:
+    """Print the Pareto front, the reference, what is recommended and on what that rests."""
+    table = new_table()
+    table.add_column("route")
+    for heading in ("waypoints", "success", "95 % interval", "enters an area", "time [s]", "stimuli"):
+        table.add_column(escape(heading), justify="right")
+    shown = dict.fromkeys([*result.front, result.reference])
+    for candidate in shown:
+        score = result.tried[candidate]
+        low, high = score.interval
+        mark = "* " if candidate == result.recommended else "  "
+        table.add_row(
+            f"{mark}{candidate.label}",
+            str(len(candidate.waypoints)),
+            percent(score.success_rate),
+            f"{100 * low:.1f}-{100 * high:.1f}",
+            percent(score.entry_rate),
+            *("-" if mean is None else f"{mean:.1f}" for mean in (score.mean_time, score.mean_commands)),
+        )
+    print_table(table, console)
+    for line in words(result):
+        console.print(line, soft_wrap=True, markup=False)
+
+
+def words(result: Result) -> list[str]:
+    """What the table does not say."""
+    trials = result.rounds[-1].trials
+    tried = f"{len(result.problem.candidates)} candidates, {len(result.tried)} of them tried {trials} times"
+    if result.recommended is None:
+        return [f"{tried}; none ever succeeded: take a wider --clearance, other --spacing, or more --ways"]
+    others = len(result.as_good) - 1
+    ties = f", the fastest of {others + 1} not shown to succeed less often than the best" if others else ""
+    return [
+        f"{tried}; the last row is the shortest unsplit way, to compare with",
+        f"* recommended: {result.recommended.label}{ties}",
+        *(f"it is assumed that {text}" for text in result.problem.assumes),
+    ]

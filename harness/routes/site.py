@@ -1,0 +1,52 @@
+"""The map of a place, in metres: no-go areas, streets, marks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import shapely
+
+from models.errors import UsageError
+
+Place = tuple[float, float]  # north and east, m
+
+
+class RouteError(UsageError):
+    """A map cannot be used, or no route is to be had on it."""
+
+
+@dataclass(frozen=True)
+class Area:
+    """A building, or another area that the animal may not enter.
+
+    Attributes:
+        where: what it is, for errors.
+        shape: places are (north, east) in m.
+    """
+
+    name: str
+    where: str
+    shape: shapely.Polygon
+
+
+@dataclass(frozen=True)
+class Site:
+    """A map about an origin.
+
+    Attributes:
+        origin: latitude and longitude of north = east = 0, deg; None if the map does not say where it is.
+        marks: places by their names.
+    """
+
+    name: str
+    areas: Sequence[Area] = ()
+    streets: Sequence[shapely.LineString] = ()
+    marks: Mapping[str, Place] = field(default_factory=dict)
+    origin: tuple[float, float] | None = None
+    notes: Sequence[str] = ()
+
+    def area_at(self, place: Place) -> Area | None:
+        """The area that a place is in or at the edge of."""
+        point = shapely.Point(place)
+        return next((area for area in self.areas if area.shape.intersects(point)), None)

@@ -1,0 +1,145 @@
+"""Areas that a batch watches: which one a place is in, against Shapely; what a trial's plant enters."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+from codegen.batch.areas import AT_EDGE, Areas
+from codegen.batch.batch import Batch
+from models.errors import ParameterError
+from models.system import SYSTEMS
+
+SQUARE = np.array([[10.0, 3.0], [30.0, 3.0], [30.0, 20.0], [10.0, 20.0]])
+COURT = np.array([[14.0, 6.0], [14.0, 14.0], [24.0, 14.0], [24.0, 6.0]])
+
+
+def rings_of(polygon: shapely.Polygon) -> list[Any]:
+    return [np.array(ring.coords)[:-1] for ring in (polygon.exterior, *polygon.interiors)]
+
+
+def star(rng: np.random.Generator) -> shapely.Polygon:
+    """A polygon with many corners, reflex ones too, around a random place."""
+    angles = np.sort(rng.uniform(0, 2 * np.pi, 12))
+    radii = rng.uniform(2, 15, 12)
+    middle = rng.uniform(-30, 30, 2)
+    return shapely.Polygon(middle + np.column_stack((radii * np.cos(angles), radii * np.sin(angles)))).buffer(
+        0
+    )
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_place_is_in_the_first_area_that_holds_it_as_shapely_says(seed: int) -> None:
+    # given stars that overlap, one with a hole, and many places, some of them near an edge
+    rng = np.random.default_rng(seed)
+    shapes = [star(rng) for _ in range(4)]
+    shapes = [shape for shape in shapes if shape.geom_type == "Polygon" and shape.area > 1]
+    shapes.append(shapely.Polygon(SQUARE, [COURT]))
+    near = np.concatenate(
+        [shape.exterior.interpolate(t, normalized=True).coords for shape in shapes for t in rng.random(50)]
+    )
+    places = np.concatenate([rng.uniform(-50, 50, (20_000, 2)), near + rng.normal(0, 1e-4, near.shape)])
+    expected = np.zeros(len(places), int)
+    for number, shape in reversed(list(enumerate(shapes, start=1))):
+        expected[shapely.contains_xy(shape, *places.T)] = number
+    # when
+    areas = Areas([rings_of(shape) for shape in shapes])
+    # then by the edges
+    assert np.array_equal(areas.inside(*places.T), expected)
+    # and by the grid, where it answers
+    (north, east), (rows, columns) = areas.corner, areas.cells.shape
+    row, column = np.floor((places - [north, east]) / areas.side).astype(int).T
+    on_grid = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+    cell = areas.cells[row[on_grid], column[on_grid]]
+    answers = cell != AT_EDGE
+    assert np.array_equal(cell[answers], expected[on_grid][answers])
+    assert answers.mean() > 0.5
+    assert not expected[~on_grid].any()
+
+
+def test_an_area_without_three_corners_or_with_nan_is_refused() -> None:
+    for ring in (SQUARE[:2], SQUARE[:, :1], np.full((3, 2), np.nan)):
+        with pytest.raises(ParameterError, match=r"area 2: a ring has shape .*; expected"):
+            Areas([[SQUARE], [ring]])
+
+
+def test_no_area_holds_no_place() -> None:
+    areas = Areas([])
+    assert not areas.inside(np.zeros(3), np.zeros(3)).any()
+    assert not areas.cells.any()
+
+
+# Trials
+
+PLACE = ("plant.position_north", "plant.position_east")
+MISSION = {
+    "start": 1.0, "waypoint_count": 2.0, "waypoint_north[1]": 35.73, "waypoint_north[2]": 35.73,
+    "waypoint_east[2]": 35.73,
+}  # fmt: skip
+VALUES = {"controller": MISSION}
+STOP = ("controller.status", (2, 3, 4))
+SEEDS = np.arange(40, dtype=np.int32)
+LONGEST = 500
+AREAS = Areas([[np.array([[30.0, 8.0], [45.0, 8.0], [38.0, 30.0]])], [SQUARE, COURT]])
+
+
+@cache
+def batch(watch: bool) -> Batch:
+    return Batch(
+        SYSTEMS["cts"], ["plant.start_north", "plant.start_east"], [*PLACE], STOP, PLACE if watch else None
+    )
+
+
+def run(last: int = LONGEST, areas: Areas | None = AREAS, start: Any = (0.0, 0.0)) -> Any:
+    runner = batch(watch=areas is not None)
+    return runner.run(VALUES, np.array([start]), SEEDS * 0, SEEDS, last, areas=areas)
+
+
+def test_the_first_area_on_a_trial_s_path_is_noted() -> None:
+    # given the place of each trial after each tick, from runs that end there
+    paths = np.stack([run(tick, areas=None).values for tick in range(LONGEST + 1)])
+    inside = AREAS.inside(*np.moveaxis(paths, -1, 0))
+    first = (inside > 0).argmax(axis=0)
+    expected = inside[first, np.arange(len(SEEDS))]
+    # when
+    entered = run().entered
+    # then some enter none, some the square, and some the triangle
+    assert np.array_equal(entered, expected)
+    assert set(entered) == {0, 1, 2}
+
+
+def test_an_area_about_the_start_is_entered_at_once() -> None:
+    assert set(run(last=0, start=(12.0, 10.0)).entered) == {2}
+    assert set(run(last=0, start=(18.0, 10.0)).entered) == {0}  # in the court
+
+
+def test_watching_changes_no_trial() -> None:
+    plain, watched = run(areas=None), run()
+    assert plain.ticks.tobytes() == watched.ticks.tobytes()
+    assert plain.values.tobytes() == watched.values.tobytes()
+    assert plain.entered is None
+
+
+def test_a_batch_that_watches_nothing_has_no_word_of_areas_in_its_c() -> None:
+    assert "area" not in batch(watch=False).sources()["batch.c"]
+    assert "areas" in batch(watch=True).sources()["batch.c"]
+
+
+def test_results_do_not_depend_on_how_many_trials_run_together() -> None:
+    whole = run().entered
+    for k in (0, 17, 39):
+        alone = batch(watch=True).run(VALUES, np.zeros((1, 2)), [0], [k], LONGEST, areas=AREAS)
+        assert alone.entered is not None
+        assert alone.entered[0] == whole[k]
+
+
+def test_areas_without_what_to_watch_and_the_reverse_are_refused() -> None:
+    for watch, areas in ((True, None), (False, AREAS)):
+        with pytest.raises(ParameterError, match="cts: expected areas and what to watch, or neither"):
+            batch(watch).run(VALUES, np.zeros((1, 2)), [0], [1], 1, areas=areas)
+    with pytest.raises(ParameterError, match='plant canine has no state "north"'):
+        Batch(SYSTEMS["cts"], watch=("plant.north", "plant.east"))

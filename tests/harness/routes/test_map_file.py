@@ -1,0 +1,191 @@
+"""Maps in files: what is read of them, and each way to be none, refused by name."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from harness.routes.map_file import load
+from harness.routes.site import RouteError, Site
+from models.earth import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS
+from tests.harness.routes.maps import box, line, mark, polygon, write
+
+HALL = polygon("hall", box(10, 20, 40, 60))
+KML = """<?xml version="1.0" encoding="UTF-8"?>
+<kml xmlns="http://www.opengis.net/kml/2.2"><Document>
+<Placemark><name>gate</name><Point><coordinates>-85.4877,32.6062,200</coordinates></Point></Placemark>
+<Placemark><name>hall</name><Polygon><outerBoundaryIs><LinearRing><coordinates>
+-85.488,32.6065 -85.487,32.6065 -85.487,32.6067 -85.488,32.6067 -85.488,32.6065
+</coordinates></LinearRing></outerBoundaryIs></Polygon></Placemark>
+<Placemark><name>lane</name><LineString><coordinates>-85.4877,32.6062 -85.4867,32.6062</coordinates></LineString></Placemark>
+</Document></kml>"""  # noqa: E501
+
+
+def read(path: str, begin: str = "0,0", **options: Any) -> Site:
+    found = load(path, **options)
+    return found.site(found.place_of("--from", begin))
+
+
+def test_a_map_in_metres_has_east_before_north_and_places_north_before_east(tmp_path: Path) -> None:
+    # given a hall from 10 to 40 m east and 20 to 60 m north, a street to the east, a mark
+    path = write(tmp_path, HALL, line("lane", (0, 0), (50, 0)), mark("pond", 7, 9), origin=[-85.5, 32.6])
+    # when
+    site = read(path)
+    # then
+    (hall,) = site.areas
+    assert (hall.name, hall.where, hall.shape.bounds) == ("hall", "feature 1 (hall)", (20, 10, 60, 40))
+    assert [list(street.coords) for street in site.streets] == [[(0, 0), (0, 50)]]
+    assert (site.marks, site.origin) == ({"pond": (9, 7)}, (32.6, -85.5))
+    assert load(path).place_of("--to", "9,7") == load(path).place_of("--to", "pond")
+
+
+def test_a_map_in_degrees_is_laid_about_where_the_route_begins(tmp_path: Path) -> None:
+    # given a place 0.001 deg north and east of the begin
+    latitude, longitude = 32.6, -85.5
+    north = polygon("hut", box(longitude + 0.001, latitude + 0.001, longitude + 0.002, latitude + 0.002))
+    site = read(write(tmp_path, north, units=None), f"{latitude},{longitude}")
+    # then it is as far as WGS 84 says
+    flattening = 1 - ECCENTRICITY_SQUARED * math.sin(math.radians(latitude)) ** 2
+    meridian = SEMI_MAJOR_AXIS * (1 - ECCENTRICITY_SQUARED) / flattening**1.5
+    parallel = SEMI_MAJOR_AXIS / math.sqrt(flattening) * math.cos(math.radians(latitude))
+    corner = math.radians(0.001) * meridian, math.radians(0.001) * parallel
+    assert site.areas[0].shape.bounds[:2] == pytest.approx(corner)
+    assert site.origin == (latitude, longitude)
+
+
+def test_a_kml_is_the_map_that_the_same_geojson_is(tmp_path: Path) -> None:
+    # given
+    (tmp_path / "map.kml").write_text(KML)
+    ring = box(-85.488, 32.6065, -85.487, 32.6067)
+    lane = line("lane", (-85.4877, 32.6062), (-85.4867, 32.6062))
+    same = write(tmp_path, mark("gate", -85.4877, 32.6062), polygon("hall", ring), lane, units=None)
+    # when
+    kml, geojson = (read(path, "gate") for path in (str(tmp_path / "map.kml"), same))
+    # then
+    assert kml.areas[0].shape.equals(geojson.areas[0].shape)
+    assert kml.streets[0].equals(geojson.streets[0])
+    assert (kml.areas[0].name, kml.marks, kml.origin) == ("hall", geojson.marks, geojson.origin)
+
+
+def test_parts_and_holes_are_kept_and_other_shapes_left_out_with_a_note(tmp_path: Path) -> None:
+    # given two halls as one feature, one with a court, and a collection of geometries
+    halls = polygon("halls")
+    halls["geometry"] = {
+        "type": "MultiPolygon",
+        "coordinates": [[box(0, 20, 10, 30), box(2, 22, 8, 28)], [box(20, 20, 30, 30)]],
+    }
+    other = {"type": "GeometryCollection", "geometries": []}
+    # when
+    site = read(write(tmp_path, halls, {"type": "Feature", "geometry": other}))
+    # then
+    assert [area.shape.area for area in site.areas] == [100 - 36, 100]
+    assert site.notes == [f"{tmp_path}/map.geojson: 1 feature left out, no polygon, line or point"]
+
+
+def test_the_option_says_metres_where_the_file_does_not(tmp_path: Path) -> None:
+    path = write(tmp_path, HALL, units=None)
+    assert read(path, metres=True).areas[0].shape.bounds == (20, 10, 60, 40)
+
+
+BOW = polygon("bow", [(0, 10), (10, 20), (10, 10), (0, 20), (0, 10)])
+
+
+@pytest.mark.parametrize(
+    ("features", "members", "text"),
+    [
+        ([], {}, "has no feature; expected polygons of no-go areas, or lines of streets"),
+        ([mark("pond", 1, 1)], {}, "has no polygon and no line; expected buildings or streets"),
+        ([HALL, BOW], {}, "feature 2 (bow): the polygon crosses or touches itself (Self-intersection[5 15]"),
+        (
+            [HALL],
+            {"units": None},
+            'feature 1 (hall) reaches 7',  # thousand km
+        ),
+        (
+            [polygon("hall", box(100, 200, 140, 260))],
+            {"units": None},
+            'feature 1 (hall): latitude is 260, expected -85 to 85 deg. A map in metres says',
+        ),
+        (
+            [HALL, polygon("hut", box(-85.5, 32.6, -85.499, 32.601))],
+            {},
+            'feature 2 (hut): the polygon has 1e-06 m2, expected 0.25 at least; the map is read in metres: '
+            "are its units mixed?",
+        ),
+        (
+            [HALL, polygon("hut", box(0, 100, 10, 110), units="degrees")],
+            {},
+            'feature 2 (hut): its units are degrees, those of the map are metres; expected the same of all',
+        ),
+        ([HALL], {"units": "feet"}, 'units is feet, expected "metres" or "degrees"'),
+        (
+            [HALL],
+            {"units": None, "crs": {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::32616"}}},
+            "expected longitude and latitude of WGS 84 (RFC 7946); convert it",
+        ),
+        ([HALL], {"origin": "Auburn"}, "origin is Auburn, expected [longitude, latitude] in deg"),
+        ([polygon("dot", [(1, 1), (2, 2)])], {}, 'feature 1 (dot): is no Polygon'),
+        ([polygon("words", [("a", "b")] * 4)], {}, 'feature 1 (words): is no Polygon'),
+        ([polygon("empty")], {}, 'feature 1 (empty): has no coordinates'),
+        ([polygon("far", box(0, 10, math.inf, 20))], {}, "feature 1 (far): has a coordinate that is no"),
+    ],
+)  # fmt: skip
+def test_a_bad_map_is_refused_by_name(
+    features: list[dict[str, Any]], members: dict[str, Any], text: str, tmp_path: Path
+) -> None:
+    path = write(tmp_path, *features, **members)
+    with pytest.raises(RouteError) as refusal:
+        read(path)
+    assert str(refusal.value).startswith(f"{path}: ")
+    assert text in str(refusal.value)
+
+
+def test_a_crs_that_names_wgs_84_is_taken(tmp_path: Path) -> None:
+    crs = {"type": "name", "properties": {"name": "urn:ogc:def:crs:OGC:1.3:CRS84"}}
+    hut = polygon("hut", box(-85.5, 32.6, -85.499, 32.601))
+    assert read(write(tmp_path, hut, units=None, crs=crs), "32.599,-85.5").areas
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "text"),
+    [
+        ("map.geojson", "{", "line 1: is no JSON"),
+        ("map.geojson", "[1]", "expected a FeatureCollection or a Feature"),
+        ("map.geojson", json.dumps({"type": "Feature", "geometry": None}), "expected a geometry with a type"),
+        ("map.kml", "<gpx></gpx>", "its first element is <gpx>, expected <kml>"),
+        ("map.kml", '<!DOCTYPE x [<!ENTITY a "b">]><kml/>', "has a document type"),
+        ("map.gpx", "", 'the ending is "gpx", expected one of geojson, json, kml'),
+    ],
+)
+def test_what_is_no_map_is_refused(name: str, content: str, text: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(content)
+    with pytest.raises(RouteError, match="map") as refusal:
+        load(str(tmp_path / name))
+    assert text in str(refusal.value)
+
+
+def test_a_missing_map_names_the_one_that_is_meant(tmp_path: Path) -> None:
+    with pytest.raises(RouteError, match='there is no map "five_bildings"; did you mean "five_buildings"'):
+        load("five_bildings")
+    write(tmp_path, HALL, name="yard.geojson")
+    with pytest.raises(RouteError, match=r"did you mean .*yard.geojson"):
+        load(str(tmp_path / "yart.geojson"))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("pont", 'did you mean "pond"?'),
+        ("1;2", "expected north,east in m, or a mark of"),
+        ("nan,0", "has a coordinate that is no finite number"),
+    ],
+)
+def test_a_place_that_is_none_is_refused(text: str, words: str, tmp_path: Path) -> None:
+    path = write(tmp_path, HALL, mark("pond", 1, 1))
+    with pytest.raises(RouteError, match="--to") as refusal:
+        load(path).place_of("--to", text)
+    assert words in str(refusal.value)
