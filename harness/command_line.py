@@ -644,7 +644,7 @@ def list_parameters(
     block: Annotated[str | None, typer.Argument(metavar="[BLOCK]", help="by default all")] = None,
     *,
     reading: Annotated[
-        Literal["calibrated", "literal", "guarded"], typer.Option(help="whose defaults are listed")
+        Literal["calibrated", "literal", "field", "guarded"], typer.Option(help="whose defaults are listed")
     ] = "calibrated",
     as_json: Annotated[bool, typer.Option("--json", help="print them as JSON")] = False,
 ) -> None:
@@ -654,6 +654,8 @@ def list_parameters(
     canine parameters
     canine parameters cmec
     canine parameters cmec --reading guarded      the defaults of firmware, with limits
+
+    A set of parameters is chosen by its name: --set canine=table_5_1, or canine = "table_5_1" in a scenario.
     """
     from harness.trial import parameters
     from models.readings import ON_BOARD
@@ -665,6 +667,8 @@ def list_parameters(
         typer.echo(json_of(parameters.as_json(rows)))
     else:
         parameters.show(rows, out())
+        if block and (sets := parameters.sets_for(blocks[0])):
+            print_note(f"sets: {', '.join(sets)}; --set {blocks[0].title()}={sets[0]}")
         if others := sum(row != other for row, other in zip(rows, on_board, strict=True)):
             print_note(
                 f"defaults of the reading {reading}; {others} are others in {ON_BOARD}, the reading of "

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from harness.sweep.run import Asked
 
 Reading = Annotated[
-    Literal["calibrated", "literal", "guarded"] | None,
+    Literal["calibrated", "literal", "field", "guarded"] | None,
     typer.Option(help="by default the scenario's, calibrated"),
 ]
 FirstSeed = Annotated[

@@ -6,15 +6,16 @@ import math
 from enum import IntEnum
 from pathlib import Path
 
-from models import glossary
+from models import glossary, sets
 from models.cmec import Cmec
 from models.kit.block import Block
 from models.kit.declaration import Parameter, Type, Variable
 from models.kit.tracing import Table
 from models.leader import Leader
 from models.readings import READINGS
+from models.sets import DOGS
 from models.seven_state import TUNINGS, SevenState
-from models.system import BLOCKS
+from models.system import BLOCKS, SYSTEMS
 
 README = Path(__file__).with_name("README.md")
 INTRODUCTION = """# The models
@@ -67,7 +68,7 @@ def readme() -> str:
             parts += [AS_CMEC, _rows(block), ARROWS, _diagram(block)]
         if block is SevenState:
             parts.append(_tunings())
-    return "\n".join([*parts, _readings()])
+    return "\n".join([*parts, _readings(), _sets()])
 
 
 def _block(block: type[Block]) -> str:
@@ -180,6 +181,18 @@ def _readings() -> str:
         cells = [_reading(READINGS[name].get(parameter), unit) for name in names]
         lines.append(f"| `{parameter}` | {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
+
+
+def _sets() -> str:
+    """The sets of the dog; those of sensors and pack are many numbers, and stand in their file."""
+    lines = ["## The sets", "", (sets.__doc__ or "").partition("\n\n")[2]]
+    lines += ["| set | component | parameters |", "|---|---|---|"]
+    for name, parts in DOGS.items():
+        for component, values in parts.items():
+            block = SYSTEMS["full"].components[component]
+            cells = (f"`{n}` {_reading(x, block.variables()[n].unit)}" for n, x in values.items())
+            lines.append(_cells([name, component, ", ".join(cells)]))
+    return "\n".join([*lines, ""])
 
 
 def _tunings() -> str:

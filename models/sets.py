@@ -1,13 +1,19 @@
-"""Named sets of sensors and pack: parameters by component, for studies and trials.
+"""Named sets of parameters by component, for studies and trials: sensors and pack, and the dog.
 
 `dissertation` is chosen for being near the text's figures: of the motion (B.4, D.5) and of the errors after
 an outage (Tables 3.1 and D.1). `measured` has gait and swings of a real dog that wore an inertial unit, as
 `canine study motion` finds them; it leaves the sensors as they are. `built_up` is that dog among buildings,
 with what pack and instruments may do there; its sizes are ours. `ideal` has the noise of D.12 to D.14 alone.
+
+The dog `table_5_1` has every deviation of Table 5.1, those of speed and accelerations too, and searches for
+its bumper (5.3.7.1).
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
+from models.errors import UsageError, nearest
 from models.kit.units import DEG
 
 Set = dict[str, dict[str, float]]  # component -> parameter -> value
@@ -36,7 +42,7 @@ _MEASURED: dict[str, float] = {
     "yaw_rate_swing": 150 * DEG,
 }
 
-SETS: dict[str, Set] = {
+SETS: dict[str, Set] = {  # of sensors and pack
     # found with the trials of `canine study outage`: of 850 set-ups the nearest to the six means of Table
     # D.1, each within 12 % over the 100 trials that chose it; over 300 that of pitch is 15 % above.
     # What fuzzy tuning makes of it played no part
@@ -70,3 +76,37 @@ SETS: dict[str, Set] = {
         },
     },
 }
+DOGS: dict[str, Set] = {
+    "table_5_1": {
+        "plant": {
+            "cruise_speed_deviation": 1.49,
+            "speeding_up_deviation": 0.67,
+            "slowing_down_deviation": 1.31,
+            "bumper_search_min": 1.0,
+            "bumper_search_max": 5.0,
+        }
+    },
+}
+
+
+def sets_of(component: str) -> dict[str, dict[str, float]]:
+    """The sets that a component can take: parameters (SI) by the set's name."""
+    return {name: parts[component] for name, parts in (SETS | DOGS).items() if parts.get(component)}
+
+
+def find_set(component: str, name: str, known: Collection[str]) -> dict[str, float]:
+    """A component's set of this name: parameters (SI).
+
+    Args:
+        known: the parameters of what is in the component's place.
+
+    Raises:
+        UsageError: there is no such set for it, or it lacks a parameter of the set.
+    """
+    sets = sets_of(component)
+    if name not in sets:
+        choices = nearest(name, sets) if sets else "; there is none"
+        raise UsageError(f'there is no set "{name}" of parameters of the {component}{choices}')
+    if lacking := [parameter for parameter in sets[name] if parameter not in known]:
+        raise UsageError(f'the set "{name}" has {", ".join(lacking)}, which it has not')
+    return sets[name]

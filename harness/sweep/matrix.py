@@ -171,7 +171,7 @@ def plan_matrix(
         name = (controller, plant, scenario.name)
         chosen = own | by_role["controller"][controller] | by_role["plant"][plant]
         others = blocks - {chosen.block("controller"), chosen.block("plant")}
-        kept = [text for text in settings if text.partition(".")[0].strip() not in others]
+        kept = [text for text in settings if text.partition("=")[0].partition(".")[0].strip() not in others]
         cell = scenario.override(kept, swaps=chosen.blocks)
         try:
             jobs[name] = _job(cell, chosen, trials, limits, note=collect, built=built)

@@ -74,11 +74,11 @@ def firmware_of(
     for setting in settings:
         owner, _, name = setting.partition("=")[0].strip().partition(".")
         if not any(
-            owner in (component, block.title()) and name in settable(block)
+            owner in (component, block.title()) and (not name or name in settable(block))
             for component, block in navigation.blocks.items()
         ):
             raise UsageError(
-                f"--set {owner}.{name}: not in the firmware, whose blocks are "
+                f"--set {setting}: not in the firmware, whose blocks are "
                 f"{', '.join(navigation.blocks)}; waypoints and home come by radio"
             )
     commands(values["command_module"])

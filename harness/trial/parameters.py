@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,9 @@ from harness.trial.plan import is_angular, start_of
 from models.kit.block import Block
 from models.kit.declaration import Type, Variable, flatten
 from models.readings import ON_BOARD, READING, READINGS
-from models.system import BLOCKS
+from models.sensors import Sensors
+from models.sets import sets_of
+from models.system import BLOCKS, CONTROLLERS, PLANTS
 
 if TYPE_CHECKING:
     from harness.log.log import Log  # mcap: sweeps do without
@@ -53,6 +55,23 @@ class ParameterRow:
 def parameters_of(blocks: Sequence[type[Block]], reading: str = READING) -> list[ParameterRow]:
     """The parameters of blocks, in the order of their declarations, with the defaults of one of READINGS."""
     return [_row(block, variable, reading) for block in blocks for variable in block.group("parameter")]
+
+
+def sets_for(block: type[Block]) -> list[str]:
+    """The names of the sets that a block can take in a component's place."""
+    known = {variable.name for variable in block.group("parameter")}
+    places: dict[str, Mapping[str, type[Block]]] = {
+        "plant": PLANTS,
+        "controller": CONTROLLERS,
+        Sensors.title(): {Sensors.title(): Sensors},
+    }
+    return [
+        name
+        for component, blocks in places.items()
+        if block.title() in blocks
+        for name, values in sets_of(component).items()
+        if values.keys() <= known
+    ]
 
 
 def _row(block: type[Block], variable: Variable, reading: str) -> ParameterRow:

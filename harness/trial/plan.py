@@ -18,11 +18,12 @@ from harness.cosim.stepping import Event
 from harness.trial.notes import idle_notes
 from harness.trial.pairs import check_points, check_windows
 from harness.trial.scenario import LOST, Scenario, ScenarioError, Setting, Written, toml_of
-from models.errors import nearest
+from models.errors import UsageError, nearest
 from models.kit.declaration import Type, Variable, flatten
 from models.kit.link import Link
 from models.kit.units import UNITS
 from models.readings import READING, READINGS, start_heading_deviation
+from models.sets import find_set
 from models.system import BLOCKS, DEFAULTS, ESTIMATORS, SYSTEMS, System
 
 if TYPE_CHECKING:  # fmpy: sweeps do without
@@ -185,8 +186,11 @@ class _Planner:
                     self.put(component, name, float(value))
         for component, values in self.mission.items():
             self.give(component, values)
+        self.take_sets()
         addresses: dict[tuple[str, str], str] = {}
         for address, written in self.scenario.parameters.items():
+            if address in self.owners:
+                continue
             where = f"{self.scenario.name}: {address}"
             for component, name in self.find(address, "parameters", where):
                 own = self.interfaces[component].converted(name, 0.0)[0]
@@ -205,6 +209,30 @@ class _Planner:
         self.check_pairs(varied)
         self.notes += idle_notes(self.scenario, self.interfaces, self.all_values, varied)
         return Plan(self.values, events, tuple(self.notes))
+
+    @cached_property
+    def owners(self) -> set[str]:
+        """What an address may begin with: the names of the components and of what is in their places."""
+        return {*self.interfaces, *(interface.block for interface in self.interfaces.values())}
+
+    def take_sets(self) -> None:
+        """Set the parameters of whole components by the names of sets; a parameter by its own name wins."""
+        addresses: dict[str, str] = {}
+        for address, written in self.scenario.parameters.items():
+            for component, interface in self.interfaces.items():
+                if address not in (component, interface.block):
+                    continue
+                where = f"{self.scenario.name}: {address}"
+                if not isinstance(written, str):
+                    raise ScenarioError(f"{where} is {toml_of(written)}; expected the name of a set")
+                if (other := addresses.setdefault(component, address)) != address:
+                    raise ScenarioError(f"{where}: {other} is the same component; choose one set for it")
+                try:
+                    values = find_set(component, written, interface.parameters)
+                except UsageError as reason:
+                    raise ScenarioError(f"{where}: {reason}") from None
+                for name, value in values.items():
+                    self.values[component] |= [interface.converted(name, value)]
 
     def sets(self, component: str, name: str) -> bool:
         """Does the plan set the parameter, over what the package binds?"""

@@ -2,7 +2,7 @@
 
     system = "full"                          # or "full_ahrs", "cts", or the path of an .ssp
     estimator = "four_state"                 # or another of ours
-    reading = "calibrated"                   # or "literal", "guarded"
+    reading = "calibrated"                   # or "literal", "field", "guarded"
     seed = 1
     duration = 300.0                         # s
     waypoints = [[35.73, 0.0], [35.73, 35.73]]   # north, east in m
@@ -11,6 +11,7 @@
     start = { north = 0.0, east = 0.0, heading = 0.0 }       # m, m, deg: where the animal starts, and home
 
     [parameters]                             # by block.name or component.name
+    canine = "table_5_1"                     # a set of parameters by its name; the lines below win over it
     "cmec.moving_deviation" = 37             # deg, since its unit is rad
     "sensors.outage_start" = [12.0, 30.0]    # the first elements of a vector
 
@@ -154,7 +155,7 @@ class Scenario:
         waypoints: north and east, m.
         origin: latitude and longitude of north = east = 0, deg.
         start: north and east, m; heading, deg.
-        parameters: by `block.name` or `component.name`.
+        parameters: by `block.name` or `component.name`; the name of a set by `block` or `component`.
         sets: changes of inputs by time.
         faults: of signals, by time.
         fence: the corners of a polygon that the animal may not leave, north and east, m; none for no fence.

@@ -23,10 +23,20 @@ from harness.verification.published import (
     TREND_AT_23,
     Field,
 )
-from harness.verification.runs import ALL_CAUSES, CAUSES, Example, Size, mean_time_error, simulate
+from harness.verification.runs import (
+    ALL_CAUSES,
+    CAUSES,
+    DIFFERENT,
+    DRAWN,
+    Example,
+    Size,
+    mean_time_error,
+    simulate,
+)
 from harness.verification.tables import TYPES
 
-COLOURS = {"calibrated": "#0072B2", "literal": "#D55E00"}
+COLOURS = {"calibrated": "#0072B2", "literal": "#D55E00", "field": "#6A51A3"}
+HATCHES = {"calibrated": "", "literal": "//", "field": ".."}
 THEIRS, FIELD_COLOUR = "#C2338F", "#111111"
 INTERVAL: Style = {"alpha": 0.18, "linewidth": 0}
 INTERVAL_LABEL, FIELD_LABEL = "95 % intervals", "field, 95 % interval"
@@ -48,7 +58,7 @@ def two_figure(size: Size) -> Figure:
     label = f"by trend from 26 deg on;\n$R^2$ = {percent(R_SQUARED['two'])}"
     success.plot([ALL_FROM_BY_TREND], [1], marker="|", markersize=16, markeredgewidth=2, label=label, **style)
     success.legend(**BESIDE)
-    figure.suptitle("Two waypoints, as Figure 5.3: ours in both readings, and the dissertation's statements")
+    figure.suptitle("Two waypoints, as Figure 5.3: ours, and the dissertation's statements")
     return figure
 
 
@@ -63,15 +73,16 @@ def three_figure(size: Size) -> Figure:
     success.set_ylim(0, 1)
     time.set_ylim(28, 42)
     time.text(20.3, 41.5, "literal, 15 to 19 deg: off the scale (see the text)", va="top", fontsize=9)
-    figure.suptitle("Three waypoints, as Figure 5.5: ours in both readings, and the field trials")
+    figure.suptitle("Three waypoints, as Figure 5.5: ours in each reading, and the field trials")
     return figure
 
 
 def _curves(target: str, thresholds: str, trials: int) -> tuple[Figure, Axes, Axes]:
-    """Success rate above, mean time below, over h', in both readings."""
+    """Success rate above, mean time below, over h', in each reading that differs."""
     figure = new_figure(WIDTH, 7.5)
     success, time = figure.subplots(2, 1, sharex=True, height_ratios=(1.4, 1))
-    for reading, colour in COLOURS.items():
+    for reading in DIFFERENT[target]:
+        colour = COLOURS[reading]
         simulated = simulate(target, thresholds, trials, reading)
         x, table = simulated.thresholds, simulated.table
         low, high = np.array([point.interval for point in table]).T
@@ -124,7 +135,8 @@ def two_field_figure(size: Size) -> Figure:
     figure = new_figure(WIDTH, 5)
     success, time = figure.subplots(1, 2)
     thresholds = np.array([23.0, 30.0, 37.0])
-    for shift, (reading, colour) in zip((-0.7, 0.7), COLOURS.items(), strict=True):
+    for shift, reading in zip((-0.7, 0.7), DIFFERENT["two"], strict=True):
+        colour = COLOURS[reading]
         table = simulate("two", "23:37:7", size.rate, reading).table
         rates = [point.success_rate for point in table]
         success.plot(thresholds + shift, rates, "o", color=colour, markersize=8, label=f"ours, {reading}")
@@ -165,28 +177,31 @@ def three_field_figure(size: Size) -> Figure:
     figure = new_figure(WIDTH, 5)
     whole, types = figure.subplots(1, 2, sharey=True, width_ratios=(1, 1.6))
     names = list(TRIAL_TYPES["three"])
-    for shift, (reading, colour) in zip((-0.2, 0.2), COLOURS.items(), strict=True):
+    for shift, (reading, colour) in zip((-0.27, 0.0, 0.27), COLOURS.items(), strict=True):
         simulated = simulate("three", "37:49:12", size.rate, reading)
         whole.plot(
             np.arange(2) + shift, simulated.rates, "o", color=colour, markersize=8, label=f"ours, {reading}"
         )
         point = simulated.at(49)
         rates = [point.rate_of(name) or 0.0 for name in names]
-        hatch = "" if reading == "calibrated" else "//"
-        types.bar(np.arange(4) + shift, rates, 0.36, color=TYPE_COLOURS, alpha=0.85 if not hatch else 0.4,
+        hatch = HATCHES[reading]
+        types.bar(np.arange(4) + shift, rates, 0.25, color=TYPE_COLOURS, alpha=0.85 if not hatch else 0.4,
                   hatch=hatch, edgecolor="white")  # fmt: skip
         for x, rate in zip(np.arange(4) + shift, rates, strict=True):
-            types.text(x, rate + 0.01, percent(rate), ha="center", fontsize=9)
+            types.text(x, rate + 0.01, f"{100 * rate:.0f} %", ha="center", fontsize=9)
+    drawn = simulate("three", "37:49:12", size.rate, "field", DRAWN).rates
+    colour, label = COLOURS["field"], "ours, field, dog table_5_1"
+    whole.plot(np.arange(2) + 0.27, drawn, "^", color=colour, markersize=8, label=label)
     for x, field in enumerate(field for field in FIELD if field.waypoints == "three"):
         _draw_field(whole, x, field)
     whole.set_xticks([0, 1], ["37\nfield not structured", "49\nfield structured"])
     whole.set_xlim(-0.6, 1.6)
     types.set_xticks(np.arange(4), TYPES)
-    types.set_title("by type at h' = 49 deg; full: calibrated, hatched: literal", fontsize=10)
+    types.set_title("by type at h' = 49 deg; full: calibrated, hatched: literal, dotted: field", fontsize=10)
     types.set_xlabel("type of trial (turn and its angle [deg])")
     whole.set_xlabel(ABSCISSA)
     _percents(whole)
-    whole.set_ylim(0, 1)
+    whole.set_ylim(0, 1.03)
     for axes in (whole, types):
         axes.grid(**GRID)
         axes.set_axisbelow(True)

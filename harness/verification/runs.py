@@ -24,6 +24,7 @@ from harness.trial.request import Request, build_missing
 from harness.trial.scenario import load
 from models.cmec import Cmec
 from models.commands import Command, Status
+from models.readings import PUBLISHED
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,23 @@ DOGS = {
     "drift at its mean, no deviations": SAME_DOG,
     "drift at its mean, no deviations, rates 1": (*SAME_DOG, *OBEDIENT),
     "no drift, no deviations, rates 1": ("canine.drift=0", *SAME_DOG, *OBEDIENT),
+}
+# with one waypoint beyond the start no turn is told behind one: `field` is `calibrated` there, trial by trial
+DIFFERENT = {"two": ("calibrated", "literal"), "three": PUBLISHED}
+DRAWN = ("canine=table_5_1",)
+EXPLANATIONS = {  # of the field's counts: a reading and a dog
+    "calibrated": ("calibrated", ()),
+    "literal": ("literal", ()),
+    "`field`": ("field", ()),
+    "calibrated, dog `table_5_1`": ("calibrated", DRAWN),
+    "literal, dog `table_5_1`": ("literal", DRAWN),
+    "`field`, dog `table_5_1`": ("field", DRAWN),
+}
+DRAWS = {  # what of the dog's speed is drawn for each trial
+    "the means": (),
+    "speed drawn": ("canine.cruise_speed_deviation=1.49",),
+    "accelerations drawn": ("canine.speeding_up_deviation=0.67", "canine.slowing_down_deviation=1.31"),
+    "all, and the search: `table_5_1`": DRAWN,
 }
 DISTANCES = (25, 50, 100, 200, 500)  # m
 NO_LIMIT = ("cmec.max_turns=1000",)

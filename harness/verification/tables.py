@@ -19,11 +19,16 @@ from harness.verification.published import (
     R_SQUARED,
     TREND_AT_23,
     Field,
+    joint_p_value,
+    log_likelihood,
 )
 from harness.verification.runs import (
     CAUSES,
+    DIFFERENT,
     DISTANCES,
     DOGS,
+    DRAWS,
+    EXPLANATIONS,
     NO_LIMIT,
     OBEDIENT,
     ROUTES,
@@ -113,10 +118,33 @@ def straight_line(simulated: Simulated) -> float:
     return float(np.corrcoef(simulated.thresholds, simulated.rates)[0, 1] ** 2)
 
 
-def our_rate(field: Field, reading: str, size: Size) -> float:
+def our_rate(field: Field, reading: str, size: Size, settings: tuple[str, ...] = ()) -> float:
     """The success rate of our trials under the conditions of field trials."""
+    return _at(field, reading, size, settings).success_rate
+
+
+def _at(field: Field, reading: str, size: Size, settings: tuple[str, ...] = ()) -> Point:
     thresholds = "37:49:12" if field.waypoints == "three" else "49:49" if field.threshold == 49 else "23:37:7"
-    return simulate(field.waypoints, thresholds, size.rate, reading).at(field.threshold).success_rate
+    return simulate(field.waypoints, thresholds, size.rate, reading, settings).at(field.threshold)
+
+
+def likelihood_table(size: Size) -> str:
+    """How likely each reading and dog make the field's counts, all together."""
+    open_ones = [i for i, field in enumerate(FIELD) if field.environment == "non-structured"]
+    rows = []
+    for name, (reading, settings) in EXPLANATIONS.items():
+        points = [_at(field, reading, size, settings) for field in FIELD]
+        rates = [(p.successes + 0.5) / (p.trials + 1) for p in points]  # never 0 or 1
+        parts = [([FIELD[i] for i in chosen], [rates[i] for i in chosen])
+                 for chosen in (open_ones, range(len(FIELD)))]  # fmt: skip
+        cells = [f"{log_likelihood(*part):.1f}, {_p(joint_p_value(*part))}" for part in parts]
+        rows.append([name, *(percent(p.success_rate) for p in points), *cells])
+    conditions = [f"{f.waypoints}, {f.threshold} deg" for f in FIELD]
+    counts = [f"{f.successes}/{f.trials} = {percent(f.successes / f.trials)}" for f in FIELD]
+    return markdown(
+        ["reading", *conditions, "not structured: ln L, p", "all six: ln L, p"],
+        [["the field", *counts, "0", "0"], *rows],
+    )
 
 
 def field_table(size: Size) -> str:
@@ -158,11 +186,11 @@ def time_table(size: Size) -> str:
     rows = []
     for threshold in (23, 30, 37):
         cells = [f"{threshold} deg"]
-        for reading in PUBLISHED:
+        for reading in DIFFERENT["two"]:
             point = simulate("two", "23:37:7", size.rate, reading).at(threshold)
             cells += [percent(point.success_rate), f"{point.mean_time:.2f} ± {mean_time_error(point):.2f} s"]
         rows.append(cells)
-    return markdown(["h'", *(f"{r} {what}" for r in PUBLISHED for what in ("success", "time"))], rows)
+    return markdown(["h'", *(f"{r} {what}" for r in DIFFERENT["two"] for what in ("success", "time"))], rows)
 
 
 def cause_table(size: Size) -> str:
@@ -201,12 +229,23 @@ def dog_table(size: Size, reading: str) -> str:
     return markdown(["dog", "success", *TYPES, "time"], rows)
 
 
+def drawn_table(size: Size) -> str:
+    """What drawn speeds and accelerations change: three waypoints, `field`."""
+    rows = []
+    for what, settings in DRAWS.items():
+        simulated = simulate("three", "37:49:12", size.rate, "field", settings)
+        late = simulated.at(49)
+        rates = [percent(point.success_rate) for point in simulated.table]
+        rows.append([what, *rates, *_by_type(late), seconds(late)])
+    return markdown(["drawn", "37 deg", "49 deg", *TYPES, "time"], rows)
+
+
 def distance_table(size: Size) -> str:
     """Two waypoints farther and farther apart."""
     rows = []
     for distance in DISTANCES:
         waypoint = (f"controller.waypoint_north[1]={distance}",)
-        points = [simulate("distance_100", "49:49", size.long, r, waypoint).at(49) for r in PUBLISHED]
+        points = [simulate("distance_100", "49:49", size.long, r, waypoint).at(49) for r in DIFFERENT["two"]]
         free = simulate("distance_100", "29:89:20", size.long, settings=(*waypoint, *NO_LIMIT))
         rows.append(
             [f"{distance} m"]
@@ -214,14 +253,14 @@ def distance_table(size: Size) -> str:
             + [percent(free.at(49).success_rate), *(seconds(p) for p in free.table)]
         )
     thresholds = [f"{h} deg" for h in (29, 49, 69, 89)]
-    return markdown(["distance", *PUBLISHED, "no limit: success", *thresholds], rows)
+    return markdown(["distance", *DIFFERENT["two"], "no limit: success", *thresholds], rows)
 
 
 def route_table(size: Size) -> str:
     """Three, four and five waypoints around 122 m, by what MAXTURN counts."""
     budgets: dict[str, tuple[str, tuple[str, ...]]] = {
         "calibrated: 2 a trial": ("calibrated", ("cmec.reset_turns=false",)),
-        "2 a waypoint": ("calibrated", ("cmec.reset_turns=true",)),
+        "`field`: 2 a waypoint": ("field", ("cmec.reset_turns=true",)),
         "literal: 2 a waypoint, re-issues count": ("literal", ("cmec.reset_turns=true",)),
         "literal, rates 1": ("literal", ("cmec.reset_turns=true", *OBEDIENT)),
     }
@@ -236,7 +275,7 @@ def guarded_table(size: Size) -> str:
     """What the safety rules cost: turns counted by waypoint, without the limits and with them."""
     rows = []
     for waypoints, target, threshold in (("two", "two", 23), ("two", "two", 37), ("three", "three", 49)):
-        free = simulate(target, f"{threshold}:{threshold}", size.rate, settings=("cmec.reset_turns=true",))
+        free = simulate(target, f"{threshold}:{threshold}", size.rate, "field")
         held = simulate(target, f"{threshold}:{threshold}", size.rate, "guarded")
         points = [one.at(threshold) for one in (free, held)]
         spent = held.at(threshold).anomalies["budget_spent"] / held.at(threshold).trials
@@ -249,7 +288,7 @@ def recommendation_table(size: Size) -> str:
     """The recommendations of `canine sweep`."""
     rows = []
     for target, thresholds in (("two", "15:90"), ("three", "15:65")):
-        for reading in PUBLISHED:
+        for reading in DIFFERENT[target]:
             ranked = simulate(target, thresholds, size.ranked, reading)
             axes = [(axis.column, axis.unit, axis.written) for axis in ranked.sweep.axes]
             advice = recommend(axes, ranked.table, ranked.ticks)

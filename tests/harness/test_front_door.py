@@ -148,7 +148,10 @@ def test_a_scenario_of_numpy_numbers_runs_as_the_same_in_plain_ones(tmp_path: Pa
         ({"start": (0.0, 0.0)}, "leg: start is (0.0, 0.0); expected 3 numbers"),
         ({"origin": (1.0,)}, "leg: origin is (1.0,); expected 2 numbers"),
         ({"sets": (("controller.override", "STOP"),)}, "leg: sets is (('controller.override', 'STOP'),)"),
-        ({"reading": "litteral"}, 'leg: reading is "litteral"; expected one of calibrated, guarded, literal'),
+        (
+            {"reading": "litteral"},
+            'leg: reading is "litteral"; expected one of calibrated, field, guarded, literal',
+        ),
         ({"parameters": {"cmec.max_turns": None}}, "cmec.max_turns is None; expected a number, a bool"),
     ],
 )

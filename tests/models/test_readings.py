@@ -1,4 +1,4 @@
-"""The two readings set existing parameters within their ranges, to the values of CHOICES.md."""
+"""The readings set existing parameters within their ranges, to the values of CHOICES.md."""
 
 from __future__ import annotations
 
@@ -22,8 +22,15 @@ def test_every_parameter_exists_and_its_value_is_in_range(reading: str) -> None:
 
 
 def test_the_published_readings_set_the_same_parameters_and_the_guarded_one_sets_more() -> None:
-    assert READINGS.keys() == {*PUBLISHED, ON_BOARD} == {"calibrated", "literal", "guarded"}
-    assert READINGS["calibrated"].keys() == READINGS["literal"].keys() < READINGS["guarded"].keys()
+    assert READINGS.keys() == {*PUBLISHED, ON_BOARD} == {"calibrated", "literal", "field", "guarded"}
+    keys = {frozenset(READINGS[reading]) for reading in PUBLISHED}
+    assert len(keys) == 1
+    assert READINGS["calibrated"].keys() < READINGS["guarded"].keys()
+
+
+def test_the_field_reading_is_the_calibrated_one_with_turns_by_waypoint() -> None:
+    differing = dict(READINGS["field"].items() - READINGS["calibrated"].items())
+    assert differing == {"cmec.reset_turns": True}
 
 
 def test_the_guarded_reading_is_the_calibrated_one_with_the_limits_and_turns_by_waypoint() -> None:
@@ -67,12 +74,25 @@ def test_values_are_those_of_the_page_of_choices() -> None:
             "count_reissue": True,
             "reset_turns": True,
         },
+        "field": {
+            "turn_end_deviation": 5,
+            "limit_stop_deviation": True,
+            "count_reissue": False,
+            "reset_turns": True,
+        },
     }
 
 
 @pytest.mark.parametrize(
     ("reading", "waypoints", "degrees"),
-    [("literal", 1, 10), ("literal", 2, 10), ("calibrated", 1, 10), ("calibrated", 2, 0)],
+    [
+        ("literal", 1, 10),
+        ("literal", 2, 10),
+        ("calibrated", 1, 10),
+        ("calibrated", 2, 0),
+        ("field", 1, 10),
+        ("field", 2, 0),
+    ],
 )
 def test_heading_at_the_start(reading: str, waypoints: int, degrees: float) -> None:
     assert math.degrees(start_heading_deviation(reading, waypoints)) == pytest.approx(degrees)

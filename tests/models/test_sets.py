@@ -1,16 +1,17 @@
-"""Named sets of sensors and pack: known parameters within their ranges, and what each set is for."""
+"""Named sets of parameters: known ones within their ranges, and what each set is for."""
 
 from __future__ import annotations
 
 import pytest
 
 from models.canine import Canine
+from models.errors import UsageError
 from models.kit.declaration import Parameter, flatten
 from models.kit.model import Model
 from models.profile import Profile
 from models.recorded import Recorded
 from models.sensors import Sensors
-from models.sets import SETS
+from models.sets import DOGS, SETS, find_set, sets_of
 
 
 @pytest.mark.parametrize("name", SETS)
@@ -32,3 +33,34 @@ def test_the_ideal_set_has_the_noise_of_appendix_d_and_no_other() -> None:
     silent = ("gps_wander", "attitude_noise", "heading_noise", "mag_noise", "multipath_rate", "attitude_lean")
     assert [values[name] for name in silent] == [0] * 6
     assert SETS["ideal"]["plant"] == {"shaking": 0}
+
+
+def test_the_dog_of_table_5_1_has_every_deviation_of_the_table() -> None:
+    # given the deviations that the table prints, and the search of 5.3.7.1
+    dog = {v.name: v.start[0] for v in Canine.group("parameter")} | DOGS["table_5_1"]["plant"]
+    deg = 3.141592653589793 / 180
+    # then
+    names = ("cruise_speed", "speeding_up", "slowing_down", "right_turn_rate", "left_turn_rate", "drift")
+    printed = (1.49, 0.67, 1.31, 37.66 * deg, 41.13 * deg, 1.62 * deg)
+    assert tuple(dog[f"{name}_deviation"] for name in names) == pytest.approx(printed)
+    assert (dog["bumper_search_min"], dog["bumper_search_max"]) == (1, 5)
+    Model(Canine, DOGS["table_5_1"]["plant"])
+
+
+def test_a_component_has_the_sets_that_state_something_of_it() -> None:
+    assert sets_of("plant").keys() == {*SETS, *DOGS}
+    assert "measured" not in sets_of("sensors")  # it leaves the sensors as they are
+    assert sets_of("command_module") == {}
+
+
+@pytest.mark.parametrize(
+    ("component", "name", "known", "error"),
+    [
+        ("plant", "table_51", {"drift"}, 'no set "table_51" of parameters of the plant; did you mean "table'),
+        ("command_module", "ideal", set(), "of the command_module; there is none"),
+        ("plant", "ideal", {"drift"}, 'the set "ideal" has shaking, which it has not'),
+    ],
+)  # fmt: skip
+def test_a_set_that_does_not_fit_is_refused(component: str, name: str, known: set[str], error: str) -> None:
+    with pytest.raises(UsageError, match=error):
+        find_set(component, name, known)

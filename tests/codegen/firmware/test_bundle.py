@@ -1010,7 +1010,7 @@ def test_a_bundle_takes_the_place_of_an_earlier_one_whole(tmp_path: Path) -> Non
         ("command_module.stop_tone=0", "is 0 Hz, as for NONE"),
         ("command_module.stop_tone=1500", "is 1500 Hz, as for FORWARD"),
         ("command_module.stop_tone=3500.5", "is 3500.5 Hz, not a whole number"),
-        ("canine.drift=3", "--set canine.drift: not in the firmware"),
+        ("canine.drift=3", "--set canine.drift=3: not in the firmware"),
         ("cmec.waypoint_count=3", "waypoints and home come by radio"),
     ],
 )

@@ -81,13 +81,15 @@ def test_a_cell_for_each_controller_plant_and_scenario_with_the_same_seeds() -> 
 
 def test_a_setting_of_a_block_acts_in_the_cells_that_have_it() -> None:
     settings = ["quarter_turn.turn_deviation=50", "canine.drift=0", "controller.capture_radius=5"]
+    settings.append("canine=table_5_1")
     planned = plan_matrix(["cmec", "quarter_turn"], ["canine", "pedestrian"], [LEG], settings=settings)
     values = {
         name[:2]: job.trial_types[0].flat for name, job in planned.jobs.items() if isinstance(job, chunks.Job)
     }
     assert values["quarter_turn", "canine"]["controller.turn_deviation"] == pytest.approx(np.radians(50))
     assert "controller.turn_deviation" not in values["cmec", "canine"]
-    assert [("plant.drift" in own) for own in values.values()] == [True, False, True, False]
+    for name in ("plant.drift", "plant.cruise_speed_deviation"):
+        assert [(name in own) for own in values.values()] == [True, False, True, False]
     assert {own["controller.capture_radius"] for own in values.values()} == {5.0}
     # and it replaces the scenario's under the block's name
     leg = replace(LEG, parameters={"quarter_turn.capture_radius": 6.0})

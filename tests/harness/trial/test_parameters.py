@@ -96,7 +96,16 @@ def test_a_list_without_the_limits_of_firmware_says_how_many_differ(
     assert note in canine(capsys, "parameters", "cmec")[2]
     # and nothing is said where none does
     assert canine(capsys, "parameters", "cmec", "--reading", "guarded")[2] == ""
-    assert canine(capsys, "parameters", "canine")[2] == ""
+    assert "defaults" not in canine(capsys, "parameters", "canine")[2]
+
+
+def test_the_list_names_the_sets_that_a_block_can_take(capsys: pytest.CaptureFixture[str]) -> None:
+    assert (
+        "sets: dissertation, measured, built_up, ideal, table_5_1; --set canine=d"
+        in (canine(capsys, "parameters", "canine")[2])
+    )
+    assert "sets: dissertation, built_up, ideal; --set sensors=" in canine(capsys, "parameters", "sensors")[2]
+    assert "sets" not in canine(capsys, "parameters", "watchdog")[2]
 
 
 def test_without_a_block_all_are_listed(capsys: pytest.CaptureFixture[str]) -> None:

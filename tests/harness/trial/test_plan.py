@@ -11,7 +11,7 @@ from harness.cosim.rename import Rename
 from harness.cosim.roles import MISSION
 from harness.cosim.stepping import Event
 from harness.trial.plan import Interface, interface_of_fmu, interfaces_of_system, plan, values_of
-from harness.trial.scenario import Scenario, ScenarioError, Setting, load, parse
+from harness.trial.scenario import Scenario, ScenarioError, Setting, Written, load, parse
 from models.canine import Canine
 from models.cmec import Cmec
 from models.kit.declaration import Boolean, Integer, Type, Variable
@@ -135,6 +135,33 @@ def test_a_parameter_that_a_scenario_sets_by_its_block_and_by_its_role_is_refuse
         ScenarioError, match=r"my: controller\.capture_radius: cmec\.capture_radius is the same"
     ):
         plan(twice, FULL)
+
+
+def test_a_set_gives_a_component_its_parameters_and_one_by_its_own_name_wins_over_it() -> None:
+    # given a set by the block's name, and one by the component's, behind a parameter of its own
+    parameters: dict[str, Written] = {"canine.slowing_down_deviation": 0.5}
+    parameters |= {"canine": "table_5_1", "sensors": "ideal"}
+    # when
+    values = plan(Scenario("my", parameters=parameters), FULL).values
+    # then
+    drawn = ("cruise_speed_deviation", "slowing_down_deviation", "bumper_search_max")
+    assert [values["plant"][name] for name in drawn] == [1.49, 0.5, 5]
+    assert (values["sensors"]["gps_wander"], values["sensors"]["gps_speed_noise"]) == (0, 0.05)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "error"),
+    [
+        ({"canine": "table_51"}, 'canine: there is no set "table_51" of parameters of the plant; did you'),
+        ({"cmec": "measured"}, 'cmec: there is no set "measured" of parameters of the controller; there is'),
+        ({"plant": 1}, "plant is 1; expected the name of a set"),
+        ({"plant": "ideal", "canine": "table_5_1"}, "canine: plant is the same component; choose one set"),
+        ({"dog": "table_5_1"}, 'dog: no block or component "dog"'),
+    ],
+)  # fmt: skip
+def test_a_set_that_a_component_cannot_take_is_refused(parameters: dict[str, Written], error: str) -> None:
+    with pytest.raises(ScenarioError, match=f"^my: {error}"):
+        plan(Scenario("my", parameters=parameters), FULL)
 
 
 def test_the_heading_at_the_start_varies_in_two_waypoint_trials_only() -> None:

@@ -16,12 +16,12 @@ from harness.log.channel import Array
 from harness.sweep import sweep
 from harness.sweep.chunks import Outcomes, pool_at, run_all
 from harness.sweep.recommend import Ticks
-from harness.sweep.table import table_of
+from harness.sweep.table import Point, table_of
 from harness.trial.plots import equal_stretches
 from harness.trial.scenario import load
 from harness.verification.page import PAGE, RESULTS, write
 from harness.verification.page import page as page_of
-from harness.verification.published import FIELD, Field
+from harness.verification.published import FIELD, Field, joint_p_value, log_likelihood
 from harness.verification.runs import Example, Size, find_example, simulate, time_difference
 from harness.verification.tables import time_table
 from models.commands import Command
@@ -88,6 +88,19 @@ def test_interval_is_clopper_and_pearsons_and_p_is_exact(successes: int, trials:
         likelihood = [math.comb(trials, k) * rate**k * (1 - rate) ** (trials - k) for k in range(trials + 1)]
         as_unlikely = sum(p for p in likelihood if p <= likelihood[successes] * (1 + 1e-9))
         assert field.p_value(rate) == pytest.approx(as_unlikely)
+
+
+def test_likelihoods_are_those_of_the_counts() -> None:
+    # given two counts, small enough to list all that could have been
+    fields, rates = [Field("two", 23, 2, 3, ""), Field("two", 30, 1, 2, "")], [0.9, 0.8]
+    chances = [
+        [math.comb(n, k) * r**k * (1 - r) ** (n - k) for k in range(n + 1)] for n, r in ((3, 0.9), (2, 0.8))
+    ]
+    observed, best = chances[0][2] * chances[1][1], (3 * (2 / 3) ** 2 / 3) * (2 * 0.5**2)
+    # then
+    assert log_likelihood(fields, rates) == pytest.approx(math.log(observed / best))
+    unlikely = sum(p * q for p in chances[0] for q in chances[1] if p * q <= observed * (1 + 1e-9))
+    assert joint_p_value(fields, rates) == pytest.approx(unlikely, abs=0.005)
 
 
 # the trials
@@ -176,6 +189,28 @@ def test_the_page_has_the_results_of_canine_sweep(page: str) -> None:
         chances = binom.pmf(np.arange(n + 1), n, rate)
         assert float(cells[6]) == pytest.approx(chances[chances <= chances[k] * (1 + 1e-9)].sum(), rel=0.06)
         assert cells[7] == ("agrees" if float(cells[6]) >= 0.05 else "**differs**")
+
+
+def test_the_counts_are_held_against_a_reading_and_a_dog(page: str) -> None:
+    # given the rates of the trials in the open, as `canine sweep` gives them
+    rates: dict[tuple[str, int], Point] = {}
+    for target, thresholds in (("two", "23:37:7"), ("three", "37:49:12")):
+        planned = sweep.plan_sweep(
+            target, thresholds=thresholds, trials=SMALL.rate, reading="field", settings=("canine=table_5_1",)
+        )
+        rates |= {(target, int(p.written[0])): p for p in table_of(planned.points, swept(planned))}
+    # then the page has them, and how likely they make the counts
+    cells = row(page, "`field`, dog `table_5_1`")
+    points = [rates[f.waypoints, f.threshold] for f in FIELD if f.environment == "non-structured"]
+    assert [cells[i] for i in (1, 2, 3, 5)] == [f"{100 * p.success_rate:.1f} %" for p in points]
+    smooth = [(p.successes + 0.5) / (p.trials + 1) for p in points]
+    chosen = [f for f in FIELD if f.environment == "non-structured"]
+    assert cells[7].split(", ")[0] == f"{log_likelihood(chosen, smooth):.1f}"
+
+
+def test_with_two_waypoints_field_is_calibrated() -> None:
+    calibrated, field = (simulate("two", "23:37:7", 400, reading) for reading in ("calibrated", "field"))
+    assert calibrated.ticks.tolist() == field.ticks.tolist()
 
 
 def _written(field: Field) -> tuple[str, str]:
