@@ -17,7 +17,7 @@ SLOW_S = 1.0  # s from a frame to its answer
 FEW_ISSUES = 2  # LEFT and RIGHT that are left
 LITTLE_VIBRATION_DS, LITTLE_TONE_DS = 60, 200  # 0.1 s that is left
 FORGED_S = 30.0  # s for which forged frames are told
-LEVELS = list(Level)[::-1]  # the most urgent first
+BY_URGENCY = list(Level)[::-1]  # the most urgent first
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Alarms:
             conditions.append(("forged", Level.CAUTION, "somebody sends forged frames; they are not obeyed"))
         self._since = {key: self._since.get(key, time) for key, _, _ in conditions}
         alarms = [Alarm(key, level, text, self._since[key]) for key, level, text in conditions]
-        return sorted(alarms, key=lambda alarm: LEVELS.index(alarm.level))
+        return sorted(alarms, key=lambda alarm: BY_URGENCY.index(alarm.level))
 
 
 def _conditions(now: float, conduct: Conduct) -> Iterator[Condition]:

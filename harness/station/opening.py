@@ -109,28 +109,22 @@ def opened(
                 f"--out {folder}: holds a log, {FILE}, and a real vest's is never written over; "
                 "choose another folder"
             )
-        for name in (SUMMARY, PAGE):  # an earlier station's: they would not belong to this log
-            with suppress(FileNotFoundError):
-                (folder / name).unlink()
         scenario = _scenario(request, note)
         about = _about(request, scenario)
         port: Port
         reopen: Callable[[], Port] | None = None
         if scenario:
             vest = stack.enter_context(
-                open_vest(
-                    scenario,
-                    speed=request.speed,
-                    key=request.key,
-                    note=note,
-                    built=built,
-                )
+                open_vest(scenario, speed=request.speed, key=request.key, note=note, built=built)
             )
             port = SimulatedPort(vest)
         else:
             port, reopen = open_port(request.port, note), lambda: open_port(request.port)
         origin = scenario.origin if scenario else None
         metadata = _metadata(about, scenario)
+        for name in (SUMMARY, PAGE):  # an earlier station's: they would not belong to this log
+            with suppress(FileNotFoundError):
+                (folder / name).unlink()
         sink = Sink(folder, metadata, speed=request.speed, origin=origin, viewers=request.viewers)
         session = Session(port, request.key, sink, about, reopen=reopen)
         try:

@@ -27,7 +27,7 @@ from harness.station.sink import EVENTS, SEVERITY, STATE
 from models.modes import ENDED
 
 SPEEDS = 0.1, 100.0
-LEVELS = {number: level for level, number in SEVERITY.items()}
+LEVEL_OF = {number: level for level, number in SEVERITY.items()}
 
 
 class _Recorded(Contents):
@@ -148,6 +148,7 @@ class Playback:
         self._advance()
         if not self._refresh.is_due(self._looked):
             return News(None)
+        self._refresh.done(self._looked)
         place = max(bisect_right(self._times, self._at) - 1, 0)
         state = self._frames[place].state()
         replay = {"time": self._at, "playing": self._playing, "speed": self._speed}
@@ -156,7 +157,7 @@ class Playback:
 
 def _event(moment: float, data: bytes) -> Event:
     content = orjson.loads(data)
-    return Event(moment, LEVELS.get(content["level"], Level.CAUTION), str(content["message"]))
+    return Event(moment, LEVEL_OF.get(content["level"], Level.CAUTION), str(content["message"]))
 
 
 def _state_of(log: Log, row: int) -> dict[str, Any]:

@@ -153,6 +153,7 @@ class Session:
         return News(self._show(now) if self._refresh.is_due(now) else None, events)
 
     def _show(self, now: float) -> bytes:
+        self._refresh.done(now)
         content = self.state(now)
         self._seen.append((content["time"], now))
         state = orjson.dumps(content)

@@ -95,11 +95,12 @@ class Refresh:
         self._shown_at = -math.inf
 
     def is_due(self, now: float) -> bool:
-        """Is a state shown now?"""
-        if now - self._shown_at < (SHOW_S if self.stale else IDLE_S):
-            return False
+        """Is it time to show a state?"""
+        return now - self._shown_at >= (SHOW_S if self.stale else IDLE_S)
+
+    def done(self, now: float) -> None:
+        """A state is shown."""
         self.stale, self._shown_at = False, now
-        return True
 
 
 def welcome(

@@ -223,15 +223,7 @@ def open_vest(
     Raises:
         CanineError: it cannot be opened, or a fault ended it; raised at the end then.
     """
-    if target not in TARGETS:
-        raise UsageError(
-            f"--target {target}: runs no vest in real time; expected one of {', '.join(TARGETS)}"
-        )
-    low, high = SPEEDS
-    if not low <= speed <= high:
-        raise UsageError(f"--speed {speed:g}: expected {low:g} to {high:g} times the clock's time")
-    if target in BY_CLOCK and speed != 1.0:
-        raise UsageError(f"--speed {speed:g}: a simulated {target} runs by the clock; expected 1")
+    _check(target, speed)
     laptop, own = wire()
     processor = find_target(target).same_processor_as or target
     changes = Changes(settings=settings, seed=seed, onboard=f"pil:{processor}")
@@ -261,6 +253,18 @@ def open_vest(
         vest.stop()
         if vest.fault is not None:
             raise vest.fault
+
+
+def _check(target: str, speed: float) -> None:
+    if target not in TARGETS:
+        raise UsageError(
+            f"--target {target}: runs no vest in real time; expected one of {', '.join(TARGETS)}"
+        )
+    low, high = SPEEDS
+    if not low <= speed <= high:
+        raise UsageError(f"--speed {speed:g}: expected {low:g} to {high:g} times the clock's time")
+    if target in BY_CLOCK and speed != 1.0:
+        raise UsageError(f"--speed {speed:g}: a simulated {target} runs by the clock; expected 1")
 
 
 def _alone(target: str, *, in_process: bool) -> Callable[..., Resettable] | None:

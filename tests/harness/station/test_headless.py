@@ -155,14 +155,16 @@ def test_a_real_vests_log_is_never_written_over(tmp_path: Path, capsys: pytest.C
     assert (tmp_path / "trial.mcap").read_bytes() == b"precious"
 
 
-def test_a_station_that_is_not_opened_says_nothing_of_an_earlier_log(
+def test_a_station_that_is_not_opened_changes_nothing_of_an_earlier_ones_files(
     led: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    shutil.copy(led / "trial.mcap", tmp_path)
-    arguments = ("--headless", "--mission", "three_waypoint", "--out", tmp_path)
-    status, _, _ = canine(capsys, "station", "--port", "/dev/null", *arguments)
-    assert status == 2
-    assert [path.name for path in tmp_path.iterdir()] == ["trial.mcap"]
+    arguments = ("station", "--headless", "--mission", "three_waypoint", "--out", tmp_path)
+    shutil.copytree(led, tmp_path, dirs_exist_ok=True)
+    (tmp_path / "summary.json").write_text("the earlier one's")
+    files = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    for source in (("--port", "/dev/null"), ("--simulate", "three_waypoint", "--speed", 1000)):
+        assert canine(capsys, *arguments, *source)[0] == 2
+        assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == files
 
 
 # the log, played ------------------------------------------------------------------------------------------

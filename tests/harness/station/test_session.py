@@ -165,8 +165,9 @@ def test_an_order_that_answers_a_state_of_long_ago_is_not_carried_out(tmp_path: 
         station.order(2, {"do": "take", "seen": seen})
     with pytest.raises(OrderError):
         station.order(2, {"do": "take", "seen": "yesterday"})
-    with pytest.raises(OrderError, match="expected one of alive"):
-        station.order(2, {"seen": seen})
+    for nonsense in ({}, {"do": ["stop"]}):
+        with pytest.raises(OrderError, match="expected one of alive"):
+            station.order(2, {"seen": seen, **nonsense})
     station.close()
 
 

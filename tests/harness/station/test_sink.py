@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from codegen.firmware.telemetry import FIELDS, Flag, Telemetry
-from harness.log.log import LogError, read_log
+from harness.log.log import Log, LogError, read_log
 from harness.log.recover import recover
 from harness.onboard.radio import Mission, Position
 from harness.station.events import Event, Level
@@ -26,9 +26,21 @@ from models.modes import Anomaly
 HOME = Position(32.6, -85.4)
 MISSION = Mission(HOME, (Position(32.6009, -85.4),), ())
 NOTHING = Telemetry(*[0] * len(FIELDS))
-GUARDED = {"parameters": {"controller.capture_radius": "7.0", "controller.guarded": "1.0"}}
-STATION = {"run": {"station": "a test"}, **GUARDED}
+STATION = {
+    "run": {"station": "a test"},
+    "parameters": {"controller.capture_radius": "7.0", "controller.guarded": "1.0"},
+}
 FIXED = int(Flag.FIXED | Flag.VALID | Flag.LINK_OK)
+
+
+@pytest.fixture
+def sink(tmp_path: Path) -> Sink:
+    return Sink(tmp_path, STATION)
+
+
+def closed(sink: Sink) -> Log:
+    sink.close()
+    return read_log(sink.path)
 
 
 def telemetry(seconds: float, **fields: int) -> Telemetry:
@@ -64,11 +76,9 @@ def test_a_simulated_vest_at_20_times_the_clock_has_its_own_time() -> None:
 # rows -----------------------------------------------------------------------------------------------------
 
 
-def test_each_telemetry_is_a_row_at_its_own_time_in_si(tmp_path: Path) -> None:
-    sink = Sink(tmp_path, GUARDED)
+def test_each_telemetry_is_a_row_at_its_own_time_in_si(sink: Sink) -> None:
     tell(sink, 0.4, 2.0, speed=250, heading=-15708, position_sd=120, command=2, mode=3)
-    sink.close()
-    log = read_log(tmp_path / "trial.mcap")
+    log = closed(sink)
     assert not log.broken
     assert log["estimator.speed"][-1] == 2.5
     assert log["estimator.heading"][-1] == pytest.approx(-math.pi / 2, abs=1e-4)
@@ -78,48 +88,40 @@ def test_each_telemetry_is_a_row_at_its_own_time_in_si(tmp_path: Path) -> None:
     assert np.diff(log.time).max() <= 0.29
 
 
-def test_a_telemetry_that_is_lost_leaves_the_row_before_in_its_place(tmp_path: Path) -> None:
-    sink = Sink(tmp_path, GUARDED)
+def test_a_telemetry_that_is_lost_leaves_the_row_before_in_its_place(sink: Sink) -> None:
     tell(sink, 0.4, 2.0, speed=100)
     tell(sink, 5.0, 6.0, speed=200)
-    sink.close()
-    log = read_log(tmp_path / "trial.mcap")
+    log = closed(sink)
     assert not log.broken, "a hole of 3 s would read as damage"
     assert set(log["telemetry.speed"][(log.time > 2) & (log.time < 4.9)]) == {1.0}
 
 
-def test_a_vest_that_is_silent_still_gives_rows(tmp_path: Path) -> None:
-    sink = Sink(tmp_path, GUARDED)
+def test_a_vest_that_is_silent_still_gives_rows(sink: Sink) -> None:
     for k in range(100):
         sink.step(0.1 * k)
-    sink.close()
-    log = read_log(tmp_path / "trial.mcap")
+    log = closed(sink)
     assert log.time[-1] == pytest.approx(9.9, abs=0.5)
     assert not log["telemetry.session"].any()
     assert np.isnan(log["estimator.north"]).all(), "no position is known"
 
 
-def test_positions_are_about_the_first_fix_where_no_origin_is_known(tmp_path: Path) -> None:
-    sink = Sink(tmp_path, GUARDED)
+def test_positions_are_about_the_first_fix_where_no_origin_is_known(sink: Sink) -> None:
     tell(sink, 0.4, 1.0, flags=0, latitude=0, longitude=0)
     tell(sink, 1.0, 2.0)
     tell(sink, 2.0, 3.0, latitude=326000000 + 9018)  # 0.0009018 deg: 100 m
-    sink.close()
-    log = read_log(tmp_path / "trial.mcap")
+    log = closed(sink)
     assert log.origin == pytest.approx((32.6, -85.4))
     assert np.isnan(log["estimator.north"][log.time < 0.95]).all()
     assert log["estimator.north"][-1] == pytest.approx(100, abs=0.1)
     assert log["estimator.north"][np.searchsorted(log.time, 1.5)] == 0
 
 
-def test_the_mission_becomes_the_route_once_it_is_on_board_the_last_one_holds(tmp_path: Path) -> None:
-    sink = Sink(tmp_path, GUARDED)
+def test_the_mission_becomes_the_route_once_it_is_on_board_the_last_one_holds(sink: Sink) -> None:
     tell(sink, 0.4, 1.0)
     sink.take_mission(replace(MISSION, waypoints=(HOME, HOME)))
     sink.take_mission(MISSION)
     tell(sink, 1.0, 2.0)
-    sink.close()
-    route = read_log(tmp_path / "trial.mcap").route
+    route = closed(sink).route
     assert route is not None
     (_, north, east), (_, *home) = route.places
     assert [north, east] == pytest.approx([99.8, 0], abs=0.2)
@@ -127,27 +129,23 @@ def test_the_mission_becomes_the_route_once_it_is_on_board_the_last_one_holds(tm
     assert route.radius == 7.0
 
 
-def test_an_anomaly_is_reported_on_one_row_and_ends_a_trial_in_words(tmp_path: Path) -> None:
-    sink = Sink(tmp_path, STATION)
+def test_an_anomaly_is_reported_on_one_row_and_ends_a_trial_in_words(sink: Sink) -> None:
     started = FIXED | Flag.STARTED
     tell(sink, 0.4, 2.0, flags=started, status=Status.RUNNING)
     tell(sink, 2.0, 3.0, flags=started, status=Status.RUNNING, last_anomaly=Anomaly.TURN_FAILURE)
     tell(sink, 3.0, 3.2, flags=started, status=Status.RUNNING, last_anomaly=Anomaly.DIRECTION_SWITCH)
     tell(sink, 3.8, 4.0, flags=started, status=Status.STOPPED, last_anomaly=Anomaly.NO_PROGRESS)
     tell(sink, 4.0, 6.0, last_anomaly=Anomaly.NO_PROGRESS)
-    sink.close()
-    log = read_log(tmp_path / "trial.mcap")
-    summary = summarize(log)
+    summary = summarize(closed(sink))
     assert summary["anomalies"] == {"TURN_FAILURE": 1, "DIRECTION_SWITCH": 1, "NO_PROGRESS": 1}
     assert summary["outcome"] == "stopped"
     assert summary["stopped_by"] == "the animal did not move on (rule 4)"
 
 
 def test_a_mission_that_abort_ended_was_stopped_by_the_operator_whatever_ended_the_one_before(
-    tmp_path: Path,
+    sink: Sink,
 ) -> None:
     # given a log of two missions, of which a rule stopped the first, and ABORT the second
-    sink = Sink(tmp_path, STATION)
     started = int(FIXED | Flag.STARTED)
     running = {"flags": started, "status": int(Status.RUNNING)}
     fence = {"last_anomaly": int(Anomaly.OUTSIDE_FENCE)}
@@ -157,8 +155,7 @@ def test_a_mission_that_abort_ended_was_stopped_by_the_operator_whatever_ended_t
     tell(sink, 6.0, 8.0, **running)
     tell(sink, 8.0, 9.4, status=Status.STOPPED)  # the stop is held for 1.5 s
     tell(sink, 9.4, 12.0)
-    sink.close()
-    log = read_log(tmp_path / "trial.mcap")
+    log = closed(sink)
     # then the summary is about the second, and each event has its own reason
     summary = summarize(log)
     assert (summary["outcome"], summary["stopped_by"]) == ("stopped", "the operator")
@@ -171,29 +168,26 @@ def test_a_mission_that_abort_ended_was_stopped_by_the_operator_whatever_ended_t
     ]
 
 
-def test_a_mission_whose_end_was_not_heard_or_that_was_not_begun_is_no_timeout(tmp_path: Path) -> None:
-    sink = Sink(tmp_path, STATION)
+def test_a_mission_whose_end_was_not_heard_or_that_was_not_begun_is_no_timeout(sink: Sink) -> None:
     tell(sink, 0.4, 2.0)
     sink.flush()
-    idle = summarize(replace(read_log(tmp_path / "trial.mcap"), broken=""))
+    idle = summarize(replace(read_log(sink.path), broken=""))
     assert (idle["outcome"], idle["stopped_by"]) == ("stopped", "no mission was begun")
     tell(sink, 2.0, 4.0, flags=FIXED | Flag.STARTED, status=Status.RUNNING)
-    sink.close()
-    cut = summarize(read_log(tmp_path / "trial.mcap"))
+    cut = summarize(closed(sink))
     assert (cut["outcome"], cut["stopped_by"]) == ("stopped", "it was under way when the vest was last heard")
 
 
 # a log that was cut ---------------------------------------------------------------------------------------
 
 
-def test_all_but_the_last_second_of_a_killed_station_is_on_disk_and_is_recovered(tmp_path: Path) -> None:
-    sink = Sink(tmp_path, GUARDED)
+def test_all_but_the_last_second_of_a_killed_station_is_on_disk_and_is_recovered(sink: Sink) -> None:
     tell(sink, 0.4, 10.0)
     sink.take_mission(MISSION)
     sink.event(Event(9.0, Level.WARNING, "the vest has begun anew"))
     tell(sink, 10.0, 20.0)
-    cut = tmp_path / "cut.mcap"
-    cut.write_bytes((tmp_path / "trial.mcap").read_bytes())  # nothing was closed
+    cut = sink.path.with_name("cut.mcap")
+    cut.write_bytes((sink.path).read_bytes())  # nothing was closed
     log = read_log(cut)
     assert log.broken
     assert log.time[-1] >= 18.5
@@ -207,23 +201,21 @@ def test_all_but_the_last_second_of_a_killed_station_is_on_disk_and_is_recovered
     sink.close()
 
 
-def test_a_late_record_may_be_the_last_thing_before_a_cut(tmp_path: Path) -> None:
-    sink = Sink(tmp_path, GUARDED)
+def test_a_late_record_may_be_the_last_thing_before_a_cut(sink: Sink) -> None:
     tell(sink, 0.4, 3.0)
     sink.flush()
-    before = (tmp_path / "trial.mcap").stat().st_size
+    before = (sink.path).stat().st_size
     sink.take_mission(MISSION)
     sink.flush()
-    data = (tmp_path / "trial.mcap").read_bytes()
-    cut = tmp_path / "cut.mcap"
+    data = (sink.path).read_bytes()
+    cut = sink.path.with_name("cut.mcap")
     for size in range(before, len(data) + 1, 7):
         cut.write_bytes(data[:size])
         assert read_log(cut).time[-1] > 2, f"cut at {size}"
     sink.close()
 
 
-def test_a_disk_that_is_full_is_told(tmp_path: Path) -> None:
-    sink = Sink(tmp_path, GUARDED)
+def test_a_disk_that_is_full_is_told(sink: Sink) -> None:
     with open("/dev/full", "wb", buffering=0) as full:
         sink._writer._container._file = full
         with pytest.raises(LogError, match="No space left"):
@@ -233,17 +225,16 @@ def test_a_disk_that_is_full_is_told(tmp_path: Path) -> None:
 # what passed beside the rows ------------------------------------------------------------------------------
 
 
-def test_bytes_orders_and_events_are_kept_with_their_times(tmp_path: Path) -> None:
+def test_bytes_orders_and_events_are_kept_with_their_times(sink: Sink) -> None:
     from mcap.reader import make_reader  # noqa: PLC0415 - an independent reader
 
-    sink = Sink(tmp_path, GUARDED)
     tell(sink, 0.4, 1.0)
     sink.receive(1.0, b"\xa5\x5a")
     sink.send(1.1, b"\x00\xff")
     sink.order(1.2, 3, {"do": "note", "text": "wet"})
     sink.event(Event(1.25, Level.CAUTION, "STOP by operator 3"))
     sink.close()
-    with (tmp_path / "trial.mcap").open("rb") as file:
+    with (sink.path).open("rb") as file:
         found = {
             channel.topic: (message.log_time, json.loads(message.data))
             for _, channel, message in make_reader(file).iter_messages()
