@@ -16,21 +16,22 @@ def is_of_station(log: Log) -> bool:
 
 
 def last_mission(log: Log) -> Log:
-    """A station's log up to the end of its last mission; the log itself if none was under way.
+    """The rows of a station's last mission; the log itself if none was under way.
 
     ABORT withdraws the start; the stop that follows it is the mission's end.
     """
-    rows = np.flatnonzero(log["controller.start"] != 0)
-    if not rows.size:
+    started = log["controller.start"] != 0
+    if not started.any():
         return log
-    until = int(rows[-1]) + 1
+    begin = int(np.flatnonzero(np.diff(started, prepend=False) & started)[-1])
+    until = int(np.flatnonzero(started)[-1]) + 1
     after = log["controller.status"][until:] != Status.STOPPED
     until += int(np.argmax(after)) if after.any() else len(after)
-    values = {component: table[:until] for component, table in log.values.items()}
-    return replace(log, time=log.time[:until], values=values)
+    values = {component: table[begin:until] for component, table in log.values.items()}
+    return replace(log, time=log.time[begin:until], values=values)
 
 
-def start_of(mission: Log) -> float | None:
-    """When the mission began that a log ends with, s; None if none did."""
-    starts = np.flatnonzero(np.diff(mission["controller.start"], prepend=0.0) > 0)
-    return float(mission.time[starts[-1]]) if starts.size else None
+def start_of_last(log: Log) -> float | None:
+    """When the last mission began, s; None if none did."""
+    mission = last_mission(log)
+    return float(mission.time[0]) if mission["controller.start"][0] else None
