@@ -52,7 +52,7 @@ def plan_route(
         typer.Option(help="of the trials; cts: the true state into the controller; full: the estimate"),
     ] = "cts",
     reading: Annotated[
-        str | None, typer.Option(help="the scenario's, or calibrated with a count of turns per waypoint")
+        str | None, typer.Option(help="one that counts turns per waypoint; the scenario's, or field")
     ] = None,
     plant: Plant = None,
     controller: Controller = None,

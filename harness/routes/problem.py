@@ -16,10 +16,10 @@ from harness.routes.way import OPEN, STREETS, Way, best
 from harness.sweep.components import Components, find_components
 from harness.sweep.trials import Options, adapted
 from harness.trial import scenario as scenarios
-from harness.trial.scenario import Scenario, Written
+from harness.trial.scenario import Scenario
 from models.errors import nearest
 from models.kit.random import MAX_SEED
-from models.readings import ON_BOARD, READING, READINGS
+from models.readings import ON_BOARD, READINGS
 from models.system import ESTIMATOR, System
 
 ALONG = (OPEN, STREETS, "both")
@@ -29,12 +29,11 @@ WAYS = 4
 LONGEST = 2.0  # times the shortest way
 TRIALS = 4096  # of each candidate that is left at the end
 SPARE = 3  # times as many ways are looked at where turns are preferred
-COUNTED: dict[str, Written] = {"cmec.reset_turns": True}  # what a plan asks of its controller, by default
-COUNTED_SETTING = "cmec.reset_turns=true"
+COUNTING = "field"  # the reading by default: it counts turns anew at each waypoint
 DURATION = 600.0  # s of a trial, without a scenario that says so
 FITTED = {"cruise_speed", "drift", "left_turn_rate", "right_turn_rate"}  # `canine fit` gives them
 MEAN_DOG = (
-    "the dog is the mean one of Table 5.1, not yours: the best spacing depends on its drift and turns; fit "
+    "the dog is that of Table 5.1, not yours: the best spacing depends on its drift and turns; fit "
     "it from logs (`canine fit`), and give --scenario or --set"
 )
 HABITUATION = (
@@ -185,7 +184,7 @@ def _ways(asked: Asked, site: Site, begin: Place, end: Place) -> list[Way]:
 def _scenarios(asked: Asked, site: Site, begin: Place, end: Place) -> tuple[Scenario, Scenario, Components]:
     """The scenario of the result, the same in the system of the trials, and what is in it."""
     if asked.scenario is None:
-        own = Scenario(name=site.name, parameters=COUNTED, duration=DURATION)
+        own = Scenario(name=site.name, duration=DURATION)
     else:
         own = scenarios.load(asked.scenario, mission=False)
     if own.package is not None:
@@ -199,7 +198,7 @@ def _scenarios(asked: Asked, site: Site, begin: Place, end: Place) -> tuple[Scen
     own = replace(
         route_scenario(own, begin, (end,)),
         origin=site.origin or own.origin,
-        reading=asked.reading or own.reading or READING,
+        reading=asked.reading or own.reading or COUNTING,
     )
     in_trials = adapted(own, Options(asked.system, seed=asked.seed), asked.settings, components)
     if in_trials.seed + asked.trials - 1 > MAX_SEED:
@@ -219,8 +218,7 @@ def _check_count(controller: Mapping[str, float], system: System, scenario: Scen
         raise RouteError(
             f"{scenario.name}: the reading {scenario.reading} counts turns over the whole trial "
             f"(cmec.reset_turns is false), and one more than MAXTURN, {most:g}, ends it: hardly any route "
-            f"would be led to its end; expected a count per waypoint: --set {COUNTED_SETTING}, or --reading "
-            f"{ON_BOARD}"
+            f"would be led to its end; expected a count per waypoint: --reading {COUNTING}, or {ON_BOARD}"
         )
 
 

@@ -112,6 +112,19 @@ def test_the_first_area_on_a_trial_s_path_is_noted() -> None:
     assert set(entered) == {0, 1, 2}
 
 
+def test_no_tick_is_left_out_those_in_lanes_and_those_taken_alone() -> None:
+    # given a trial's path with an area of some centimetres about its place after one tick, tick by tick
+    results = [run(tick, areas=None).values[7] for tick in range(LONGEST)]
+    moving = [t for t in range(1, LONGEST) if np.linalg.norm(results[t] - results[t - 1]) > 0.06]
+    assert len(moving) > 150
+    for tick in moving:
+        spot = Areas([[results[tick] + 0.02 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])]])
+        trial = batch(watch=True).run(VALUES, np.zeros((1, 2)), [0], [7], LONGEST, areas=spot)
+        # then it is entered
+        assert trial.entered is not None
+        assert trial.entered[0] == 1, f"tick {tick}"
+
+
 def test_an_area_about_the_start_is_entered_at_once() -> None:
     assert set(run(last=0, start=(12.0, 10.0)).entered) == {2}
     assert set(run(last=0, start=(18.0, 10.0)).entered) == {0}  # in the court

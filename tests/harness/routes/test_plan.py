@@ -79,7 +79,7 @@ def test_scenario_and_mission_lead_along_the_recommended_route(planned: Path, fa
     assert np.allclose(scenario.waypoints, chosen["waypoints"], atol=1e-3)
     (north, east), (_, _, heading) = scenario.waypoints[0], scenario.start
     assert heading == pytest.approx(math.degrees(math.atan2(east, north)))
-    assert (scenario.system, scenario.parameters) == ("full", {"cmec.reset_turns": True})
+    assert (scenario.system, scenario.reading, scenario.parameters) == ("full", "field", {})
     assert (
         (planned / "route.toml")
         .read_text()
@@ -97,7 +97,7 @@ def test_scenario_and_mission_lead_along_the_recommended_route(planned: Path, fa
 
 def test_a_plan_says_on_what_it_rests(facts: Any, planned: Path) -> None:
     assert any("Table 5.1, not yours" in text for text in facts["assumes"])
-    assert "It is assumed that the dog is the mean one of Table 5.1" in (planned / "route.toml").read_text()
+    assert "It is assumed that the dog is that of Table 5.1" in (planned / "route.toml").read_text()
 
 
 def test_the_picture_is_there(planned: Path) -> None:
