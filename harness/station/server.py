@@ -24,6 +24,7 @@ from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from harness.station.desk import OrderError
 from harness.station.draft import as_json, from_json
@@ -44,6 +45,7 @@ STATIC = Path(__file__).parent / "static"
 PARTS = Path(__file__).parents[1] / "report" / "parts"
 MOST_OPERATORS = 16
 WAITING = 256  # messages that wait for a slow browser, beside the last state
+AHEAD = 4096  # bytes that a browser's socket takes before the network does
 SEND_S = 10.0  # s after which a browser that takes nothing is left
 BURST = 2 * MESSAGES_PER_S
 TRY_LATER, POLICY = 1013, 1008  # codes with which a socket is closed
@@ -95,6 +97,20 @@ class Outbox:
             messages.append(self._state)
             self._state = None
         return messages
+
+
+class _Socket(WebSocketsSansIOProtocol):
+    """A browser's socket, which takes little ahead of the network: what is left waits in the outbox.
+
+    In the buffers of socket and system hundreds of states would wait, and a slow browser would show what was.
+    """
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        transport.set_write_buffer_limits(high=AHEAD)
+        if hasattr(sockets, "TCP_NOTSENT_LOWAT"):  # not every system has it
+            socket = transport.get_extra_info("socket")
+            socket.setsockopt(sockets.IPPROTO_TCP, sockets.TCP_NOTSENT_LOWAT, AHEAD)
 
 
 class Rate:
@@ -369,7 +385,7 @@ async def serve(
         log_level="error",
         access_log=False,
         server_header=False,
-        ws="websockets-sansio",
+        ws=_Socket,
         ws_max_size=MESSAGE_BYTES,
         ws_per_message_deflate=False,
         h11_max_incomplete_event_size=MESSAGE_BYTES,

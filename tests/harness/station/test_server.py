@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator
 from http.client import HTTPConnection
 from pathlib import Path
+from typing import Any
 
 import pytest
 from websockets.exceptions import ConnectionClosedError, InvalidStatus
@@ -17,8 +18,10 @@ from codegen.firmware.key import Key
 from harness.log.log import read_log
 from harness.station.guard import Guard
 from harness.station.server import HEADERS, WAITING, Outbox
+from harness.station.shown import News
 from models.commands import Command, Status
 from tests.harness.station.browser import Browser, Served, served, simulated, unheard
+from tests.harness.station.slow import SlowWatcher
 
 
 @pytest.fixture(scope="module")
@@ -127,6 +130,48 @@ def test_a_watcher_that_reads_nothing_harms_nobody(station: Served) -> None:
         commander.until(lambda: commander.state["time"] > begun + 10)
         assert idle.protocol is not None
         assert not commander.errors
+
+
+class Talkative:
+    """Shows a state of some kB each time that it is looked at."""
+
+    count = 0
+
+    def join(self, operator: int) -> list[bytes]:
+        return []
+
+    def leave(self, operator: int) -> None:
+        pass
+
+    def order(self, operator: int, order: dict[str, Any]) -> None:
+        pass
+
+    def poll(self) -> News:
+        self.count += 1
+        return News(json.dumps({"is": "state", "time": self.count, "filler": "x" * 4000}).encode())
+
+
+def test_a_watcher_that_took_nothing_for_a_while_sees_what_is_and_not_what_was() -> None:
+    shown = Talkative()
+    with served(shown) as station:
+        watcher = SlowWatcher(station.address, 1_000_000)
+        until_count(shown, 400)
+        times: list[float] = []
+
+        def note(state: dict[str, Any]) -> float:
+            times.append(state["time"])
+            return 0.0
+
+        watcher.run(lambda: bool(times) and times[-1] >= 400, note)
+    assert times[-1] >= 400
+    assert len(times) < 50, "the states from before were left out"
+
+
+def until_count(shown: Talkative, count: int) -> None:
+    end = time.monotonic() + 60
+    while shown.count < count:
+        assert time.monotonic() < end
+        time.sleep(0.01)
 
 
 def test_an_outbox_holds_the_last_state_and_a_bounded_number_of_others() -> None:
