@@ -1,5 +1,6 @@
 """FMUs that go wrong, in the worker: a fault that names them, all rows up to it, and nothing left behind."""
 
+import mmap
 import os
 import re
 import signal
@@ -21,7 +22,8 @@ from harness.cosim.loop import Simulation
 from harness.cosim.ssp import FmuComponent, FmuSystem, ScaledLink, StartValue
 from harness.cosim.stepping import Event, Limits, Loop
 from harness.cosim.worker.contained import Contained
-from harness.cosim.worker.process import WorkerProcess
+from harness.cosim.worker.process import Subject, WorkerProcess
+from harness.cosim.worker.shared import SOUND, SharedMemory, Sizes
 from harness.cosim.worker.supervisor import descendants
 from models.errors import ParameterError, WiringError
 from tests.harness.cosim.tiny_fmu import V, tiny_fmu
@@ -455,6 +457,36 @@ def test_an_fmu_that_writes_over_what_the_worker_shares_is_found_out(
     assert "wrote over memory that is not its own" in str(result.error)
     assert "one of plant bad.fmu, sum sum.fmu" in str(result.error)
     assert result.rows == [*range(len(result.rows))]
+
+
+@pytest.mark.parametrize(
+    ("name", "within", "beyond"),
+    [
+        ("rows", (5, 15), (4, 16)),
+        ("tick", (0, 15), (-1, 16)),
+        ("call", (-1, 2), (-2, 3)),
+        ("restorer", (0, 2), (-1, 3)),
+        ("restored", (0, 9), (-1,)),
+        ("before", (SOUND,), (SOUND + 1,)),
+        ("after", (SOUND,), (SOUND + 1,)),
+    ],
+)
+def test_each_number_that_the_worker_shares_must_be_one_that_it_writes(
+    name: str, within: tuple[int, ...], beyond: tuple[int, ...]
+) -> None:
+    # given memory for 10 rows, of which 5 are taken, and a tick of 3 calls
+    process, sizes = WorkerProcess(LIMITS), Sizes(8, 0, 10)
+    process.subject = Subject({}, {}, 0.04, [("plant", "fmi2DoStep")] * 3)
+    process.memory = SharedMemory(mmap.mmap(-1, sizes.all), sizes)
+    flight, position = process.memory.flight, process.memory.recorder.position
+    flight.begin()
+    process.take(5)
+    position.rows = 5
+    # when it is just within its range, or just beyond
+    for value in (*within, *beyond):
+        setattr(flight if hasattr(flight, name) else position, name, value)
+        # then it can be what the worker wrote, or cannot
+        assert process.is_sound == (value in within), value
 
 
 SPOILS = {  # what harms the trials after it, unless they have a worker of their own
