@@ -29,7 +29,7 @@ import numpy as np
 import numpy.typing as npt
 
 from harness.log.channel import Array
-from harness.trial.plan import is_angular
+from harness.trial.units import is_angular
 from models.canine import Canine
 from models.commands import Command
 from models.kit.block import Block

@@ -136,6 +136,15 @@ class Log:
         return frames
 
     @property
+    def units(self) -> dict[str, str]:
+        """The unit of each signal, by `component.signal`."""
+        return {
+            f"{channel.component}.{name}": unit
+            for channel in self.channels
+            for name, unit in zip(channel.names, channel.units, strict=True)
+        }
+
+    @property
     def route(self) -> Route | None:
         """The waypoints, if the controller has any."""
         return Route.of(self.metadata.get("parameters", {}))

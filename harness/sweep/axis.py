@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 from decimal import Decimal
 
 from harness.sweep.table import THRESHOLD_COLUMN, name_of, plain
-from harness.trial.plan import Interface, is_angular, plan, si_value
+from harness.trial.plan import Interface, plan, si_value
 from harness.trial.scenario import Scenario, ScenarioError, toml_of
+from harness.trial.units import stated_unit
 from models.errors import UsageError
 from models.kit.declaration import Type, Variable
 
@@ -91,10 +92,9 @@ def axis_of(
             si_value(_as_written(_number(what, field), variable), variable, f"{what}: its {end}")
         raise
     is_threshold = variables == variables_at(THRESHOLD, interfaces)
-    unit = variable.unit.replace("rad", "deg") if is_angular(variable) else variable.unit
     column = THRESHOLD_COLUMN if is_threshold else address
     settings = tuple(f"{variables[0]}={toml_of(_as_written(value, variable))}" for value in written)
-    return Axis(column, "" if unit == "1" else unit, variables[0], written, values, settings)
+    return Axis(column, stated_unit(variable.unit), variables[0], written, values, settings)
 
 
 def _as_written(value: Decimal, variable: Variable) -> bool | int | float:

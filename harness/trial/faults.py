@@ -13,8 +13,19 @@ from pathlib import Path
 from harness.cosim.rename import Rename
 from harness.cosim.stepping import Ticks, first_tick
 from harness.onboard.garbage import STREAMS, Garbage
-from harness.trial.plan import Interface, address_of, is_angular, split_address
-from harness.trial.scenario import FAULTS, GARBAGE, LOST, STALL, Disturbance, Scenario, ScenarioError
+from harness.trial.plan import Interface, address_of, split_address
+from harness.trial.scenario import (
+    ARROW,
+    FAULT_KINDS,
+    FAULTS,
+    GARBAGE,
+    LOST,
+    STALL,
+    Disturbance,
+    Scenario,
+    ScenarioError,
+)
+from harness.trial.units import is_angular
 from models.disturbance import FAULTS as BLOCKS
 from models.disturbance import LONGEST_DELAY, MAX_FAULTS, FaultyLink, Kind, Placed
 from models.errors import nearest
@@ -22,9 +33,7 @@ from models.kit.declaration import Type, Variable
 from models.kit.geometry import COUNT_MAX
 from models.kit.link import Link
 
-ARROW = "->"
 WHOLE = (-(2**31), 2**31 - 1)  # what the block of an Integer's fault holds
-IN_UNIT = (Kind.OFFSET, Kind.NOISE, Kind.JUMP)  # kinds whose value is in the signal's unit
 
 
 @dataclass(frozen=True)
@@ -224,7 +233,7 @@ class _Resolver:
                         f'{where}: the link "{self.address(link)}" adds {link.offset:g} on the way, and a '
                         'scale would act on that too; expected another kind, such as "offset"'
                     )
-        if kind not in IN_UNIT:
+        if FAULT_KINDS[kind].unit is not None:
             return 1.0
         if len(scales) > 1:
             raise ScenarioError(
@@ -247,8 +256,8 @@ class _Resolver:
                 expected = f"a delay from {step:g} to {LONGEST_DELAY * step:g} s"
                 raise ScenarioError(f"{where}: value is {fault.value:g}; expected {expected}")
             return values | {"delay": float(ticks)}
-        is_of_unit = kind in IN_UNIT and is_angular(variable)
-        return values | {"value": math.radians(fault.value) if is_of_unit else fault.value}
+        is_angle = FAULT_KINDS[kind].unit is None and is_angular(variable)
+        return values | {"value": math.radians(fault.value) if is_angle else fault.value}
 
 
 def fault_fmus(scenario: Scenario, folder: Path) -> list[Path]:

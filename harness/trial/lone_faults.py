@@ -18,10 +18,10 @@ from harness.files import make_folder, write_whole
 from harness.log.log import Log, named, read_log
 from harness.terminal import new_table, print_table
 from harness.trial import trial
-from harness.trial.faults import ARROW
 from harness.trial.prepare import prepared
 from harness.trial.request import Request
-from harness.trial.scenario import Disturbance, ScenarioError
+from harness.trial.scenario import ARROW, Disturbance, ScenarioError
+from harness.trial.units import stated_unit
 from models.commands import Command, Status
 from models.modes import Anomaly, Mode
 
@@ -75,16 +75,20 @@ class Case:
 
     faults: tuple[Disturbance, ...]
 
-    @property
-    def words(self) -> str:
-        """The case in a table: `stuck of estimator.north, estimator.east -> controller`."""
+    def words(self, units: Mapping[str, str]) -> str:
+        """The case in a table: `stuck of estimator.north, estimator.east -> controller`.
+
+        Args:
+            units: of the signals, by `component.output`.
+        """
         first, *others = self.faults
+        unit = stated_unit(units.get(first.output, ""))
         if not others:
-            return first.words
+            return first.words(unit)
         ends = [fault.signal.partition(ARROW) for fault in self.faults]
         to = {f" {arrow}{end.partition('.')[0]}" if arrow else "" for _, arrow, end in ends}
-        signals = ", ".join(source.strip() for source, _, _ in ends) + "".join(sorted(to))
-        return replace(first, signal=signals).words
+        signals = ", ".join(fault.output for fault in self.faults) + "".join(sorted(to))
+        return replace(first, signal=signals).words(unit)
 
     @property
     def span(self) -> tuple[float, float | None]:
@@ -185,7 +189,7 @@ def judge(
     """
     at, until = case.span if case else (None, None)
     result: dict[str, Any] = {
-        "fault": case.words if case else REFERENCE,
+        "fault": case.words(log.units) if case else REFERENCE,
         "faults": [asdict(fault) for fault in case.faults] if case else [],
         "from_s": at,
         "until_s": until,

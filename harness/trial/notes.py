@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 from codegen.firmware.telemetry import Flag, Refusal
 from harness.cosim.stepping import first_tick
 from harness.trial.pairs import windows
-from harness.trial.scenario import Scenario
+from harness.trial.scenario import Disturbance, Scenario
+from harness.trial.units import stated_unit
 from models.canine import Canine
 from models.canine_ahrs import CanineAhrs
 from models.cmec import Cmec
@@ -41,7 +42,7 @@ def idle_notes(
     """
     moving = any(name.partition(".")[2].startswith(WAYPOINTS) for name in varied)
     if scenario.system in SYSTEMS:
-        yield from _below_a_tick(scenario)
+        yield from _below_a_tick(scenario, interfaces)
     if scenario.system == "full_ahrs" and not _takes_attitude(scenario.estimator):
         yield f"{scenario.estimator} takes no attitude: canine_ahrs changes nothing"
     for interface, block, own in _components(interfaces, values):
@@ -77,7 +78,7 @@ def late_notes(scenario: Scenario, interfaces: Interfaces, values: Values, end: 
 def nan_notes(scenario: Scenario, fault: Fault) -> list[str]:
     """Which of a scenario's faults may be behind a value that was not finite."""
     return [
-        f"[[fault]] {number}, {f.words}, acts from {f.at:g} s on: who is given nan may answer with it"
+        f"[[fault]] {number}, nan of {f.signal}, acts from {f.at:g} s on: who is given nan may answer with it"
         for number, f in enumerate(scenario.faults, start=1)
         if f.kind == "nan" and fault.kind == "not finite" and f.at <= fault.time
     ]
@@ -110,11 +111,21 @@ def timed(scenario: Scenario, interfaces: Interfaces, values: Values) -> Iterato
     for number, setting in enumerate(scenario.sets, start=1):
         yield f"[[set]] {number}, {setting.variable} at {setting.at:g} s,", setting.at
     for number, fault in enumerate(scenario.faults, start=1):
-        yield f"[[fault]] {number}, {fault.words} at {fault.at:g} s,", fault.at
+        yield f"[[fault]] {number}, {_words(fault, interfaces)} at {fault.at:g} s,", fault.at
     for _, block, own in _components(interfaces, values):
         for name, number, begin, until in windows(block, own):
             if begin < until:
                 yield f"{block}.{name}[{number}] = {begin:g} s", begin
+
+
+def _words(fault: Disturbance, interfaces: Interfaces) -> str:
+    """A fault in words, with the unit of its signal."""
+    units = {
+        f"{component}.{name}": output.unit
+        for component, interface in interfaces.items()
+        for name, output in interface.outputs.items()
+    }
+    return fault.words(stated_unit(units.get(fault.output, "")))
 
 
 def _components(
@@ -130,11 +141,14 @@ def _takes_attitude(estimator: str) -> bool:
     return any(name in inputs for name in CanineAhrs.flat_names("output"))
 
 
-def _below_a_tick(scenario: Scenario) -> Iterator[str]:
+def _below_a_tick(scenario: Scenario, interfaces: Interfaces) -> Iterator[str]:
     if scenario.duration < TICK:
         yield f"duration is {scenario.duration:g} s, below a tick ({TICK:g} s): nothing moves"
     spans = [(f"[[set]] {i}, {s.variable}", s.at, s.until) for i, s in enumerate(scenario.sets, start=1)]
-    spans += [(f"[[fault]] {i}, {f.words}", f.at, f.until) for i, f in enumerate(scenario.faults, start=1)]
+    spans += [
+        (f"[[fault]] {i}, {_words(f, interfaces)}", f.at, f.until)
+        for i, f in enumerate(scenario.faults, start=1)
+    ]
     for what, at, until in spans:
         if until is not None and first_tick(at, TICK) == first_tick(until, TICK):
             yield f"{what} from {at:g} to {until:g} s, never acts: no tick (every {TICK:g} s) is in it"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -140,13 +141,10 @@ def signals_of(log: Log) -> dict[str, Array]:
 
 
 def units_of(log: Log) -> dict[str, str]:
-    units = {
-        f"{channel.component}.{name}": unit
-        for channel in log.channels
-        for name, unit in zip(channel.names, channel.units, strict=True)
-    }
     derived = {"position": "m", "north": "m", "east": "m", "speed": "m/s", "heading": "rad"}
-    return units | {f"{group}.{name}": unit for group in ("fix", "error") for name, unit in derived.items()}
+    return log.units | {
+        f"{group}.{name}": unit for group in ("fix", "error") for name, unit in derived.items()
+    }
 
 
 def _panels(log: Log, signals: Mapping[str, Array]) -> list[dict[str, Any]]:
@@ -190,12 +188,8 @@ def _panels(log: Log, signals: Mapping[str, Array]) -> list[dict[str, Any]]:
 
 def _panels_of_all(log: Log) -> list[dict[str, Any]]:
     """A panel for each signal, up to a number, of a log that has none of a trial's."""
-    named = [
-        (f"{channel.component}.{name}", unit)
-        for channel in log.channels
-        for name, unit in zip(channel.names, channel.units, strict=True)
-    ]
-    return [panel(name, unit, [Line(name, "", "truth")]) for name, unit in named[:MOST_PANELS]]
+    shown = islice(log.units.items(), MOST_PANELS)
+    return [panel(name, unit, [Line(name, "", "truth")]) for name, unit in shown]
 
 
 def _error_range(signals: Mapping[str, Array], name: str, unit: str) -> list[float] | None:

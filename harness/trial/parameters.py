@@ -12,7 +12,8 @@ from rich.markup import escape
 
 from harness.terminal import new_table, print_table
 from harness.toml_file import TomlError, parse_toml
-from harness.trial.plan import is_angular, start_of
+from harness.trial.plan import start_of
+from harness.trial.units import is_angular, stated_unit
 from models.kit.block import Block
 from models.kit.declaration import Type, Variable, flatten
 from models.readings import ON_BOARD, READING, READINGS
@@ -75,14 +76,13 @@ def sets_for(block: type[Block]) -> list[str]:
 
 
 def _row(block: type[Block], variable: Variable, reading: str) -> ParameterRow:
-    unit = variable.unit.replace("rad", "deg") if is_angular(variable) else variable.unit
     name = f"{block.title()}.{variable.name}"
     start = (READINGS[reading][name],) if name in READINGS[reading] else variable.start
     starts = [_written(variable, value) for value in start]
     return ParameterRow(
         name,
         variable.type.value,
-        "" if unit == "1" else unit,
+        stated_unit(variable.unit),
         variable.size,
         None if variable.min is None else _written(variable, variable.min),
         None if variable.max is None else _written(variable, variable.max),

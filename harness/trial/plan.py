@@ -18,10 +18,10 @@ from harness.cosim.stepping import Event
 from harness.trial.notes import idle_notes
 from harness.trial.pairs import check_points, check_windows
 from harness.trial.scenario import LOST, Scenario, ScenarioError, Setting, Written, toml_of
+from harness.trial.units import is_angular, stated_unit
 from models.errors import UsageError, nearest
 from models.kit.declaration import Type, Variable, flatten
 from models.kit.link import Link
-from models.kit.units import UNITS
 from models.readings import READING, READINGS, start_heading_deviation
 from models.sets import find_set
 from models.system import BLOCKS, DEFAULTS, ESTIMATORS, SYSTEMS, System
@@ -430,11 +430,6 @@ def _converted(name: str, written: Written, known: Mapping[str, Variable], where
     }
 
 
-def is_angular(variable: Variable) -> bool:
-    """Do users write the quantity in degrees?"""
-    return UNITS.get(variable.unit, {}).get("rad", 0) == 1
-
-
 def si_value(written: Written, variable: Variable, where: str) -> float:
     """The SI value of what a user wrote.
 
@@ -475,7 +470,7 @@ def _expected(variable: Variable) -> str:
         words += f" from {_inward(math.degrees(variable.min), math.ceil)}"
     if variable.max is not None:
         words += f" up to {_inward(math.degrees(variable.max), math.floor)}"
-    return words + " " + variable.unit.replace("rad", "deg")
+    return f"{words} {stated_unit(variable.unit)}"
 
 
 def _inward(limit: float, rounded: Callable[[float], int]) -> str:

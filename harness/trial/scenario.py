@@ -57,6 +57,7 @@ from models.kit.random import MAX_SEED
 from models.readings import READINGS
 from models.system import ESTIMATOR, ESTIMATORS, SYSTEMS, System, find_system
 
+ARROW = "->"  # of a signal's link
 LOST, GARBAGE, STALL = "lost", "garbage", "stall"  # of the radio, of bytes for the firmware, of a component
 Written = bool | int | float | str | list[Any]
 SHIPPED = Path(__file__).parents[1] / "scenarios"
@@ -98,12 +99,23 @@ class Disturbance:
     value: float | None = None
 
     @property
-    def words(self) -> str:
-        """What it is, for tables and legends: `offset 5 of sensors.gps_north`."""
+    def output(self) -> str:
+        """The signal without the link: `component.output`."""
+        return self.signal.partition(ARROW)[0].strip()
+
+    def words(self, unit: str) -> str:
+        """What it is, for tables and legends: `offset of 5 m in sensors.gps_north`.
+
+        Args:
+            unit: of the signal, as scenarios state it.
+        """
         if self.kind == LOST:
             return f"lost {self.signal}"
-        how_much = "" if self.value is None else f" {self.value:.6g}"
-        return f"{self.kind}{how_much} of {self.signal}"
+        if self.value is None:
+            return f"{self.kind} of {self.signal}"
+        own = FAULTS[self.kind].unit
+        how_much = f"{self.value:.6g} {unit if own is None else own}".rstrip()
+        return f"{self.kind} of {how_much} in {self.signal}"
 
 
 @dataclass(frozen=True)
@@ -113,6 +125,7 @@ class FaultKind:
     Attributes:
         means: its `value`; "" if it takes none.
         low, high: the range of that.
+        unit: of that; None for the signal's.
         types: of the signals that it fits; none for what is no signal.
         ends: it needs an `until`.
     """
@@ -120,6 +133,7 @@ class FaultKind:
     means: str = ""
     low: float = -math.inf
     high: float = math.inf
+    unit: str | None = ""
     types: frozenset[Type] = frozenset(Type)
     ends: bool = False
 
@@ -128,12 +142,12 @@ REALS = frozenset({Type.REAL})
 FAULT_KINDS = {
     Kind.OFF: FaultKind(),
     Kind.STUCK: FaultKind(),
-    Kind.OFFSET: FaultKind("what is added, in the signal's unit", types=REALS),
+    Kind.OFFSET: FaultKind("what is added, in the signal's unit", unit=None, types=REALS),
     Kind.SCALE: FaultKind("the factor", types=REALS),
-    Kind.NOISE: FaultKind("the standard deviation, in the signal's unit", 0, types=REALS),
-    Kind.DELAY: FaultKind(f"the delay in s, up to {LONGEST_DELAY} ticks", 0),
+    Kind.NOISE: FaultKind("the standard deviation, in the signal's unit", 0, unit=None, types=REALS),
+    Kind.DELAY: FaultKind(f"the delay in s, up to {LONGEST_DELAY} ticks", 0, unit="s"),
     Kind.DROPOUTS: FaultKind("the share of samples that are lost", 0, 1),
-    Kind.JUMP: FaultKind("what the signal jumps by, in its unit", types=REALS, ends=True),
+    Kind.JUMP: FaultKind("what the signal jumps by, in its unit", unit=None, types=REALS, ends=True),
     Kind.NAN: FaultKind(types=REALS),
 }
 FAULTS = {kind.name.lower(): what for kind, what in FAULT_KINDS.items()} | {

@@ -34,7 +34,7 @@ from harness.fit.estimate import rounded
 from harness.replay.comparison import HELD
 from harness.replay.replay import COLUMNS
 from harness.terminal import new_table, print_table
-from harness.trial.plan import is_angular
+from harness.trial.units import is_angular
 from harness.tune.fit import LEVEL
 from harness.tune.tune import AFTER, BEFORE, CONSTANT
 from models.kit.declaration import Type

@@ -166,7 +166,7 @@ def test_a_fault_shows_as_a_band_under_its_words(tmp_path: Path) -> None:
     scenario = with_faults(fault("sensors.gps_east", "jump"), fault("sensors.gps_north", "off", 1.6, None))
     log = flown(scenario, tmp_path)
     assert disturbances(log) == {
-        "jump 10 of sensors.gps_east": [(0.8, 1.2)], "off of sensors.gps_north": [(1.6, 2.0)]
+        "jump of 10 m in sensors.gps_east": [(0.8, 1.2)], "off of sensors.gps_north": [(1.6, 2.0)]
     }  # fmt: skip
 
 

@@ -73,7 +73,9 @@ def test_each_fault_is_flown_alone_and_judged(tmp_path: Path, capsys: pytest.Cap
     with (out / "faults.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["verdict"] for row in rows] == [result["verdict"] for result in results]
-    assert rows[1]["fault"] == "nan of plant.heading -> controller.heading"
+    assert [row["fault"] for row in rows[1:3]] == [
+        "nan of plant.heading -> controller.heading", "offset of 0.1 m/s in plant.speed -> controller.speed"
+    ]  # fmt: skip
 
 
 def test_a_fault_that_begins_while_the_dog_is_stopped_anyway_counts_from_its_beginning(
@@ -140,8 +142,31 @@ def test_a_group_of_signals_is_told_in_few_words() -> None:
     faults = [
         Disturbance(f"estimator.{n} -> controller.{n}", "offset", 1.0, 2.0, 5.0) for n in ("north", "east")
     ]
-    assert Case(tuple(faults)).words == "offset 5 of estimator.north, estimator.east -> controller"
-    assert Case((faults[0],)).words == "offset 5 of estimator.north -> controller.north"
+    units = {"estimator.north": "m"}
+    assert (
+        Case(tuple(faults)).words(units) == "offset of 5 m in estimator.north, estimator.east -> controller"
+    )
+    assert Case((faults[0],)).words(units) == "offset of 5 m in estimator.north -> controller.north"
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "unit", "words"),
+    [
+        ("jump", 90.0, "rad", "jump of 90 deg in dog.x"),
+        ("noise", 1.5, "rad/s", "noise of 1.5 deg/s in dog.x"),
+        ("offset", -0.25, "m/s2", "offset of -0.25 m/s2 in dog.x"),
+        ("offset", 2.0, "1", "offset of 2 in dog.x"),
+        ("scale", 2.0, "m", "scale of 2 in dog.x"),
+        ("delay", 0.4, "rad", "delay of 0.4 s in dog.x"),
+        ("dropouts", 0.5, "m", "dropouts of 0.5 in dog.x"),
+        ("garbage", 0.3, "", "garbage of 0.3 in dog.x"),
+        ("stuck", None, "m", "stuck of dog.x"),
+    ],
+)
+def test_a_fault_is_told_in_the_unit_of_its_value(
+    kind: str, value: float | None, unit: str, words: str
+) -> None:
+    assert Case((Disturbance("dog.x", kind, 1.0, 2.0, value),)).words({"dog.x": unit}) == words
 
 
 def test_the_catalogue_knows_all_kinds_and_only_signals_that_there_are() -> None:
@@ -163,8 +188,8 @@ def test_what_a_system_lacks_is_left_out(monkeypatch: pytest.MonkeyPatch) -> Non
     some = [c for c in shipped_cases(1.0, 2.0) if c.faults[0].kind in ("delay", "lost", "garbage", "stall")]
     request = Request(load("two_waypoint"))
     # then the full system has no link from the plant to the controller, and no bytes
-    words = [case.words for case in fitting(request, some)]
-    assert "delay 0.4 of sensors.heading_meas" in words
+    words = [case.words({}) for case in fitting(request, some)]
+    assert "delay of 0.4 s in sensors.heading_meas" in words
     assert "lost radio" in words
     assert [text for text in words if "stall" in text] == [
         f"stall of {name}" for name in ("sensors", "estimator", "controller", "command_module")

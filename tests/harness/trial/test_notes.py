@@ -12,7 +12,7 @@ import pytest
 from codegen.firmware.telemetry import Flag
 from harness.trial.notes import late_notes, radio_notes
 from harness.trial.plan import interfaces_of_system, plan
-from harness.trial.scenario import Scenario, Setting, load, shipped
+from harness.trial.scenario import Disturbance, Scenario, Setting, load, shipped
 from models.system import SYSTEMS
 from tests.harness.command import canine
 
@@ -20,6 +20,7 @@ FULL = interfaces_of_system(SYSTEMS["full"])
 FENCE = ((-5.0, -9.0), (40.0, -9.0), (40.0, 9.0), (-5.0, 9.0))
 LEG = Scenario("leg", waypoints=((25.0, 0.0),))
 STOP = Setting("controller.override", "STOP", 10.0)
+TURNED = Disturbance("plant.heading", "jump", 10.0, 20.0, 90.0)
 
 
 @pytest.mark.parametrize(
@@ -79,6 +80,17 @@ STOP = Setting("controller.override", "STOP", 10.0)
             ],
         ),
         (replace(LEG, sets=(replace(STOP, at=10.01, until=10.05),)), []),
+        (
+            replace(LEG, duration=9.0, faults=(TURNED,)),
+            ["[[fault]] 1, jump of 90 deg in plant.heading at 10 s, never acts: the trial lasts 9 s"],
+        ),
+        (
+            replace(LEG, faults=(replace(TURNED, at=10.01, until=10.03),)),
+            [
+                "[[fault]] 1, jump of 90 deg in plant.heading from 10.01 to 10.03 s, never acts: no tick "
+                "(every 0.04 s) is in it"
+            ],
+        ),
         (
             LEG.override(["sensors.outage_start=[3.05]", "sensors.outage_end=[3.06]"]),
             ["sensors.outage_start[1]: no tick (every 0.04 s) is in the window from 3.05 to 3.06 s"],
