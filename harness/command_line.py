@@ -48,7 +48,7 @@ from harness.recording import STREAMS
 from harness.replay import EVERY_S, OUTAGE_S
 from harness.studies import STUDIES
 from harness.trial import DEFAULT
-from models.errors import UsageError
+from models.errors import CanineError, UsageError
 
 if TYPE_CHECKING:
     from harness.replay.comparison import Comparison
@@ -434,6 +434,8 @@ def replay_recording(
     else:
         replay.show(result, out())
         say_where(place)
+    if verdicts := replayed.verdicts.values():
+        raise CanineError("\n".join(verdicts))
 
 
 def _replay_all(
@@ -465,6 +467,7 @@ def _replay_all(
         print_note(f"{path}: {some} cannot be replayed: {', '.join(failed)}")
     if not as_json:
         typer.echo(f"{short(place)}/: a folder for each recording")
+    several.require_sound(results)
 
 
 app.command("sweep")(sweep_commands.sweep_parameters)

@@ -257,6 +257,11 @@ class ReplayResult:
         return dict(self.report["left_out"])
 
     @property
+    def verdicts(self) -> dict[str, str]:
+        """FMUs that went wrong, of which nothing is judged: configuration -> how, with call and time."""
+        return dict(self.report["verdicts"])
+
+    @property
     def paired_t_tests(self) -> list[dict[str, Any]]:
         """The tests of each pair of configurations, over outages that do not overlap."""
         return list(self.report["paired_t_tests"])
@@ -542,7 +547,7 @@ def run_matrix(
         progress=progress,
         note=notes.append,
     )
-    return MatrixResult(folder, result.facts(), tuple(notes), tuple(result.fmu_failures))
+    return MatrixResult(folder, result.facts(), tuple(notes), tuple(result.fmu_failures()))
 
 
 def run_replay(
@@ -578,7 +583,7 @@ def run_replay(
 
     Raises:
         UsageError: there is no such estimator.
-        CanineError: the recording cannot be read or is too short, or the FMU fails.
+        CanineError: the recording cannot be read or is too short, or all FMUs fail.
     """
     from harness.recording.signals import require_attitude  # noqa: PLC0415
     from harness.replay import replay  # noqa: PLC0415 - scipy.stats, which trials need not wait for

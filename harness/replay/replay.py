@@ -29,8 +29,11 @@ from harness.replay.plots import Track, replay_picture
 from harness.replay.source import ReplaySource
 from harness.replay.windows import NOT_VALID, SETTLE, Outages
 from harness.terminal import new_table, print_table
+from models.errors import CanineError
+from models.system import ESTIMATORS
 
 COLUMNS = ("position_error_m", "velocity_error_m_s")  # the second is the speed's; outages.json has this name
+STATISTICS = ("mean", "sd", "median", "p90")
 CLASSIC = ("no pitch", "pitch", "fuzzy")  # the text's own comparison: its tests are always shown
 LEAST = 3  # outages for a test
 SET = " *"  # behind the name of a configuration that --set changes
@@ -58,11 +61,13 @@ class Replayed:
         outages: each with the errors of the same configurations.
         left_out: cause -> number of outages that were not judged, those of the choice among them.
         notes: on configurations that were not valid, and on what FMUs printed.
+        verdicts: of FMUs that went wrong, configuration -> how; they are not among the errors of outages.
     """
 
     outages: list[Outage]
     left_out: dict[str, int]
     notes: list[str]
+    verdicts: dict[str, str]
 
 
 def replay(
@@ -75,14 +80,14 @@ def replay(
 
     An estimator that says at the start of an outage that it is not valid has nothing to dead reckon from.
     A configuration that is valid at no start is left out; else the outage is, for all, so that pairs stay
-    pairs.
+    pairs. An FMU that goes wrong in one gets a verdict, and has no part in any.
 
     Args:
         progress: called with the number of outages done.
 
     Raises:
-        FmuError: the FMU fails.
-        EstimateError: an estimator answers no finite number.
+        FmuError, EstimateError: the only FMU fails, or it or one of ours answers no finite number.
+        CanineError: each of several FMUs fails.
         RecordingError: there are no outages to judge, or no configuration is valid at any.
     """
     if not chosen.windows:
@@ -95,6 +100,7 @@ def replay(
     configurations = comparison.usable(source)
     outages: list[Outage] = []
     valid: dict[str, list[bool]] = {configuration.name: [] for configuration in configurations}
+    verdicts: dict[str, str] = {}
     with WorkerProcess() as process:  # for FMUs that were not built here; it starts with the first of them
         for number, window in enumerate(chosen.windows):
             signals = source.signals([window])
@@ -104,7 +110,18 @@ def replay(
             ticks = last + 1
             sensed = {name: getattr(signals, name) for name in HELD_BY}
             runs = {name: hold_speed(sensed, ticks, mean_s) for name, mean_s in BASELINES.items()}
-            runs |= {c.name: c.run(signals, ticks, process=process) for c in configurations}
+            for configuration in configurations:
+                if configuration.name in verdicts:
+                    continue
+                try:
+                    runs[configuration.name] = configuration.run(signals, ticks, process=process)
+                except CanineError as error:
+                    if configuration.estimator in ESTIMATORS or len(configurations) == 1:
+                        raise
+                    verdicts[configuration.name] = str(error)
+                    del valid[configuration.name]
+            if not valid:
+                raise CanineError("\n".join(verdicts.values()))
             before = max(0, int(inside[0]) - 1)  # the last tick with fixes
             for name, at_starts in valid.items():
                 at_starts.append("valid" not in runs[name] or bool(runs[name]["valid"][before] > 0))
@@ -130,7 +147,7 @@ def replay(
                 progress(number + 1)
         process.end()
         printed = process.take_notes()
-    return _judged(source, comparison, chosen, outages, valid, notes=printed)
+    return _judged(source, comparison, chosen, outages, valid, verdicts=verdicts, notes=printed)
 
 
 def _judged(
@@ -140,6 +157,7 @@ def _judged(
     outages: Sequence[Outage],
     valid: Mapping[str, Sequence[bool]],
     *,
+    verdicts: dict[str, str],
     notes: Sequence[str],
 ) -> Replayed:
     """What can be judged of outages, by whether each configuration was valid at the start of each.
@@ -156,20 +174,20 @@ def _judged(
         for name, at_starts in valid.items()
         if name in others and not all(at_starts)
     ]
+    out = [*never, *verdicts]
     judged = [
-        replace(outage, errors=_without(outage.errors, never), estimates=_without(outage.estimates, never))
+        replace(outage, errors=_without(outage.errors, out), estimates=_without(outage.estimates, out))
         for outage, *at_start in zip(outages, *(valid[name] for name in others), strict=True)
         if all(at_start)
     ]
     if not others or not judged:
         none = "all estimators are valid at the start of none" if others else f"none is valid at {starts}"
-        raise RecordingError(
-            f"{source.name}: no outage can be judged: {none}; {'. '.join(comparison.notes(source) or notes)}"
-        )
+        why = ". ".join([*verdicts.values(), *(comparison.notes(source) or notes)])
+        raise RecordingError(f"{source.name}: no outage can be judged: {none}; {why}")
     left_out = dict(chosen.left_out)
     if number := len(outages) - len(judged):
         left_out[NOT_VALID] = number
-    return Replayed(judged, left_out, notes)
+    return Replayed(judged, left_out, notes, verdicts)
 
 
 def _without(values: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
@@ -277,6 +295,7 @@ def report(
         "left_out": replayed.left_out,
         "broken": source.broken,
         "notes": [*source.notes, *comparison.notes(source), *replayed.notes],
+        "verdicts": replayed.verdicts,
         "set": {
             c.name: list(c.settings) for c in comparison.configurations if c.settings and c.name in judged
         },
@@ -307,7 +326,13 @@ def report(
         title=f"{source.name}: {', '.join(estimators)} through outages of {chosen.length:g} s",
         not_used="\n".join(
             filter(
-                None, [not_used(result), f"not whole: {source.broken}" if source.broken else "", _set(result)]
+                None,
+                [
+                    not_used(result),
+                    *replayed.verdicts.values(),
+                    f"not whole: {source.broken}" if source.broken else "",
+                    _set(result),
+                ],
             )
         ),
     )
@@ -347,7 +372,7 @@ def show(result: Mapping[str, Any], console: Console) -> None:
     parts = {heading: part for heading, part in parts.items() if part}
     names = _marked(result["configurations"], result["set"])
     for heading, part in parts.items():
-        _show_errors(heading, part, names, console)
+        _show_errors(heading, part, names, result["verdicts"], console)
     if line := _set(result):
         console.print(line, markup=False, highlight=False)
     if lines := not_used(result):
@@ -356,7 +381,13 @@ def show(result: Mapping[str, Any], console: Console) -> None:
     _show_tests(next(iter(parts.values()))["paired_t_tests"], names, which, console)
 
 
-def _show_errors(heading: str, part: Mapping[str, Any], names: Mapping[str, str], console: Console) -> None:
+def _show_errors(
+    heading: str,
+    part: Mapping[str, Any],
+    names: Mapping[str, str],
+    failed: Iterable[str],
+    console: Console,
+) -> None:
     table = new_table()
     table.add_column(heading)
     for column in ("n", "position [m]\nmean", "\nsd", "\nmedian", "\np90"):
@@ -364,10 +395,12 @@ def _show_errors(heading: str, part: Mapping[str, Any], names: Mapping[str, str]
     for column in ("speed [m/s]\nmean", "\nsd", "\nmedian", "\np90"):
         table.add_column(escape(column), justify="right")
     for name, values in part["configurations"].items():
-        cells = [values[column][key] for column in COLUMNS for key in ("mean", "sd", "median", "p90")]
+        cells = [values[column][key] for column in COLUMNS for key in STATISTICS]
         table.add_row(
             names[name], str(values["n"]), *("-" if cell is None else f"{cell:.2f}" for cell in cells)
         )
+    for name in failed:
+        table.add_row(name, "failed", *["-"] * len(STATISTICS) * len(COLUMNS))
     print_table(table, console)
 
 

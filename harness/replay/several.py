@@ -15,6 +15,8 @@ from harness.replay.source import open_source
 from harness.terminal import new_table, print_table
 from models.errors import CanineError
 
+PARTS = ("configurations", "verdicts")  # of outages.json, by the configurations' names
+
 
 def default_folder(path: Path) -> Path:
     """The folder of the results by default, with one in it for each recording."""
@@ -58,11 +60,27 @@ def require_one(path: Path, results: Sequence[dict[str, Any]]) -> None:
         raise CanineError(f"{path}: none of {len(results)} recordings can be replayed; see what keeps each")
 
 
+def require_sound(results: Sequence[dict[str, Any]]) -> None:
+    """Raise if an FMU went wrong in a recording.
+
+    Raises:
+        CanineError: one did; the text has each verdict.
+    """
+    verdicts = [
+        f"{result['recording']}: {verdict}"
+        for result in results
+        if not result["problem"]
+        for verdict in result["verdicts"].values()
+    ]
+    if verdicts:
+        raise CanineError("\n".join(verdicts))
+
+
 def show(results: Sequence[dict[str, Any]], console: Console) -> None:
     """Print the median error of each configuration at the ends of the outages, a line for each recording."""
     # a recording without a magnetometer lacks the estimators that need one
-    replayed = [result["configurations"] for result in results if not result["problem"]]
-    names = list(dict.fromkeys(name for configurations in replayed for name in configurations))
+    replayed = [result for result in results if not result["problem"]]
+    names = list(dict.fromkeys(name for result in replayed for part in PARTS for name in result[part]))
     table = new_table()
     table.add_column("median position error [m]\nat the end of the outage")
     for heading in ("outages", "left out", "dropped", *names):
@@ -71,8 +89,11 @@ def show(results: Sequence[dict[str, Any]], console: Console) -> None:
         if result["problem"]:
             table.add_row(result["recording"], "0", *"-" * (2 + len(names)))
             continue
-        own = result["configurations"]
-        medians = [f"{own[name][COLUMNS[0]]['median']:.2f}" if name in own else "-" for name in names]
+        own, failed = result["configurations"], result["verdicts"]
+        medians = [
+            f"{own[name][COLUMNS[0]]['median']:.2f}" if name in own else "failed" if name in failed else "-"
+            for name in names
+        ]
         table.add_row(
             result["recording"],
             str(len(result["outages"])),

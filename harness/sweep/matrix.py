@@ -179,11 +179,14 @@ def plan_matrix(
             raise
         except CanineError as reason:
             refused[name] = "; ".join(str(reason).splitlines())
-            collect(f"{', '.join(name)}: left out; {refused[name]}")
     for text in notes:
         note(text)
+    reasons = dict.fromkeys(refused.values())
     if not jobs:
-        raise CanineError("\n".join(dict.fromkeys(refused.values())))
+        raise CanineError("\n".join(reasons))
+    for why in reasons:
+        cells = "; ".join(", ".join(name) for name, text in refused.items() if text == why)
+        note(f"{cells}: left out; {why}")
     check_size(Cells(tuple(jobs.values())), first_seed)
     special = (
         *([reading] if reading else []),
@@ -275,10 +278,15 @@ class Result:
         """What FMUs did to a cell, or why it could not run; "" if nothing is wrong."""
         return self.table[name].verdict if name in self.table else self.matrix.refused[name]
 
-    @property
-    def fmu_failures(self) -> list[str]:
-        """The verdicts of all cells with one, each with the cell's name."""
+    def fmu_failures(self, refused: str = "") -> list[str]:
+        """The verdicts of all cells with one, each with the cell's name.
+
+        Args:
+            refused: what is said of a cell that cannot run; by default why.
+        """
         verdicts = {name: self.verdict(name) for name in self.matrix.cells}
+        if refused:
+            verdicts |= dict.fromkeys(self.matrix.refused, refused)
         return [f"{', '.join(name)}: {verdict}" for name, verdict in verdicts.items() if verdict]
 
     def facts(self) -> dict[str, Any]:

@@ -98,7 +98,7 @@ def shown() -> Mapping[str, Callable[[Console], None]]:
     numbers = dict.fromkeys(("mean", "sd", "median", "p90"), 1234.567)
     replayed = {
         "configurations": {"speed held": {"n": 12345, **dict.fromkeys(replay.COLUMNS, numbers)}},
-        **{"paired_t_tests": [], "left_out": {}, "dropped": {}, "broken": ""},
+        **{"paired_t_tests": [], "left_out": {}, "dropped": {}, "broken": "", "verdicts": {"dog.fmu": "x"}},
         "set": {"speed held": ["four_state.position_sd_floor=0.5"]},
     }
     planned = sweep.plan_sweep("two", thresholds="20:21", vary=["cmec.capture_radius=5:6:1"], trials=10)

@@ -27,14 +27,21 @@ from harness.trial import trial
 from harness.trial.prepare import prepared
 from harness.trial.request import Request, build_missing
 from harness.trial.scenario import load
+from models.errors import CanineError
 from models.four_state import FourState
 from models.kit.model import Model
+from tests.harness.command import canine
 from tests.harness.cosim.tiny_fmu import V, strict, tiny_fmu
 from tests.harness.replay.logs import walk as walk_of_log
 from tests.harness.replay.logs import write
 
 PROJECT = Path(__file__).resolve().parents[3]
-NOTHING_ELSE: dict[str, Any] = {"dropped": {}, "left_out": {}, "set": {}}  # of a replay's result
+NOTHING_ELSE: dict[str, Any] = {
+    "dropped": {},
+    "left_out": {},
+    "set": {},
+    "verdicts": {},
+}  # of a replay's result
 WALK = Path(os.environ.get("CANINE_DATA", PROJECT.parent / "shared" / "data")) / "walk_ublox_imu"
 FOUR = compare("four_state")
 walk_is_there = pytest.mark.skipif(not WALK.is_dir(), reason=f"no recording in {WALK}")
@@ -279,6 +286,67 @@ def test_an_estimator_that_asks_to_end_ends_the_replay(tmp_path: Path) -> None:
     signals = open_source(write(tmp_path / "trial.mcap", walk_of_log(1))).signals([])
     with pytest.raises(FmuError, match=r"^estimator ends\.fmu: asks to end the simulation at t = 0\.12 s$"):
         run_fmu(path, signals, 7, {})
+
+
+FILTER = [V("gps_north", "input"), V("north"), V("east"), V("speed")]
+CRASHES = "*(volatile int *)8 = 1;"
+
+
+def test_an_fmu_that_crashes_costs_no_other_estimator_its_results(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given three outages, an FMU that crashes in the second of them, and one that does not
+    log = write(tmp_path / "trial.mcap", walk_of_log(40))
+    bad = tiny_fmu(tmp_path / "bad.fmu", FILTER, f"v[1] = v[0]; if (t > 20) {CRASHES}")
+    good = tiny_fmu(tmp_path / "good.fmu", FILTER, "v[1] = v[0];")
+    replayed = ("replay", log, "--outage", 5, "--every", 8)
+    monkeypatch.setattr("harness.replay.replay.replay_picture", lambda *_, **__: None)  # seconds to draw
+    arguments = ("--estimator", f"six_state,{good}", "--out", tmp_path / "good")
+    status, expected, error = canine(capsys, *replayed, *arguments, "--json")
+    assert (status, error) == (0, "")
+    # when
+    arguments = ("--estimator", f"{bad},six_state,{good}", "--out", tmp_path / "out")
+    status, result, error = canine(capsys, *replayed, *arguments, "--json")
+    # then the others have the same numbers, and it has a verdict
+    told = json.loads(result)
+    assert status == 1
+    verdict = "estimator bad.fmu: fmi2DoStep ended the process at t = 20.04 s: segmentation fault"
+    assert told["verdicts"] == {"bad.fmu": verdict}
+    assert error == f"canine: {verdict}\n"
+    assert len(told["outages"]) > 2
+    for part in ("configurations", "paired_t_tests", "moving", "outages"):
+        assert told[part] == json.loads(expected)[part]
+    # and the table has both
+    status, text, error = canine(capsys, *replayed, *arguments)
+    rows = {line.split()[0]: line.split()[1:3] for line in text.splitlines() if ".fmu" in line}
+    assert (status, rows["bad.fmu"]) == (1, ["failed", "-"])
+    mean = told["configurations"]["good.fmu"]["position_error_m"]["mean"]
+    assert rows["good.fmu"] == [str(len(told["outages"])), f"{mean:.2f}"]
+    assert error.count("ended the process") == 1
+
+
+def test_fmus_that_all_fail_are_all_named(tmp_path: Path) -> None:
+    source = open_source(write(tmp_path / "trial.mcap", walk_of_log(40)))
+    paths = [tiny_fmu(tmp_path / f"{name}.fmu", FILTER, "return 3;") for name in ("one", "two")]
+    with pytest.raises(CanineError, match=r"one\.fmu: fmi2DoStep .*\n.*two\.fmu: fmi2DoStep returned error"):
+        replay(source, compare(",".join(map(str, paths))), source.outages(5, 8))
+
+
+def test_an_estimator_of_ours_that_fails_ends_the_replay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given one of ours that answers no number, beside others
+    source = open_source(write(tmp_path / "trial.mcap", walk_of_log(40)))
+    estimate = Configuration._estimate
+
+    def spoiled(configuration: Configuration, *arguments: Any) -> dict[str, Any]:
+        values = estimate(configuration, *arguments)
+        return {n: v * np.nan if configuration.name == "pitch" else v for n, v in values.items()}
+
+    monkeypatch.setattr(Configuration, "_estimate", spoiled)
+    # then nobody takes its absence for a result
+    with pytest.raises(EstimateError, match=r'^pitch: output "north" is nan'):
+        replay(source, FOUR, source.outages(5, 8))
 
 
 def test_what_was_left_out_or_dropped_is_told_in_all_places(

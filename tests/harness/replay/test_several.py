@@ -13,6 +13,7 @@ from rich.console import Console
 from harness.recording.mounting import rotation
 from harness.replay.several import show
 from tests.harness.command import canine
+from tests.harness.cosim.tiny_fmu import V, tiny_fmu
 from tests.harness.recording import made_up
 
 
@@ -62,7 +63,7 @@ def test_an_estimator_that_one_recording_has_no_sensors_for_has_a_dash_there(
         errors = {name: {"position_error_m": {"median": median}} for name, median in medians.items()}
         return {
             "recording": recording, "problem": "", "configurations": errors, "outages": [1], "left_out": {},
-            "dropped": {}, "notes": [],
+            "dropped": {}, "notes": [], "verdicts": {},
         }  # fmt: skip
 
     show([result("walk", pitch=1.25), result("run", pitch=2.5, seven_state=3.75)], Console(width=120))
@@ -72,6 +73,23 @@ def test_an_estimator_that_one_recording_has_no_sensors_for_has_a_dash_there(
     }
     assert rows["walk"] == ["1.25", "-"]
     assert rows["run"] == ["2.50", "3.75"]
+
+
+def test_an_fmu_that_crashes_is_named_behind_the_results_of_all_others(
+    field: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # given an FMU that crashes in each recording
+    variables = [V("gps_north", "input"), V("north"), V("east"), V("speed")]
+    bad = tiny_fmu(tmp_path / "bad.fmu", variables, "*(volatile int *)8 = 1;")
+    # when
+    arguments = ("--estimator", f"{bad},two_bias", "--outage", 5, "--every", 20, "--out", tmp_path / "out")
+    status, text, error = canine(capsys, "replay", field, *arguments)
+    # then
+    assert status == 1
+    rows = {line.split()[0]: line.split() for line in text.splitlines() if line.strip()}
+    for recording in ("monday", "tuesday"):
+        assert rows[recording].count("failed") == 1
+        assert f"{recording}: estimator bad.fmu: fmi2DoStep ended the process" in error
 
 
 def test_a_folder_of_recordings_of_which_none_can_be_replayed_is_a_fault(

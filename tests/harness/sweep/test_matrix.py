@@ -218,7 +218,7 @@ def test_an_fmu_runs_by_cosimulation_as_often_as_it_is_asked_to(
         assert (point.trials, point.successes, point.timeouts, point.fmu_failures) == (3, 3, 0, ())
     point = result.table["cmec", str(fmus["well"]), "leg"]
     assert point.mean_time == pytest.approx(summary["time_s"])
-    assert result.fmu_failures == []
+    assert result.fmu_failures() == []
 
 
 def test_an_anomaly_that_a_stalled_controller_holds_is_counted_once_in_either_engine(
@@ -267,6 +267,10 @@ def test_an_fmu_that_fails_spoils_its_own_trials_only(
     last = errors.splitlines()[-3:]
     for line, name in zip(last, ("seldom", "always", "misfit"), strict=True):
         assert line.startswith(f"canine: cmec, {fmus[name]}, leg: ")
+    # and what does not fit is told once, before the trials
+    assert errors.count('has no output "east"') == 1
+    assert f'note: cmec, {fmus["misfit"]}, leg: left out; plant misfit.fmu: has no output "east"' in errors
+    assert last[-1].endswith("leg: left out, as noted above")
     report = json.loads((tmp_path / "out" / "matrix.json").read_text())
     (fault,) = report["cells"][1]["fmu_failures"]
     assert (fault["seed"], fault["kind"], fault["fmu"], fault["call"]) == (
@@ -278,10 +282,20 @@ def test_an_fmu_that_fails_spoils_its_own_trials_only(
     assert "refused" in printed
 
 
-def test_nothing_that_fits_is_a_fault(fmus: dict[str, Path]) -> None:
-    with pytest.raises(CanineError, match=r'misfit\.fmu: has no output "east"') as raised:
-        plan_matrix(["cmec"], [str(fmus["misfit"])], [LEG])
+def test_nothing_that_fits_is_a_fault_and_told_once(fmus: dict[str, Path]) -> None:
+    notes: list[str] = []
+    with pytest.raises(CanineError, match=r'^plant misfit\.fmu: has no output "east"[^\n]*$') as raised:
+        plan_matrix(["cmec", "quarter_turn"], [str(fmus["misfit"])], [LEG], note=notes.append)
     assert not isinstance(raised.value, UsageError)
+    assert notes == []
+
+
+def test_what_keeps_cells_from_running_is_noted_once_for_all_of_them(fmus: dict[str, Path]) -> None:
+    notes: list[str] = []
+    misfit = str(fmus["misfit"])
+    plan_matrix(["cmec", "quarter_turn"], ["canine", misfit], [LEG], note=notes.append)
+    (told,) = [note for note in notes if "left out" in note]
+    assert told.startswith(f"cmec, {misfit}, leg; quarter_turn, {misfit}, leg: left out; plant misfit.fmu: ")
 
 
 def test_a_cell_is_given_up_by_its_first_chunk_alone(fmus: dict[str, Path], tmp_path: Path) -> None:
