@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-MOST_ROWS = 4096
+MOST_ROWS = 2048  # more than a screen has pixels; a slow link takes seconds for more
+DIGITS = 7  # after the point: of a degree, as the radio sends it
 
 
 class History:
@@ -18,7 +19,7 @@ class History:
     def add(self, row: Mapping[str, float]) -> None:
         """A row; it may be left out."""
         if self._count % (1 << self._stride) == 0:
-            self._rows.append(tuple(row[name] for name in self._names))
+            self._rows.append(tuple(round(row[name], DIGITS) for name in self._names))
             if len(self._rows) > MOST_ROWS:
                 self._rows, self._stride = self._rows[::2], self._stride + 1
         self._count += 1

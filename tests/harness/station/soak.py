@@ -22,6 +22,7 @@ import numpy as np
 
 from harness.log.log import FILE, read_log
 from harness.onboard.radio import Decoder
+from harness.station.shown import News
 from models.commands import Status
 from tests.harness.station.browser import Browser, Served, simulated
 from tests.harness.station.dogs import TURN, obedient
@@ -98,6 +99,7 @@ class Soak:
     Attributes:
         outcomes: how many missions ended how.
         held: MiB at the end of each interval.
+        own: s of the processor that the longest look at the port took; longer delays are the machine's.
     """
 
     def __init__(self, station: Served, commander: Commander, slow: SlowWatcher, until: float) -> None:
@@ -105,6 +107,16 @@ class Soak:
         self.outcomes: dict[str, int] = {}
         self.held: list[float] = []
         self._told = 0  # delays that were
+        self.own = 0.0  # s of the processor that the longest look at the port took
+        poll = station.shown.poll
+
+        def timed() -> News:
+            begun = time.thread_time()
+            news = poll()
+            self.own = max(self.own, time.thread_time() - begun)
+            return news
+
+        station.shown.poll = timed  # type: ignore[method-assign]
 
     @property
     def is_over(self) -> bool:
@@ -157,9 +169,11 @@ def soak(folder: Path, hours: float, speed: float) -> list[str]:
             watching.start()
             run.run()
             print(f"the vest: {station.vest.state.account()}")
+            print(f"the station took {1000 * run.own:.0f} ms of the processor at once, at most")
     log = read_log(folder / "out" / FILE)
     logged = set(np.rint(1000 * log["telemetry.time"]).astype(int).tolist()) - {0}
-    lost = [t for t in sent.times if min(logged) <= t <= max(logged) and t not in logged]
+    first, last = min(logged), max(logged)  # before, the vest did not answer this station yet
+    lost = [t for t in sent.times if first <= t <= last and t not in logged]
     growth = run.held[-1] - run.held[max(1, INTERVALS // 10)]
     print(f"{len(sent.times)} telemetries sent, {len(lost)} not in the log; memory grew by {growth:.1f} MiB")
     faults = []

@@ -6,8 +6,6 @@ from harness.onboard.processors import Received
 from harness.station.alarms import Alarm, Alarms
 from harness.station.draft import as_json
 from harness.station.events import Level
-from harness.station.history import MOST_ROWS, History
-from models.commands import Command
 from tests.harness.station.rig import MISSION, Rig, connected, under_way
 
 
@@ -118,15 +116,3 @@ def test_a_vest_that_begins_anew_is_not_late() -> None:
     rig.reset()
     rig.run(2)
     assert rig.conduct.quality.at(rig.now).late == 0
-
-
-def test_a_history_stays_small_and_keeps_its_first_and_newest_rows() -> None:
-    history = History(("time", "command"))
-    for i in range(10 * MOST_ROWS):
-        history.add({"time": float(i), "command": Command.STOP, "other": 1.0})
-    times = history.columns()["time"]
-    assert len(times) <= MOST_ROWS
-    assert times[0] == 0
-    assert times[-1] >= 10 * MOST_ROWS - 32
-    assert times == sorted(times)
-    assert History(("time",)).columns() == {"time": []}
