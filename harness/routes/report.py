@@ -14,6 +14,7 @@ from harness.routes.candidates import Candidate
 from harness.routes.halving import Result
 from harness.routes.picture import routes_png
 from harness.routes.score import Score
+from harness.routes.site import rings_of
 from harness.station.formats import geojson
 from harness.station.formats.scenario import of_scenario
 from harness.terminal import new_table, percent, print_table
@@ -78,6 +79,10 @@ def facts(result: Result) -> dict[str, Any]:
         "notes": problem.notes,
         "recommended": None if recommended is None else result.ranked.index(recommended) + 1,
         "reference": result.ranked.index(result.reference) + 1,
+        "areas": [
+            {"name": area.name, "rings": [ring.tolist() for ring in rings_of(area.shape)]}
+            for area in problem.site.areas
+        ],
         "routes": [
             {
                 "number": number,
@@ -94,6 +99,7 @@ def _facts_of(candidate: Candidate, score: Score, result: Result) -> dict[str, A
     low, high = score.interval
     entry_low, entry_high = score.entry_interval
     return {
+        "label": candidate.label,
         "length_m": round(candidate.way.length, 2),
         "along": candidate.way.kind,
         "clearance_m": candidate.way.clearance,

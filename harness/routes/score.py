@@ -21,7 +21,7 @@ import numpy.typing as npt
 from codegen.batch.areas import Areas
 from codegen.batch.batch import Batch
 from harness.routes.candidates import Candidate
-from harness.routes.site import Area, Place
+from harness.routes.site import Area, Place, rings_of
 from harness.sweep.chunks import TICK_S, TrialType
 from harness.sweep.table import wilson
 from harness.sweep.trials import trial_type
@@ -135,7 +135,7 @@ class Scorer:
 
     def __init__(self, scenario: Scenario, system: System, areas: Sequence[Area], begin: Place) -> None:
         self.scenario, self.system, self.begin = scenario, system, begin
-        self.areas = Areas([_rings(area.shape) for area in areas])
+        self.areas = Areas([rings_of(area.shape) for area in areas])
         own = [(name, *name.split(".", 1)) for name in OWN]
         self.own = [
             name
@@ -201,8 +201,3 @@ def route_scenario(scenario: Scenario, begin: Place, waypoints: Sequence[Place])
     (north, east), (to_north, to_east) = begin, waypoints[0]
     heading = math.degrees(math.atan2(to_east - east, to_north - north))
     return replace(scenario, waypoints=tuple(waypoints), start=(north, east, heading))
-
-
-def _rings(polygon: Any) -> list[npt.NDArray[np.float64]]:
-    """The rings of a polygon: (corners, 2), the first corner not repeated."""
-    return [np.array(ring.coords)[:-1] for ring in (polygon.exterior, *polygon.interiors)]

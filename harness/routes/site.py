@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+import numpy.typing as npt
 import shapely
 
 from models.errors import UsageError
@@ -14,6 +16,11 @@ Place = tuple[float, float]  # north and east, m
 
 class RouteError(UsageError):
     """A map cannot be used, or no route is to be had on it."""
+
+
+def rings_of(polygon: shapely.Polygon) -> list[npt.NDArray[np.float64]]:
+    """The rings of a polygon: (corners, 2), the first corner not repeated."""
+    return [np.array(ring.coords)[:-1] for ring in (polygon.exterior, *polygon.interiors)]
 
 
 @dataclass(frozen=True)

@@ -8,5 +8,6 @@ to the port, what is shown, a log.
 `quality` judge it: these four are stepped with the time, and know no socket. `session` joins them to a port
 and to the `sink`, which writes the log; `playback` plays one. `shown` is what both give to browsers, with the
 `history` for who comes late; `readings` are a telemetry in its units. `server` serves either, as README.md
-states, past the `guard`; `headless` does without one. `opening` opens it all, and reports at the end.
+states, past the `guard`; `headless` does without one. `proposals` asks `canine plan` for routes. `opening`
+opens it all, and reports at the end.
 """

@@ -27,9 +27,11 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from harness.station.desk import OrderError
-from harness.station.draft import as_json, from_json
+from harness.station.draft import as_json, from_json, place_of
 from harness.station.guard import SUBPROTOCOL, Guard, token_of
 from harness.station.mission_files import MAX_BYTES, read, write
+from harness.station.proposals import MAX_BYTES as MAP_BYTES
+from harness.station.proposals import Proposals
 from harness.station.shown import (
     MESSAGE_BYTES,
     MESSAGES_PER_S,
@@ -139,11 +141,13 @@ class Station:
     def __init__(self, shown: Shown, guard: Guard) -> None:
         self.shown, self.guard = shown, guard
         self._outboxes: dict[int, Outbox] = {}
+        self._proposals = Proposals()
         self._operators = 0
         routes = [
             Route("/", self._page),
             Route("/import", self._import, methods=["POST"]),
             Route("/export", self._export, methods=["POST"]),
+            Route("/routes", self._routes, methods=["POST"]),
             WebSocketRoute("/ws", self._socket),
             Mount("/static", StaticFiles(directory=STATIC, check_dir=False)),
             Mount("/parts", StaticFiles(directory=PARTS, check_dir=False)),
@@ -190,6 +194,17 @@ class Station:
             return _error(str(reason))
         disposition = {"content-disposition": f'attachment; filename="mission.{to}"'}
         return Response(written, media_type="application/octet-stream", headers=disposition)
+
+    async def _routes(self, request: Request) -> Response:
+        if response := self._refused(request):
+            return response
+        asked = request.query_params
+        try:
+            begin, end = (place_of(key, *asked.get(key, "").partition(",")[::2]) for key in ("from", "to"))
+            data = await _body(request, "map", MAP_BYTES)
+            return JSONResponse(await self._proposals.ask(asked.get("name", ""), data, begin, end))
+        except CanineError as reason:
+            return _error(str(reason))
 
     def _refused(self, request: Request) -> Response | None:
         why = self.guard.refusal(request.headers, request.headers.get("x-token", ""))

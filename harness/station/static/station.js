@@ -23,6 +23,9 @@
   canine.background(chart.map.leaflet, { files: id("ground"), crs: id("ground-crs"), opacity: id("ground-opacity"),
     remove: id("ground-remove"), said: id("ground-said") }, () => draft.value.home);
 
+  const routes = canine.routes(chart.map.leaflet, draft, { file: id("buildings"), propose: id("propose"), use: id("use-route"),
+    list: id("routes"), said: id("routes-said") }, ask);
+
   const link = canine.connect({ react, changed });
   // Each message names the state that it answers, by its time: the station lets none act that comes too late.
   const answer = (message) => link.send({ ...message, seen: state && state.time });
@@ -411,7 +414,7 @@
   }
   function drawMission() {
     const mine = isCommander();
-    chart.mayEdit = places.mayEdit = mine;
+    chart.mayEdit = places.mayEdit = routes.mayEdit = mine;
     id("undo").disabled = !mine || !draft.canUndo;
     id("redo").disabled = !mine || !draft.canRedo;
     for (const button of ["add-waypoint", "add-corner", "clear", "scenario", "import"]) id(button).disabled = !mine;
