@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from harness.addresses import LOCALHOST, is_local
 from harness.console import build_status, end_interrupted, json_of, out, print_note, say_where
 from harness.options import Foxglove, Seed
-from harness.vest import LOCALHOST
 from models.errors import UsageError
 
 if TYPE_CHECKING:
@@ -210,7 +210,6 @@ def _show_in_browser(shown: Shown, web: Web) -> None:
 
     from harness.station.guard import Guard
     from harness.station.server import address_of, listening, serve
-    from harness.vest.radio_port import is_local
 
     guard = Guard.of(web.bind)
     if not is_local(web.bind):

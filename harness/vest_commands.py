@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from harness.addresses import LOCALHOST
 from harness.console import build_status, end_interrupted, err, print_note, short
 from harness.options import Seed, Settings
 from harness.trial import DEFAULT
-from harness.vest import LOCALHOST, SPEEDS, TARGETS
+from harness.vest import SPEEDS, TARGETS
 
 if TYPE_CHECKING:
     from harness.vest.vest import State, Vest

@@ -14,10 +14,10 @@ from typing import Any, Self
 
 from mcap import records
 
+from harness.addresses import LOCALHOST
 from harness.log.channel import SECOND
 from models.errors import UsageError
 
-HOST = "127.0.0.1"
 POLL_S = 0.05
 AGAIN_S = 1.0  # between two times that the same scene is sent
 LASTING = ("/3d/scene",)  # topics whose last message holds until the next
@@ -51,10 +51,10 @@ class Viewers:
         self._began: float | None = None
         try:
             self._server: Any = foxglove.start_server(
-                name="Guided Canine", host=HOST, port=port, context=self._context
+                name="Guided Canine", host=LOCALHOST, port=port, context=self._context
             )
         except RuntimeError as error:
-            raise UsageError(f"--foxglove {port}: cannot listen on {HOST}:{port} ({error})") from error
+            raise UsageError(f"--foxglove {port}: cannot listen on {LOCALHOST}:{port} ({error})") from error
         self.port: int = self._server.port
 
     @property

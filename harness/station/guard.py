@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
-from harness.vest.radio_port import is_local
+from harness.addresses import is_local
 
 SUBPROTOCOL = "canine"
 TOKEN_PREFIX = "token."  # of the subprotocol that carries the token: browsers send no headers of ours

@@ -26,6 +26,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
+from harness.addresses import LOCALHOST
 from harness.station.desk import OrderError
 from harness.station.draft import as_json, from_json, place_of
 from harness.station.guard import SUBPROTOCOL, Guard, token_of
@@ -40,7 +41,6 @@ from harness.station.shown import (
     error_message,
     event_message,
 )
-from harness.vest import LOCALHOST
 from models.errors import CanineError, UsageError
 
 STATIC = Path(__file__).parent / "static"

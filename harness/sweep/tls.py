@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import ssl
 from dataclasses import dataclass, replace
-from ipaddress import ip_address
 from pathlib import Path
 from typing import Any
 
+from harness.addresses import is_local
 from models.errors import UsageError
 
 
@@ -111,11 +111,7 @@ def open_note(address: str) -> str:
     """A note on a scheduler that others can reach without a certificate; "" if it is encrypted, or here."""
     scheme, _, rest = address.rpartition("://")
     host = rest.rpartition(":")[0].strip("[]")
-    try:
-        here = ip_address(host.partition("%")[0]).is_loopback
-    except ValueError:
-        here = host == "localhost"
-    if scheme not in ("", "tcp") or here:
+    if scheme not in ("", "tcp") or is_local(host):
         return ""
     return (
         f"{address}: is open, so whoever reaches this scheduler runs programs as you, there and here; "

@@ -12,4 +12,3 @@ process of its own, `board_on_lines` a simulated board. `vest` opens it all and 
 SPEEDS = 0.05, 100.0  # trial time over the clock's, at least and at most
 TARGETS = ("host", "cortex-m4f", "stm32f405")  # processors that keep up with the clock
 BY_CLOCK = ("stm32f405",)  # those whose time is the clock's alone
-LOCALHOST = "127.0.0.1"

@@ -8,9 +8,9 @@ from contextlib import ExitStack, suppress
 from codegen.firmware.bundle import recorded
 from codegen.firmware.key import Key
 from codegen.firmware.navigation import Navigation
+from harness.addresses import LOCALHOST
 from harness.onboard.processors import Received, Reply
 from harness.onboard.processors.stm32f405 import Board, Playing, open_board
-from harness.vest import LOCALHOST
 from harness.vest.tcp_port import READ
 from models.kit.link import Values
 

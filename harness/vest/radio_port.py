@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import ipaddress
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 
-from harness.vest import LOCALHOST
+from harness.addresses import LOCALHOST, is_local
 from harness.vest.pty_port import Pty
 from harness.vest.tcp_port import TcpPort
 from models.errors import UsageError
@@ -37,11 +36,3 @@ def open_radio(tcp: int | None, bind: str, *, is_signed: bool) -> Iterator[Pty |
         )
     with closing(TcpPort(tcp, bind)) as port:
         yield port
-
-
-def is_local(address: str) -> bool:
-    """Does nobody but this machine reach an address?"""
-    try:
-        return ipaddress.ip_address(address).is_loopback
-    except ValueError:
-        return address == "localhost"

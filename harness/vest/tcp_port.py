@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 from contextlib import suppress
 
-from harness.vest import LOCALHOST
+from harness.addresses import LOCALHOST
 from models.errors import UsageError
 
 READ = 65_536  # bytes at once
