@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -23,7 +24,7 @@ from harness.station.draft import Draft, as_json
 from harness.station.events import Event, Level
 from harness.station.history import History
 from harness.station.ports import Port, PortError
-from harness.station.shown import TRACK, News, Refresh, add_to, told, welcome
+from harness.station.shown import SHOW_S, TRACK, News, Refresh, add_to, told, welcome
 from harness.station.sink import Sink
 from models.commands import Command
 from models.errors import UsageError
@@ -82,7 +83,8 @@ class Session:
         self._new: list[Event] = []
         self._track = History(TRACK)
         self._refresh = Refresh()
-        self._seen: deque[tuple[float, float]] = deque()  # when states were shown: the log's time, ours
+        # when states were shown: the log's time, ours; as many as can be young enough
+        self._seen: deque[tuple[float, float]] = deque(maxlen=1 + math.ceil(OLD_S / SHOW_S))
         self._recorded: Mission | None = None
         self._pool = ThreadPoolExecutor(1, "station-port")
         self._opening: Future[Port] | None = None
@@ -133,11 +135,9 @@ class Session:
 
     def _is_timely(self, now: float, order: Mapping[str, Any]) -> bool:
         """May it act now? What a network held back would act on an animal that nobody has seen since."""
-        while self._seen and now - self._seen[0][1] > OLD_S:
-            self._seen.popleft()
         if "seen" not in order or order.get("do") not in ORDERS or order["do"] in AT_ANY_TIME:
             return True
-        return any(order["seen"] == time for time, _ in self._seen)
+        return any(order["seen"] == time and now - at <= OLD_S for time, at in self._seen)
 
     def poll(self) -> News:
         """As `Shown`."""

@@ -160,6 +160,9 @@ def test_an_order_that_answers_a_state_of_long_ago_is_not_carried_out(tmp_path: 
     hands.now += OLD_S
     station.order(1, {"do": "take", "seen": seen})
     assert station.conduct.desk.commander == 1
+    for _ in range(1000):
+        shown(station)
+    assert len(station._seen) < 100, "a station that nobody commands keeps no more of them"
     hands.now += 0.01
     with pytest.raises(OrderError, match=r"take: came 2 s or more after what it answers was shown"):
         station.order(2, {"do": "take", "seen": seen})
