@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from contextlib import closing
+from contextlib import AbstractContextManager, ExitStack, closing
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -51,7 +51,9 @@ from harness.trial import DEFAULT
 from models.errors import CanineError, UsageError
 
 if TYPE_CHECKING:
+    from harness.log.live import Pace
     from harness.replay.comparison import Comparison
+    from harness.station.live import Live
     from harness.trial.request import Request
 
 LONG_S = 60.0  # s of trial time, from which on a run shows its progress
@@ -172,6 +174,16 @@ def run(
         ),
     ] = None,
     foxglove: Foxglove = None,
+    is_live: Annotated[
+        bool, typer.Option("--live", help="its page in the browser while it runs, at the clock's pace")
+    ] = False,
+    no_browser: Annotated[
+        bool, typer.Option("--no-browser", help="with --live: print the address alone")
+    ] = False,
+    speed: Annotated[
+        float | None,
+        typer.Option(min=0.01, max=1000, help="with --live or --foxglove: trial time over the clock's"),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="print the summary as JSON")] = False,
 ) -> None:
     """Run a trial, and write its log and report.
@@ -185,11 +197,12 @@ def run(
     canine run --controller quarter_turn --plant differential_drive   and another controller, another plant
     canine run --onboard pil:cortex-m4f           the firmware in the loop, fed with its instruments' bytes
     canine run two_waypoint --seeds 1:20          twenty trials: a folder each, a table, seeds.csv
+    canine run --live --speed 2                   twice as fast as the clock, shown in the browser
     canine run --foxglove 8765                    at the clock's pace, once a viewer is there
 
     It leaves trial.mcap, summary.json, trial.html and trial.png.
     """
-    from harness.log.live import viewers_at
+    from harness.log.live import Pace, viewers_at
     from harness.trial import trial
     from harness.trial.prepare import prepared
     from harness.trial.request import Changes, build_missing, requested
@@ -202,13 +215,27 @@ def run(
         raise UsageError(f"--seed {seed} and --seeds {seeds}: expected one of both")
     if seeds is not None and foxglove is not None:
         raise UsageError(f"--foxglove {foxglove} and --seeds {seeds}: viewers are shown one trial")
+    if seeds is not None and is_live:
+        raise UsageError(f"--live and --seeds {seeds}: the browser is shown one trial")
+    if speed is not None and not is_live and foxglove is None:
+        raise UsageError(
+            f"--speed {speed:g}: expected with --live or --foxglove; else nothing waits for the clock"
+        )
+    if no_browser and not is_live:
+        raise UsageError("--no-browser: expected with --live")
+    if is_live:
+        station_commands.require_extra("--live")
     with requested(target, changes) as request:
         with build_status("building the FMUs") as done:
             build_missing(request, done)
         if seeds is not None:
             _run_seeds(request, seeds, folder, as_json)
             return
-        with prepared(request) as ready, viewers_at(foxglove, print_note, paced=True) as viewers:
+        pace = Pace(speed or 1.0)
+        with ExitStack() as stack:
+            ready = stack.enter_context(prepared(request))
+            viewers = stack.enter_context(viewers_at(foxglove, print_note, pace=pace))
+            live = stack.enter_context(_shown_live(request, pace, not no_browser)) if is_live else None
             notes = (*request.notes, *ready.notes)
             for note in notes:
                 print_note(note)
@@ -218,13 +245,15 @@ def run(
             duration, fault = request.scenario.duration, None
             with progress_bar("trial [s]", duration, quiet=as_json or duration < LONG_S) as progress:
                 try:
-                    summary = trial.run(request, ready, place, progress, viewers=viewers)
+                    summary = trial.run(request, ready, place, progress, viewers=viewers, audience=live)
                 except trial.EndedByFaultError as error:
                     summary, fault = error.summary, error
                 except KeyboardInterrupt as interrupt:
                     end_interrupted(interrupt, trial.what_is_left(place))
             for note in summary["notes"][len(notes) :]:
                 print_note(note)
+            if live:
+                live.finish((place / trial.PAGE).read_bytes())
     if as_json:
         typer.echo(json_of(summary))
     else:
@@ -232,6 +261,18 @@ def run(
         say_where(place)
     if fault is not None:
         raise fault
+
+
+def _shown_live(request: Request, pace: Pace, opens: bool) -> AbstractContextManager[Live]:
+    """A trial in the browser while it runs; `opens` the default one by itself."""
+    from harness.station.live import live
+
+    def ready(address: str) -> None:
+        print_note(f"the trial begins when a browser opens {address}")
+        if opens:
+            station_commands.open_browser(address)
+
+    return live(f"{request.scenario.name}, seed {request.scenario.seed}", pace, ready)
 
 
 def _run_seeds(request: Request, seeds: str, folder: Path | None, as_json: bool) -> None:
@@ -389,7 +430,7 @@ def replay_recording(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="print the result as JSON")] = False,
 ) -> None:
-    """Run estimators over a recording with simulated outages: a table, outages.json, replay.png.
+    """Run estimators over a recording with simulated outages: a table, outages.json, replay.html, replay.png.
 
     \b
     canine replay ../walk                         a folder with .ubx, imu*.csv and their time tags
@@ -490,7 +531,7 @@ def fit_animal(
     folder: Annotated[Path | None, typer.Option("--out", file_okay=False, help="by default out/fit")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="print the result as JSON")] = False,
 ) -> None:
-    """Estimate the animal's statistics (Table 5.1): a table, fit.json, fit.toml for scenarios, fit.png.
+    """Estimate the animal's statistics (Table 5.1): a table, fit.json, fit.html, fit.png, fit.toml to run.
 
     \b
     canine fit out                                every trial.mcap below out
@@ -537,7 +578,7 @@ def study(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="print the result as JSON")] = False,
 ) -> None:
-    """Carry out a study of Chapter 3 or Appendices B to D: tables, pictures, <name>.json.
+    """Carry out a study of Chapter 3 or Appendices B to D: tables, pictures, study.html, <name>.json.
 
     \b
     canine study                                  the studies, a line each
@@ -578,7 +619,7 @@ def tune_estimator(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="print the result as JSON")] = False,
 ) -> None:
-    """Fit an estimator's noise to a recording: tables, tune.toml for scenarios, tune.json, tune.png.
+    """Fit an estimator's noise to a recording: tables, tune.json, tune.html, tune.png, and tune.toml to run.
 
     The noise is the one that makes the innovations of the first half most likely, with its confidence
     intervals. The second half judges: NIS, log-likelihood, and the errors in outages of 10 s.

@@ -42,7 +42,10 @@ Fmi = Annotated[Literal["2", "3"] | None, typer.Option(help="version of our FMUs
 Foxglove = Annotated[
     int | None,
     typer.Option(
-        metavar="PORT", min=0, max=65535, help="show it live to Foxglove or Lichtblick; they look at 8765"
+        metavar="PORT",
+        min=0,
+        max=65535,
+        help="show it live to Foxglove or Lichtblick (1.26 or newer); they look at 8765",
     ),
 ]
 CallLimit = Annotated[

@@ -99,7 +99,7 @@ def operate(
         raise UsageError("--headless: expected --mission FILE and a vest, --port or --simulate")
     if replay and foxglove is not None:
         raise UsageError(f"--foxglove {foxglove}: a log is opened in the viewer; expected it with a vest")
-    _require_extra()
+    require_extra()
     if replay:
         _play(replay, Web(bind, http_port, not no_browser))
         return
@@ -118,8 +118,8 @@ def operate(
             _serve(request, mission, Web(bind, http_port, not no_browser), as_json)
 
 
-def _require_extra() -> None:
-    """Are the packages there that a station needs?"""
+def require_extra(what: str = "a station") -> None:
+    """Are the packages there that a station, or what is served as one, needs?"""
     from importlib.util import find_spec
 
     lacks = [
@@ -128,7 +128,7 @@ def _require_extra() -> None:
         if not find_spec(name)
     ]
     if lacks:
-        raise UsageError(f'a station needs {", ".join(lacks)}; pip install "guided-canine[station]"')
+        raise UsageError(f'{what} needs {", ".join(lacks)}; pip install "guided-canine[station]"')
 
 
 def _lead(request: Request, mission: str, start: bool, as_json: bool) -> None:
@@ -223,14 +223,18 @@ def _show_in_browser(shown: Shown, web: Web) -> None:
         def ready(_: object) -> None:
             typer.echo(f"{address}   Ctrl-C ends the station")
             if web.opens:
-                threading.Thread(target=_open, args=(address,), daemon=True).start()
+                open_browser(address)
 
         number = asyncio.run(serve(shown, guard, listener, ready))
         if number is not None:
             raise KeyboardInterrupt(number)
 
 
+def open_browser(address: str) -> None:
+    """Open the default browser beside what goes on; where there is none, the address was printed."""
+    threading.Thread(target=_open, args=(address,), daemon=True).start()
+
+
 def _open(address: str) -> None:
-    """Open the default browser; where there is none, the address was printed."""
     with suppress(webbrowser.Error, OSError):
         webbrowser.open(address)

@@ -17,9 +17,11 @@ from harness.drawing import BELOW, ESTIMATES, GRID, TRUTH, house_style, new_figu
 from harness.files import make_folder, replaced, write_whole
 from harness.fit.estimate import reasons, rounded, settled
 from harness.log.channel import Array
+from harness.report.charts import charts_page
 from harness.terminal import new_table, print_table
 
 FOLDER = Path("out/fit")
+ABOUT = "The statistics of Table 5.1, estimated from trials"
 IDENTITY = ("logs", "sources", "plants", "turned_deg_s")  # what tells a fit from others
 
 
@@ -49,7 +51,7 @@ def fragment(result: Mapping[str, Any]) -> str:
 
 @house_style()
 def report(result: Mapping[str, Any], out: Path, note: Callable[[str], None] = lambda text: None) -> None:
-    """Write fit.json, fit.toml and fit.png.
+    """Write fit.json, fit.toml, fit.png and fit.html, a page that needs no other file.
 
     Args:
         note: called with a line for the user if they replace those of other logs.
@@ -64,7 +66,11 @@ def report(result: Mapping[str, Any], out: Path, note: Callable[[str], None] = l
         note(f"{out}: has another fit, which this replaces ({others})")
     write_whole(out / "fit.json", (json.dumps(result, indent=2, ensure_ascii=False) + "\n").encode())
     write_whole(out / "fit.toml", fragment(result).encode())
-    write_whole(out / "fit.png", png_of(figure(result)))
+    picture = figure(result)
+    write_whole(out / "fit.png", png_of(picture))
+    title = f"The animal of {_trials(result)}"
+    page = charts_page(title, ABOUT, {"fit": picture}, lambda console: show(result, console))
+    write_whole(out / "fit.html", page)
 
 
 def show(result: Mapping[str, Any], console: Console) -> None:

@@ -23,19 +23,38 @@ AGAIN_S = 1.0  # between two times that the same scene is sent
 LASTING = ("/3d/scene",)  # topics whose last message holds until the next
 
 
+class Pace:
+    """Trial time by the clock, at a speed, from the first moment on that is kept."""
+
+    def __init__(self, speed: float = 1.0) -> None:
+        self._speed = speed
+        self._began: float | None = None
+
+    @property
+    def now(self) -> float:
+        """The trial's time, s; 0 before it begins."""
+        return 0.0 if self._began is None else (time.monotonic() - self._began) * self._speed
+
+    def keep(self, moment: float) -> None:
+        """Wait until a moment of the trial [s] has come."""
+        if self._began is None:
+            self._began = time.monotonic() - moment / self._speed
+        if (left := (moment - self.now) / self._speed) > 0:
+            time.sleep(left)
+
+
 class Viewers:
     """Sends what a log is given to all viewers that are connected; as a context manager it ends the server.
 
     Args:
         port: to listen on; 0 for any that is free, which `port` then has.
-        paced: send each message when its time has come by the clock, from the first one on: for a trial that
-            is computed faster than it happens.
+        pace: send each message when its time has come: for a trial that is computed faster than it happens.
 
     Raises:
         UsageError: foxglove-sdk is not installed, or nothing can listen there.
     """
 
-    def __init__(self, port: int, *, paced: bool = False) -> None:
+    def __init__(self, port: int, *, pace: Pace | None = None) -> None:
         try:
             import foxglove  # noqa: PLC0415 - an optional extra
         except ImportError:
@@ -47,8 +66,7 @@ class Viewers:
         self._channels: dict[int, Any] = {}
         self._lasting: dict[int, tuple[bytes, int] | None] = {}  # by topic: the last message, and its time
         self._again = time.monotonic() + AGAIN_S
-        self._paced = paced
-        self._began: float | None = None
+        self._pace = pace
         try:
             self._server: Any = foxglove.start_server(
                 name="Guided Canine", host=LOCALHOST, port=port, context=self._context
@@ -79,20 +97,13 @@ class Viewers:
     def send(self, channels: Sequence[int], times: Sequence[int], messages: Sequence[bytes]) -> None:
         """Messages in the order of their times, ns."""
         for number, moment, message in zip(channels, times, messages, strict=True):
-            if self._paced:
-                self._keep_pace(moment / SECOND)
+            if self._pace is not None:
+                self._pace.keep(moment / SECOND)
             if number in self._lasting:
                 self._lasting[number] = message, moment
             self._channels[number].log(message, log_time=moment)
         if time.monotonic() >= self._again:
             self._say_again()
-
-    def _keep_pace(self, moment: float) -> None:
-        now = time.monotonic()
-        if self._began is None:
-            self._began = now - moment
-        if (left := self._began + moment - now) > 0:
-            time.sleep(left)
 
     def _say_again(self) -> None:
         """Send the scene to viewers that came since it was drawn, too.
@@ -120,13 +131,13 @@ class Viewers:
 
 @contextmanager
 def viewers_at(
-    port: int | None, note: Callable[[str], None], *, paced: bool = False
+    port: int | None, note: Callable[[str], None], *, pace: Pace | None = None
 ) -> Iterator[Viewers | None]:
     """Viewers at a port, with a note of their address; None without one. Raises UsageError as `Viewers`."""
     if port is None:
         yield None
         return
-    with Viewers(port, paced=paced) as viewers:
-        begin = "; the trial begins when one of them asks for a topic" if paced else ""
+    with Viewers(port, pace=pace) as viewers:
+        begin = "; the trial begins when one of them asks for a topic" if pace else ""
         note(f"Foxglove and Lichtblick open {viewers.address}{begin}")
         yield viewers

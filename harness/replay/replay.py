@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,8 @@ from harness.recording.attitude import Array
 from harness.recording.recording import RecordingError
 from harness.recording.signals import MOVING_M_S
 from harness.replay.comparison import BASELINES, HELD, HELD_BY, Comparison, hold_speed
+from harness.replay.outage import COLUMNS, Estimate, Outage, Replayed, disjoint
+from harness.replay.page import PAGE, replay_page
 from harness.replay.plots import Track, replay_picture
 from harness.replay.source import ReplaySource
 from harness.replay.windows import NOT_VALID, SETTLE, Outages
@@ -32,42 +34,11 @@ from harness.terminal import new_table, print_table
 from models.errors import CanineError
 from models.system import ESTIMATORS
 
-COLUMNS = ("position_error_m", "velocity_error_m_s")  # the second is the speed's; outages.json has this name
 STATISTICS = ("mean", "sd", "median", "p90")
 CLASSIC = ("no pitch", "pitch", "fuzzy")  # the text's own comparison: its tests are always shown
 LEAST = 3  # outages for a test
 SET = " *"  # behind the name of a configuration that --set changes
 NO_SPREAD = 1e-9  # of paired differences, relative, and in m or m/s: a t-test would divide by nothing
-
-
-@dataclass(frozen=True, eq=False)
-class Outage:
-    """One simulated outage, with each configuration's error at the last withheld fix."""
-
-    start: float  # s
-    end: float  # s
-    path_m: float  # length of the path during the outage
-    errors: dict[str, tuple[float, float]]  # configuration -> position [m], velocity [m/s]
-    estimates: dict[str, tuple[Array, Array]]  # configuration -> north, east during the outage
-    time: Array  # s, of the estimates
-    standing: bool = False  # the animal stood still at its end
-
-
-@dataclass(frozen=True, eq=False)
-class Replayed:
-    """The outages of a replay that were judged, and what was not.
-
-    Attributes:
-        outages: each with the errors of the same configurations.
-        left_out: cause -> number of outages that were not judged, those of the choice among them.
-        notes: on configurations that were not valid, and on what FMUs printed.
-        verdicts: of FMUs that went wrong, configuration -> how; they are not among the errors of outages.
-    """
-
-    outages: list[Outage]
-    left_out: dict[str, int]
-    notes: list[str]
-    verdicts: dict[str, str]
 
 
 def replay(
@@ -140,41 +111,41 @@ def replay(
             north, east = signals.reference_north[withheld], signals.reference_east[withheld]
             path_m = float(np.hypot(np.diff(north), np.diff(east)).sum())
             during = slice(int(inside[0]), ticks)
-            estimates = {name: (run["north"][during], run["east"][during]) for name, run in runs.items()}
+            estimates = {name: Estimate.of(run, during) for name, run in runs.items()}
             standing = bool(signals.reference_speed[last] < MOVING_M_S)
             outages.append(Outage(*window, path_m, errors, estimates, signals.t[during], standing))
+            if number == len(chosen.windows) - 1:  # the run with the most fixes
+                with_fixes = {name: Estimate.of(run, slice(0, during.start)) for name, run in runs.items()}
             if progress:
                 progress(number + 1)
         process.end()
         printed = process.take_notes()
-    return _judged(source, comparison, chosen, outages, valid, verdicts=verdicts, notes=printed)
+    return _judged(source, comparison, chosen, Replayed(outages, {}, printed, verdicts, with_fixes), valid)
 
 
 def _judged(
     source: ReplaySource,
     comparison: Comparison,
     chosen: Outages,
-    outages: Sequence[Outage],
+    replayed: Replayed,
     valid: Mapping[str, Sequence[bool]],
-    *,
-    verdicts: dict[str, str],
-    notes: Sequence[str],
 ) -> Replayed:
-    """What can be judged of outages, by whether each configuration was valid at the start of each.
+    """What can be judged of all outages, by whether each configuration was valid at the start of each.
 
     Raises:
         RecordingError: no configuration was valid at the start of any outage, or none has all of them valid.
     """
+    outages = replayed.outages
     never = [name for name, at_starts in valid.items() if not any(at_starts)]
     others = [name for name in valid if name not in never]
     starts = f"the start of {'the outage' if len(outages) == 1 else f'any of {len(outages)} outages'}"
-    notes = [*notes, *(f"{name}: left out, since it is not valid at {starts}" for name in never)]
+    notes = [*replayed.notes, *(f"{name}: left out, since it is not valid at {starts}" for name in never)]
     notes += [
         f"{name}: not valid at the start of {at_starts.count(False)} of {len(outages)} outages"
         for name, at_starts in valid.items()
         if name in others and not all(at_starts)
     ]
-    out = [*never, *verdicts]
+    out = [*never, *replayed.verdicts]
     judged = [
         replace(outage, errors=_without(outage.errors, out), estimates=_without(outage.estimates, out))
         for outage, *at_start in zip(outages, *(valid[name] for name in others), strict=True)
@@ -182,12 +153,12 @@ def _judged(
     ]
     if not others or not judged:
         none = "all estimators are valid at the start of none" if others else f"none is valid at {starts}"
-        why = ". ".join([*verdicts.values(), *(comparison.notes(source) or notes)])
+        why = ". ".join([*replayed.verdicts.values(), *(comparison.notes(source) or notes)])
         raise RecordingError(f"{source.name}: no outage can be judged: {none}; {why}")
     left_out = dict(chosen.left_out)
     if number := len(outages) - len(judged):
         left_out[NOT_VALID] = number
-    return Replayed(judged, left_out, notes, verdicts)
+    return Replayed(judged, left_out, notes, replayed.verdicts, replayed.with_fixes)
 
 
 def _without(values: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
@@ -250,15 +221,6 @@ def paired_t_test(differences: Array) -> Any | None:
     return stats.ttest_1samp(differences, 0.0)
 
 
-def disjoint(outages: Sequence[Outage]) -> list[Outage]:
-    """The outages, in the order of time, without those that overlap an earlier one."""
-    separate: list[Outage] = []
-    for outage in outages:
-        if not separate or outage.start >= separate[-1].end:
-            separate.append(outage)
-    return separate
-
-
 def counts(causes: Mapping[str, int]) -> str:
     """Numbers and causes, in words."""
     return ", ".join(f"{number} × {cause}" for cause, number in causes.items())
@@ -278,7 +240,7 @@ def identity(source: ReplaySource, comparison: Comparison, chosen: Outages) -> d
 def report(
     source: ReplaySource, comparison: Comparison, chosen: Outages, replayed: Replayed, out: Path
 ) -> dict[str, Any]:
-    """Write outages.json and replay.png; returns the content of the JSON.
+    """Write outages.json, replay.png and replay.html; returns the content of the JSON.
 
     Raises:
         UsageError: the folder cannot be made.
@@ -317,13 +279,14 @@ def report(
     text = json.dumps(result, indent=2, ensure_ascii=False, allow_nan=False)
     write_whole(out / "outages.json", (text + "\n").encode())
     fixes = signals.reference_fix
+    title = f"{source.name}: {', '.join(estimators)} through outages of {chosen.length:g} s"
     replay_picture(
         out / "replay.png",
         Track(signals.t[fixes], signals.reference_north[fixes], signals.reference_east[fixes]),
-        {names[name]: [Track(o.time, *o.estimates[name]) for o in outages] for name in judged},
+        {names[name]: [Track(o.time, *o.estimates[name][:2]) for o in outages] for name in judged},
         {names[name]: values[COLUMNS[0]] for name, values in result["configurations"].items()},
         on_map=[outages.index(outage) for outage in disjoint(outages)],
-        title=f"{source.name}: {', '.join(estimators)} through outages of {chosen.length:g} s",
+        title=title,
         not_used="\n".join(
             filter(
                 None,
@@ -336,6 +299,14 @@ def report(
             )
         ),
     )
+    sentence = f"{len(outages)} outages; the attitude is {source.attitude}" + (
+        f"; the recording is not whole: {source.broken}" if source.broken else ""
+    )
+    page = replay_page(
+        signals, replayed, names, lambda console: show(result, console),
+        title=title, sentence=sentence, notes=result["notes"],
+    )  # fmt: skip
+    write_whole(out / PAGE, page)
     return result
 
 

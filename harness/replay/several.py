@@ -10,7 +10,8 @@ from rich.console import Console
 
 from harness.recording.find import name_below
 from harness.replay.comparison import Comparison
-from harness.replay.replay import COLUMNS, not_used, replay, report
+from harness.replay.outage import COLUMNS
+from harness.replay.replay import not_used, replay, report
 from harness.replay.source import open_source
 from harness.terminal import new_table, print_table
 from models.errors import CanineError

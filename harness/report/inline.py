@@ -13,15 +13,18 @@ PARTS = Path(__file__).parent / "parts"
 LIBRARIES = ("leaflet-1.9.4/leaflet.js", "uplot-1.6.32/uPlot.iife.min.js")
 SCRIPTS = (*LIBRARIES, "canine.js", "map.js", "plots.js", "strip.js")  # each after those that it uses
 STYLES = ("leaflet-1.9.4/leaflet.css", "uplot-1.6.32/uPlot.min.css", "style.css")
+OF_MAPS = ("leaflet-1.9.4/leaflet.js", "map.js", "leaflet-1.9.4/leaflet.css")  # three fifths of a page
 COMMENT = re.compile(r"/\*(?!!).*?\*/", re.DOTALL)
-# our scripts end each statement with a sign, have no regular expressions, and no text with " // "
+# our scripts end each statement with a sign, have no regular expressions, no text with " // " or ";}"
 SAYING = re.compile(r"(?:^|\s)// .*$", re.MULTILINE)
 BLANKS = re.compile(r"""(?P<text>"(?:\\.|[^"\\])*"|`[^`]*`)|\s*(?P<sign>[-+*/%=<>!?:;,{}()\[\]|&]|\s)\s*""")
-RULE = re.compile(r"(?P<selectors>[^{}]+)\{[^{}]*\}")
-# rules of the libraries for what no part draws: pictures, pop-ups, an old browser
+RULE = re.compile(r"(?P<selectors>[^{}]+)(?P<body>\{[^{}]*\})")
+# selectors of the libraries for what no part draws: pictures, tiles, pop-ups, an old browser
 UNUSED = re.compile(
-    r"popup|tooltip|layers|vml|oldie|attribution|default-icon|\.u-(legend|inline|series|title)"
+    r"popup|tooltip|layers|vml|oldie|attribution|(default|div)-icon|tile|shadow|image-layer|safari|crosshair"
+    r"|interactive|draggable|:not\(|\.u-(legend|inline|series|title|cursor)"
 )
+PREFIXED = re.compile(r"(?<=[{;\s])-(webkit|moz|ms)-[^:;{}]+:[^;}]*;?")  # what the browsers meant say without
 
 
 @cache
@@ -30,7 +33,8 @@ def script(name: str) -> str:
     text = (PARTS / name).read_text(encoding="utf-8")
     if "/" in name:
         return "\n".join(line for line in text.splitlines() if not line.startswith("//"))
-    return BLANKS.sub(lambda found: found["text"] or found["sign"], SAYING.sub("", text)).strip()
+    short = BLANKS.sub(lambda found: found["text"] or found["sign"], SAYING.sub("", text)).strip()
+    return short.replace(";}", "}")
 
 
 @cache
@@ -38,18 +42,30 @@ def style(name: str) -> str:
     """A style sheet of `parts/` without comments, blanks, and the libraries' rules for what no part draws."""
     text = COMMENT.sub("", (PARTS / name).read_text(encoding="utf-8"))
     if "/" in name:
-        text = RULE.sub(lambda rule: "" if UNUSED.search(rule["selectors"]) else rule[0], text)
-    return re.sub(r"\s*([{};,])\s*|(:)\s+", r"\1\2", re.sub(r"\s+", " ", text)).strip()
+        text = RULE.sub(_used, PREFIXED.sub("", text))
+    text = re.sub(r"\s*([{};,])\s*|(:)\s+", r"\1\2", re.sub(r"\s+", " ", text)).strip()
+    return text.replace(";}", "}")
 
 
-def policy(scripts: Iterable[str], styles: Iterable[str]) -> str:
-    """The Content-Security-Policy of a page that runs these scripts and styles alone."""
+def _used(rule: re.Match[str]) -> str:
+    """A rule for those of its selectors that something is drawn for."""
+    selectors = [one for one in rule["selectors"].split(",") if not UNUSED.search(one)]
+    return ",".join(selectors) + rule["body"] if selectors else ""
+
+
+def policy(scripts: Iterable[str], styles: Iterable[str], *, speaks: bool = False) -> str:
+    """The Content-Security-Policy of a page that runs these scripts and styles alone.
+
+    Args:
+        speaks: the page may speak with the server that it came from.
+    """
     return "; ".join(
         [
             "default-src 'none'",
             f"script-src {' '.join(map(_source, scripts))}",
             f"style-src {' '.join(map(_source, styles))}",
             "img-src data:",
+            *(["connect-src 'self'"] if speaks else []),
             "base-uri 'none'",
             "form-action 'none'",
         ]

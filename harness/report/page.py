@@ -12,27 +12,37 @@ from markupsafe import Markup
 
 from codegen.templating import environment
 from harness.log.channel import Array
-from harness.report.inline import SCRIPTS, STYLES, policy, script, style
+from harness.report.inline import OF_MAPS, SCRIPTS, STYLES, policy, script, style
 
 TEMPLATES = environment(Path(__file__).parent / "templates")
 DECIMALS = {"m": 3, "m/s": 3, "rad": 5, "rad/s": 5, "s": 4}  # finer than a screen shows; others 6
 
 
 def render(
-    template: str, title: str, data: Mapping[str, Any], scripts: Sequence[str], **content: Any
+    template: str,
+    title: str,
+    data: Mapping[str, Any] | None,
+    scripts: Sequence[str],
+    *,
+    styles: Sequence[str] = (),
+    maps: bool = True,
+    speaks: bool = False,
+    **content: Any,
 ) -> bytes:
     """The page as UTF-8.
 
     Args:
         template: its name in `templates/`; `content` is for it.
-        data: what the scripts draw; numbers that are not finite become null.
-        scripts: names in `parts/`, after those of all pages.
+        data: what the scripts draw; numbers that are not finite become null; None where they come later.
+        scripts, styles: names in `parts/`, after those of all pages.
+        maps: the scripts draw maps.
+        speaks: the page is served, and speaks with its server.
     """
-    texts = [script(name) for name in (*SCRIPTS, *scripts)]
-    sheet = "".join(style(name) for name in (*STYLES, "page.css"))
+    texts = [script(name) for name in (*SCRIPTS, *scripts) if maps or name not in OF_MAPS]
+    sheet = "".join(style(name) for name in (*STYLES, "page.css", *styles) if maps or name not in OF_MAPS)
     page = TEMPLATES.get_template(template).render(
         title=title,
-        policy=policy(texts, [sheet]),
+        policy=policy(texts, [sheet], speaks=speaks),
         sheet=Markup(sheet),
         scripts=[Markup(text) for text in texts],
         data=Markup(_json(data)),
@@ -47,6 +57,6 @@ def column(values: Array, unit: str = "") -> list[float]:
     return rounded
 
 
-def _json(data: Mapping[str, Any]) -> str:
+def _json(data: Mapping[str, Any] | None) -> str:
     """Data as JSON that ends no element of HTML early."""
     return orjson.dumps(data).decode().replace("<", "\\u003c")

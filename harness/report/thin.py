@@ -18,8 +18,9 @@ def rows_to_show(
     marked: npt.NDArray[np.bool_],
     points: Sequence[Array] = (),
     most: int = MOST_ROWS,
+    buckets: int = BUCKETS,
 ) -> npt.NDArray[np.intp]:
-    """The rows to draw: all, or of each of `BUCKETS` stretches those with the least and greatest value.
+    """The rows to draw: all, or of each of some stretches those with the least and greatest value.
 
     The first and last row stay, and those where a line begins or ceases to be finite.
 
@@ -27,13 +28,14 @@ def rows_to_show(
         lines, points: (rows,) each, what is drawn so.
         marked: (rows,), those that stay in any case.
         most: rows up to which all stay.
+        buckets: the stretches.
     """
     rows = len(marked)
     if rows <= most:
         return np.arange(rows)
-    edges = np.linspace(0, rows, BUCKETS + 1).astype(np.intp)
+    edges = np.linspace(0, rows, buckets + 1).astype(np.intp)
     starts = edges[:-1]
-    bucket = np.repeat(np.arange(BUCKETS), np.diff(edges))
+    bucket = np.repeat(np.arange(buckets), np.diff(edges))
     kept = marked.copy()
     kept[[0, -1]] = True
     for line in lines:

@@ -107,7 +107,7 @@ class Playback:
         """As `Shown`."""
         self._operators.discard(operator)
 
-    def order(self, operator: int, order: dict[str, Any]) -> None:
+    def order(self, operator: int, order: dict[str, Any]) -> tuple[()]:
         """As `Shown`: seek, play, pause; signs of life are taken."""
         match order.get("do"):
             case "seek":
@@ -121,10 +121,11 @@ class Playback:
                 self._advance()
                 self._playing = False
             case "alive":
-                return
+                return ()
             case _:
                 raise OrderError("a log is replayed: nothing can be ordered but seek, play and pause")
         self._refresh.stale = True
+        return ()
 
     @staticmethod
     def _number(order: dict[str, Any], name: str, least: float, most: float) -> float:

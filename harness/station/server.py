@@ -19,7 +19,7 @@ import uvicorn
 from starlette.applications import Starlette
 from starlette.datastructures import MutableHeaders
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
+from starlette.responses import FileResponse, HTMLResponse, JSONResponse, PlainTextResponse, Response
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -50,6 +50,7 @@ WAITING = 256  # messages that wait for a slow browser, beside the last state
 AHEAD = 4096  # bytes that a browser's socket takes before the network does
 SEND_S = 10.0  # s after which a browser that takes nothing is left
 BURST = 2 * MESSAGES_PER_S
+Page = Callable[[], bytes]
 TRY_LATER, POLICY = 1013, 1008  # codes with which a socket is closed
 HEADERS = {
     "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
@@ -134,12 +135,13 @@ class Station:
     """Serves what is shown to browsers.
 
     Args:
-        shown: a station at work, or a log that is played.
+        shown: a station at work, a log that is played, or a trial that runs.
         guard: who may come in.
+        page: gives the page, which states its own policy; by default the station's.
     """
 
-    def __init__(self, shown: Shown, guard: Guard) -> None:
-        self.shown, self.guard = shown, guard
+    def __init__(self, shown: Shown, guard: Guard, page: Page | None = None) -> None:
+        self.shown, self.guard, self._own_page = shown, guard, page
         self._outboxes: dict[int, Outbox] = {}
         self._proposals = Proposals()
         self._operators = 0
@@ -167,7 +169,9 @@ class Station:
             await asyncio.sleep(POLL_S)
 
     async def _page(self, request: Request) -> Response:
-        return FileResponse(STATIC / "index.html")
+        if self._own_page is None:
+            return FileResponse(STATIC / "index.html")
+        return HTMLResponse(self._own_page(), headers={"content-security-policy": "frame-ancestors 'none'"})
 
     async def _import(self, request: Request) -> Response:
         if response := self._refused(request):
@@ -248,7 +252,8 @@ class Station:
                 await browser.close(POLICY, f"more than {MESSAGES_PER_S} messages a second")
                 return
             try:
-                self.shown.order(operator, _order(message))
+                for answer in self.shown.order(operator, _order(message)):
+                    outbox.put(answer)
             except OrderError as reason:
                 outbox.put(error_message(str(reason)))
 
@@ -311,7 +316,9 @@ class _Guarded:
 
         async def guarded(message: Message) -> None:
             if message["type"] == "http.response.start":
-                MutableHeaders(scope=message).update(HEADERS)
+                headers = MutableHeaders(scope=message)
+                for name, value in HEADERS.items():
+                    headers.setdefault(name, value)
             await send(message)
 
         if why := self._guard.refusal_of_host(Request(scope).headers):
@@ -387,13 +394,15 @@ async def serve(
     guard: Guard,
     listener: sockets.socket,
     ready: Callable[[uvicorn.Server], None] = lambda server: None,
+    page: Page | None = None,
 ) -> int | None:
     """Serve until the server is told to end (`should_exit`), or a signal ends it, whose number is returned.
 
     Args:
         ready: is given the server, once it answers.
+        page: as `Station` takes it.
     """
-    station = Station(shown, guard)
+    station = Station(shown, guard, page)
     config = uvicorn.Config(
         station.app,
         lifespan="off",

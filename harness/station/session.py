@@ -117,12 +117,12 @@ class Session:
         self.conduct.leave(self.now, operator)
         self._act(self.now)
 
-    def order(self, operator: int, order: dict[str, Any]) -> None:
+    def order(self, operator: int, order: dict[str, Any]) -> tuple[()]:
         """As `Shown`: it is carried out, and sent, at once, unless it comes too late."""
         now, held = self.now, self.conduct.holding
         if not self._is_timely(now, order):
             if order["do"] == "alive":  # a sign of life that is old is none
-                return
+                return ()
             raise OrderError(
                 f"{order['do']}: came {OLD_S:g} s or more after what it answers was shown, as out of a lost "
                 "network, and is not carried out; order it again"
@@ -132,6 +132,7 @@ class Session:
         if not is_renewed and order["do"] not in UNRECORDED:
             self._record(lambda sink: sink.order(now, operator, order))
         self._act(now)
+        return ()
 
     def _is_timely(self, now: float, order: Mapping[str, Any]) -> bool:
         """May it act now? What a network held back would act on an animal that nobody has seen since."""

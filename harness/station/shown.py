@@ -1,9 +1,9 @@
-"""What a browser is shown: the same of a station at work and of a log that is played."""
+"""What a browser is shown: of a station at work, of a log that is played, of a trial that runs."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from importlib.metadata import version
@@ -68,7 +68,7 @@ class News:
 
 
 class Shown(Protocol):
-    """A station at work, or a log that is played."""
+    """A station at work, a log that is played, or a trial that runs."""
 
     def join(self, operator: int) -> list[bytes]:
         """An operator connects; the messages that it gets first."""
@@ -76,8 +76,8 @@ class Shown(Protocol):
     def leave(self, operator: int) -> None:
         """An operator is gone."""
 
-    def order(self, operator: int, order: dict[str, Any]) -> None:
-        """Carry out an order. Raises OrderError."""
+    def order(self, operator: int, order: dict[str, Any]) -> Sequence[bytes]:
+        """Carry out an order; the messages that answer it. Raises OrderError."""
 
     def poll(self) -> News:
         """Look what has come; called each POLL_S."""

@@ -12,7 +12,8 @@ from rich.console import Console
 
 from harness.drawing import BELOW, ESTIMATES, GPS, GRID, TRUTH, drawable, house_style, new_figure
 from harness.replay.comparison import ALL, BASELINES, HELD, Configuration, compare
-from harness.replay.replay import COLUMNS, Outage, apart, disjoint, not_used, replay, statistics
+from harness.replay.outage import COLUMNS, Outage, disjoint
+from harness.replay.replay import apart, not_used, replay, statistics
 from harness.replay.source import ReplaySource, open_source
 from harness.studies.innovations import innovations_of, observed
 from harness.studies.published import OUTAGE_S

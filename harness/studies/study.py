@@ -15,12 +15,14 @@ from rich.console import Console
 
 from harness.drawing import png_of
 from harness.files import make_folder, replaced, write_whole
+from harness.report.charts import charts_page
 from harness.studies import STUDIES
 from models.errors import UsageError, nearest
 
 Result = dict[str, Any]  # JSON
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
+PAGE = "study.html"
 MOST_SEEDS = 5000  # more would take gigabytes, and the intervals are narrow by then
 Progress = Callable[[float], None]  # called with the percentage that is done
 
@@ -102,7 +104,7 @@ def run_study(name: str, options: Options = Options(), progress: Progress | None
 
 
 def report(name: str, result: Result, folder: Path, note: Callable[[str], None] = lambda text: None) -> None:
-    """Write `<name>.json` and the pictures into a folder.
+    """Write `<name>.json`, the pictures, and study.html, a page that needs no other file, into a folder.
 
     Args:
         note: called with a line for the user if they replace those of other options.
@@ -116,5 +118,9 @@ def report(name: str, result: Result, folder: Path, note: Callable[[str], None] 
         note(f"{folder}: has the results of other options, which these replace ({others})")
     text = json.dumps(result, indent=1, ensure_ascii=False, allow_nan=False)
     write_whole(folder / f"{name}.json", (text + "\n").encode())
-    for title, figure in find_study(name).draw(result).items():
+    study = find_study(name)
+    figures = study.draw(result)
+    for title, figure in figures.items():
         write_whole(folder / f"{title}.png", png_of(figure))
+    page = charts_page(f"Study: {name}", STUDIES[name], figures, lambda console: study.show(result, console))
+    write_whole(folder / PAGE, page)

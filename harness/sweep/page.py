@@ -125,8 +125,17 @@ def _page(
         "grids": [vars(grid) for grid in grids],
         "points": [_data(place, seed, listed) for place in places],
     }
-    content = {"sentence": about, "texts": texts, "table": f"{kind}.csv"}
-    return render("points.html.jinja", kind.capitalize(), data, ("points.js",), **content)
+    return render(
+        "points.html.jinja",
+        kind.capitalize(),
+        data,
+        ("points.js",),
+        styles=("points.css",),
+        maps=False,
+        sentence=about,
+        texts=texts,
+        table=f"{kind}.csv",
+    )
 
 
 def _data(place: Place, seed: int, listed: int) -> dict[str, Any]:

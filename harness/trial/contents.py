@@ -73,12 +73,16 @@ class LogRows:
             rows[name] = (values[name][:, picked] - in_offset) / in_factor * out_factor + out_offset
         return rows
 
-    def write(self, log: LogWriter, times: Array, values: Mapping[str, Array]) -> None:
-        """Write rows as `Simulation.run` hands them over."""
+    def logged(self, times: Array, values: Mapping[str, Array]) -> dict[str, Array]:
+        """The log's rows of those that `Simulation.run` hands over."""
         rows = self.by_roles(values)
         if self.onboard is not None:
             rows["telemetry"] = np.array([self.onboard.row(time) for time in times.tolist()])
-        log.write_rows(times, rows)
+        return rows
+
+    def write(self, log: LogWriter, times: Array, values: Mapping[str, Array]) -> None:
+        """Write rows as `Simulation.run` hands them over."""
+        log.write_rows(times, self.logged(times, values))
 
 
 @dataclass(frozen=True)

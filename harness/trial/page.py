@@ -77,8 +77,13 @@ def write_page(log: Log, summary: Mapping[str, Any], path: Path) -> None:
     write_whole(path, page)
 
 
-def trial_data(log: Log) -> dict[str, Any]:
-    """What the page draws: signals by name in SI units, and how they are drawn (harness/report/README.md)."""
+def trial_data(log: Log, known: tuple[int, int] = (0, 0)) -> dict[str, Any]:
+    """What the page draws: signals by name in SI units, and how they are drawn (harness/report/README.md).
+
+    Args:
+        known: so many ticks of so many signals a page has already; where that still fits, `time` and
+            `signals` are those `from` there on.
+    """
     signals = signals_of(log)
     units = units_of(log)
     panels = _panels(log, signals)
@@ -97,10 +102,15 @@ def trial_data(log: Log) -> dict[str, Any]:
         if not name.startswith("fix.") and name.partition(".")[2] not in (*STATES, *FELT)
     ]
     rows = rows_to_show(lines, changes(states, len(log.time)), fixes)
+    whole = len(rows) == len(log.time)
+    first = known[0] if whole and known[1] == len(drawn) else 0
+    thinned = None if whole else {"shown": len(rows), "ticks": len(log.time)}
+    rows = rows[first:]
     return {
+        "from": first,
         "time": column(log.time[rows], "s"),
         "signals": {name: column(signals[name][rows], units.get(name, "")) for name in sorted(drawn)},
-        "thinned": None if len(rows) == len(log.time) else {"shown": len(rows), "ticks": len(log.time)},
+        "thinned": thinned,
         "panels": panels,
         "tracks": tracks,
         "strips": strips,

@@ -9,12 +9,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from harness.cosim.fmu import FmuError
 from harness.cosim.loop import Array, Simulation, Stop
 from harness.cosim.worker.contained import Contained
 from harness.files import differences, make_folder, write_whole
+from harness.log.channel import Channel
 from harness.log.live import Viewers
 from harness.log.log import FILE, Log, LogError, read_log
 from harness.log.writer import LogWriter
@@ -31,6 +32,8 @@ from harness.trial.summary import summarize, write_summary
 from models.commands import ENDS
 from models.errors import UsageError
 
+Records = Mapping[str, Mapping[str, str]]
+Place = tuple[float, float]  # latitude and longitude, deg
 LOG, SUMMARY, PAGE, PICTURE = FILE, "summary.json", "trial.html", "trial.png"
 
 
@@ -40,6 +43,16 @@ class EndedByFaultError(FmuError):
     def __init__(self, error: FmuError, summary: dict[str, Any]) -> None:
         super().__init__(str(error), error.fault)
         self.summary = summary
+
+
+class Audience(Protocol):
+    """Who watches a trial while it runs."""
+
+    def begin(self, channels: Sequence[Channel], origin: Place, records: Records) -> None:
+        """What the rows will be, and the log's metadata; returns when the trial may begin."""
+
+    def take(self, times: Array, rows: Mapping[str, Array]) -> None:
+        """Rows of the log; returns when their time has come."""
 
 
 @dataclass
@@ -64,6 +77,7 @@ def run(
     start: OpenProcessor = open_processor,
     *,
     viewers: Viewers | None = None,
+    audience: Audience | None = None,
 ) -> dict[str, Any]:
     """Run a trial and write log, summary, page and picture; the summary.
 
@@ -76,6 +90,7 @@ def run(
         progress: called with the trial's time [s].
         start: opens the processor of `request.onboard`, given the firmware's parameters.
         viewers: are shown the trial; it begins when one of them asks for a topic.
+        audience: is shown the rows, and says how fast they go.
 
     Raises:
         UsageError: the folder cannot be made, holds the log that is read, or another trial writes into it.
@@ -89,7 +104,9 @@ def run(
         state = RunState()
         fault: FmuError | None = None
         try:
-            _simulate(request, ready, out, start, state, progress=progress, viewers=viewers)
+            _simulate(
+                request, ready, out, start, state, progress=progress, viewers=viewers, audience=audience
+            )
         except FmuError as error:
             if error.fault is None or not state.is_logged:
                 raise
@@ -161,6 +178,7 @@ def _simulate(
     *,
     progress: Callable[[float], None] | None,
     viewers: Viewers | None,
+    audience: Audience | None,
 ) -> None:
     """Run the trial and write its log; `state` tells how that goes, however it ends."""
     scenario = request.scenario
@@ -180,10 +198,15 @@ def _simulate(
         ) as log:
             if viewers is not None:
                 viewers.wait()
+            if audience is not None:
+                audience.begin(rows.channels, scenario.origin, metadata(request, ready))
 
             def record(times: Array, values: Mapping[str, Array]) -> None:
                 state.is_logged = True
-                rows.write(log, times, values)
+                logged = rows.logged(times, values)
+                log.write_rows(times, logged)
+                if audience is not None:
+                    audience.take(times, logged)
 
             started = time.perf_counter()
             outcome = simulation.run(

@@ -10,7 +10,8 @@ import numpy.typing as npt
 from scipy import stats
 
 from harness.replay.comparison import HELD
-from harness.replay.replay import COLUMNS, Outage, disjoint, paired_t_test
+from harness.replay.outage import COLUMNS, Outage, disjoint
+from harness.replay.replay import paired_t_test
 from harness.studies.innovations import Innovations, autocorrelation, mean_bounds
 
 Array = npt.NDArray[np.float64]

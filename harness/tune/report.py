@@ -32,7 +32,8 @@ from harness.drawing import (
 from harness.files import make_folder, replaced, write_whole
 from harness.fit.estimate import rounded
 from harness.replay.comparison import HELD
-from harness.replay.replay import COLUMNS
+from harness.replay.outage import COLUMNS
+from harness.report.charts import charts_page
 from harness.terminal import new_table, print_table
 from harness.trial.units import is_angular
 from harness.tune.fit import LEVEL
@@ -45,6 +46,7 @@ IDENTITY = ("recording", "estimator", "held")  # what tells a tuning from others
 LIMIT = float(stats.chi2.ppf(LEVEL, 1))  # of twice the loss, at the ends of an interval
 COLORS = {BEFORE: ESTIMATES[1], CONSTANT: ESTIMATES[3], AFTER: ESTIMATES[0], HELD: GPS}
 DIM: Style = {"style": "dim", "markup": False, "highlight": False, "soft_wrap": True}
+ABOUT = "The noise that makes the innovations most likely, and how it judges on the second half"
 MOST_TICKS = 4  # of a noise's axis
 
 
@@ -86,7 +88,7 @@ def _limit(noise: Mapping[str, Any]) -> str:
 
 
 def report(result: Mapping[str, Any], out: Path, note: Callable[[str], None] = lambda text: None) -> None:
-    """Write tune.json, tune.toml and tune.png.
+    """Write tune.json, tune.toml, tune.png and tune.html, a page that needs no other file.
 
     Args:
         note: called with a line for the user if they replace those of another recording or estimator.
@@ -101,7 +103,11 @@ def report(result: Mapping[str, Any], out: Path, note: Callable[[str], None] = l
     text = json.dumps(result, indent=1, ensure_ascii=False, allow_nan=False)
     write_whole(out / "tune.json", (text + "\n").encode())
     write_whole(out / "tune.toml", fragment(result).encode())
-    write_whole(out / "tune.png", png_of(figure(result)))
+    picture = figure(result)
+    write_whole(out / "tune.png", png_of(picture))
+    title = f"{result['recording']}: the noise of {result['estimator']}"
+    page = charts_page(title, ABOUT, {"tune": picture}, lambda console: show(result, console))
+    write_whole(out / "tune.html", page)
 
 
 def show(result: Mapping[str, Any], console: Console) -> None:

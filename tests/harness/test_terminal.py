@@ -82,6 +82,7 @@ def shown() -> Mapping[str, Callable[[Console], None]]:
     from harness.fit.tracks import Trial  # noqa: PLC0415
     from harness.pil import compare  # noqa: PLC0415
     from harness.replay import replay  # noqa: PLC0415
+    from harness.replay.outage import COLUMNS  # noqa: PLC0415
     from harness.sweep import sweep  # noqa: PLC0415
     from harness.sweep.table import Point  # noqa: PLC0415
     from harness.trial import parameters, seeds, summary  # noqa: PLC0415
@@ -97,7 +98,7 @@ def shown() -> Mapping[str, Callable[[Console], None]]:
     }  # fmt: skip
     numbers = dict.fromkeys(("mean", "sd", "median", "p90"), 1234.567)
     replayed = {
-        "configurations": {"speed held": {"n": 12345, **dict.fromkeys(replay.COLUMNS, numbers)}},
+        "configurations": {"speed held": {"n": 12345, **dict.fromkeys(COLUMNS, numbers)}},
         **{"paired_t_tests": [], "left_out": {}, "dropped": {}, "broken": "", "verdicts": {"dog.fmu": "x"}},
         "set": {"speed held": ["four_state.position_sd_floor=0.5"]},
     }

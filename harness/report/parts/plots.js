@@ -37,6 +37,7 @@
         const x = u.valToPos(from, "x", true), end = u.valToPos(until, "x", true);
         context.fillStyle = hatch(context, kind, canine.colour(kind));
         context.fillRect(x, top, Math.max(end - x, 2 * devicePixelRatio), height);
+        for (const edge of [x, end]) context.fillRect(edge, top, devicePixelRatio, height); // bands may touch
       }
       context.lineWidth = devicePixelRatio;
       for (const { time, kind } of marks) {
@@ -75,7 +76,8 @@
     // colour, width, dash, points, step, around}]}; then set(time, [values...]) with values in SI. `around`
     // has the standard deviations of the values: 2 sigma are shaded. `turn` is a whole turn of angles.
     function add(panel) {
-      const { title, unit = "", height = 130, range = null, turn = 0, series } = panel;
+      const { title, unit = "", height = 130, turn = 0, series } = panel;
+      let range = panel.range || null;
       const levels = (panel.levels || []).map((level) => ({ ...level, value: canine.toShown(level.value, unit) }));
       const name = canine.shownUnit(unit);
       const head = canine.element("div", { class: "plot-head" },
@@ -91,8 +93,9 @@
       const cursor = canine.element("div", { class: "time-cursor" });
       element.append(canine.element("div", { class: "plot" }, head, body));
 
-      const drawn = [{}], fills = [];
+      const drawn = [{}], fills = [], places = [];
       for (const one of series) {
+        places.push(drawn.length);
         const colour = () => canine.colour(one.colour);
         drawn.push({
           stroke: colour, width: one.points ? 0 : one.width || 1.6, dash: one.dash, spanGaps: false,
@@ -172,6 +175,19 @@
           });
           u.setData(columns);
           own.place();
+        },
+        // What the axis shows, in the shown unit; null for what there is.
+        setRange(next) {
+          range = next || null;
+        },
+        // Shows or hides the lines of a name.
+        show(label, isShown) {
+          series.forEach((one, i) => {
+            if (one.label !== label) return;
+            readings[i].parentElement.hidden = !isShown;
+            u.setSeries(places[i], { show: isShown });
+            if (one.around) [1, 2].forEach((side) => u.setSeries(places[i] + side, { show: isShown }));
+          });
         },
         setLevels(next) {
           levels.splice(0, levels.length, ...next.map((level) => ({ ...level, value: canine.toShown(level.value, unit) })));

@@ -1,10 +1,13 @@
-// What lies under the map: a picture with its world file, or a .pmtiles file of pictures. Both stay in the browser.
+// What lies under the map: a picture with its world file, or a .pmtiles file of pictures or of Protomaps' basemap. All stay in
+// the browser.
 (function () {
   "use strict";
   const canine = (window.canine = window.canine || {});
   const MOST_BYTES = 60e6; // of a picture
   const PICTURE = /\.(png|jpe?g|webp|gif)$/i, WORLD = /\.(pgw|jgw|wld|tfw|gfw|pngw|jpgw)$/i, TILES = /\.pmtiles$/i;
   const RASTER = { 2: "PNG", 3: "JPEG", 4: "WebP", 5: "AVIF" }; // PMTiles' types of tiles that are pictures
+  const VECTOR = 1;
+  const LAYERS = ["earth", "landcover", "landuse", "water", "physical_line", "roads", "transit", "buildings", "boundaries", "places", "pois"];
 
   // A world file: six numbers, line by line: the pixel's size in x, two rotations, its size in y, the first pixel's centre.
   canine.readWorld = function (text) {
@@ -36,13 +39,14 @@
   };
 
   canine.background = function (leaflet, { files, crs, opacity, remove, said }, homeOf) {
-    let layer = null, address = null;
+    let layer = null, address = null, repaint = null;
     leaflet.createPane("ground").style.zIndex = 120;
     const clear = function () {
       if (layer) layer.remove();
       if (address) URL.revokeObjectURL(address);
-      layer = address = null;
+      layer = address = repaint = null;
     };
+    canine.onRestyle(() => repaint && repaint());
     const setOpacity = () => layer && layer.setOpacity(Number(opacity.value));
 
     async function picture(image, world) {
@@ -59,13 +63,36 @@
     }
     async function tiles(file) {
       const archive = new pmtiles.PMTiles(new pmtiles.FileSource(file)), header = await archive.getHeader();
-      if (!RASTER[header.tileType]) throw new Error(`${file.name} holds no pictures (type ${header.tileType}), expected ${Object.values(RASTER).join(", ")}`);
+      const { minLat, minLon, maxLat, maxLon, minZoom, maxZoom, tileType } = header;
+      const said = `${file.name} lies under the map: ${RASTER[tileType] || "vectors"}, zoom ${minZoom} to ${maxZoom}`;
+      const bounds = [[minLat, minLon], [maxLat, maxLon]], common = { pane: "ground", minZoom, maxZoom: 23, bounds };
+      if (tileType === VECTOR) {
+        const known = await basemap(archive, file.name);
+        clear();
+        repaint = function () {
+          if (layer) layer.remove();
+          layer = protomapsL.leafletLayer({ ...common, url: archive, maxDataZoom: maxZoom, flavor: canine.isDark() ? "dark" : "light", lang: "en" });
+          layer.addTo(leaflet);
+          setOpacity();
+        };
+        repaint();
+        leaflet.fitBounds(bounds);
+        return said + known;
+      }
+      if (!RASTER[tileType]) throw new Error(`${file.name} holds tiles of type ${tileType}, expected ${Object.values(RASTER).join(", ")} or vectors`);
       clear();
-      const bounds = [[header.minLat, header.minLon], [header.maxLat, header.maxLon]];
-      layer = pmtiles.leafletRasterLayer(archive, { pane: "ground", minNativeZoom: header.minZoom, maxNativeZoom: header.maxZoom,
-        minZoom: header.minZoom, maxZoom: 23, bounds }).addTo(leaflet);
+      layer = pmtiles.leafletRasterLayer(archive, { ...common, minNativeZoom: minZoom, maxNativeZoom: maxZoom }).addTo(leaflet);
       leaflet.fitBounds(bounds);
-      return `${file.name} lies under the map: ${RASTER[header.tileType]}, zoom ${header.minZoom} to ${header.maxZoom}`;
+      return said;
+    }
+    // Whose map it is, in words; an error if it has none of the layers that are drawn.
+    async function basemap(archive, name) {
+      const { vector_layers: stated, attribution } = await archive.getMetadata(), layers = (stated || []).map(({ id }) => id);
+      if (layers.length && !layers.some((id) => LAYERS.includes(id))) {
+        throw new Error(`${name} has the layers ${layers.join(", ")}, expected some of Protomaps' basemap: ${LAYERS.join(", ")}`);
+      }
+      const source = new DOMParser().parseFromString(String(attribution || ""), "text/html").body.textContent.trim();
+      return source ? `; ${source}` : "";
     }
     async function choose() {
       const some = [...files.files], find = (kind) => some.find(({ name }) => kind.test(name));

@@ -429,7 +429,7 @@ def test_the_logs_of_trials_give_the_draws_of_their_dogs(
     )
     assert status == 0
     assert text.startswith("1 trial (estimator)")
-    assert text.splitlines()[-1].endswith("fit.json, fit.png, fit.toml")
+    assert text.splitlines()[-1].endswith("fit.html, fit.json, fit.png, fit.toml")
     by_estimate = json.loads((tmp_path / "fit" / "fit.json").read_text())["trials"][0]
     for key, tolerance in (("cruise_speed", 0.02), ("speeding_up", 0.1), ("drift", 0.1)):
         assert by_estimate[key] == pytest.approx(result["trials"][0][key], rel=tolerance)

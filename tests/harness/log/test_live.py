@@ -19,7 +19,7 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
 from harness.log.channel import Channel
-from harness.log.live import Viewers
+from harness.log.live import Pace, Viewers
 from harness.log.writer import LogWriter
 from harness.station.sink import Sink
 from models.errors import UsageError
@@ -153,7 +153,7 @@ def test_a_paced_log_waits_until_a_messages_time_has_come(
     clock = [100.0]
     monkeypatch.setattr("harness.log.live.time.monotonic", lambda: clock[0])
     monkeypatch.setattr("harness.log.live.time.sleep", lambda s: clock.__setitem__(0, clock[0] + s))
-    with Viewers(0, paced=True) as viewers, writer(tmp_path / "a.mcap", viewers) as log:
+    with Viewers(0, pace=Pace()) as viewers, writer(tmp_path / "a.mcap", viewers) as log:
         log.write_rows(np.array([0.0, 0.04]), rows(0.0, 1.5))
         assert clock[0] == pytest.approx(100.04)
         log.write_rows(np.array([0.08, 3.0]), rows(2.5, 3.5))

@@ -20,7 +20,8 @@ from harness.recording.recording import RecordingError
 from harness.recording.signals import SensorSignals
 from harness.replay.comparison import HELD, MEAN, Configuration, EstimateError, compare, hold_speed
 from harness.replay.fmu import run_fmu
-from harness.replay.replay import Outage, apart, paired_t_test, replay, report, show, statistics
+from harness.replay.outage import Outage
+from harness.replay.replay import apart, paired_t_test, replay, report, show, statistics
 from harness.replay.source import ReplaySource, open_source
 from harness.replay.windows import Outages
 from harness.trial import trial

@@ -12,8 +12,15 @@ from harness.log.geodesy import TangentPlane
 from harness.report.inline import LIBRARIES, PARTS, SCRIPTS, STYLES, policy, script, style
 from tests.browser import OpenPage
 
-OURS = ["canine.js", "map.js", "plots.js", "strip.js", "answer.js", "points.js"]
-OF_PAGES = {"answer.js", "points.js", "page.css"}  # of pages from logs alone
+OURS = ["canine.js", "map.js", "plots.js", "strip.js", "answer.js", "points.js", "charts.js", "live.js"]
+OF_PAGES = {
+    "answer.js",
+    "points.js",
+    "charts.js",
+    "live.js",
+    "page.css",
+    "charts.css",
+}  # of pages from logs alone
 PUBLISHED = {  # SHA-256 of the files in the packages that npm serves
     "leaflet-1.9.4/leaflet.js": "db49d009c841f5ca34a888c96511ae936fd9f5533e90d8b2c4d57596f4e5641a",
     "leaflet-1.9.4/leaflet.css": "a7837102824184820dfa198d1ebcd109ff6d0ff9a2672a074b9a1b4d147d04c6",

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from tests.browser import DESK, TABLET, OpenPage, Visit
+from tests.harness.station import vector_tiles
 from tests.harness.station.played_station import (
     HELLO,
     HOME,
@@ -22,6 +23,7 @@ from tests.harness.station.played_station import (
     URL,
     PlayedStation,
 )
+from tests.harness.station.vector_tiles import LINE, POLYGON, Feature
 
 if TYPE_CHECKING:
     from playwright.sync_api import FilePayload, Page
@@ -499,15 +501,73 @@ def archive(tile: bytes, kind: int) -> bytes:
     return header + struct.pack("<4iB2i", *world, 0, 0, 0) + directory + metadata + tile
 
 
-def test_an_archive_of_pictures_lies_under_the_map_and_one_of_vectors_is_refused(
+def test_an_archive_of_pictures_lies_under_the_map_and_one_of_unknown_tiles_is_refused(
     page: Page, visit: Visit
 ) -> None:
     page.click("#tab-background")
     page.set_input_files("#ground", [file("field.pmtiles", archive(PIXEL, kind=2))])
     page.get_by_text("field.pmtiles lies under the map: PNG, zoom 0 to 0").wait_for()
     page.locator("#map img.leaflet-tile-loaded").first.wait_for(state="attached")
-    page.set_input_files("#ground", [file("roads.pmtiles", archive(PIXEL, kind=1))])
-    page.get_by_text("Not drawn: roads.pmtiles holds no pictures (type 1)").wait_for()
+    page.set_input_files("#ground", [file("roads.pmtiles", archive(PIXEL, kind=0))])
+    page.get_by_text("Not drawn: roads.pmtiles holds tiles of type 0, expected PNG").wait_for()
+    assert visit.errors == []
+
+
+# a lake in the west of the tile, a building and a street in its east
+VECTORS = {
+    "earth": [Feature(POLYGON, [(0, 0), (4096, 0), (4096, 4096), (0, 4096)], {"kind": "earth"})],
+    "water": [Feature(POLYGON, [(0, 0), (1600, 0), (1600, 4096), (0, 4096)], {"kind": "lake"})],
+    "buildings": [
+        Feature(POLYGON, [(2400, 600), (3400, 600), (3400, 3400), (2400, 3400)], {"kind": "building"})
+    ],
+    "roads": [Feature(LINE, [(2000, 0), (2000, 4096)], {"kind": "major_road"})],
+}
+ZOOM = 14
+COLOURS = """() => {
+  const found = new Set();
+  for (const tile of document.querySelectorAll(".leaflet-ground-pane canvas")) {
+    const copy = Object.assign(document.createElement("canvas"), { width: tile.width, height: tile.height });
+    const context = copy.getContext("2d", { willReadFrequently: true });
+    context.drawImage(tile, 0, 0);
+    const { data } = context.getImageData(0, 0, copy.width, copy.height);
+    for (let i = 0; i < data.length; i += 4) found.add(data.slice(i, i + 3).join());
+  }
+  return [...found];
+}"""
+LAKE = {"light": "128,222,234", "dark": "49,53,63"}  # of Protomaps' flavours
+BUILDING = {"light": "204,204,204", "dark": "24,24,24"}
+
+
+def place_of_home() -> tuple[int, int]:
+    """Column and row of the tile with home in it."""
+    latitude, longitude = map(math.radians, HOME)
+    count = 1 << ZOOM
+    row = count * (1 - math.asinh(math.tan(latitude)) / math.pi) / 2
+    return int(count * (longitude / math.pi + 1) / 2), int(row)
+
+
+def test_a_map_of_vectors_lies_under_the_map_in_the_colours_of_the_page(page: Page, visit: Visit) -> None:
+    content = vector_tiles.archive(vector_tiles.tile(VECTORS), list(VECTORS), ZOOM, place_of_home())
+    page.click("#tab-background")
+    page.set_input_files("#ground", [file("town.pmtiles", content)])
+    page.get_by_text("town.pmtiles lies under the map: vectors, zoom 14 to 14; © OpenStreetMap").wait_for()
+    for theme in ("light", "dark"):
+        expected = {LAKE[theme], BUILDING[theme]}
+        page.wait_for_function(
+            f"(colours) => colours.every((c) => ({COLOURS})().includes(c))", arg=list(expected)
+        )
+        page.evaluate("canine.setTheme('dark')")
+    page.click("#ground-remove")
+    assert page.locator(".leaflet-ground-pane canvas").count() == 0
+    assert visit.errors == []
+    assert [url for url in visit.requests if not url.startswith(("http://localhost", "blob:", URL))] == []
+
+
+def test_vectors_of_another_schema_are_refused_by_their_layers(page: Page, visit: Visit) -> None:
+    content = vector_tiles.archive(vector_tiles.tile({}), ["transportation", "park"], ZOOM, place_of_home())
+    page.click("#tab-background")
+    page.set_input_files("#ground", [file("other.pmtiles", content)])
+    page.get_by_text("Not drawn: other.pmtiles has the layers transportation, park, expected some").wait_for()
     assert visit.errors == []
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from harness.report.figures import charts_of
 from harness.studies import consistency
 from harness.studies.consistency import ALONE, OWN, TOGETHER, Trial, judge
 from harness.studies.innovations import Innovations
@@ -92,7 +93,9 @@ def test_tables_and_picture_have_each_world(result: dict[str, Any]) -> None:
     consistency.show(result, Console(file=text, width=160))
     assert all(f"world: {world}" in text.getvalue() for world in result["worlds"])
     assert all(name in text.getvalue() for name in (*ALONE, *TOGETHER))
-    assert len(consistency.draw(result)["consistency"].axes) == 4
+    (figure,) = consistency.draw(result).values()
+    assert len(figure.axes) == 4
+    assert all(chart["marks"] for grid in charts_of(figure) for chart in grid)
 
 
 def test_a_set_that_does_not_exist_is_refused() -> None:

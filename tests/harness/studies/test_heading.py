@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from harness.report.figures import charts_of
 from harness.studies import heading
 from harness.studies.study import Options, run_study
 from models.errors import UsageError
@@ -59,6 +60,7 @@ def test_table_and_picture_show_both_carriers(result: dict[str, Any]) -> None:
     assert "pedestrian" in text.getvalue()
     assert "10.2" in text.getvalue()
     (figure,) = heading.draw(result).values()
+    assert all(chart["marks"] for grid in charts_of(figure) for chart in grid)
     assert [axes.get_title().split(":")[0] for axes in figure.axes] == [
         f"{carrier}, {title}"
         for carrier in ("pedestrian", "canine, set dissertation")

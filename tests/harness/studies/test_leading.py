@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+from harness.report.figures import charts_of
 from harness.studies import leading
 from harness.studies.study import Options, run_study
 from harness.sweep import sweep
@@ -59,4 +60,5 @@ def test_table_and_picture_show_each_estimator(result: dict[str, Any]) -> None:
     assert re.findall(r"[\d.]+", line)[:3] == list(rate_and_interval)
     assert any(line.startswith("none: the true state") for line in lines)
     (figure,) = leading.draw(result).values()
+    assert all(chart["marks"] for grid in charts_of(figure) for chart in grid)
     assert [label.get_text() for label in figure.axes[0].get_yticklabels()][:2] == ["four_state", "six_state"]

@@ -12,6 +12,7 @@ import pytest
 from rich.console import Console
 
 from harness.recording.recording import RecordingError
+from harness.report.figures import charts_of
 from harness.studies import motion
 from harness.studies.study import Options, run_study
 from models.errors import UsageError
@@ -131,6 +132,7 @@ def test_table_and_picture_have_every_set(result: dict[str, Any]) -> None:
     assert all(text.getvalue().count(name) == 2 for name in SETS)
     assert text.getvalue().count("the text (B.4, D.5)") == 2
     (figure,) = motion.draw(result).values()
+    assert all(chart["marks"] for grid in charts_of(figure) for chart in grid)
     assert len(figure.axes) == 6
     # the title stands above the panels, the legend below them
     figure.draw_without_rendering()

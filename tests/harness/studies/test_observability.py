@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from harness.report.figures import charts_of
 from harness.studies import observability
 from harness.studies.observability import (
     SYSTEMS,
@@ -89,7 +90,9 @@ def test_tables_and_picture_have_each_system(result: dict[str, Any]) -> None:
     text = io.StringIO()
     observability.show(result, Console(file=text, width=150))
     assert all(system in text.getvalue() for system in SYSTEMS)
-    assert len(observability.draw(result)["observability"].axes) == 3
+    (figure,) = observability.draw(result).values()
+    assert len(figure.axes) == 3
+    assert all(chart["marks"] for grid in charts_of(figure) for chart in grid)
 
 
 def test_without_noise_a_state_is_known_as_by_least_squares_with_what_was_known_before(

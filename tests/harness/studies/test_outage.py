@@ -14,6 +14,7 @@ from scipy import stats
 
 from harness.recording.recording import RecordingError
 from harness.replay.comparison import HELD
+from harness.report.figures import charts_of
 from harness.studies import outage, published
 from harness.studies.outage import MEAN, OURS
 from harness.studies.paths import GAITS, walk
@@ -81,6 +82,7 @@ def test_the_table_has_the_text_s_numbers_in_brackets(result: dict[str, Any]) ->
 
 def test_pictures_are_drawn_of_the_means_and_of_a_trial_of_each_gait(result: dict[str, Any]) -> None:
     figures = outage.draw(result)
+    assert all(chart["marks"] for f in figures.values() for grid in charts_of(f) for chart in grid)
     assert list(figures) == ["outage", "outage_detection", "outage_running"]
     assert [len(figure.axes) for figure in figures.values()] == [2, 4, 4]
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from harness.report.figures import charts_of
 from harness.studies import pitch
 from harness.studies.study import Options, run_study
 from harness.studies.tracking import Trial
@@ -58,6 +59,7 @@ def test_the_table_names_each_configuration_and_the_picture_has_three_panels(res
     pitch.show(result, Console(file=text, width=200))
     assert all(title in text.getvalue() for title in pitch.CONFIGURATIONS)
     (figure,) = pitch.draw(result).values()
+    assert all(chart["marks"] for grid in charts_of(figure) for chart in grid)
     assert len(figure.axes) == 3
     assert figure.get_suptitle() == "The Canine Motion Simulator up an incline of 10 deg (D.6), seed 1"
 

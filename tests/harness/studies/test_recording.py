@@ -15,6 +15,7 @@ from harness.recording.recording import RecordingError
 from harness.replay.comparison import CONFIGURATIONS, HELD, MEAN, compare
 from harness.replay.source import open_source
 from harness.replay.windows import NOT_VALID
+from harness.report.figures import charts_of
 from harness.studies import recording
 from harness.studies.study import Options, run_study
 from models.errors import UsageError
@@ -116,6 +117,7 @@ def test_tables_and_picture_hold_all_of_it(result: dict[str, Any]) -> None:
     ):
         assert words in text.getvalue()
     (figure,) = recording.draw(result).values()
+    assert all(chart["marks"] for grid in charts_of(figure) for chart in grid)
     positions, speeds, nis = figure.axes
     assert [label.get_text() for label in positions.get_yticklabels()] == list(result["configurations"])
     assert len(speeds.lines) == 3 * len(result["configurations"])  # moving, mean, standing

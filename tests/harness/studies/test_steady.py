@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from harness.report.figures import charts_of
 from harness.studies import steady
 from harness.studies.steady import (
     FIXES,
@@ -71,6 +72,7 @@ def test_what_has_not_settled_is_marked() -> None:
     assert [line.split()[0] for line in lines if "*" in line[:20]] == ["5", "20", "151.7", "*"]
     assert "* not settled after 1200 s" in text.getvalue()
     (figure,) = steady.draw(result).values()
+    assert all(chart["marks"] for grid in charts_of(figure) for chart in grid)
     hollow = [line for line in figure.axes[0].lines if line.get_markerfacecolor() == "none"]
     assert [np.asarray(line.get_xdata()).tolist() for line in hollow] == 3 * [[5.0, 20.0, 151.7]]
 

@@ -37,7 +37,7 @@ def test_the_command_writes_json_and_pictures(tmp_path: Path, capsys: pytest.Cap
     printed: dict[str, Any] = json.loads(capsys.readouterr().out)
     assert printed == json.loads((folder / "pitch.json").read_text())
     assert printed["study"] == "pitch"
-    assert sorted(path.name for path in folder.iterdir()) == ["pitch.json", "pitch.png"]
+    assert sorted(path.name for path in folder.iterdir()) == ["pitch.json", "pitch.png", "study.html"]
     assert (folder / "pitch.png").read_bytes().startswith(b"\x89PNG")
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+from harness.report.figures import charts_of
 from harness.studies import tuning
 from harness.studies.published import FUZZY, NO_PITCH, PITCH
 from harness.studies.study import Options, run_study
@@ -90,6 +91,7 @@ def test_table_and_picture_state_the_shares(result: dict[str, Any]) -> None:
     tuning.show(result, Console(file=text, width=200))
     assert "fuzzy against pitch" in text.getvalue()
     (figure,) = tuning.draw(result).values()
+    assert all(chart["marks"] for grid in charts_of(figure) for chart in grid)
     assert len(figure.axes) == 4
 
 

@@ -19,7 +19,7 @@ from harness.main import run
 from harness.recording.recording import RecordingError
 from harness.recording.signals import SensorSignals
 from harness.replay.comparison import HELD
-from harness.replay.replay import Outage
+from harness.replay.outage import Outage
 from harness.replay.source import ReplaySource
 from harness.studies.innovations import Innovations
 from harness.tune import report
@@ -119,7 +119,9 @@ def test_an_interval_ends_where_the_likelihood_has_fallen_by_half_the_chi_square
 
 def test_files_hold_what_a_scenario_takes(result: dict[str, Any], tmp_path: Path) -> None:
     report.report(result, tmp_path)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["tune.json", "tune.png", "tune.toml"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "tune.html", "tune.json", "tune.png", "tune.toml"
+    ]  # fmt: skip
     assert json.loads((tmp_path / "tune.json").read_text())["noises"] == result["noises"]
     parameters = tomllib.loads((tmp_path / "tune.toml").read_text())["parameters"]
     assert parameters["four_state.fuzzy"] is False
