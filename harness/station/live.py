@@ -21,11 +21,12 @@ from harness.log.live import Pace
 from harness.log.log import Log
 from harness.report.page import render
 from harness.station.desk import OrderError
-from harness.station.guard import LOCAL, Guard
+from harness.station.guard import Guard
 from harness.station.server import address_of, listening, serve
 from harness.station.shown import News
 from harness.trial.events import events
 from harness.trial.page import MOST_EVENTS, marks, trial_data
+from harness.vest import LOCALHOST
 
 SHOW_S = 0.2  # between two states
 LAST_S = 5.0  # for a browser to take the page of the trial at the end
@@ -151,7 +152,7 @@ class Live:
         return News(orjson.dumps({"is": "state", "ticks": ticks}))
 
     def close(self) -> None:
-        """As `Shown`; nobody is waited for any more."""
+        """Nobody is served any more, nor waited for."""
         self._watched.set()
 
 
@@ -162,9 +163,9 @@ def live(title: str, pace: Pace, ready: Callable[[str], None]) -> Iterator[Live]
     Args:
         ready: is given the address, once a browser can open it.
     """
-    shown, guard = Live(title, pace), Guard.of(LOCAL)
+    shown, guard = Live(title, pace), Guard.of(LOCALHOST)
     servers: list[uvicorn.Server] = []
-    with listening(LOCAL, 0) as listener:
+    with listening(LOCALHOST, 0) as listener:
 
         def answers(server: uvicorn.Server) -> None:
             servers.append(server)

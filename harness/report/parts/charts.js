@@ -108,7 +108,7 @@
       } else {
         context.font = `${11 * dpr}px system-ui, sans-serif`;
         context.textAlign = mark.kind === "words" ? "center" : "left";
-        const x = mark.kind === "words" ? left + width / 2 : at(mark.x, "x"), y = mark.kind === "words" ? top + height / 2 : at(mark.y, "y");
+        const x = mark.kind === "words" ? left + width / 2 : at(mark.x, "x"), y = mark.kind === "words" ? top + height / 2 : at(mark.y, "y") - 3 * dpr;
         mark.text.split("\n").forEach((line, i) => context.fillText(line, x, y + i * 14 * dpr));
       }
     }
@@ -121,12 +121,12 @@
     return [x, y].map(([low, high], i) => [(low + high - each * room[i]) / 2, (low + high + each * room[i]) / 2]);
   }
 
-  function chart(of, element) {
+  function chart(of, element, heading) {
     const body = canine.element("div", { class: "chart-body", tabindex: 0, role: "img",
       "aria-label": [of.title, plain(of.y.label), "over", plain(of.x.label)].filter(Boolean).join(" ") });
     let told = null; // the mark and the point that the tip is about
     const tip = canine.element("div", { class: "tip", role: "status" }), ring = canine.element("div", { class: "ring" });
-    const box = canine.element("div", { class: "chart" }, ...(of.title ? [canine.element("h3", {}, of.title)] : []),
+    const box = canine.element("div", { class: "chart" }, ...(of.title ? [canine.element(heading, {}, of.title)] : []),
       ...(of.legend.length ? [legend(of.legend)] : []), body);
     element.append(box);
     if (of.place) {
@@ -139,7 +139,7 @@
       ...lines, label: scale.label || undefined,
       splits: (u, i, least, most) => scale.names.map(([place]) => place).filter((place) => place >= least && place <= most),
       values: (u, places) => places.map((place) => spoken(scale, place)),
-    } : { ...lines, label: scale.label || undefined });
+    } : { ...lines, label: scale.label || undefined, values: (u, places) => places.map((place) => (place === null ? "" : number(place))) });
     const longest = Math.max(0, ...(of.y.names || []).map(([, text]) => text.length));
     const names = of.y.names ? 20 * of.y.names.length : 0;
     const height = () => Math.max(INCH * of.height, 220, names + 60);
@@ -242,7 +242,7 @@
       const columns = Math.max(...charts.map(({ place }) => (place ? place[3] + 1 : 1)));
       grid.style.setProperty("--columns", columns);
       section.append(grid);
-      for (const one of charts) chart(one, grid);
+      for (const one of charts) chart(one, grid, figure.title ? "h3" : "h2");
     }
   }
   of("tools").append(canine.themeSwitch());
