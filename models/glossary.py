@@ -111,7 +111,7 @@ TERMS: dict[str, tuple[Term, ...]] = {
         Term(
             "outage",
             "a time without fixes",
-            (("outage_start", "models/sensors.py"), ("Outage", "harness/replay/replay.py")),
+            (("outage_start", "models/sensors.py"), ("Outage", "harness/replay/outage.py")),
         ),
     ),
     "Estimation": (
