@@ -143,8 +143,8 @@ class Talkative:
     def leave(self, operator: int) -> None:
         pass
 
-    def order(self, operator: int, order: dict[str, Any]) -> None:
-        pass
+    def order(self, operator: int, order: dict[str, Any]) -> tuple[()]:
+        return ()
 
     def poll(self) -> News:
         self.count += 1
