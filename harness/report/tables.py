@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
 from harness.terminal import UNLIMITED
 
@@ -45,13 +44,13 @@ class _Recorder(Console):
         self.parts: list[Printed] = []
 
     def print(self, *objects: Any, sep: str = " ", markup: bool | None = None, **how: Any) -> None:
-        if len(objects) == 1 and isinstance(objects[0], Table):
+        if len(objects) == 1 and hasattr(objects[0], "columns"):
             self.parts.append(self._table(objects[0]))
             return
         text = sep.join(map(str, objects))
         self.parts.append((text if markup is False else self._plain(text)).strip())
 
-    def _table(self, table: Table) -> PrintedTable:
+    def _table(self, table: Any) -> PrintedTable:
         return PrintedTable(
             tuple(self._plain(column.header) for column in table.columns),
             tuple(column.justify == "right" for column in table.columns),
