@@ -16,6 +16,7 @@ import numpy as np
 import orjson
 import uvicorn
 
+from harness.addresses import LOCALHOST
 from harness.log.channel import Array, Channel
 from harness.log.live import Pace
 from harness.log.log import Log
@@ -26,7 +27,6 @@ from harness.station.server import address_of, listening, serve
 from harness.station.shown import News
 from harness.trial.events import events
 from harness.trial.page import MOST_EVENTS, marks, trial_data
-from harness.vest import LOCALHOST
 
 SHOW_S = 0.2  # between two states
 LAST_S = 5.0  # for a browser to take the page of the trial at the end
