@@ -14,7 +14,7 @@ from harness.trial.prepare import Prepared, prepared
 from harness.trial.request import Changes, requested
 from models.kit.timing import TICK
 from models.system import SYSTEMS
-from tests.bench import estimators, logs, masters, matrices, startup, sweeps
+from tests.bench import estimators, logs, masters, matrices, routes, startup, sweeps
 from tests.bench.timing import paired, timed
 
 TICKS = 891  # of the trial that is timed: three_waypoint, seed 1
@@ -150,7 +150,7 @@ def main() -> None:
     for row in masters.rows():
         table.add_row(*row)
     short: list[str] = []
-    for part in (estimators, sweeps, matrices, startup):
+    for part in (estimators, sweeps, routes, matrices, startup):
         rows, shortfalls = part.rows()
         short += shortfalls
         for row in rows:
