@@ -176,8 +176,7 @@ def _by_kind(ground: _Ground, longest: float) -> Iterator[list[int]]:
             continue
         done.add((node, word))
         if node == 1:
-            if shapely.LineString([ground.places[each] for each in path]).is_simple:
-                yield list(path)  # others go round an area and cross themselves
+            yield list(path)
             continue
         for other, edge in graph[node].items():
             if other not in left:
@@ -187,7 +186,8 @@ def _by_kind(ground: _Ground, longest: float) -> Iterator[list[int]]:
             further = _joined(word, crossed[node, other])
             total = length + edge["length"]
             bound = total + left[other]
-            if bound <= most and (other, further) not in done and not _winds(further):
+            is_new = bound <= most and (other, further) not in done
+            if is_new and not _meets_itself(path, other, ground.places):
                 heapq.heappush(heap, (bound, total, other, further, (*path, other)))
 
 
@@ -214,6 +214,11 @@ def _joined(word: Word, further: Word) -> Word:
     return tuple(letters)
 
 
-def _winds(word: Word) -> bool:
-    """Does a way go round an area more than once?"""
-    return len({abs(letter) for letter in word}) < len(word)
+def _meets_itself(path: Sequence[int], further: int, places: Sequence[Place]) -> bool:
+    """Does a way come back to a corner, or cross itself, with one corner more? Then it goes round an area."""
+    a, b = places[path[-1]], places[further]
+    return further in path or any(
+        _side(a, b, places[i]) * _side(a, b, places[k]) < 0
+        and _side(places[i], places[k], a) * _side(places[i], places[k], b) < 0
+        for i, k in itertools.pairwise(path[:-1])
+    )

@@ -78,14 +78,17 @@ def test_the_fastest_of_those_not_shown_to_be_worse_than_the_best_is_recommended
 
 
 def test_half_goes_on_with_the_reference_and_without_those_that_succeed_half_as_often_as_the_best() -> None:
-    # given 30: the reference, which fails; ten hopeless fast ones; nineteen that are slower the better
-    hopeless = [score(0.3, 5 + k / 10) for k in range(10)]
-    able = [score(0.70 + k / 100, 30 + k) for k in range(19)]
-    tried = {candidate(k): each for k, each in enumerate([score(0.1, 20), *hopeless, *able])}
+    # given 30: the reference; ten hopeless that are fast, so that none beats them; ten of the front that are
+    # slower the better they are; nine that these beat
+    hopeless = [score(0.20 + k / 100, 5 + k) for k in range(10)]
+    front = [score(0.70 + k / 100, 30 + k) for k in range(10)]
+    beaten = [score(0.50 + k / 100, 50) for k in range(9)]
+    scores = [score(0.1, 20), *hopeless, *front, *beaten]
+    tried = {candidate(k): each for k, each in enumerate(scores)}
     # when
     kept = numbers(halving._kept(tried, candidate(0)))
-    # then 15 and the reference
-    assert kept == [0, *range(15, 30)]
+    # then 15, the better of those that are beaten among them, and the reference
+    assert kept == [0, *range(11, 21), *range(25, 30)]
 
 
 def test_those_that_only_the_front_beats_come_next() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import shapely
 
-from harness.routes.open_ground import open_ways
+from harness.routes.open_ground import _joined, open_ways
 from harness.routes.site import Area, Site
 from harness.routes.way import Way, best
 
@@ -112,6 +112,29 @@ def test_a_begin_near_a_wall_is_left_by_less_than_the_clearance() -> None:
     # then the way leaves along it, and keeps the clearance from its corner on
     assert abs(left.places[1][1]) == abs(right.places[1][1]) == pytest.approx(26)
     assert all(abs(place[1]) == pytest.approx(26) for way in (left, right) for place in way.places[1:-1])
+
+
+def test_along_a_wall_the_straight_way_is_kept_where_both_ends_are_near_it() -> None:
+    assert ways_of(site_of((-10, 1, 110, 5)), clearance=6)[0].places == (BEGIN, END)
+
+
+def test_crossing_a_ray_to_and_fro_counts_as_nothing() -> None:
+    assert _joined((1,), (-1,)) == ()
+    assert _joined((1, 2), (-2, -1, 3)) == (3,)
+    assert _joined((1,), (1, -2)) == (1, 1, -2)
+
+
+def test_a_way_leads_out_of_a_spiral() -> None:
+    # given a begin within a wall that goes round it one and three quarter times, open at its outer end
+    turns = np.linspace(0, 3.5 * math.pi, 60)
+    spine = np.column_stack(((6 + 4 * turns) * np.cos(turns), (6 + 4 * turns) * np.sin(turns)))
+    wall = shapely.LineString(spine).buffer(1, cap_style="flat")
+    site = Site("spiral", [Area("wall", "feature 1", wall)])
+    # when
+    ways = ways_of(site, clearance=1.0, longest=1.5)
+    # then it is no straight one, and touches nothing
+    assert ways[0].length > 130
+    assert shapely.LineString(ways[0].places).distance(wall) > 0.99
 
 
 def test_there_is_no_way_out_of_a_court() -> None:

@@ -54,6 +54,17 @@ def test_the_first_way_is_the_shortest_over_bends_and_second_streets() -> None:
     assert second.places == ((0, 0), (50, 40), (100, 0))
 
 
+def test_a_street_is_followed_against_the_order_of_its_places_and_no_way_is_too_long() -> None:
+    # given a street written from its far end, with unequal bends, and a longer one
+    bent = shapely.LineString([(100, 0), (90, 30), (10, 10), (0, 0)])
+    long = shapely.LineString([(0, 0), (50, -90), (100, 0)])
+    site = Site("town", streets=[bent, long])
+    # then the bends come in the order of the way
+    (way,) = ways_of(site, (0, 0), (100, 0), longest=1.5)
+    assert way.places == ((0, 0), (10, 10), (90, 30), (100, 0))
+    assert len(ways_of(site, (0, 0), (100, 0), longest=2.0)) == 2
+
+
 def test_a_street_through_an_area_is_closed() -> None:
     # given a gate house over the straight street
     house = Area("gate house", "feature 1", shapely.box(40, -5, 60, 5))
