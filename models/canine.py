@@ -46,6 +46,7 @@ class Behaviour(Guided):
     )
     drift = Parameter("rad/s", "Heading Drift, mean", start=2.62 * DEG)
     drift_deviation = Parameter("rad/s", "Heading Drift, standard deviation", start=1.62 * DEG, min=0)
+    drift_redrawn = Parameter(Boolean, "the drift is drawn anew with each FORWARD, not once a trial", start=0)
     left_success = Parameter("1", "Left Success Rate", start=0.64, min=0, max=1)
     right_success = Parameter("1", "Right Success Rate", start=0.6, min=0, max=1)
     # why trials take longer in the field (5.3.7.1): all off
@@ -82,6 +83,7 @@ class Behaviour(Guided):
     right_stream = Stream("responses to RIGHT", substream=1)
     left_stream = Stream("responses to LEFT", substream=2)
     search_stream = Stream("search for the bumper", substream=4)
+    drift_stream = Stream("drift of each run", substream=13)
 
     def initialize(m) -> None:
         """Draw start heading, drift and turn rates of the trial (eq. 5.1, 5.2, 5.5)."""
@@ -151,6 +153,16 @@ class Behaviour(Guided):
         """Draw the response to a LEFT just issued."""
         draw, m.left_stream = uniform(m.left_stream)
         m.obeys_left = draw <= m.left_success
+
+    @triggered(
+        lambda m: all_of(m.drift_redrawn, m.command == Command.FORWARD, m.past_command != Command.FORWARD),
+        "`drift_redrawn`, FORWARD is new",
+        seldom=True,
+    )
+    def hear_forward(m) -> None:
+        """Draw the drift of the run that begins."""
+        draws, m.drift_stream = normals(m.drift_stream, 1)
+        m.trial_drift = m.drift + m.drift_deviation * draws[0]
 
     def move(m) -> None:
         """Run on FORWARD and RECALL, which are always obeyed, and brake on any other command."""

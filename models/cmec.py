@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from enum import IntEnum
 
+from models.aiming_off import AimingOff
 from models.commands import Command, Status
 from models.fence import Fenced
 from models.kit import casadi as ca
@@ -31,7 +32,7 @@ MAX_WAYPOINTS = 16
 MOST_TURNS = 1000  # that MAXTURN can allow
 
 
-class Cmec(Fenced):
+class Cmec(AimingOff, Fenced):
     """Canine maximum effort controller: waypoints and the estimate to commands, tick by tick."""
 
     source = "Miller 2010, 4.1.4, eq. 4.1-4.4, Figure 4.2, Tables 4.1-4.3"
@@ -156,6 +157,7 @@ class Cmec(Fenced):
         m._latch()
         m.anomalies = ca.SX.zeros(len(Anomaly) - 1)
         m.issue_north, m.issue_east = m.north, m.east
+        m._aim_anew()
 
     @triggered(
         lambda m: all_of(
@@ -217,16 +219,21 @@ class Cmec(Fenced):
             m.moving_deviation,
             m.stop_deviation,
         )
-        off = ca.fabs(m.deviation)
+        off, astray = ca.fabs(m.deviation), m._astray()
         won = Condition(m.distance <= m.capture_radius, "d <= d'")
         at_rest = Condition(m._at_rest(), "at rest")
-        aligned = Condition(off < limit, "|h| < h''")
+        roughly_aligned = Condition(off < m.moving_deviation, "|h| < h'")
+        # with b, an animal may be near the heading that is aimed at and yet beyond h'
+        goes_on = Condition(any_of(m.offset == 0, roughly_aligned.holds), "b = 0 or |h| < h'")
+        aligned = Condition(ca.fabs(astray) < limit, "|h - b| < h''") & goes_on
         at_waypoint = {"ticks": 0}
         forward = {"ticks": 0, "issue_north": m.north, "issue_east": m.east}
 
-        yield Row(Mode.FORWARD, won, Mode.STOP_AT_WAYPOINT, at_waypoint)
+        due = Condition(ca.logic_not(m.early), "no braking point is ahead")
+        yield Row(Mode.FORWARD, won & due, Mode.STOP_AT_WAYPOINT, at_waypoint | {"ran": m.ticks})
         misaligned = Condition(off >= m.moving_deviation, "|h| >= h'")
-        yield Row(Mode.FORWARD, misaligned, Mode.STOP_TO_TURN, {"ticks": 0})
+        obeys = Condition(m.ticks >= m.settling, "it has had time to obey")
+        yield Row(Mode.FORWARD, misaligned & obeys, Mode.STOP_TO_TURN, {"ticks": 0, "ran": m.ticks})
         yield Row(
             Mode.FORWARD,
             Condition(m._stuck(), "moved less than DISTTHRESH in DELTHRESH3"),
@@ -239,17 +246,22 @@ class Cmec(Fenced):
         yield Row(Mode.STOP_TO_TURN, at_rest & aligned, Mode.FORWARD, forward)
         yield from m._turn(Mode.STOP_TO_TURN, at_rest)
 
-        for mode, same, beyond in (
-            (Mode.RIGHT, Command.RIGHT, Condition(m.deviation < 0, "h < 0")),
-            (Mode.LEFT, Command.LEFT, Condition(m.deviation > 0, "h > 0")),
+        left = astray - m.lead  # of the turn, once the animal obeys FORWARD
+        for mode, same, sign, past in (
+            (Mode.RIGHT, Command.RIGHT, "<", left < 0),
+            (Mode.LEFT, Command.LEFT, ">", left > 0),
         ):
             opposite = Command.LEFT if same is Command.RIGHT else Command.RIGHT
             yield Row(mode, won, Mode.STOP_AT_WAYPOINT, at_waypoint)
-            turned = Condition(off < m.turn_end_deviation, "|h| < `turn_end_deviation`")
+            turned = Condition(ca.fabs(left) < m.turn_end_deviation, "|h - b - lead| < `turn_end_deviation`")
             yield Row(mode, turned, Mode.FORWARD, forward)
+            beyond = Condition(past, f"h - b - lead {sign} 0")
+            short = Condition(astray >= 0 if mode is Mode.RIGHT else astray <= 0, f"not h - b {sign} 0")
+            carried = beyond & short & Condition(ca.fabs(left) < m.moving_deviation, "|h - b - lead| < h'")
+            yield Row(mode, carried, Mode.FORWARD, forward)
             yield Row(
                 mode,
-                beyond & Condition(off >= limit, "|h| >= h''"),
+                beyond & Condition(ca.fabs(left) >= limit, "|h - b - lead| >= h''"),
                 Mode.DEAD,
                 {"ticks": 0, "planned": opposite, "uncounted": 0},
                 Anomaly.DIRECTION_SWITCH,
@@ -265,13 +277,12 @@ class Cmec(Fenced):
         # d and h are watched in the dead period too; what they ask for beats the command planned (4.1.4.3)
         over = Condition(m._lasted(m.dead_time), "HEADCOUNTTHRESH is over")
         go_on = Condition(m.planned == Command.FORWARD, "FORWARD is planned")
-        roughly_aligned = Condition(off < m.moving_deviation, "|h| < h'")
         changed = Anomaly.NO_COMMAND
         yield Row(Mode.DEAD, won, Mode.STOP_AT_WAYPOINT, at_waypoint, changed)
         yield Row(Mode.DEAD, over & go_on & roughly_aligned, Mode.FORWARD, forward)
         yield Row(Mode.DEAD, over & go_on, Mode.STOP_TO_TURN, {"ticks": 0}, changed)
         yield Row(Mode.DEAD, over & aligned, Mode.FORWARD, forward, changed)
-        reissued = m.planned == where(m.deviation >= 0, Command.RIGHT, Command.LEFT)
+        reissued = m.planned == where(astray >= 0, Command.RIGHT, Command.LEFT)
         counts = Condition(ca.logic_not(all_of(m.uncounted, reissued)), "the turn counts")
         yield from m._turn(Mode.DEAD, over, counts)
 
@@ -330,13 +341,14 @@ class Cmec(Fenced):
 
     def _turn(m, mode: Mode, when: Condition, counts: Condition | None = None) -> Iterator[Row]:
         """Issue the directional command that is asked for; one more than MAXTURN fails the trial."""
+        astray = m.deviation - m.offset
         failure = {"ticks": 0, "target_north": m.base_north, "target_east": m.base_east}
         too_many = Condition(m.turns >= m.max_turns, "MAXTURN turns were counted")
         counting = when & counts if counts else when
         yield Row(mode, counting & too_many, Mode.FAILURE_RECALL, failure, Anomaly.TRIAL_FAILURE)
         for next, command, side in (
-            (Mode.RIGHT, Command.RIGHT, Condition(m.deviation >= 0, "h >= 0")),
-            (Mode.LEFT, Command.LEFT, Condition(m.deviation < 0, "h < 0")),
+            (Mode.RIGHT, Command.RIGHT, Condition(astray >= 0, "h - b >= 0")),
+            (Mode.LEFT, Command.LEFT, Condition(astray < 0, "h - b < 0")),
         ):
             issue = {"ticks": 0, "issued": m.issued + 1, "turns": m.turns + (counts.holds if counts else 1)}
             if mode is Mode.DEAD:

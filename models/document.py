@@ -13,7 +13,7 @@ from models.kit.declaration import Parameter, Type, Variable
 from models.kit.tracing import Table
 from models.leader import Leader
 from models.readings import READINGS
-from models.sets import DOGS
+from models.sets import DOGS, LEADERS
 from models.seven_state import TUNINGS, SevenState
 from models.system import BLOCKS, SYSTEMS
 
@@ -184,10 +184,10 @@ def _readings() -> str:
 
 
 def _sets() -> str:
-    """The sets of the dog; those of sensors and pack are many numbers, and stand in their file."""
+    """The sets of dog and controller; those of sensors and pack are many numbers, and stand in their file."""
     lines = ["## The sets", "", (sets.__doc__ or "").partition("\n\n")[2]]
     lines += ["| set | component | parameters |", "|---|---|---|"]
-    for name, parts in DOGS.items():
+    for name, parts in (DOGS | LEADERS).items():
         for component, values in parts.items():
             block = SYSTEMS["full"].components[component]
             cells = (f"`{n}` {_reading(x, block.variables()[n].unit)}" for n, x in values.items())

@@ -54,6 +54,7 @@ class Leader(Block):
     base_north, base_east = Cmec.base_north, Cmec.base_east
     anomalies = Cmec.anomalies
     reset_turns = True  # what Cmec.advance asks: MAXTURN is per waypoint (4.1.4.2)
+    offset = 0.0  # what Cmec._turn asks: they aim at the target itself
 
     watch = Cmec.watch
 

@@ -1,4 +1,4 @@
-"""Named sets of parameters by component, for studies and trials: sensors and pack, and the dog.
+"""Named sets of parameters by component, for studies and trials: sensors and pack, dog, controller.
 
 `dissertation` is chosen for being near the text's figures: of the motion (B.4, D.5) and of the errors after
 an outage (Tables 3.1 and D.1). `measured` has gait and swings of a real dog that wore an inertial unit, as
@@ -6,7 +6,8 @@ an outage (Tables 3.1 and D.1). `measured` has gait and swings of a real dog tha
 with what pack and instruments may do there; its sizes are ours. `ideal` has the noise of D.12 to D.14 alone.
 
 The dog `table_5_1` has every deviation of Table 5.1, those of speed and accelerations too, and searches for
-its bumper (5.3.7.1).
+its bumper (5.3.7.1). The controller's `aim_off` knows what Table 5.1 says of the drift, and learns the rest;
+`aim_off_mean` has its mean.
 """
 
 from __future__ import annotations
@@ -88,10 +89,15 @@ DOGS: dict[str, Set] = {
     },
 }
 
+LEADERS: dict[str, Set] = {  # with what Table 5.1 says of the drift
+    "aim_off": {"controller": {"drift": 2.62 * DEG, "drift_sd": 1.62 * DEG}},
+    "aim_off_mean": {"controller": {"drift": 2.62 * DEG}},
+}
+
 
 def sets_of(component: str) -> dict[str, dict[str, float]]:
     """The sets that a component can take: parameters (SI) by the set's name."""
-    return {name: parts[component] for name, parts in (SETS | DOGS).items() if parts.get(component)}
+    return {name: parts[component] for name, parts in (SETS | DOGS | LEADERS).items() if parts.get(component)}
 
 
 def find_set(component: str, name: str, known: Collection[str]) -> dict[str, float]:

@@ -32,6 +32,7 @@ from models.system import SYSTEMS, System
 
 STEP = 0.04  # s
 TRIALS = 50  # of each system and reading
+NUMBERS = {"calibrated": 0, "literal": 1, "guarded": 2, "field": 3}  # of the readings, for the draws
 STOP = ("controller.status", ENDS)
 NARROW = ("controller.status", "controller.directional_commands", "plant.north", "plant.east")
 DOG = {  # as users write them, angles in degrees
@@ -71,6 +72,12 @@ DOG = {  # as users write them, angles in degrees
     "canine.slip_lead": (0, 0.5),
     "canine.slip_wander": (0, 10),
 }
+AIMING = {
+    "cmec.drift": (-5, 5),
+    "cmec.drift_sd": (0, 3),
+    "cmec.response_time": (0, 1),
+    "cmec.braking": (0, 4),
+}
 WEARABLE = {
     "sensors.gps_period": (0.1, 1),
     "sensors.gps_wander": (0, 2),
@@ -108,7 +115,7 @@ FREE = {  # inputs that change in some trials, with what they start with and may
 
 def draw_trial(system: str, reading: str, number: int) -> Scenario:
     """Any trial; two in five are short or have inputs that change."""
-    rng = np.random.default_rng([number, system == "full", list(READINGS).index(reading)])
+    rng = np.random.default_rng([number, system == "full", NUMBERS[reading]])
     ranges = DOG | (WEARABLE if system == "full" else {})
     parameters: dict[str, Any] = {n: float(rng.uniform(*r)) for n, r in ranges.items() if rng.random() < 0.3}
     parameters |= {n: bool(rng.integers(2)) for n in SWITCHES[system] if rng.random() < 0.2}
@@ -121,6 +128,10 @@ def draw_trial(system: str, reading: str, number: int) -> Scenario:
     if reading == "guarded" and rng.random() < 0.7:
         name = str(rng.choice(list(LIMITS)))
         parameters[name] = float(rng.uniform(*LIMITS[name]))
+    if number % 3 == 0:
+        aims = np.random.default_rng([number, 11])
+        parameters |= {n: float(aims.uniform(*r)) for n, r in AIMING.items() if aims.random() < 0.6}
+        parameters["canine.drift_redrawn"] = bool(aims.integers(2))
     changing = number % 5 == 0
     return Scenario(
         f"{system} {reading} {number}",

@@ -106,10 +106,11 @@ class Formulas:
             limit
             for kind in kinds
             for name in self.names[kind]
-            for limit in self._limits(values[name], self.variables[name])
+            for limit in self.limits(values[name], self.variables[name])
         ]
 
-    def _limits(self, value: Value, variable: Variable) -> list[Value]:
+    def limits(self, value: Value, variable: Variable) -> list[Value]:
+        """The value is within a variable's declared range."""
         if variable.type is Type.BOOLEAN:
             return []
         low = [] if variable.min is None else [value >= self.number(variable.min, variable)]
@@ -226,6 +227,7 @@ class Formulas:
             return a * a
         square, size = z3.FreshReal("square"), z3.If(a >= 0, a, -a)
         tick.facts += [square >= 0, square >= 2 * size - 1, z3.If(size <= 1, square <= size, square >= size)]
+        tick.facts.append((square == 0) == (a == 0))
         return square
 
     def _is_constant(self, a: Value) -> bool:

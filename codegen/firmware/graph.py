@@ -6,9 +6,10 @@ What z3 finds against a claim is tried in the model in Python, and told with wha
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -32,6 +33,15 @@ TIMES = (
     "longest_stop",
 )  # of two ticks at least
 FAR = 1e5  # m: of a mission's places from the origin
+# what is computed of the inputs, by the update that does it, in the order in which it assigns them
+AIMED = {
+    "aim": ("distance", "deviation"),
+    "learn": ("learnt_drift", "learnt_drift_sd", "ran"),
+    "aim_off": ("offset",),
+    "lead_turn": ("lead",),
+    "brake": ("early",),
+}
+AIMING = ("offset", "lead")  # states of them that rows compare
 HALF_TURN = Fraction(3141592653589793, 10**15)  # rad
 DEPTH = 4  # ticks from the start to the modes that are farthest from it; before the first survey
 SHOWN = ("now", "command", "mode", "anomaly")
@@ -67,10 +77,18 @@ def is_one_of(f: Formulas, value: Value, members: Any) -> Value:
     return f.z3.Or(*(value == int(member) for member in members))
 
 
-def any_aim(f: Formulas, prefix: str = "") -> Instead:
-    """Any distance and deviation, in place of those to the target."""
-    distance, deviation = f.z3.Real(f"{prefix}distance aimed"), f.z3.Real(f"{prefix}deviation aimed")
-    return {"aim": lambda _: {"distance": distance, "deviation": deviation}}
+def any_aim(f: Formulas) -> Instead:
+    """Any distance, deviation, drift, offset, lead and braking point, in place of those computed."""
+    values = {update: _aimed(f, names) for update, names in AIMED.items()}
+    return {update: partial(_given, own) for update, own in values.items()}
+
+
+def _given(values: Values, _: Values) -> Values:
+    return values
+
+
+def _aimed(f: Formulas, names: Sequence[str]) -> Values:
+    return {name: f.fresh(f"{name} aimed", f.variables[name]) for name in names}
 
 
 def possible(f: Formulas, v: Values) -> Value:
@@ -110,8 +128,12 @@ def any_step(block: type[Block]) -> Step:
     f = Formulas(block)
     before = f.free("", "state", "input", "parameter", "output")
     tick = f.tick(before, any_aim(f))
-    deviation, distance = f.z3.Real("deviation aimed"), f.z3.Real("distance aimed")
-    aimed = f.z3.And(deviation > -HALF_TURN, deviation <= HALF_TURN, distance >= 0, distance <= 1e6)
+    aim = _aimed(f, [name for names in AIMED.values() for name in names])
+    deviation, distance = aim["deviation"], aim["distance"]
+    aimed = f.z3.And(
+        *(limit for name, value in aim.items() for limit in f.limits(value, f.variables[name])),
+        *(deviation > -HALF_TURN, deviation <= HALF_TURN, distance >= 0, distance <= 1e6),
+    )
     lasting = [before[name] >= 2 * Fraction(repr(TICK)) for name in TIMES]
     known = (possible(f, before), aimed, *f.declared(before, "parameter"), *lasting, *tick.facts)
     return Step(f, before, tick.values, tuple(tick.rows), known)
@@ -266,7 +288,8 @@ def plain(step: Step) -> list[Value]:
     f, v = step.f, step.before
     named = (*f.names["state"], *f.names["parameter"])
     places = [name for name in named if "_north" in name or "_east" in name]
-    numbers = [v["closest"], *any_aim(f)["aim"]({}).values(), *(v[name] for name in f.names["parameter"])]
+    aim = [value for update in any_aim(f).values() for value in update({}).values()]
+    numbers = [v["closest"], *aim, *(v[name] for name in (*AIMING, *f.names["parameter"]))]
     zero = [v[name] == 0 for name in (*places, "north", "east")]
     return zero + [f.z3.IsInt(8 * number) for number in numbers if f.z3.is_real(number)]
 
@@ -334,15 +357,19 @@ class Retried:
 
 
 def retried(block: type[Block], step: Step, example: Any) -> Retried:
-    """A step made in the model, from the same state, with the same inputs, distance and deviation."""
+    """A step made in the model, from the same state and inputs, with what was aimed at."""
     f = step.f
-    aimed = {name: number_of(example, value) for name, value in any_aim(f)["aim"]({}).items()}
+    aims = {
+        f"{block.title()}_{update}": {name: number_of(example, value) for name, value in of({}).items()}
+        for update, of in any_aim(f).items()
+    }
+    aimed = aims[f"{block.title()}_aim"]
 
     def replace(function: Any) -> Any:
-        if function.name() != f"{block.title()}_aim":
+        if function.name() not in aims:
             return function
         groups = [ca.SX.sym(f"v{i}", *function.size_in(i)) for i in range(function.n_in())]
-        return ca.Function(function.name(), groups, [ca.SX([aimed["distance"], aimed["deviation"]])])
+        return ca.Function(function.name(), groups, [ca.SX(list(aims[function.name()].values()))])
 
     before = {name: number_of(example, value) for name, value in step.before.items()}
     model = Model(block, {name: before[name] for name in f.names["parameter"]}, replace)

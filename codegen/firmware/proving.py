@@ -31,6 +31,7 @@ TIMEOUT = 300.0  # s, at most, for one
 RULE = ("--no-standard-checks",)  # controller.tick and cmec.step have them
 # what proofs take for granted
 SHIPPED = "parameters as the firmware ships"
+AIMING = "any drift, response time and braking to aim off by, with any effect on where turns and runs end"
 AIMED = "distance is within [0, 1e6] m, deviation within [-3.2, 3.2] rad, as cmec.aim shows"
 STATE = "a state as controller.start and controller.tick show it"
 EXACT = "tones and vibration of less than seven days since power-up"
@@ -117,7 +118,7 @@ LISTEN = (*MEMORY, "--conversion-check")
 
 def _rule(rule: int, name: str, claim: str, *assumes: str) -> Proof:
     """A proof by induction of a rule, on the whole tick of the controller."""
-    common = (SHIPPED, STATE, AIMED, YOUNG, MISSION)
+    common = (SHIPPED, AIMING, STATE, AIMED, YOUNG, MISSION)
     return Proof(f"rule_{rule}.{name}", claim, rule, loops=17, checks=RULE, assumes=(*common, *assumes))
 
 
@@ -264,7 +265,7 @@ PROOFS = (
         "a tick leaves such a state, with the limits and without them",
         loops=17,
         checks=RULE,
-        assumes=(SHIPPED, AIMED, YOUNG, MISSION),
+        assumes=(SHIPPED, AIMING, AIMED, YOUNG, MISSION),
     ),
     _rule(
         1,

@@ -18,6 +18,7 @@ from harness.verification.pictures import (
 from harness.verification.published import FIELD
 from harness.verification.runs import SAME_TURNS, Example, Size, find_example, simulate
 from harness.verification.tables import (
+    aim_table,
     cause_table,
     distance_table,
     dog_table,
@@ -81,6 +82,7 @@ def page(size: Size, example: Example) -> str:
         dogs={reading: dog_table(size, reading) for reading in PUBLISHED},
         likelihoods=likelihood_table(size),
         drawn=drawn_table(size),
+        aims=aim_table(size),
         distances=distance_table(size),
         routes=route_table(size),
         guarded=guarded_table(size),

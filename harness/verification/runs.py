@@ -91,6 +91,16 @@ DRAWS = {  # what of the dog's speed is drawn for each trial
     "accelerations drawn": ("canine.speeding_up_deviation=0.67", "canine.slowing_down_deviation=1.31"),
     "all, and the search: `table_5_1`": DRAWN,
 }
+AIMS = {"the CMEC": (), "mean drift": ("cmec=aim_off_mean",), "learnt drift": ("cmec=aim_off",)}
+LATE = ("canine.response_delay=0.3",)
+AIMED_DOGS = {
+    "Table 5.1, means": (),
+    "`table_5_1`": DRAWN,
+    "its drift drawn at each FORWARD": ("canine.drift_redrawn=true",),
+    "0.3 s late": LATE,
+    "0.3 s late, `cmec.response_time=0.3`": (*LATE, "cmec.response_time=0.3"),
+    "means, `cmec.braking=2.72`": ("cmec.braking=2.72",),
+}
 DISTANCES = (25, 50, 100, 200, 500)  # m
 NO_LIMIT = ("cmec.max_turns=1000",)
 ROUTES = {3: "right_90", 4: "four_waypoint", 5: "five_waypoint"}

@@ -23,6 +23,8 @@ from harness.verification.published import (
     log_likelihood,
 )
 from harness.verification.runs import (
+    AIMED_DOGS,
+    AIMS,
     CAUSES,
     DIFFERENT,
     DISTANCES,
@@ -238,6 +240,25 @@ def drawn_table(size: Size) -> str:
         rates = [percent(point.success_rate) for point in simulated.table]
         rows.append([what, *rates, *_by_type(late), seconds(late)])
     return markdown(["drawn", "37 deg", "49 deg", *TYPES, "time"], rows)
+
+
+def aim_table(size: Size) -> str:
+    """What a controller gains that aims off: three waypoints at 49 deg, several dogs."""
+    rows = []
+    for dog, settings in AIMED_DOGS.items():
+        points = [
+            simulate("three", "49:49", size.rate, reading, (*settings, *aim)).at(49)
+            for reading in ("calibrated", "field")
+            for aim in AIMS.values()
+        ]
+        rows.append([dog, *(percent(point.success_rate) for point in points)])
+    points = [
+        simulate("distance_100", "49:49", size.long, reading, aim).at(49)
+        for reading in ("calibrated", "field")
+        for aim in AIMS.values()
+    ]
+    rows.append(["means, one leg of 100 m", *(percent(point.success_rate) for point in points)])
+    return markdown(["dog", *(f"{r}: {aim}" for r in ("calibrated", "field") for aim in AIMS)], rows)
 
 
 def distance_table(size: Size) -> str:

@@ -11,7 +11,7 @@ from models.kit.model import Model
 from models.profile import Profile
 from models.recorded import Recorded
 from models.sensors import Sensors
-from models.sets import DOGS, SETS, find_set, sets_of
+from models.sets import DOGS, LEADERS, SETS, find_set, sets_of
 
 
 @pytest.mark.parametrize("name", SETS)
@@ -51,6 +51,13 @@ def test_a_component_has_the_sets_that_state_something_of_it() -> None:
     assert sets_of("plant").keys() == {*SETS, *DOGS}
     assert "measured" not in sets_of("sensors")  # it leaves the sensors as they are
     assert sets_of("command_module") == {}
+
+
+def test_a_controller_that_aims_off_knows_the_drift_of_table_5_1() -> None:
+    dog = {variable.name: variable.start[0] for variable in Canine.group("parameter")}
+    drift, deviation = dog["drift"], dog["drift_deviation"]
+    assert LEADERS["aim_off"]["controller"] == {"drift": drift, "drift_sd": deviation}
+    assert LEADERS["aim_off_mean"]["controller"] == {"drift": drift}
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@
 #include <math.h>
 
 /* The call of cmec_aim gives any distance and deviation within the ranges that prove_aim (prove_cmec.c) shows, that
- * of cmec_cross any answer. The pasted name tells the call, whose argument is `m`, from the definition, whose
+ * of cmec_cross any answer, those of what aims off any drift, offset, lead and braking point. The pasted name tells the call, whose argument is `m`, from the definition, whose
  * argument is `cmec *m`. */
 #define cmec_aim(argument) AIM_OF_##argument)
 #define AIM_OF_cmec shipped_aim(cmec
@@ -17,12 +17,29 @@
 #define cmec_cross(argument) CROSS_OF_##argument)
 #define CROSS_OF_cmec shipped_cross(cmec
 #define CROSS_OF_m any_cross(m
+#define cmec_learn(argument) LEARN_OF_##argument)
+#define LEARN_OF_cmec shipped_learn(cmec
+#define LEARN_OF_m any_allowance(m
+#define cmec_aim_off(argument) OFFSET_OF_##argument)
+#define OFFSET_OF_cmec shipped_aim_off(cmec
+#define OFFSET_OF_m any_allowance(m
+#define cmec_lead_turn(argument) LEAD_OF_##argument)
+#define LEAD_OF_cmec shipped_lead_turn(cmec
+#define LEAD_OF_m any_allowance(m
+#define cmec_brake(argument) BRAKE_OF_##argument)
+#define BRAKE_OF_cmec shipped_brake(cmec
+#define BRAKE_OF_m any_allowance(m
 #include "cmec.h"
+static void any_allowance(cmec *m);
 static void any_aim(cmec *m);
 static void any_cross(cmec *m);
 #include "cmec.c"
 #undef cmec_aim
 #undef cmec_cross
+#undef cmec_learn
+#undef cmec_aim_off
+#undef cmec_lead_turn
+#undef cmec_brake
 
 #include "proof.h"
 #include "shipped.h"
@@ -42,6 +59,16 @@ static void any_aim(cmec *m)
 {
     m->out.distance = float_in(0.0F, 1.0e6F);
     m->out.deviation = float_in(-3.2F, 3.2F);
+}
+
+static void any_allowance(cmec *m)
+{
+    m->state.learnt_drift = nondet_float();
+    m->state.learnt_drift_sd = nondet_float();
+    m->state.ran = short_in(0, 30000);
+    m->state.offset = nondet_float();
+    m->state.lead = nondet_float();
+    m->state.early = nondet_bool();
 }
 
 static void any_cross(cmec *m)
@@ -175,13 +202,18 @@ static bool young(const cmec *m)
     return holds;
 }
 
-/* Any state and inputs of any bits; parameters as shipped. A mission lies within 100 km. */
+/* Any state and inputs of any bits; parameters as shipped, but for those of aiming off. A mission lies within
+ * 100 km. */
 static cmec any_controller(bool guarded)
 {
     cmec m;
 
     m.par = shipped().controller.par;
     m.par.guarded = guarded;
+    m.par.drift = float_in(-1.0F, 1.0F);
+    m.par.drift_sd = float_in(0.0F, 1.0F);
+    m.par.response_time = float_in(0.0F, 10.0F);
+    m.par.braking = float_in(0.0F, 1.0e3F);
     m.mission.waypoint_count = int_in(1, 16);
     m.mission.home_north = float_in(-1.0e5F, 1.0e5F);
     m.mission.home_east = float_in(-1.0e5F, 1.0e5F);
@@ -204,6 +236,7 @@ static cmec any_controller(bool guarded)
     m.state.over = nondet_bool();
     m.state.surveyed = nondet_bool();
     m.state.recalling = nondet_bool();
+    m.state.early = nondet_bool();
     m.in.valid = nondet_bool();
     m.in.start = nondet_bool();
     m.in.link_ok = nondet_bool();

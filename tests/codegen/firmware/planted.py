@@ -22,6 +22,13 @@ class Fault:
         return f"{self.proof}-{self.old.strip()[:40]}"
 
 
+# a turn to the left ends early, since the animal will turn on
+CARRIED = (
+    "(t0 <= 0.0f) && (t2 < m->par.moving_deviation)) {\n            m->state.issue_north = m->in.north;\n"
+    "            m->state.issue_east = m->in.east;\n            m->state.now = CMEC_MODE_"
+)
+
+
 class FaultError(CanineError):
     """The C does not have the text that a fault replaces."""
 
@@ -190,6 +197,12 @@ FAULTS = (
         "m->state.now = CMEC_MODE_DEAD;\n            m->state.ticks = 0;\n"
         "            m->state.planned = CMEC_COMMAND_LEFT;\n            m->state.uncounted = false;",
         "m->state.now = CMEC_MODE_LEFT;",
+        "rule_2.switch",
+    ),
+    Fault(
+        "cmec.c",
+        f"{CARRIED}FORWARD;",
+        f"{CARRIED}RIGHT;",
         "rule_2.switch",
     ),
     Fault(

@@ -43,6 +43,7 @@ FAULTS = (
     ("ends", safety, "m.surveys = _counted(m.leg_ticks, SURVEY), _counted(m.surveys)",
      "m.surveys = _counted(m.leg_ticks, SURVEY), m.surveys", REPEATED),
     ("livelock", cmec, "off >= m.moving_deviation", "off >= 0.5 * m.moving_deviation", REPEATED),
+    ("livelock", cmec, "any_of(m.offset == 0, roughly_aligned.holds)", "1", REPEATED),
     ("modes", cmec, "Mode.STOP_AT_WAYPOINT, at_rest & reached, Mode.RECALL",
      "Mode.STOP_AT_WAYPOINT, at_rest & reached & aligned, Mode.FORWARD",
      "RECALL is not reached.*; SUCCESS is not reached"),

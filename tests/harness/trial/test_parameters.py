@@ -63,7 +63,7 @@ def test_the_list_of_one_block_as_a_table_and_as_json(capsys: pytest.CaptureFixt
     assert status == 0
     assert [line.split("  ")[0].partition("[")[0] for line in lines] == [row["name"] for row in rows]
     assert {row["name"].partition(".")[0] for row in rows} == {"cmec"}
-    assert "cmec.waypoint_north[1..16]  m     -100000 to 100000" in text
+    assert "cmec.waypoint_north[1..16]  m      -100000 to 100000" in text
     assert rows[0] == {
         "name": "cmec.capture_radius", "type": "Real", "unit": "m", "size": None, "min": 0.0, "max": None,
         "default": 7.0, "choices": {}, "meaning": "d': distance at which a waypoint counts as reached",
@@ -95,7 +95,7 @@ def test_a_list_without_the_limits_of_firmware_says_how_many_differ(
     note = "note: defaults of the reading calibrated; 4 are others in guarded, the reading of firmware"
     assert note in canine(capsys, "parameters", "cmec")[2]
     # and nothing is said where none does
-    assert canine(capsys, "parameters", "cmec", "--reading", "guarded")[2] == ""
+    assert "defaults" not in canine(capsys, "parameters", "cmec", "--reading", "guarded")[2]
     assert "defaults" not in canine(capsys, "parameters", "canine")[2]
 
 

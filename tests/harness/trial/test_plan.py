@@ -153,7 +153,7 @@ def test_a_set_gives_a_component_its_parameters_and_one_by_its_own_name_wins_ove
     ("parameters", "error"),
     [
         ({"canine": "table_51"}, 'canine: there is no set "table_51" of parameters of the plant; did you'),
-        ({"cmec": "measured"}, 'cmec: there is no set "measured" of parameters of the controller; there is'),
+        ({"cmec": "measured"}, 'cmec: there is no set "measured" of parameters of the controller; known'),
         ({"plant": 1}, "plant is 1; expected the name of a set"),
         ({"plant": "ideal", "canine": "table_5_1"}, "canine: plant is the same component; choose one set"),
         ({"dog": "table_5_1"}, 'dog: no block or component "dog"'),

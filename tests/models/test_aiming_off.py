@@ -1,0 +1,227 @@
+"""Aiming off: the offset, the drift that is learnt, the lead and the braking point, by hand."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from models.commands import Command
+from models.kit.timing import TICK
+from models.modes import Anomaly, Mode
+from tests.models.leading import DEG, Trial
+
+DRIFT = {"drift": 4 * DEG, "cruise_speed": 5.0, "starting_time": 1.0}  # b = 2 deg/s * (d / 5 m/s + 1 s)
+NEAR = {"waypoint_north[1]": 20.0}  # b = 10 deg
+
+
+def stopped(h: float, **parameters: Any) -> Trial:
+    """A trial whose animal was stopped at h [deg], stands, and is told to turn."""
+    trial = Trial(**({"route": NEAR} | parameters))
+    trial.tick(h=h, speed=0)
+    for _ in range(60):
+        if trial.tick() in (Command.LEFT, Command.RIGHT):
+            return trial
+    raise AssertionError(f"no turn, but {trial.phases()}")
+
+
+@pytest.mark.parametrize(
+    ("parameters", "offset"),
+    [
+        ({}, 0),
+        (DRIFT, 10),
+        (DRIFT | {"drift": -4 * DEG}, -10),
+        (DRIFT | {"cruise_speed": 2.0, "starting_time": 0.0}, 20),
+        (DRIFT | {"route": {"waypoint_north[1]": 300.0}}, 44),  # 122 deg: h' = 49 deg less 5 deg
+        (DRIFT | {"route": {"waypoint_north[1]": 300.0}, "moving_deviation": 60 * DEG}, 45),
+        (DRIFT | {"route": {"waypoint_north[1]": 300.0}, "moving_deviation": 3 * DEG}, 0),
+        (DRIFT | {"most_aim_off": 6 * DEG}, 6),
+    ],
+)
+def test_a_turn_ends_where_the_drift_will_bring_the_animal_back(
+    parameters: dict[str, Any], offset: float
+) -> None:
+    # given an animal 20 m from its waypoint that was stopped with it far to the right
+    trial = stopped(80, **parameters)
+    assert trial.model["offset"] / DEG == pytest.approx(offset)
+    # then its turn ends within 5 deg of b, and not before
+    assert trial.tick(h=offset + 5.01) == Command.RIGHT
+    assert trial.tick(h=offset + 4.99) == Command.FORWARD
+
+
+def test_the_side_of_a_turn_is_that_of_the_heading_that_is_aimed_at() -> None:
+    # given a drift for which the waypoint should be 40 deg to the right, where it is 10 deg to the right
+    trial = Trial(**DRIFT, route={"waypoint_north[1]": 95.0})
+    trial.tick(h=60, speed=0)
+    trial.tick(20, h=10)
+    # then the animal is turned to the left, though the waypoint is to the right
+    assert trial.until(Command.LEFT) > 0
+    assert trial.model["offset"] / DEG == pytest.approx(40)
+    # and a turn beyond 40 deg by h'' = 20 deg is a turn to the wrong side
+    assert trial.tick(h=59.9) == Command.LEFT
+    assert trial.tick(h=60.1) == Command.NONE
+    assert trial.anomalies[-1][1] == Anomaly.DIRECTION_SWITCH
+
+
+def test_behind_a_stop_the_animal_goes_on_only_if_forward_would_not_stop_it() -> None:
+    # given h 16 deg off b = 40 deg, within h'' = 20 deg but beyond h' = 49 deg
+    trial = Trial(**DRIFT, route={"waypoint_north[1]": 95.0})
+    trial.tick(h=56, speed=0)
+    # then it is turned; and not where h is less than h'
+    assert trial.until(Command.RIGHT) == 38
+    other = Trial(**DRIFT, route={"waypoint_north[1]": 95.0})
+    other.tick(h=56, speed=0)
+    assert other.until(Command.FORWARD, 400, h=48) == 38
+
+
+def test_after_no_command_the_side_counts_from_the_heading_that_is_aimed_at() -> None:
+    # given a turn to the left that failed, h 5 deg short of b = 10 deg by then but beyond h''
+    trial = stopped(-60, **DRIFT)
+    assert trial.commands[-1] == Command.LEFT
+    trial.until(Command.NONE)
+    # then it is told again, and not counted, though h has another sign
+    trial.tick(h=-12)
+    assert trial.until(Command.LEFT) > 0
+    assert trial.model["turns"] == 1
+
+
+def learnt(seconds: float, turned: float, **parameters: Any) -> Trial:
+    """A trial whose animal ran for so long, turned by so much [deg], and was stopped then."""
+    trial = Trial(**({"drift": 2 * DEG, "drift_sd": 1 * DEG, "heading_sd": 2 * DEG} | parameters))
+    ticks = round(seconds / TICK)
+    trial.tick(1, h=0)
+    for k in range(ticks):
+        trial.tick(h=-turned * k / ticks, north=5 * TICK * k)
+    trial.tick(h=60 if turned < 0 else -60)
+    trial.tick(h=-turned)
+    return trial
+
+
+def test_the_drift_is_learnt_by_a_scalar_kalman_filter() -> None:
+    # given a drift of 2 +- 1 deg/s and headings good to 2 deg, over a run of 10 s that turned by 50 deg
+    trial = learnt(10, 50, moving_deviation=55 * DEG)
+    # then the change is good to 2 sqrt(2) deg / 10 s, and weighs 1 / (1 + 0.08)
+    time = 10.04
+    noise = 2 * 2**2 / time**2
+    gain = 1 / (1 + noise)
+    assert trial.model["learnt_drift"] / DEG == pytest.approx(2 + gain * (50 / time - 2), rel=1e-3)
+    assert trial.model["learnt_drift_sd"] / DEG == pytest.approx(math.sqrt(1 - gain), rel=1e-3)
+
+
+def test_a_mean_drift_is_not_learnt() -> None:
+    trial = learnt(10, 50, drift_sd=0.0, moving_deviation=55 * DEG)
+    assert (trial.model["learnt_drift"], trial.model["learnt_drift_sd"]) == (2 * DEG, 0)
+    assert trial.model["offset"] == 0  # no turn was due yet
+
+
+@pytest.mark.parametrize(
+    "blocked", [{"valid": 0}, {"heading": math.nan}, {"override": Command.STOP}, {"link_ok": 0}], ids=str
+)
+def test_nothing_is_learnt_from_a_run_whose_end_is_not_seen(blocked: dict[str, float]) -> None:
+    # given a run that ends in a stop, and an estimate that fails on the tick behind it
+    trial = Trial(drift=2 * DEG, drift_sd=1 * DEG)
+    for k in range(100):
+        trial.tick(h=-0.2 * k, north=5 * TICK * k)
+    trial.tick(h=-60)
+    trial.tick(**blocked)
+    trial.tick(heading=0, valid=1, override=Command.NONE, link_ok=1)
+    assert (trial.model["learnt_drift"], trial.model["learnt_drift_sd"]) == (2 * DEG, 1 * DEG)
+
+
+def test_a_run_is_measured_from_when_the_animal_obeys() -> None:
+    # given an animal that turns by 30 deg more before it obeys FORWARD after 0.4 s
+    trial = Trial(drift=0.0, drift_sd=5 * DEG, response_time=0.4, moving_deviation=80 * DEG)
+    for k in range(11):
+        trial.tick(h=30 - 3 * k)
+    for k in range(100):
+        trial.tick(h=-0.1 * k, north=5 * TICK * k)
+    trial.tick(h=-85)
+    trial.tick(h=-10)
+    # then only the 10 deg of its run count: 2.5 deg/s over 4 s
+    assert trial.model["learnt_drift"] / DEG == pytest.approx(2.3, abs=0.1)
+
+
+def test_a_new_trial_begins_with_what_is_known_of_all_animals() -> None:
+    trial = learnt(10, 50, moving_deviation=55 * DEG)
+    trial.tick(38, start=0)
+    trial.tick(3, h=0)
+    assert trial.mode == Mode.IDLE
+    assert trial.tick(start=1) == Command.FORWARD
+    assert (trial.model["learnt_drift"], trial.model["learnt_drift_sd"]) == (2 * DEG, 1 * DEG)
+
+
+def turned(rate: float, ticks: int, response: float = 0.4, **parameters: Any) -> Trial:
+    """A trial whose animal stands at 90 deg, and turns to the right at a rate [deg/s] once it obeys."""
+    trial = stopped(90, response_time=response, **parameters)
+    for k in range(ticks):
+        h = 90 - rate * max(0.0, TICK * (k + 1) - response)
+        if trial.tick(h=h) != Command.RIGHT:
+            break
+    return trial
+
+
+def test_a_turn_ends_as_much_earlier_as_the_animal_will_turn_on() -> None:
+    # given 60 deg/s, and 0.4 s until FORWARD is obeyed: 24 deg
+    trial = turned(60, 100)
+    assert trial.mode == Mode.FORWARD
+    # then FORWARD is told at 29 deg, where 5 deg will be left
+    assert trial.model["deviation"] / DEG == pytest.approx(29, abs=60 * TICK)
+    assert trial.model["deviation"] / DEG < 29
+    # and without lead at 5 deg
+    other = stopped(90)
+    assert [other.tick(h=h) for h in (29, 10, 4.9)] == [Command.RIGHT, Command.RIGHT, Command.FORWARD]
+
+
+def test_a_turn_that_will_go_past_ends_at_once() -> None:
+    # given 200 deg/s, known 0.12 s after the turn was obeyed, when 80 deg more will come
+    trial = turned(200, 100)
+    assert trial.model["lead"] / DEG == pytest.approx(80)
+    assert trial.mode == Mode.FORWARD
+    # and an animal that is still turning is not stopped for its deviation
+    assert trial.model["deviation"] > 49 * DEG
+    assert trial.tick(9) == Command.FORWARD
+    assert trial.tick(3) == Command.STOP
+
+
+def test_an_animal_that_turns_the_wrong_way_is_not_taken_for_one_that_goes_past() -> None:
+    trial = turned(-150, 100)
+    assert trial.mode == Mode.DEAD
+    assert trial.anomalies[-1][1] == Anomaly.DIRECTION_SWITCH
+
+
+@pytest.mark.parametrize(("speed", "way"), [(5, 5.0), (3, 1.8), (-5, 5.0)])
+def test_stop_is_told_a_braking_way_before_the_waypoint(speed: float, way: float) -> None:
+    # given 2.5 m/s2, so v^2 / 5 m
+    trial = Trial(braking=2.5, route=NEAR)
+    trial.tick(20, speed=speed)
+    assert trial.tick(north=20 - way - 0.01) == Command.FORWARD
+    assert trial.tick(north=20 - way + 0.01) == Command.STOP
+    assert trial.mode == Mode.STOP_AT_WAYPOINT
+
+
+def test_the_braking_way_has_the_response_time_in_it_and_lies_within_the_capture_radius() -> None:
+    trial = Trial(braking=2.5, response_time=0.2, route=NEAR)
+    trial.tick(20, speed=5)
+    assert trial.tick(north=13.99) == Command.FORWARD
+    assert trial.tick(north=14.01) == Command.STOP  # 5 m and 1 m
+    fast = Trial(braking=1.0, route=NEAR)
+    fast.tick(20, speed=5)
+    assert fast.tick(north=12.9) == Command.FORWARD
+    assert fast.tick(north=13.1) == Command.STOP  # at d' = 7 m, though 12.5 m are needed
+
+
+def test_an_animal_that_looks_away_within_the_capture_radius_has_come_to_its_waypoint() -> None:
+    trial = Trial(braking=2.5, route=NEAR)
+    trial.tick(20, speed=1)
+    assert trial.tick(north=18) == Command.FORWARD
+    assert trial.tick(h=50) == Command.STOP
+    assert trial.mode == Mode.STOP_AT_WAYPOINT
+
+
+def test_off_by_default_nothing_is_learnt_noted_or_led() -> None:
+    trial = stopped(80)
+    trial.tick(h=3)
+    trial.tick(50, h=0, speed=5)
+    states = ("learnt_drift", "learnt_drift_sd", "settling", "noted_heading", "offset", "lead", "early")
+    assert [trial.model[name] for name in states] == [0, 0, -1, 0, 0, 0, 0]

@@ -1,0 +1,106 @@
+"""What aiming off gains, against the numbers of an independent implementation (numpy), h' = 49 deg.
+
+Its numbers are held to 1 %: it has the same laws, written by others. A test says where ours differ by more.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import binom, norm
+
+from harness.sweep.chunks import Outcomes, pool_at, run_all
+from harness.sweep.sweep import plan_sweep
+from harness.sweep.table import table_of
+from harness.sweep.trials import TRIAL_TYPES
+from harness.trial.scenario import Disturbance, Scenario, load
+
+TRIALS = 8000
+MEAN, LEARNT = ("cmec=aim_off_mean",), ("cmec=aim_off",)
+REDRAWN = ("canine.drift_redrawn=true",)
+LATE, LEAD = ("canine.response_delay=0.3",), ("cmec.response_time=0.3",)
+HEADING = "plant.heading -> controller.heading"
+
+
+def rate(
+    target: str | Scenario, reading: str, settings: tuple[str, ...], trials: int = TRIALS, seed: int = 1
+) -> float:
+    """The share of trials that succeed; with common seeds, so that what differs is due to the controllers."""
+    planned = plan_sweep(
+        target, thresholds="49", trials=trials, reading=reading, settings=settings, seed=seed
+    )
+    outcomes = Outcomes(planned.job)
+    with pool_at(None, planned.job) as pool:
+        run_all(outcomes, pool, keep=lambda chunk: None, size=-(-trials // 2))
+    (point,) = table_of(planned.points, outcomes)
+    return point.success_rate
+
+
+def assert_near(ours: float, percent: float, tolerance: float = 1.0) -> None:
+    """The rate is within a tolerance [%] of another, and the chance of so many trials."""
+    low = binom.ppf(0.001, TRIALS, max(percent - tolerance, 0) / 100) / TRIALS
+    high = binom.ppf(0.999, TRIALS, min(percent + tolerance, 100) / 100) / TRIALS
+    print(f"{100 * ours:.2f} % ({percent})")
+    assert low <= ours <= high, f"{100 * ours:.2f} %, expected {percent} %"
+
+
+@pytest.mark.parametrize(
+    ("target", "reading", "settings", "percent"),
+    [
+        ("three", "calibrated", (), 65.7),
+        ("three", "calibrated", MEAN, 82.2),
+        ("three", "calibrated", LEARNT, 94.6),
+        ("three", "field", (), 94.6),
+        ("three", "field", MEAN, 98.0),
+        ("three", "field", LEARNT, 99.1),
+        ("distance_100", "calibrated", (), 61.0),
+        ("distance_100", "calibrated", MEAN, 90.0),
+        ("distance_100", "calibrated", LEARNT, 99.0),
+        ("three", "calibrated", REDRAWN, 75.6),
+        ("three", "calibrated", REDRAWN + MEAN, 87.1),
+        ("three", "field", LATE, 79.8),
+        ("three", "field", LATE + LEAD, 96.0),
+    ],
+)
+def test_success_is_what_another_implementation_finds(
+    target: str, reading: str, settings: tuple[str, ...], percent: float
+) -> None:
+    assert_near(rate(target, reading, settings), percent)
+
+
+def test_learning_pays_only_where_the_drift_persists() -> None:
+    # given the same dogs, whose drift stays in a trial or is drawn anew with each FORWARD
+    stays = [rate("three", "calibrated", aim) for aim in (MEAN, LEARNT)]
+    changes = [rate("three", "calibrated", REDRAWN + aim) for aim in (MEAN, LEARNT)]
+    # then what the last run tells of the next one is worth much, or costs a little
+    assert stays[1] - stays[0] > 0.08
+    assert -0.04 < changes[1] - changes[0] < 0
+    # the other implementation finds 86.5 %; its filter is not known in detail
+    assert_near(changes[1], 85.0)
+
+
+def test_a_lead_saves_what_late_responses_cost_a_controller_that_aims_off() -> None:
+    assert rate("three", "field", LATE + LEARNT) < 0.8
+    assert rate("three", "field", LATE + LEARNT + LEAD) > 0.98
+
+
+def test_aiming_off_survives_a_heading_that_is_wrong_and_noisy() -> None:
+    # given headings with a bias of 5 deg from dog to dog (the middles of eighths), and a noise of 3 deg
+    biases = 5 * norm.ppf((np.arange(8) + 0.5) / 8)
+
+    def with_errors(settings: tuple[str, ...]) -> float:
+        rates = []
+        for i, (bias, name) in enumerate((b, n) for b in biases for n in TRIAL_TYPES["three"]):
+            faults = (
+                Disturbance(HEADING, "offset", 0.0, value=float(bias)),
+                Disturbance(HEADING, "noise", 0.0, value=3.0),
+            )
+            disturbed = replace(load(name), system="cts", faults=faults)
+            rates.append(rate(disturbed, "calibrated", settings, TRIALS // 32, seed=1 + i * TRIALS))
+        return float(np.mean(rates))
+
+    # then it leads as many more; the other implementation finds 83.5 %
+    assert_near(with_errors(()), 62.8)
+    assert_near(with_errors(LEARNT), 85.6)
