@@ -200,7 +200,7 @@ def _style(line: Line2D) -> Chart:
     edge = line.get_markeredgecolor()
     hollow = bool(sign) and isinstance(face, str) and face == "none"
     return {
-        "colour": colour if drawn or not sign else _colour(edge if hollow or sign in "|x" else face),
+        "colour": colour if drawn or not sign else _colour(edge if hollow or sign in "|_+x" else face),
         "width": float(line.get_linewidth()) if drawn else 0,
         "dash": DASHES.get(style, DASHES["--"]) if drawn else [],
         "sign": sign,

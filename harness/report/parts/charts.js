@@ -7,7 +7,7 @@
   const NEAR = 40; // px from a point at which it answers
   const INCH = 92; // px for an inch of the picture
   const LETTER = 6.3; // px, of the axes' names
-  const number = (value) => String(Number(Number(value).toPrecision(5)));
+  const number = (value, digits = 5) => String(Number(Number(value).toPrecision(digits)));
   const colour = (name) => (name && name[0] !== "#" && name !== "none" ? canine.colour(name) : name);
 
   // A name at a place of an axis that has names, else the number.
@@ -26,8 +26,8 @@
   function sign(context, kind, x, y, size, hollow) {
     const r = size / 2;
     context.beginPath();
-    if (kind === "x" || kind === "+" || kind === "|") {
-      const lines = kind === "x" ? [[-r, -r, r, r], [-r, r, r, -r]] : kind === "|" ? [[0, -2 * r, 0, 2 * r]] : [[-r, 0, r, 0], [0, -r, 0, r]];
+    if ("x+|_".includes(kind)) {
+      const lines = kind === "_" ? [[-r, 0, r, 0]] : kind === "x" ? [[-r, -r, r, r], [-r, r, r, -r]] : kind === "|" ? [[0, -2 * r, 0, 2 * r]] : [[-r, 0, r, 0], [0, -r, 0, r]];
       for (const [a, b, c, d] of lines) context.moveTo(x + a, y + b), context.lineTo(x + c, y + d);
       context.stroke();
       return;
@@ -139,7 +139,7 @@
       ...lines, label: scale.label || undefined,
       splits: (u, i, least, most) => scale.names.map(([place]) => place).filter((place) => place >= least && place <= most),
       values: (u, places) => places.map((place) => spoken(scale, place)),
-    } : { ...lines, label: scale.label || undefined, values: (u, places) => places.map((place) => (place === null ? "" : number(place))) });
+    } : { ...lines, label: scale.label || undefined, values: (u, places) => places.map((place) => (place === null ? "" : number(place, 3))) });
     const longest = Math.max(0, ...(of.y.names || []).map(([, text]) => text.length));
     const names = of.y.names ? 20 * of.y.names.length : 0;
     const height = () => Math.max(INCH * of.height, 220, names + 60);
