@@ -125,7 +125,9 @@ def prepare(asked: Asked, note: Callable[[str], None] = lambda text: None) -> Pr
     (reference, *_), _ = candidates_of(by_length, [None], site, least)
     others, notes = candidates_of(ways, asked.spacings, site, least)
     candidates = [reference, *(c for c in others if c.waypoints != reference.waypoints)]
-    notes = [*site.notes, *notes]
+    kept = {way.clearance for way in ways}
+    closed = [c for c in asked.clearances if c not in kept and site.areas and asked.along != STREETS]
+    notes = [*site.notes, *(f"no way keeps {c:g} m clear of the areas" for c in closed), *notes]
     for text in notes:
         note(text)
     return Problem(asked, site, begin, end, base, scorer, candidates, notes, _assumptions(in_trials))

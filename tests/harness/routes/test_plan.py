@@ -214,6 +214,22 @@ def test_a_scenario_that_counts_per_waypoint_gives_dog_and_controller(tmp_path: 
     assert len(problem.candidates[0].waypoints) == values["controller.waypoint_count"]
 
 
+def test_a_clearance_that_no_way_keeps_is_told(tmp_path: Path) -> None:
+    # given a room about the begin, with a door of 20 m
+    outside, inside = (
+        [(-80, -50), (80, -50), (80, 50), (-80, 50)],
+        [(-70, -40), (-70, 40), (70, 40), (70, -40)],
+    )
+    room = [(-10, -50), *reversed([*outside[1:], outside[0]]), (10, -50)]
+    walls = [*room, (10, -40), *reversed(inside), (-10, -40), (-10, -50)]
+    path = write(tmp_path, polygon("room", walls))
+    # when
+    problem = prepare(Asked(path, "0,0", "-90,0", clearances=(5.0, 12.0)))
+    # then
+    assert {each.way.clearance for each in problem.candidates} == {5.0}
+    assert problem.notes == ["no way keeps 12 m clear of the areas"]
+
+
 def test_a_plan_without_success_recommends_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
