@@ -155,8 +155,9 @@ class AimingOff(Block):
     )
     def brake(m) -> None:
         """Is the braking point ahead, of an animal that still looks at the waypoint?"""
-        way = m.speed**2 / (2 * m.braking) + ca.fabs(m.speed) * m.response_time
-        m.early = all_of(m.distance > way, ca.fabs(m.deviation) < m.moving_deviation)
+        left = m.distance - ca.fabs(m.speed) * m.response_time  # when it obeys
+        is_far = 2 * m.braking * left > m.speed**2  # no division: firmware may have `braking` 0 as a constant
+        m.early = all_of(is_far, ca.fabs(m.deviation) < m.moving_deviation)
 
     def _aim_anew(m) -> None:
         """Begin a trial with what is known of all animals."""
