@@ -63,12 +63,18 @@ def _is_there(library: str) -> bool:
 
 
 MISSING = missing()
+# minutes each: they begin first, since one that begins last leaves the other workers idle
+LONG = ("test_readme.py", "test_costs.py")
 LEFT_OUT = f"left out: tests with {', '.join(MISSING)}; {'; '.join(MISSING.values())}"
 
 
 def pytest_configure() -> None:
     if MISSING and os.environ.get("CI") == "true":
         raise pytest.UsageError(LEFT_OUT)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: item.path.name not in LONG)
 
 
 def pytest_report_header() -> list[str]:

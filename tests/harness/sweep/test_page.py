@@ -32,7 +32,7 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def compared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("matrix")
     planned = matrix.plan_matrix(
-        ["cmec", "quarter_turn"], ["canine", "pedestrian"], ["left_90"], trials=TRIALS
+        ["cmec", "quarter_turn"], ["canine", "pedestrian"], ["left_90"], trials=TRIALS, system="cts"
     )
     matrix.run(planned, folder)
     return folder
