@@ -108,5 +108,5 @@ class Guided(Plant):
         turned = wrap(m.body_heading + turn_rate * m.sample_time)  # eq. D.10
         homing = m.obeyed == Command.RECALL
         m.body_heading = where(homing, m.body_heading, turned)
-        course = where(homing, m.bearing, m.body_heading) + m.side_slip
+        course = where(homing, m.bearing, m.body_heading) + m._slip()
         m._step(course)

@@ -29,6 +29,7 @@ from models.recorded import Recorded
 from models.sensors import Sensors
 from models.seven_state import SevenState
 from models.six_state import SixState
+from models.streets import CanineInStreets
 from models.two_bias import TwoBias
 from models.watchdog import Watchdog
 
@@ -183,7 +184,7 @@ ESTIMATOR = FourState.title()  # by default
 PLANT, CONTROLLER = Canine.title(), Cmec.title()  # by default
 CONTROLLERS: dict[str, type[Block]] = {block.title(): block for block in (Cmec, QuarterTurn, Proportional)}
 PLANTS: dict[str, type[Block]] = {
-    block.title(): block for block in (Canine, Pedestrian, DifferentialDrive, Profile)
+    block.title(): block for block in (Canine, CanineInStreets, Pedestrian, DifferentialDrive, Profile)
 }
 SYSTEMS: dict[str, System] = {
     "full": full_system(),
@@ -206,6 +207,11 @@ BLOCKS: tuple[type[Block], ...] = tuple(
         ]
     )
 )
+
+
+def names_of(block: str) -> tuple[str, ...]:
+    """The names by which parameters of a block are set: its own; the dog's too of the dog in streets."""
+    return (block, PLANT) if block == CanineInStreets.title() else (block,)
 
 
 @cache

@@ -18,7 +18,7 @@ from models.kit.tracing import Table
 from models.system import System
 
 TEMPLATES = environment(Path(__file__).parent / "templates")
-WORTH = 0.8  # specialize the tick by mode if no mode needs more than this share of its operations
+WORTH = 0.9  # specialize the tick by mode if no mode needs more than this share of its operations
 CASTS = {Type.REAL: "", Type.INTEGER: "(int32_t)", Type.BOOLEAN: "(bool)"}
 
 

@@ -27,6 +27,7 @@ from mcap.writer import MCAP0_MAGIC
 from harness.files import is_pipe, nearest_file
 from harness.log.channel import SECOND, Array, Channel
 from harness.log.contents import RECORD, UNREADABLE, Contents, DamageError
+from harness.log.ground import Ground
 from harness.log.route import Route
 from models.errors import CanineError, UsageError, nearest, printable
 
@@ -148,6 +149,11 @@ class Log:
     def route(self) -> Route | None:
         """The waypoints, if the controller has any."""
         return Route.of(self.metadata.get("parameters", {}))
+
+    @property
+    def ground(self) -> Ground | None:
+        """Streets and poles, if there were any."""
+        return Ground.of(self.metadata.get("parameters", {}))
 
 
 def _typed(column: Array, kind: str) -> npt.NDArray[Any]:

@@ -62,7 +62,7 @@ def variables_at(address: str, interfaces: Mapping[str, Interface]) -> list[str]
     return [
         f"{component}.{flat}"
         for component, interface in interfaces.items()
-        if owner in (component, interface.block)
+        if owner in (component, *interface.names)
         for flat in interface.parameters
         if name in (flat, flat.partition("[")[0])
     ]

@@ -10,7 +10,7 @@ from fmus.folder import build_folder, is_current
 from harness.sweep.cosimulated import ForeignFmu
 from harness.trial.replacements import OURS, find_replacement
 from harness.trial.scenario import Scenario
-from models.system import CONTROLLER, PLANT, System, find_system
+from models.system import CONTROLLER, System, find_system
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Components:
 
     def system(self, scenario: Scenario) -> System:
         """The scenario's system with our blocks in it."""
-        plant, controller = self.block("plant") or PLANT, self.block("controller") or CONTROLLER
+        plant, controller = self.block("plant") or scenario.plant, self.block("controller") or CONTROLLER
         return find_system(scenario.system, scenario.estimator, plant, controller)
 
     @property

@@ -20,7 +20,7 @@ from models.disturbance import disturb
 from models.errors import nearest
 from models.kit.random import MAX_SEED
 from models.readings import READING
-from models.system import CONTROLLER, ESTIMATOR, PLANT, SYSTEMS, System, find_system
+from models.system import CONTROLLER, ESTIMATOR, SYSTEMS, System, find_system
 
 TRIAL_TYPES = {"two": ("two_waypoint",), "three": ("right_90", "left_90", "right_45", "left_45")}
 MAX_TRIALS = 100_000_000
@@ -134,7 +134,7 @@ def native_job(
         trials,
         first.seed,
         estimator=first.estimator,
-        plant=components.block("plant") or PLANT,
+        plant=components.block("plant") or first.plant,
         controller=components.block("controller") or CONTROLLER,
         faults=faults.links,
         stalls={name: whole_steps(spans, 1) for name, spans in faults.stalls.items()},

@@ -18,7 +18,17 @@ from harness.report.page import column, render
 from harness.report.thin import rows_to_show
 from harness.trial import page
 from harness.trial.events import events
-from harness.trial.page import ANGLES, Line, bands, changes, marks, panel, route_data, signals_of, units_of
+from harness.trial.page import (
+    ANGLES,
+    Line,
+    bands,
+    changes,
+    marks,
+    panel,
+    route_data,
+    signals_of,
+    units_of,
+)
 from harness.trial.summary import in_a_sentence, summarize
 
 SIDES = {"a": ("A", "truth", ""), "b": ("B", "threshold", "second")}  # name, colour, class on the map
@@ -138,7 +148,7 @@ def comparison_data(a: Log, b: Log, comparison: LogComparison) -> dict[str, Any]
         "tracks": tracks,
         "strips": strips,
         "felt": None,
-        "route": route_data(a.route or b.route),
+        "route": route_data(a) or route_data(b),
         "origin": a.origin,
         "bands": [
             band | {"text": f"{name}: {band['text']}"}

@@ -18,7 +18,8 @@ from models.cmec import Cmec
 from models.fence import encloses
 from models.kit.declaration import flatten
 from models.kit.timing import TICK
-from models.system import ESTIMATORS, SYSTEMS
+from models.streets import outside
+from models.system import ESTIMATORS, SYSTEMS, names_of
 
 if TYPE_CHECKING:
     from harness.cosim.fmu import Fault  # fmpy: sweeps do without
@@ -54,10 +55,11 @@ def idle_notes(
                     f"{block}.{name}[{number}]: no tick (every {TICK:g} s) is in the window "
                     f"from {begin:g} to {until:g} s"
                 )
-        if block == Canine.title():
+        if Canine.title() in names_of(block):
             yield from _search(own)
         if block == Cmec.title() and not moving and interface.parameters.keys() >= CONTROLLER:
             yield from _waypoints(scenario, interface, own)
+            yield from _off_streets(scenario, interface, own)
             yield from _fence(scenario, interface, own)
     yield from (
         f"{what} never acts: the trial lasts {scenario.duration:g} s"
@@ -176,6 +178,20 @@ def _fence(scenario: Scenario, interface: Interface, values: Mapping[str, float]
             for name, place in places
             if not encloses(scenario.fence, place)
         )
+
+
+def _off_streets(scenario: Scenario, interface: Interface, values: Mapping[str, float]) -> Iterator[str]:
+    """A start that no street holds, and waypoints that the animal cannot reach from any."""
+    streets = [(street.start, street.end, street.half_width) for street in scenario.streets]
+    radius = interface.start("capture_radius", interface.parameters["capture_radius"], values)
+    if streets and (far := outside(scenario.start[:2], streets)) > 0:
+        yield f"the start is {far:.3g} m outside of all streets, which hold the animal once it enters one"
+    for number, place in enumerate(scenario.waypoints if streets else (), start=1):
+        if (far := outside(place, streets)) > radius:
+            yield (
+                f"waypoint {number} is {far:.3g} m outside of all streets, beyond cmec.capture_radius = "
+                f"{radius:g} m: it cannot be reached from them"
+            )
 
 
 def _waypoints(scenario: Scenario, interface: Interface, values: Mapping[str, float]) -> Iterator[str]:

@@ -15,7 +15,6 @@ from harness.cosim.loop import Array
 from harness.files import write_whole
 from harness.log.arrived import arrived
 from harness.log.log import Log
-from harness.log.route import Route
 from harness.report.page import column, render
 from harness.report.thin import rows_to_show
 from harness.trial.disturbances import GPS_OUTAGE, LOST_RADIO, ORDER, disturbances
@@ -115,7 +114,7 @@ def trial_data(log: Log, known: tuple[int, int] = (0, 0)) -> dict[str, Any]:
         "tracks": tracks,
         "strips": strips,
         "felt": [f"command_module.{name}" if f"command_module.{name}" in drawn else None for name in FELT],
-        "route": route_data(log.route),
+        "route": route_data(log),
         "origin": log.origin,
         "bands": bands(log),
     }
@@ -267,12 +266,14 @@ def _strips(signals: Mapping[str, Array]) -> list[dict[str, str]]:
     ]
 
 
-def route_data(route: Route | None) -> dict[str, Any] | None:
-    """Waypoints, home, capture radius and fence for the map."""
+def route_data(log: Log) -> dict[str, Any] | None:
+    """Waypoints, home, capture radius and fence for the map; streets' outlines and poles, if any."""
+    route, ground = log.route, log.ground
     if route is None:
         return None
     *waypoints, home = [[north, east] for _, north, east in route.places]
-    return {"waypoints": waypoints, "home": home, "radius": route.radius, "fence": route.fence}
+    data = {"waypoints": waypoints, "home": home, "radius": route.radius, "fence": route.fence}
+    return data if ground is None else data | {"streets": ground.outlines(), "poles": ground.poles}
 
 
 def bands(log: Log) -> list[dict[str, Any]]:

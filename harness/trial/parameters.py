@@ -25,7 +25,10 @@ if TYPE_CHECKING:
     from harness.log.log import Log  # mcap: sweeps do without
 
 Number = bool | int | float
-MISSION = ("waypoint_", "home_", "fence_")  # with what such parameters' names begin
+MISSION = (  # with what such parameters' names begin
+    "waypoint_", "home_", "fence_", "street_count", "street_north", "street_east", "street_end_",
+    "street_half_width", "pole_count", "pole_north", "pole_east",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -111,7 +114,8 @@ class ChangedParameter:
 def changed(log: Log) -> list[ChangedParameter]:
     """The parameters of a log's blocks of ours that differ from the defaults of its reading.
 
-    Seeds and the mission (waypoints, home, fence) are left out: no default is meant for them.
+    Seeds, mission (waypoints, home, fence) and map (streets, poles) are left out: no default is meant for
+    them.
     """
     stated = log.metadata.get("parameters", {})
     blocks = {block.title(): block for block in BLOCKS}

@@ -1,7 +1,7 @@
 """A plan: a scenario resolved against a system, every address to a component's variable, every value to SI.
 
-Later values replace earlier ones: the reading's, the mission's (seed, start, waypoints, fence), those that
-the package binds, those of `parameters`.
+Later values replace earlier ones: the reading's, the mission's (seed, start, waypoints, fence, streets,
+poles), those that the package binds, those of `parameters`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from models.kit.declaration import Type, Variable, flatten
 from models.kit.link import Link
 from models.readings import READING, READINGS, start_heading_deviation
 from models.sets import find_set
-from models.system import BLOCKS, DEFAULTS, ESTIMATORS, SYSTEMS, System
+from models.system import BLOCKS, DEFAULTS, ESTIMATORS, SYSTEMS, System, names_of
 
 if TYPE_CHECKING:  # fmpy: sweeps do without
     from harness.cosim.fmu import FmuDescription, Quantity
@@ -53,6 +53,11 @@ class Interface:
     renames: Mapping[str, Rename] = field(default_factory=dict)
     misfits: Mapping[str, str] = field(default_factory=dict)
     outputs: Mapping[str, Variable] = field(default_factory=dict)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What addresses may call it, beside the component's name."""
+        return names_of(self.block)
 
     def start(self, name: str, variable: Variable, values: Mapping[str, float]) -> float:
         """A variable's start value by the role's name and unit, given the component's own values."""
@@ -213,14 +218,14 @@ class _Planner:
     @cached_property
     def owners(self) -> set[str]:
         """What an address may begin with: the names of the components and of what is in their places."""
-        return {*self.interfaces, *(interface.block for interface in self.interfaces.values())}
+        return {name for c, interface in self.interfaces.items() for name in (c, *interface.names)}
 
     def take_sets(self) -> None:
         """Set the parameters of whole components by the names of sets; a parameter by its own name wins."""
         addresses: dict[str, str] = {}
         for address, written in self.scenario.parameters.items():
             for component, interface in self.interfaces.items():
-                if address not in (component, interface.block):
+                if address not in (component, *interface.names):
                     continue
                 where = f"{self.scenario.name}: {address}"
                 if not isinstance(written, str):
@@ -267,7 +272,7 @@ class _Planner:
 
     @cached_property
     def mission(self) -> dict[str, dict[str, float]]:
-        """The parameters (SI) that the scenario's own keys state: seed, start, waypoints, fence; by role."""
+        """The parameters (SI) that the scenario's own keys state, by role: seed, start, waypoints, ..."""
         scenario = self.scenario
         north, east, heading = scenario.start
         spread = start_heading_deviation(self.reading, len(scenario.waypoints))
@@ -284,6 +289,7 @@ class _Planner:
                 "start_east": east,
                 "start_heading": math.radians(heading),
                 "start_heading_deviation": spread,
+                **_ground(scenario),
             },
             "sensors": {"seed": scenario.seed},
             "controller": controller,
@@ -324,7 +330,7 @@ class _Planner:
 
     def find(self, address: str, kind: str, where: str) -> list[tuple[str, str]]:
         """The components that an address means, by their name or their block's, with the variable's name."""
-        owners = {n: {n, interface.block} for n, interface in self.interfaces.items()}
+        owners = {n: {n, *interface.names} for n, interface in self.interfaces.items()}
         owner, name = split_address(address, owners)
         components = [n for n, names in owners.items() if owner in names]
         if not components and (foreign := self.replaced(owner)):
@@ -393,6 +399,22 @@ class _Planner:
             for time in sorted({t for at, until, _ in spans for t in (at, until)} - {math.inf}):
                 active = [(at, i) for i, (at, until, _) in enumerate(spans) if at <= time < until]
                 yield Event(time, component, own, spans[max(active)[1]][2] if active else unset)
+
+
+def _ground(scenario: Scenario) -> dict[str, float]:
+    """The parameters that a scenario's streets and poles state, none without them."""
+    values: dict[str, float] = {}
+    if scenario.streets:
+        values["street_count"] = len(scenario.streets)
+    for i, street in enumerate(scenario.streets, start=1):
+        values |= {f"street_north[{i}]": street.start[0], f"street_east[{i}]": street.start[1]}
+        values |= {f"street_end_north[{i}]": street.end[0], f"street_end_east[{i}]": street.end[1]}
+        values[f"street_half_width[{i}]"] = street.half_width
+    if scenario.poles:
+        values["pole_count"] = len(scenario.poles)
+    for i, (north, east) in enumerate(scenario.poles, start=1):
+        values |= {f"pole_north[{i}]": north, f"pole_east[{i}]": east}
+    return values
 
 
 def address_of(link: Link, interfaces: Mapping[str, Interface]) -> str:

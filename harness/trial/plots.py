@@ -89,6 +89,11 @@ PLACE: Style = {
     "markeredgewidth": 0.8,
 }
 FENCE: Style = {"fill": False, "edgecolor": "#B3261E", "linewidth": 1.4, "linestyle": "--", "zorder": 1}
+STREET: Style = {"facecolor": "#DDE3EA", "edgecolor": "none", "zorder": 0.5}
+POLE: Style = {
+    "marker": "^", "linestyle": "", "color": "#7A4B00", "markersize": 8, "markeredgecolor": "white",
+    "markeredgewidth": 0.8,
+}  # fmt: skip
 FIX_STYLE: Style = {"label": "GPS fix", "marker": ".", "color": GPS, "markersize": 4, "linestyle": ""}
 BANDS = {kinds.GPS_OUTAGE: OUTAGE, kinds.ORDER: ORDER, kinds.LOST_RADIO: LOST_RADIO}
 NOTHING: Mapping[str, tuple[Style, Sequence[Span]]] = MappingProxyType({})
@@ -159,6 +164,15 @@ def _draw_path(axes: Axes, log: Log, disturbed: Mapping[str, Sequence[Span]]) ->
         The handles of its legend.
     """
     handles: list[Line2D | Patch] = []
+    if log.ground:
+        for outline in log.ground.outlines():
+            axes.add_patch(Polygon([(east, north) for north, east in outline], **STREET))
+        if log.ground.streets:
+            handles.append(Patch(label="street", **STREET))
+        for north, east in log.ground.poles:
+            axes.plot(east, north, zorder=7, **POLE)
+        if log.ground.poles:
+            handles.append(Line2D([], [], label="pole", **POLE))
     if log.route:
         *waypoints, (_, home_north, home_east) = log.route.places
         for _, north, east in log.route.places:

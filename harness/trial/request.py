@@ -24,7 +24,7 @@ from harness.trial.scenario import Scenario, ScenarioError, checked, load, parse
 from models.disturbance import FAULTS
 from models.errors import UsageError, printable
 from models.readings import ON_BOARD, READING
-from models.system import ESTIMATOR, ESTIMATORS, SYSTEMS, find_system
+from models.system import ESTIMATORS, SYSTEMS, find_system
 
 PACKAGE = "system.ssp"  # a log's attachment
 SCENARIO = "resources/scenario.toml"  # in a package that was exported from a scenario
@@ -70,7 +70,7 @@ class Request:
     @property
     def own_package(self) -> Path:
         """Our own of the scenario's system."""
-        system = find_system(self.scenario.system, self.scenario.estimator)
+        system = find_system(self.scenario.system, self.scenario.estimator, self.scenario.plant)
         return build_folder() / f"{system.name}.fmi{self.fmi}.ssp"
 
     @property
@@ -365,14 +365,15 @@ def build_missing(request: Request, done: Callable[[Path], None] = lambda path: 
     faults = fault_fmus(request.scenario, build_folder() / f"fmi{request.fmi}")
     fmus = [path.resolve() for path in (*request.swaps.values(), *faults)]
     own = [path for path in (package, *fmus) if folder in path.parents]
-    special = package in own and request.scenario.estimator != ESTIMATOR
+    system = request.scenario.own_system
+    special = package in own and system not in (None, *SYSTEMS.values())
     if own and not (all(path.exists() for path in own) and is_current()):
         from fmus.build import build_all  # noqa: PLC0415 - CasADi and templates
 
         build_all(done=done)
-    if special:
+    if system and special:
         from fmus.build import build_package  # noqa: PLC0415 - CasADi and templates
 
-        done(build_package(find_system(request.scenario.system, request.scenario.estimator), request.fmi))
+        done(build_package(system, request.fmi))
     for path in filter(os.path.exists, own):
         check_sealed(path)

@@ -20,6 +20,14 @@
     until = 12.0
     "controller.override" = "STOP"
 
+    [[street]]                               # up to 16 hold the dog: what lies within half_width of a line
+    from = [0.0, 0.0]                        # north, east in m
+    to = [71.46, 0.0]
+    half_width = 1.0                         # m
+
+    [[pole]]                                 # up to 8, the goal and decoys, which the dog may fancy
+    at = [35.73, 0.0]                        # north, east in m
+
     [[fault]]                                # of an output on all its links, or on one: "a.x -> b.y"
     signal = "sensors.gps_north"
     kind = "offset"
@@ -55,7 +63,8 @@ from models.fence import MAX_CORNERS, fault_of
 from models.kit.declaration import Type
 from models.kit.random import MAX_SEED
 from models.readings import READINGS
-from models.system import ESTIMATOR, ESTIMATORS, SYSTEMS, System, find_system
+from models.streets import MAX_POLES, MAX_STREETS, CanineInStreets
+from models.system import ESTIMATOR, ESTIMATORS, PLANT, SYSTEMS, System, find_system, names_of
 
 ARROW = "->"  # of a signal's link
 LOST, GARBAGE, STALL = "lost", "garbage", "stall"  # of the radio, of bytes for the firmware, of a component
@@ -63,6 +72,10 @@ Written = bool | int | float | str | list[Any]
 SHIPPED = Path(__file__).parents[1] / "scenarios"
 MAX_DURATION = 86_400.0  # s: a day
 MAX_COORDINATE = Canine.start_north.max or 0.0  # m
+STREET_WIDTHS = (
+    CanineInStreets.street_half_width.min or 0.0,
+    CanineInStreets.street_half_width.max or 0.0,
+)  # m
 TARGETS = "a scenario (.toml), a package (.ssp) or a log (.mcap)"
 ORIGIN = (32.6062, -85.4877)  # deg: Auburn, Alabama, where the trials were
 
@@ -138,6 +151,15 @@ class FaultKind:
     ends: bool = False
 
 
+@dataclass(frozen=True)
+class Street:
+    """A street that holds the dog: what lies within `half_width` of a line between two places [m]."""
+
+    start: tuple[float, float]
+    end: tuple[float, float]
+    half_width: float
+
+
 REALS = frozenset({Type.REAL})
 FAULT_KINDS = {
     Kind.OFF: FaultKind(),
@@ -174,6 +196,8 @@ class Scenario:
         faults: of signals, by time.
         fence: the corners of a polygon that the animal may not leave, north and east, m; none for no fence.
         estimator: which of ours a system with one has.
+        streets: they hold the dog.
+        poles: which the dog may fancy, north and east, m.
         folder: where its file is; the path of an .ssp starts there.
     """
 
@@ -190,6 +214,8 @@ class Scenario:
     faults: tuple[Disturbance, ...] = ()
     estimator: str = ESTIMATOR
     fence: Sequence[tuple[float, float]] = ()
+    streets: tuple[Street, ...] = ()
+    poles: Sequence[tuple[float, float]] = ()
     folder: Path = field(default=Path(), compare=False)
 
     @property
@@ -200,21 +226,30 @@ class Scenario:
     @property
     def own_system(self) -> System | None:
         """The system of ours that it runs; None for a package."""
-        return find_system(self.system, self.estimator) if self.system in SYSTEMS else None
+        return find_system(self.system, self.estimator, self.plant) if self.system in SYSTEMS else None
+
+    @property
+    def plant(self) -> str:
+        """The plant of a system of ours: the dog, or the dog in streets where there are streets or poles."""
+        return CanineInStreets.title() if self.streets or self.poles else PLANT
 
     def _component_of(self, address: str, swaps: Mapping[str, str]) -> str:
         """An address by its component's name, where its block's name is given."""
         owner, dot, name = address.partition(".")
         own = self.own_system.components if self.own_system else {}
         blocks = {**{component: block.title() for component, block in own.items()}, **swaps}
-        return f"{next((c for c, block in blocks.items() if block == owner), owner)}{dot}{name}"
+        return f"{next((c for c, block in blocks.items() if owner in names_of(block)), owner)}{dot}{name}"
 
     def text(self) -> str:
         """The scenario as TOML. Equal scenarios have equal texts, and a text reads back to its scenario."""
         for key, value, size in (("start", self.start, 3), ("origin", self.origin, 2)):
             if len(value) != size:
                 raise ScenarioError(f"{self.name}: {key} is {value!r}; expected {size} numbers")
-        for key, entries, kind in (("sets", self.sets, Setting), ("faults", self.faults, Disturbance)):
+        for key, entries, kind in (
+            ("sets", self.sets, Setting),
+            ("faults", self.faults, Disturbance),
+            ("streets", self.streets, Street),
+        ):
             if not all(isinstance(entry, kind) for entry in entries):
                 raise ScenarioError(f"{self.name}: {key} is {entries!r}; expected `{kind.__name__}`s")
         north, east, heading = self.start
@@ -238,6 +273,11 @@ class Scenario:
             if setting.until is not None:
                 lines.append(f"until = {toml_of(setting.until)}")
             lines.append(f"{toml_of(setting.variable)} = {toml_of(setting.value, setting.variable)}")
+        for street in self.streets:
+            lines += ["", "[[street]]", f"from = {toml_of(street.start)}", f"to = {toml_of(street.end)}"]
+            lines.append(f"half_width = {toml_of(street.half_width)}")
+        for pole in self.poles:
+            lines += ["", "[[pole]]", f"at = {toml_of(pole)}"]
         for fault in self.faults:
             lines += ["", "[[fault]]"]
             lines += [
@@ -440,6 +480,8 @@ def parse(text: str, where: str, default_name: str = "scenario", folder: Path = 
         parameters=table.table("parameters").all(),
         sets=tuple(setting for entry in table.tables("set") for setting in entry.settings()),
         faults=tuple(entry.fault() for entry in table.tables("fault")),
+        streets=tuple(entry.street() for entry in table.tables("street", MAX_STREETS)),
+        poles=tuple(entry.pole() for entry in table.tables("pole", MAX_POLES)),
         estimator=table.word("estimator", ESTIMATOR, ESTIMATORS),
         folder=folder,
     )
@@ -515,17 +557,24 @@ class _TomlTable:
             raise self.fail(key, value, expected)
         if len(value) > most:
             raise ScenarioError(f"{self.where}: {key} has {len(value)} elements; expected {expected}")
-        pair = f"a pair [north, east] in m, each from {-MAX_COORDINATE:g} to {MAX_COORDINATE:g}"
-        points = []
-        for number, point in enumerate(value, start=1):
-            if not isinstance(point, list) or len(point) != 2:
-                raise self.fail(f"{key}[{number}]", point, pair)
-            for x in point:
-                is_number = isinstance(x, int | float) and not isinstance(x, bool)
-                if not is_number or not abs(x) <= MAX_COORDINATE:
-                    raise self.fail(f"{key}[{number}]", point, pair)
-            points.append((float(point[0]), float(point[1])))
-        return tuple(points)
+        return tuple(self._pair(f"{key}[{number}]", point) for number, point in enumerate(value, start=1))
+
+    def point(self, key: str, what: str) -> tuple[float, float]:
+        """A pair that must be there."""
+        self.needed(key, what)
+        return self._pair(key, self.take(key, []))
+
+    def _pair(self, name: str, point: object) -> tuple[float, float]:
+        if isinstance(point, list) and len(point) == 2:
+            north, east = point
+            if all(
+                isinstance(x, int | float) and not isinstance(x, bool) and abs(x) <= MAX_COORDINATE
+                for x in point
+            ):
+                return float(north), float(east)
+        raise self.fail(
+            name, point, f"a pair [north, east] in m, each from {-MAX_COORDINATE:g} to {MAX_COORDINATE:g}"
+        )
 
     def table(self, key: str) -> _TomlTable:
         value = self.take(key, {})
@@ -533,10 +582,12 @@ class _TomlTable:
             raise self.fail(key, value, "a table")
         return _TomlTable(value, f"{self.where}: [{key}]")
 
-    def tables(self, key: str) -> list[_TomlTable]:
+    def tables(self, key: str, most: float = math.inf) -> list[_TomlTable]:
         value = self.take(key, [])
         if not isinstance(value, list) or not all(isinstance(entry, dict) for entry in value):
             raise self.fail(key, value, f"tables [[{key}]]")
+        if len(value) > most:
+            raise ScenarioError(f"{self.where}: there are {len(value)} [[{key}]]; expected up to {most:g}")
         return [_TomlTable(entry, f"{self.where}: [[{key}]] {i + 1}") for i, entry in enumerate(value)]
 
     def all(self) -> dict[str, Written]:
@@ -575,6 +626,22 @@ class _TomlTable:
         self.known.append("value")
         self.finish()
         return Disturbance(signal, kind, at, until, value)
+
+    def street(self) -> Street:
+        start = self.point("from", "one end of the street's middle, [north, east] in m")
+        end = self.point("to", "the other end, [north, east] in m")
+        self.needed("half_width", "from the street's middle to its wall, in m")
+        least, most = STREET_WIDTHS
+        half_width = self.number("half_width", 1.0, least, most, unit="m")
+        self.finish()
+        if start == end:
+            raise ScenarioError(f"{self.where}: to is where from is, {list(end)}; expected another place")
+        return Street(start, end, half_width)
+
+    def pole(self) -> tuple[float, float]:
+        place = self.point("at", "where the pole stands, [north, east] in m")
+        self.finish()
+        return place
 
     def real(self, key: str, low: float, high: float, means: str) -> float:
         """A finite number in a range that need not end."""

@@ -110,9 +110,11 @@
       },
       // A sign with a name, such as an anomaly.
       mark: (place, sign, name) => (isPlace(place) ? glyph(place, sign, "mark", name).addTo(content) : null),
-      // Waypoints with their capture circles, home, legs and fence; `className` "drafted" is dashed.
-      mission({ waypoints = [], home = null, radius = 0, fence = [] }, className) {
+      // Waypoints with their capture circles, home, legs and fence, outlines of streets, poles; `className` "drafted" is dashed.
+      mission({ waypoints = [], home = null, radius = 0, fence = [], streets = [], poles = [] }, className) {
         const group = L.featureGroup().addTo(content), places = [...waypoints, ...(home ? [home] : [])];
+        streets.forEach((street) => L.polygon(street, path("street", { pane: "grid" })).addTo(group));
+        poles.forEach((place) => glyph(place, "\u25b2", "mark", "pole").addTo(group));
         if (fence.length) L.polygon(fence, path("fence " + (className || ""))).addTo(group);
         if (radius) places.forEach((place) => L.circle(place, path("capture " + (className || ""), { radius })).addTo(group));
         L.polyline(places, path("leg")).addTo(group);

@@ -35,6 +35,7 @@ from models.pedestrian import Pedestrian
 from models.proportional import Proportional
 from models.quarter_turn import QuarterTurn
 from models.sensors import Sensors
+from models.streets import CanineInStreets
 from models.system import BLOCKS, System, full_system, trial_simulator
 from tests.codegen.blocks.float32 import Lanes
 from tests.codegen.compiled import (
@@ -57,6 +58,13 @@ LEFT = {
     "waypoint_count": 2, "waypoint_north[1]": 35.73, "waypoint_north[2]": 35.73, "waypoint_east[2]": -35.73,
 }  # fmt: skip
 RIGHT = LEFT | {"waypoint_east[2]": 35.73}
+# a corner to the left, a decoy beyond it, and a drift to the wall
+CORNER = {
+    "drift": 0.1, "slowing_down": 1.6, "cruise_speed_deviation": 0.1, "pole_chance": 0.9, "street_count": 2,
+    "street_end_north[1]": 90, "street_half_width[1]": 2, "street_north[2]": 35, "street_end_north[2]": 35,
+    "street_east[2]": -90, "street_half_width[2]": 4, "pole_count": 2, "pole_north[1]": 55,
+    "pole_north[2]": 35, "pole_east[2]": -50,
+}  # fmt: skip
 SPREAD = {"cruise_speed_deviation": 1.49, "speeding_up_deviation": 0.67, "slowing_down_deviation": 1.31}
 MAX_TICKS = 7500
 REAL_CHOICES = [math.nan, math.inf, -math.inf, 0.0, 1e-300, 1e30]
@@ -145,6 +153,7 @@ TRIALS: dict[str, tuple[System, dict[str, dict[str, float]]]] = {
         },
     ),
     "pedestrian": (trial_simulator(Pedestrian), {"controller": LEFT}),
+    "streets": (full_system(CanineInStreets), {"controller": LEFT, "plant": CORNER}),
     "quarter_turn": (trial_simulator(DifferentialDrive, QuarterTurn), {"controller": LEFT}),
     "proportional": (
         trial_simulator(DifferentialDrive, Proportional),

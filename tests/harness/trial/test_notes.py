@@ -144,7 +144,9 @@ def test_nothing_is_said_of_waypoints_that_a_sweep_decides(varied: str, said: in
 
 def test_the_shipped_scenarios_need_no_note() -> None:
     for name in shipped():
-        assert plan(load(name), FULL).notes == ()
+        scenario = load(name)
+        assert scenario.own_system is not None
+        assert plan(scenario, interfaces_of_system(scenario.own_system)).notes == ()
 
 
 def test_what_a_trial_ended_before_is_noted_afterwards() -> None:

@@ -6,12 +6,14 @@ from pathlib import Path
 
 import pytest
 
+from harness.trial.plan import interfaces_of_system, plan
 from harness.trial.scenario import (
     FAULTS,
     Disturbance,
     Scenario,
     ScenarioError,
     Setting,
+    Street,
     about,
     checked,
     load,
@@ -19,6 +21,8 @@ from harness.trial.scenario import (
     shipped,
     toml_of,
 )
+from models.canine import Canine
+from models.streets import CanineInStreets
 from tests.harness.trial.whole_scenario import WHOLE
 
 
@@ -66,8 +70,8 @@ def test_settings_of_the_command_line_win_over_those_of_the_file() -> None:
         ('system = "ful"', 'my.toml: system is "ful"; expected the path of an .ssp, or did you mean "full"?'),
         (
             'reading = "litteral"',
-            'my.toml: reading is "litteral"; expected one of calibrated, guarded, literal; '
-            'did you mean "literal"?',
+            'my.toml: reading is "litteral"; expected one of calibrated, field, guarded, '
+            'literal; did you mean "literal"?',
         ),
         (
             "waypoints = [[1, 2], [1, 2, 3]]",
@@ -126,6 +130,38 @@ def test_settings_of_the_command_line_win_over_those_of_the_file() -> None:
             "[origin]\nlatitude = 91",
             "my.toml: [origin]: latitude is 91; expected a number from -90 to 90 deg",
         ),
+        (
+            "[[street]]\nto = [9, 0]",
+            'my.toml: [[street]] 1: lacks "from", one end of the street\'s middle, [north, east] in m',
+        ),
+        (
+            "[[street]]\nfrom = [0, 0]\nto = [9, 0]",
+            'my.toml: [[street]] 1: lacks "half_width", from the street\'s middle to its wall, in m',
+        ),
+        (
+            "[[street]]\nfrom = [0, 0]\nto = [9]\nhalf_width = 1",
+            "my.toml: [[street]] 1: to is [9]; expected a pair "
+            "[north, east] in m, each from -100000 to 100000",
+        ),
+        (
+            "[[street]]\nfrom = [0, 0]\nto = [0, 0]\nhalf_width = 1",
+            "my.toml: [[street]] 1: to is where from is, [0.0, 0.0]; expected another place",
+        ),
+        (
+            "[[street]]\nfrom = [0, 0]\nto = [9, 0]\nhalf_width = 0",
+            "my.toml: [[street]] 1: half_width is 0; expected a number from 0.1 to 1000 m",
+        ),
+        (
+            "[[street]]\nfrom = [0, 0]\nto = [9, 0]\nhalf_width = 1\nwidth = 2",
+            'my.toml: [[street]] 1: unknown key "width"; did you mean "half_width"?',
+        ),
+        ("[[street]]\n" * 17, "my.toml: there are 17 [[street]]; expected up to 16"),
+        (
+            "[[pole]]\nat = [0, inf]",
+            "my.toml: [[pole]] 1: at is [0, inf]; expected a pair [north, east] in m, each from "
+            "-100000 to 100000",
+        ),
+        ("[[pole]]\nat = [0, 0]\n" * 9, "my.toml: there are 9 [[pole]]; expected up to 8"),
         ('[[set]]\n"a.b" = 1', 'my.toml: [[set]] 1: lacks "at", the time in s'),
         ("[[set]]\nat = 1", 'my.toml: [[set]] 1: sets nothing; expected "component.input" = value'),
         ("[[set]]\nat = 2\nuntil = 1", "my.toml: [[set]] 1: until is 1; expected a number from 2 to 86400 s"),
@@ -202,7 +238,7 @@ def test_the_shipped_trials_have_the_geometry_of_figure_4_8() -> None:
         assert math.degrees(math.atan2(e2 - e1, n2 - n1)) == pytest.approx(turn, abs=1e-3)
     assert load("three_waypoint").waypoints == load("right_90").waypoints
     assert load("two_waypoint").waypoints == ((25.0, 0.0),)
-    assert len(shipped()) == 11
+    assert len(shipped()) == 15
 
 
 def test_a_scenario_that_does_not_exist_is_refused_with_the_nearest_name() -> None:
@@ -306,6 +342,54 @@ def test_rule_7_a_fence_is_read_and_written() -> None:
     assert "fence" not in replace(scenario, fence=()).text()
     with pytest.raises(ScenarioError, match="mine: fence is no polygon: its corners lie on one line"):
         checked(Scenario("mine", waypoints=[(25, 0)], fence=[(0, 0), (1, 1), (2, 2)]))
+
+
+def test_streets_and_poles_are_read_and_written_and_choose_the_dog_in_them() -> None:
+    text = (
+        "waypoints = [[25, 0]]\n[[street]]\nfrom = [0, 0]\nto = [50, 1.5]\nhalf_width = 2\n"
+        "[[pole]]\nat = [25, 0]\n[[pole]]\nat = [9, -9]\n"
+    )
+    scenario = parse(text, "my.toml")
+    assert scenario.streets == (Street((0.0, 0.0), (50.0, 1.5), 2.0),)
+    assert scenario.poles == ((25.0, 0.0), (9.0, -9.0))
+    assert parse(scenario.text(), "again", "my") == replace(scenario, name="scenario")
+    # either makes the plant the dog in streets, whose parameters have the dog's addresses too
+    for one in (scenario, replace(scenario, streets=()), replace(scenario, poles=())):
+        assert one.own_system is not None
+        assert one.own_system.components["plant"] is CanineInStreets
+    own = scenario.override(["canine.drift=1"]).override(["canine_in_streets.drift=2"])
+    assert own.parameters == {"canine_in_streets.drift": 2}
+    assert own.own_system is not None
+    values = plan(own, interfaces_of_system(own.own_system)).values["plant"]
+    assert values["drift"] == pytest.approx(math.radians(2))
+    expected = {
+        "street_count": 1,
+        "street_end_north[1]": 50,
+        "street_end_east[1]": 1.5,
+        "street_half_width[1]": 2,
+    }
+    expected |= {"pole_count": 2, "pole_north[1]": 25, "pole_north[2]": 9, "pole_east[2]": -9}
+    assert expected.items() <= values.items()
+    plain = replace(scenario, streets=(), poles=())
+    assert plain.own_system is not None
+    assert plain.own_system.components["plant"] is Canine
+    assert not [
+        name
+        for name in plan(plain, interfaces_of_system(plain.own_system)).values["plant"]
+        if "street" in name
+    ]
+
+
+def test_what_no_street_leads_to_is_noted() -> None:
+    street = Street((0, 0), (50, 0), 1)
+    scenario = Scenario("mine", waypoints=[(25, 7.9), (40, 8.1)], start=(0, -3, 0), streets=(street,))
+    assert scenario.own_system is not None
+    notes = plan(scenario, interfaces_of_system(scenario.own_system)).notes
+    assert [note for note in notes if "street" in note] == [
+        "the start is 2 m outside of all streets, which hold the animal once it enters one",
+        "waypoint 2 is 7.1 m outside of all streets, beyond cmec.capture_radius = 7 m: it cannot be reached "
+        "from them",
+    ]
 
 
 def test_a_scenario_that_runs_a_package_needs_no_waypoints() -> None:
