@@ -33,6 +33,7 @@ from models.pedestrian import Pedestrian
 from models.proportional import Proportional
 from models.quarter_turn import QuarterTurn
 from models.sensors import Sensors
+from models.streets import CanineInStreets
 from models.system import SYSTEMS, System, by_name, trial_simulator
 
 ENDS = (2, 3, 4)
@@ -250,6 +251,20 @@ def test_trials_of_other_plants_and_controllers_are_those_of_python(
     system = trial_simulator(plant, controller)
     (tick,) = compare(system, VALUES, ["controller.status", *MOTION], 7500, stop=STOP, seeds=[1])
     assert 500 < tick < 7500
+
+
+def test_trials_in_streets_with_poles_are_those_of_python() -> None:
+    # given a corner to the right, a drift that leans on the wall, decoys, and speeds that are drawn
+    streets = {
+        "street_count": 2, "street_end_north[1]": 90, "street_half_width[1]": 2, "street_north[2]": 34,
+        "street_end_north[2]": 34, "street_east[2]": -90, "street_end_east[2]": 90, "street_half_width[2]": 3,
+        "pole_count": 2, "pole_north[1]": 55, "pole_north[2]": 34, "pole_east[2]": 40, "pole_chance": 0.8,
+    }  # fmt: skip
+    dog = {"drift": 0.1, "cruise_speed_deviation": 1.0, "slowing_down_deviation": 1.0}
+    system = trial_simulator(CanineInStreets)
+    observe = ["controller.status", "plant.street", "plant.fancied", *MOTION]
+    ticks = compare(system, VALUES | {"plant": streets | dog}, observe, LONGEST, stop=STOP, seeds=range(1, 6))
+    assert len(set(ticks)) == 5
 
 
 def test_trials_with_two_command_modules_are_those_of_python() -> None:

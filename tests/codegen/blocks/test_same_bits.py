@@ -58,12 +58,16 @@ LEFT = {
     "waypoint_count": 2, "waypoint_north[1]": 35.73, "waypoint_north[2]": 35.73, "waypoint_east[2]": -35.73,
 }  # fmt: skip
 RIGHT = LEFT | {"waypoint_east[2]": 35.73}
-# a corner to the left, a decoy beyond it, and a drift to the wall
+# a crossing, a decoy beyond it, and a drift to the wall
 CORNER = {
     "drift": 0.1, "slowing_down": 1.6, "cruise_speed_deviation": 0.1, "pole_chance": 0.9, "street_count": 2,
     "street_end_north[1]": 90, "street_half_width[1]": 2, "street_north[2]": 35, "street_end_north[2]": 35,
-    "street_east[2]": -90, "street_half_width[2]": 4, "pole_count": 2, "pole_north[1]": 55,
-    "pole_north[2]": 35, "pole_east[2]": -50,
+    "street_east[2]": -90, "street_end_east[2]": 90, "street_half_width[2]": 4, "pole_count": 2,
+    "pole_north[1]": 55, "pole_north[2]": 35, "pole_east[2]": -50,
+}  # fmt: skip
+RESTLESS = {
+    "pitch_wander": 0.07, "pitch_shift_rate": 0.2, "jolt_rate": 0.3, "slip_wander": 0.1,
+    "stride_deviation": 0.1,
 }  # fmt: skip
 SPREAD = {"cruise_speed_deviation": 1.49, "speeding_up_deviation": 0.67, "slowing_down_deviation": 1.31}
 MAX_TICKS = 7500
@@ -125,13 +129,7 @@ TRIALS: dict[str, tuple[System, dict[str, dict[str, float]]]] = {
         full_system(),
         {
             "controller": LEFT,
-            "plant": {
-                "pitch_wander": 0.07,
-                "pitch_shift_rate": 0.2,
-                "jolt_rate": 0.3,
-                "slip_wander": 0.1,
-                "stride_deviation": 0.1,
-            },
+            "plant": RESTLESS,
             "sensors": {"multipath_rate": 0.1, "attitude_lean": 0.3, "frozen_start": 5, "frozen_time": 1},
         },
     ),
@@ -154,6 +152,7 @@ TRIALS: dict[str, tuple[System, dict[str, dict[str, float]]]] = {
     ),
     "pedestrian": (trial_simulator(Pedestrian), {"controller": LEFT}),
     "streets": (full_system(CanineInStreets), {"controller": LEFT, "plant": CORNER}),
+    "streets-restless": (full_system(CanineInStreets), {"controller": RIGHT, "plant": CORNER | RESTLESS}),
     "quarter_turn": (trial_simulator(DifferentialDrive, QuarterTurn), {"controller": LEFT}),
     "proportional": (
         trial_simulator(DifferentialDrive, Proportional),
