@@ -216,7 +216,7 @@ class Poles(Streets):
     fancied_north = State("m", "where that pole stands")
     fancied_east = State("m", "where that pole stands")
     unlooked = State(Integer, "ticks until it looks up")
-    fancy_stream = Stream("the poles that the animal fancies", substream=13)
+    fancy_stream = Stream("the poles that the animal fancies", substream=14)
 
     @before("move")
     @triggered(

@@ -67,7 +67,7 @@ CORNER = {
 }  # fmt: skip
 RESTLESS = {
     "pitch_wander": 0.07, "pitch_shift_rate": 0.2, "jolt_rate": 0.3, "slip_wander": 0.1,
-    "stride_deviation": 0.1,
+    "stride_deviation": 0.1, "drift_redrawn": 1,
 }  # fmt: skip
 SPREAD = {"cruise_speed_deviation": 1.49, "speeding_up_deviation": 0.67, "slowing_down_deviation": 1.31}
 MAX_TICKS = 7500
