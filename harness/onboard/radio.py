@@ -132,7 +132,7 @@ class Start:
 class Override:
     """The operator's command beats the controller's until `Command.NONE` releases it. Payload: u8.
 
-    It holds for `watchdog.override_timeout` unless it is sent again.
+    It holds for `watchdog.override_timeout` unless it is sent again; STOP holds until the link is lost.
     """
 
     type: ClassVar[int] = 3

@@ -38,7 +38,7 @@ HOLD_S = 0.3  # s after which a hold that is not renewed is let go
 SILENT_S = 2.0  # s without telemetry after which the vest counts as lost, as the vest does with us
 ANSWER_S = 3.0  # s within which START is to be answered
 UPLOAD_S = 5.0  # s within which a mission is to be acknowledged
-RELEASE_S = 1.0  # s after which an override ends by itself (watchdog.override_timeout)
+RELEASE_S = 1.0  # s for which what was held is let go while nobody commands; then it has ended by itself
 GREETING_S = 3.0  # s between greetings while nobody commands; longer than watchdog.link_timeout
 RELEASE = Override(Command.NONE)
 HELD = (Command.FORWARD, Command.LEFT, Command.RIGHT, Command.RECALL)
@@ -329,7 +329,7 @@ class Conduct:
         if self._start and now - self._start.since > ANSWER_S:
             self._start = None
             self._tell(Level.CAUTION, f"START was not answered within {ANSWER_S:g} s, and is forgotten")
-        if self._release and now - self._release.since > RELEASE_S:
+        if self._release and not lives and now - self._release.since > RELEASE_S:
             self._release = None
         if not self._was_silent and not self.is_heard(now):
             self._was_silent = True

@@ -602,7 +602,8 @@ static int32_t commanded(int32_t mode)
 
 static bool overridden(void)
 {
-    return (world.override != 0U) && (world.override_age <= LONGEST_OVERRIDE);
+    return (world.override == (uint8_t)CMEC_COMMAND_STOP) ||
+           ((world.override != 0U) && (world.override_age <= LONGEST_OVERRIDE));
 }
 
 /* Rules 3 and 12, from the commands alone: nothing but the expected command, STOP, or silence; and no more of
@@ -886,6 +887,9 @@ static void tick(void)
     onboard_tick(&vest);
     world.silence = (messages() != heard) ? 0U : (world.silence + 1U);
     follow_override(accepted_before, received);
+    if (world.silence > LONGEST_SILENCE) {
+        world.override = 0U;
+    }
     assert(!vest.watchdog.in.overridden || (world.silence == 0U));
     world.imu_silence = vest.watchdog.in.sampled ? 0U : (world.imu_silence + 1U);
     assert(!vest.watchdog.in.sampled || /* a sample has come, and the estimator took it */

@@ -260,10 +260,13 @@ static void plan(onboard *m)
     m->controller.mission.fence_count = (int16_t)corners;
 }
 
-/* The operator's command that is in force, 0 for none. */
+/* The operator's command that is in force, 0 for none. STOP alone need not be renewed: it holds until another
+ * is sent, or the link is lost, which stops the animal too (rule 9). */
 static uint8_t override_of(const onboard *m)
 {
-    return m->watchdog.out.override_ok ? m->radio.override : 0U;
+    const bool holds = m->watchdog.out.override_ok || (m->radio.override == (uint8_t)CMEC_COMMAND_STOP);
+
+    return holds ? m->radio.override : 0U;
 }
 
 /* Has VIBRATION or TONE been on in the window for less than a limit [s]? */
@@ -568,6 +571,9 @@ void onboard_tick(onboard *m)
     m->watchdog.in.sampled = navigation_step(m); /* no sample is one that is refused */
     m->watchdog.in.valid = m->estimator.out.valid;
     watchdog_step(&m->watchdog);
+    if (!m->watchdog.out.link_ok) {
+        m->radio.override = 0U; /* whoever comes back orders anew */
+    }
     begin(m);
     decide(m);
     m->reporting = m->reporting || m->watchdog.out.report;

@@ -123,7 +123,8 @@ void prove_begin(void)
         assert(asked && (m.radio.mission.count > 0U) && (m.radio.asked == m.radio.mission.id));
         assert(m.watchdog.out.link_ok && m.watchdog.out.imu_ok && m.watchdog.out.estimate_ok);
         assert(m.local_plane.state.settled && m.planned && (m.controller.out.mode == CMEC_MODE_IDLE));
-        assert(!m.watchdog.out.override_ok || (m.radio.override == 0U));
+        assert((m.radio.override == 0U) ||
+               (!m.watchdog.out.override_ok && (m.radio.override != (uint8_t)CMEC_COMMAND_STOP)));
         assert(m.estimator.state.rejected == 0);
         assert(m.estimator.out.heading_ok && (m.gps.fix.h_acc <= 7000U));
         assert((fabsf(m.controller.mission.waypoint_north[0] - m.estimator.out.north) > 4.9F) ||

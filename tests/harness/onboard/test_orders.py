@@ -534,6 +534,37 @@ def test_rule_9_an_override_ends_a_second_after_it_was_last_sent(vest: Vest) -> 
     assert vest.tick(Override(Command.LEFT), fix=False)["controller.output.command"] == Command.LEFT
 
 
+def test_rule_9_a_stop_holds_without_being_renewed_until_another_override_comes(vest: Vest) -> None:
+    # given a trial that the operator stops once
+    vest.ticks(10)
+    vest.begin(A)
+    vest.tick(Override(Command.STOP), fix=False)
+    # when nothing but signs of life comes, for three times as long as other overrides hold
+    commands = [vest.tick(HERE, fix=False)["controller.output.command"] for _ in range(75)]
+    # then the animal stays stopped, in the trial
+    assert set(commands) == {Command.STOP}
+    assert Ready.RELEASED not in Ready(vest.telemetry.ready)
+    # when it is released, then the trial goes on
+    memory = vest.tick(Override(Command.NONE), fix=False)
+    assert memory["controller.input.override"] == Command.NONE
+    assert memory["controller.input.start"] == 1
+
+
+def test_rule_9_a_stop_whose_operator_is_lost_ends_in_the_stop_of_the_lost_link(vest: Vest) -> None:
+    # given a trial that the operator stops once
+    vest.ticks(10)
+    vest.begin(A)
+    vest.tick(Override(Command.STOP), fix=False)
+    # when the laptop is killed: the link is lost after 50 ticks, and ends the trial with a held stop
+    memories = [vest.tick(fix=False) for _ in range(60)]
+    assert {memory["controller.output.command"] for memory in memories} == {Command.STOP}
+    assert memories[-1]["watchdog.output.link_ok"] == 0
+    # then whoever comes back is not held up by it
+    assert memories[-1]["radio.override"] == Command.NONE
+    vest.tick(HERE, fix=False)
+    assert Command.FORWARD not in [vest.tick(HERE, fix=False)["controller.output.command"] for _ in range(60)]
+
+
 def test_rule_9_an_abort_ends_an_override(vest: Vest) -> None:
     # given a trial in which the operator leads
     vest.ticks(10)

@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 
 from codegen.firmware.telemetry import Flag, Ready
-from harness.onboard.radio import LAST, Mission, Start
+from harness.onboard.radio import LAST, Mission, Override, Start
 from harness.station.conduct import ORDERS, LinkState
 from harness.station.desk import OrderError
 from harness.station.draft import Draft, as_json
@@ -262,6 +262,30 @@ def test_a_latched_stop_holds_over_a_vest_that_begins_anew() -> None:
     assert Command.STOP in rig.run(2)
     assert rig.conduct.latched
     assert Ready.RELEASED not in Ready(rig.vest.telemetry.ready), "an override is in force"
+
+
+def test_a_cleared_stop_is_let_go_however_many_releases_get_lost() -> None:
+    rig = under_way()
+    rig.order("stop")
+    rig.run(1)
+    rig.lost = {Override.type}
+    rig.order("clear_stop")
+    assert set(rig.run(1.6)) == {Command.STOP}, "the vest holds it"
+    rig.lost = set()
+    rig.run(1)
+    assert Ready.RELEASED in Ready(rig.vest.telemetry.ready)
+    assert rig.is_started
+
+
+def test_a_station_that_is_killed_leaves_a_latched_stop_with_the_vest() -> None:
+    rig = under_way()
+    rig.order("stop")
+    rig.run(0.5)
+    rig.uplink = False
+    played = rig.run(5)
+    assert set(played[:75]) == {Command.STOP}
+    assert set(played[75:]) <= {Command.STOP, Command.NONE}
+    assert rig.vest.telemetry.status == Status.STOPPED, "the lost link ended the mission"
 
 
 def test_when_nobody_commands_a_mission_that_a_latched_stop_holds_is_aborted_and_never_goes_on() -> None:
