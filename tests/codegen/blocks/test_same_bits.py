@@ -150,6 +150,13 @@ TRIALS: dict[str, tuple[System, dict[str, dict[str, float]]]] = {
             "plant": {"seed": 6},
         },
     ),
+    "aiming-off": (
+        trial_simulator(),
+        {
+            "controller": LEFT | {"drift": 0.05, "drift_sd": 0.03, "response_time": 0.2, "braking": 2.7},
+            "plant": {"seed": 6, "response_delay": 0.2, "drift_redrawn": 1},
+        },
+    ),
     "pedestrian": (trial_simulator(Pedestrian), {"controller": LEFT}),
     "streets": (full_system(CanineInStreets), {"controller": LEFT, "plant": CORNER}),
     "streets-restless": (full_system(CanineInStreets), {"controller": RIGHT, "plant": CORNER | RESTLESS}),
