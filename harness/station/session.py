@@ -25,9 +25,9 @@ from harness.station.events import Event, Level
 from harness.station.history import History
 from harness.station.ports import Port, PortError
 from harness.station.shown import SHOW_S, TRACK, News, Refresh, add_to, told, welcome
-from harness.station.sink import Sink
+from harness.station.sink import JUMP_S, Sink
 from models.commands import Command
-from models.errors import UsageError
+from models.errors import UsageError, printable
 
 REOPEN_S = 2.0  # s between two tries to open a port that is gone
 UNRECORDED = ("alive", "draft")  # orders that would fill the log, as the repetitions of a hold would
@@ -88,7 +88,7 @@ class Session:
         self._recorded: Mission | None = None
         self._pool = ThreadPoolExecutor(1, "station-port")
         self._opening: Future[Port] | None = None
-        self._failed_at = 0.0
+        self._failed_at = self._looked = 0.0
         self._lost = ""  # why nothing is recorded any more
 
     @property
@@ -143,6 +143,12 @@ class Session:
     def poll(self) -> News:
         """As `Shown`."""
         now = self.now
+        if (stood := now - self._looked) > JUMP_S:
+            self._log_clock.leave_out(stood)
+            self._tell(
+                now, Level.CAUTION, f"the station stood still for {stood:.0f} s, which the log leaves out"
+            )
+        self._looked = now
         data = self._read(now)
         if data:
             self._record(lambda sink: sink.receive(now, data))
@@ -164,6 +170,8 @@ class Session:
     def _hear(self, now: float, telemetry: Telemetry) -> None:
         override = Command.STOP if self.conduct.latched else self.conduct.holding or Command.NONE
         self._record(lambda sink: sink.tell(now, telemetry, override))
+        if jump := self._log_clock.jump:
+            self._tell(now, Level.CAUTION, f"the vest's clock jumped by {jump:+.1f} s: time goes on by ours")
         add_to(self._track, self._log_clock.at(now), telemetry)
         self._refresh.stale = True
 
@@ -194,14 +202,19 @@ class Session:
         self._record(lambda sink: sink.event(event))
 
     def _record(self, write: Callable[[Sink], None]) -> None:
-        """Write to the log. If it cannot be written the station goes on: the vest must be reached."""
+        """Write to the log. Whatever fails in that, the station goes on: the vest must be reached."""
         if self._sink is None:
             return
         try:
             write(self._sink)
         except LogError as reason:
-            self._sink, self._lost = None, str(reason)
-            self._tell(self.now, Level.WARNING, f"nothing is recorded any more: {reason}")
+            self._lose_log(str(reason))
+        except Exception as fault:  # a fault of ours, too, must not cost the vest its operator
+            self._lose_log(f"{self._sink.path}: {type(fault).__name__}: {printable(str(fault))}")
+
+    def _lose_log(self, reason: str) -> None:
+        self._sink, self._lost = None, reason
+        self._tell(self.now, Level.WARNING, f"nothing is recorded any more: {reason}")
 
     def _read(self, now: float) -> bytes:
         if self._port is None:

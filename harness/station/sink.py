@@ -9,7 +9,8 @@
 | `/station/orders`, `/station/events` | what operators ordered and wrote; what happened |
 
 A row stands at the telemetry's own time. Where one is missing the row before is repeated. Time follows the
-vest's clock while the vest is heard, and else this machine's.
+vest's clock while the vest is heard, and else this machine's. It leaves out the jumps of either: millions of
+rows would fill them, and a reader takes a hole for the end.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ from models.commands import Command, Status
 REPORT_S = 0.2  # between two telemetries (watchdog.report_period)
 LEAST_S = 0.001  # between two rows
 LONGEST_S = 0.29  # between two rows; a report waits for two ticks at most
+JUMP_S = 10.0  # by which a clock may run ahead: more is a jump
 SILENT_S = 0.5  # s of this machine without telemetry after which the last row is repeated
 FLUSH_S = 1.0
 RECEIVED, SENT, STATE = "/radio/received", "/radio/sent", "/station/state"
@@ -102,10 +104,13 @@ class Clock:
 
     Args:
         speed: trial time over this machine's, of a simulated vest.
+
+    Attributes:
+        jump: s by which the vest's clock jumped with the last telemetry; 0 if it did not.
     """
 
     def __init__(self, speed: float = 1.0) -> None:
-        self._speed = speed
+        self._speed, self.jump = speed, 0.0
         self._log = self._now = 0.0  # the same moment by both clocks
         self._session: int | None = None
         self._shift = 0.0  # s, of the log's time over the vest's
@@ -114,11 +119,18 @@ class Clock:
         """The log's time at a time of this machine."""
         return self._log + max(0.0, now - self._now) * self._speed
 
+    def leave_out(self, seconds: float) -> None:
+        """This machine stood still for some time, which does not count."""
+        self._now += seconds
+
     def follow(self, now: float, telemetry: Telemetry) -> float:
-        """The log's time of a telemetry that comes now."""
-        time = telemetry.time_ms / 1000
+        """The log's time of a telemetry that comes now; it never goes back."""
+        time, expected, self.jump = telemetry.time_ms / 1000, self.at(now), 0.0
         if telemetry.session != self._session:
-            self._session, self._shift = telemetry.session, self.at(now) - time
+            self._session, self._shift = telemetry.session, expected - time
+        ahead = time + self._shift - expected
+        if time + self._shift < self._log or ahead > JUMP_S * max(self._speed, 1.0):
+            self.jump, self._shift = ahead, expected - time
         self._log, self._now = time + self._shift, now
         return self._log
 

@@ -12,7 +12,9 @@ import pytest
 from mcap.reader import make_reader
 
 from codegen.firmware.key import SIMULATION_KEY, Key
-from harness.log.log import LogError
+from codegen.firmware.telemetry import FIELDS, Telemetry
+from harness.log.log import LogError, read_log
+from harness.onboard.radio import Seal, encode
 from harness.station.desk import OrderError
 from harness.station.events import Level
 from harness.station.opening import vest_parameters
@@ -119,6 +121,86 @@ def test_a_log_that_cannot_be_written_stops_no_station_and_is_an_alarm(tmp_path:
     alarm = station.alarms(station.now)[0]
     assert (alarm.key, alarm.level) == ("log", Level.WARNING)
     station.close()
+
+
+def test_a_fault_in_what_records_stops_no_station_and_is_told_once(tmp_path: Path) -> None:
+    hands = Hands()
+    station = session(tmp_path, Silence(), hands)
+    sink = station._sink
+    assert sink is not None
+    sink._rows.append((-1.0, sink._row))  # no log has a negative time
+    found = [event.text for event in station.poll().events]
+    for _ in range(30):
+        hands.now += 0.1
+        found += [event.text for event in station.poll().events]
+    lost = [text for text in found if text.startswith(f"nothing is recorded any more: {sink.path}: ")]
+    assert len(lost) == 1
+    station.order(1, {"do": "stop"})
+    assert station.conduct.latched
+    station.close()
+
+
+class Forged(Silence):
+    """A vest without a key at which telemetry can be put.
+
+    Attributes:
+        station: that hears it.
+    """
+
+    station: Session
+
+    def __init__(self) -> None:
+        self._coming, self._count = b"", 0
+
+    def put(self, time_ms: int) -> None:
+        self._count += 1
+        fields = dict.fromkeys(FIELDS, 0)
+        fields |= {"session": 7, "nonce": self.station.conduct.link.nonce, "time_ms": time_ms}
+        self._coming += encode(Telemetry(**fields), self._count, Seal(None, 7))
+
+    def read(self) -> bytes:
+        data, self._coming = self._coming, b""
+        return data
+
+
+@pytest.mark.parametrize(("then", "text"), [(100, "by -60.3 s"), (2**32 - 1, "by +4294906.9 s")])
+def test_a_clock_of_the_vest_that_jumps_is_told_and_the_log_goes_on(
+    tmp_path: Path, then: int, text: str
+) -> None:
+    # given a station that hears a vest
+    hands, vest = Hands(), Forged()
+    vest.station = station = session(tmp_path, vest, hands)
+    found = []
+    # when its clock jumps
+    for time_ms in (60000, 60200, then, 60400, 60600):
+        vest.put(time_ms)
+        hands.now += 0.2
+        found += [event.text for event in station.poll().events]
+    station.close()
+    # then each jump is told, there and back, and the log has it all
+    jumps = [what for what in found if what.startswith("the vest's clock jumped")]
+    assert len(jumps) == 2
+    assert text in jumps[0]
+    log = read_log(tmp_path / "trial.mcap")
+    assert not log.broken
+    assert log.time[-1] < 1.5
+
+
+def test_an_hour_for_which_a_station_stood_still_is_told_and_left_out(tmp_path: Path) -> None:
+    hands = Hands()
+    station = session(tmp_path, Silence(), hands)
+    for _ in range(2):
+        hands.now += 1
+        assert not station.poll().events
+    hands.now += 3600
+    told = [event.text for event in station.poll().events]
+    assert told == ["the station stood still for 3600 s, which the log leaves out"]
+    hands.now += 1
+    assert not station.poll().events
+    station.close()
+    log = read_log(tmp_path / "trial.mcap")
+    assert not log.broken
+    assert log.time[-1] < 4
 
 
 def test_a_hold_is_recorded_once_and_again_if_it_is_ordered_after_it_lapsed(tmp_path: Path) -> None:

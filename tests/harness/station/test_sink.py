@@ -67,6 +67,18 @@ def test_time_follows_the_vest_while_it_is_heard_and_this_machine_while_it_is_no
     assert clock.follow(9.0, telemetry(0.0, session=6)) == pytest.approx(8.7), "a vest that began anew"
 
 
+@pytest.mark.parametrize("jump", [-99.0, 3600.0, 4294867.0])
+def test_a_clock_of_the_vest_that_jumps_moves_no_row(sink: Sink, jump: float) -> None:
+    tell(sink, 0.4, 1.0)
+    for k in range(5, 10):
+        sink.tell(0.2 * k, telemetry(100 + jump + 0.2 * k), Command.NONE)
+        assert sink.clock.jump == pytest.approx(jump if k == 5 else 0.0, abs=0.01)
+    log = closed(sink)
+    assert not log.broken
+    assert log.time[-1] == pytest.approx(1.8)
+    assert len(log.time) < 15
+
+
 def test_a_simulated_vest_at_20_times_the_clock_has_its_own_time() -> None:
     clock = Clock(20.0)
     clock.follow(1.0, telemetry(100.0))
