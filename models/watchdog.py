@@ -30,7 +30,11 @@ class Watchdog(Block):
         "s", "longest time without a message of the operator", start=2, min=TICK, max=LONGEST
     )
     override_timeout = Parameter(
-        "s", "longest time for which an override other than STOP holds, unless it is renewed", start=1, min=TICK, max=LONGEST
+        "s",
+        "longest time for which an override other than STOP holds, unless it is renewed",
+        start=1,
+        min=TICK,
+        max=LONGEST,
     )
     report_period = Parameter("s", "time between two reports by telemetry", start=0.2, min=TICK, max=10)
 
