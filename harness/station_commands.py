@@ -97,6 +97,8 @@ def operate(
         raise UsageError("--start: only with --headless; in the browser START is held")
     if headless and (replay or not mission):
         raise UsageError("--headless: expected --mission FILE and a vest, --port or --simulate")
+    if replay and mission:
+        raise UsageError(f"--mission {mission}: a log holds its own mission; expected it with a vest")
     if replay and foxglove is not None:
         raise UsageError(f"--foxglove {foxglove}: a log is opened in the viewer; expected it with a vest")
     require_extra()

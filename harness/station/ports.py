@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import socket
 from collections.abc import Callable
@@ -50,7 +51,9 @@ class SerialPort:
         try:
             self._port: Any = serial.Serial(device, baud, timeout=0, write_timeout=0, exclusive=True)
         except (serial.SerialException, OSError, ValueError) as reason:
-            raise UsageError(f"--port {printable(device)}: cannot be opened ({_reason(reason)})") from None
+            is_other = getattr(reason.__context__, "args", ())[:1] == (errno.ENOTTY,)
+            why = "is no serial device" if is_other else f"cannot be opened ({_reason(reason)})"
+            raise UsageError(f"--port {printable(device)}: {why}") from None
 
     def read(self) -> bytes:
         """As `Port`."""

@@ -18,7 +18,7 @@ from codegen.firmware.telemetry import Flag, Telemetry
 from harness.log.log import LogError
 from harness.onboard.radio import Link, Mission, RadioError
 from harness.station.alarms import Alarm, Alarms
-from harness.station.conduct import ORDERS, Conduct
+from harness.station.conduct import HOLD_S, ORDERS, Conduct
 from harness.station.desk import OrderError
 from harness.station.draft import Draft, as_json
 from harness.station.events import Event, Level
@@ -34,6 +34,11 @@ UNRECORDED = ("alive", "draft")  # orders that would fill the log, as the repeti
 EVENTS = 500  # that are kept for who joins late
 OLD_S = 2.0  # s after which it is too late to answer a state; the vest waits as long for its operator
 AT_ANY_TIME = ("stop", "abort", "release", "note")  # orders that are right however late they come
+
+
+def _longest(do: str) -> float:
+    """The age of a state that an order may answer, s. A hold that is older would have been let go by now."""
+    return HOLD_S if do == "hold" else OLD_S
 
 
 @dataclass(frozen=True)
@@ -124,8 +129,8 @@ class Session:
             if order["do"] == "alive":  # a sign of life that is old is none
                 return ()
             raise OrderError(
-                f"{order['do']}: came {OLD_S:g} s or more after what it answers was shown, as out of a lost "
-                "network, and is not carried out; order it again"
+                f"{order['do']}: came {_longest(order['do']):g} s or more after what it answers was shown, "
+                "as out of a lost network, and is not carried out; order it again"
             )
         self.conduct.order(now, operator, order)
         is_renewed = order["do"] == "hold" and self.conduct.holding is held
@@ -138,7 +143,7 @@ class Session:
         """May it act now? What a network held back would act on an animal that nobody has seen since."""
         if "seen" not in order or order.get("do") not in ORDERS or order["do"] in AT_ANY_TIME:
             return True
-        return any(order["seen"] == time and now - at <= OLD_S for time, at in self._seen)
+        return any(order["seen"] == time and now - at <= _longest(order["do"]) for time, at in self._seen)
 
     def poll(self) -> News:
         """As `Shown`."""

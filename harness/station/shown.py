@@ -25,7 +25,7 @@ from models.modes import Anomaly, Mode
 
 POLL_S = 0.01  # s between two looks at the port
 SHOW_S = 0.04  # s between two states that are shown, at least
-IDLE_S = 0.5  # and at most
+IDLE_S = 0.2  # and at most; a hold answers one of the last HOLD_S
 PATIENCE_S = 3.0  # s after which a browser that hears nothing takes the station for lost
 MESSAGE_BYTES = 65536  # of a browser's message, at most
 MESSAGES_PER_S = 50

@@ -31,9 +31,27 @@ def test_a_name_that_is_pointed_at_this_machine_is_refused(host: str) -> None:
     assert refusal("127.0.0.1", host, f"http://{host}") == "the Host is not this station"
 
 
+def test_this_machines_own_name_lets_in_only_where_others_reach_the_station(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(socket, "gethostname", lambda: "laptop")
+    assert refusal("0.0.0.0", "laptop:8642", "http://laptop:8642", "secret") == ""
+    assert refusal("127.0.0.1", "laptop:8642") == "the Host is not this station"
+
+
 @pytest.mark.parametrize(
     "origin",
-    ["http://evil.example", "null", "http://localhost:1", "http://localhost.evil:8642", "file://", ""],
+    [
+        "http://evil.example",
+        "null",
+        "http://localhost:1",
+        "http://localhost.evil:8642",
+        "http://x-localhost:8642",
+        "https://localhost:8642",
+        "http://[::1",
+        "file://",
+        "",
+    ],
 )
 def test_a_page_of_another_origin_is_refused(origin: str) -> None:
     assert refusal("127.0.0.1", "localhost:8642", origin) == "the Origin is not this station"

@@ -127,6 +127,7 @@ def test_what_is_no_mission_is_refused_before_anything_is_sent(tmp_path: Path) -
         (("--simulate", "three_waypoint", "--start"), "--start: only with --headless"),
         (("--simulate", "three_waypoint", "--headless"), "--headless: expected --mission FILE"),
         (("--port", "/dev/ttyNONE", "--speed", "3"), "--speed and --seed are of a simulated vest"),
+        (("--replay", ".", "--mission", "x.gpx"), "--mission x.gpx: a log holds its own mission"),
         (("--port", "/dev/ttyNONE", "--no-browser"), "there is no such device"),
         (("--simulate", "three_waypont", "--no-browser"), "three_waypoint"),
         (("--simulate", "three_waypoint", "--speed", "1000", "--no-browser"), "expected 0.05 to 100"),

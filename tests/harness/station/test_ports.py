@@ -125,7 +125,10 @@ def test_a_port_that_cannot_be_opened_is_named_with_what_is_expected(name: str, 
     assert says in str(refused.value)
 
 
-def test_a_file_is_no_serial_device(tmp_path: Path) -> None:
+def test_what_is_no_serial_device_is_told_without_numbers(tmp_path: Path) -> None:
     (tmp_path / "x").write_text("")
+    for name in (str(tmp_path / "x"), "/dev/null"):
+        with pytest.raises(UsageError, match=f"^--port {name}: is no serial device$"):
+            open_port(name)
     with pytest.raises(UsageError, match="cannot be opened"):
-        open_port(str(tmp_path / "x"))
+        open_port(str(tmp_path))
