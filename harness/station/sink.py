@@ -45,6 +45,7 @@ SILENT_S = 0.5  # s of this machine without telemetry after which the last row i
 FLUSH_S = 1.0
 RECEIVED, SENT, STATE = "/radio/received", "/radio/sent", "/station/state"
 ORDERS, EVENTS = "/station/orders", "/station/events"
+OF_ORDER = ("do", "command", "text", "seen")  # what is written of an order, beside who gave it
 SCHEMAS = {  # name, and the properties of a message; viewers know foxglove.Log
     RECEIVED: ("bytes", {"bytes": "string"}),
     SENT: ("bytes", {"bytes": "string"}),
@@ -196,7 +197,8 @@ class Sink:
 
     def order(self, now: float, operator: int, order: Mapping[str, Any]) -> None:
         """An operator ordered something."""
-        self._write(ORDERS, self.clock.at(now), {"operator": operator, **order})
+        stated = {name: order[name] for name in OF_ORDER if isinstance(order.get(name), str | int | float)}
+        self._write(ORDERS, self.clock.at(now), {"operator": operator, **stated})
 
     def show(self, now: float, state: bytes) -> None:
         """A state was shown, JSON."""

@@ -227,6 +227,20 @@ def test_a_hold_is_recorded_once_and_again_if_it_is_ordered_after_it_lapsed(tmp_
         assert [json.loads(message.data)["do"] for *_, message in orders] == ["take", "hold", "hold"]
 
 
+def test_what_is_recorded_of_an_order_is_who_gave_it_and_what_is_known_of_orders(tmp_path: Path) -> None:
+    station = session(tmp_path, Silence(), Hands())
+    nested: list[object] = []
+    for _ in range(1000):
+        nested = [nested]
+    station.order(1, {"do": "note", "text": "hi", "operator": 99, "more": 1})
+    station.order(2, {"do": "stop", "text": nested, "seen": nested})
+    assert station.conduct.latched
+    station.close()
+    with (tmp_path / "trial.mcap").open("rb") as file:
+        found = [json.loads(message.data) for *_, message in make_reader(file).iter_messages(topics=[ORDERS])]
+    assert found == [{"operator": 1, "do": "note", "text": "hi"}, {"operator": 2, "do": "stop"}]
+
+
 def shown(station: Session) -> float:
     """The time of a state that is shown now."""
     station._refresh = Refresh()
