@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -24,7 +25,10 @@ class Route:
         try:
 
             def value(name: str) -> float:
-                return float(parameters[f"controller.{name}"])
+                number = float(parameters[f"controller.{name}"])
+                if not math.isfinite(number):
+                    raise ValueError
+                return number
 
             numbers = range(1, int(value("waypoint_count")) + 1)
             places = [

@@ -9,6 +9,7 @@ from models.commands import Command
 from models.errors import UsageError
 
 TONES = {"forward_tone": Command.FORWARD, "stop_tone": Command.STOP, "recall_tone": Command.RECALL}
+LIMIT = 2**31  # Hz, beyond which no tone is; NaN is none either
 
 
 def commands(values: Mapping[str, float]) -> dict[tuple[int, bool, bool], Command]:
@@ -25,7 +26,7 @@ def commands(values: Mapping[str, float]) -> dict[tuple[int, bool, bool], Comman
     declared = settable(BLOCKS["command_module"])
     for name, command in TONES.items():
         tone = values.get(name, declared[name].start[0])
-        played = (int(tone), False, False)
+        played = (int(tone) if abs(tone) < LIMIT else -1, False, False)
         if played in by_sound or tone != played[0]:
             wrong = f"as for {by_sound[played].name}" if played in by_sound else "not a whole number"
             raise UsageError(

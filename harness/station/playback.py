@@ -10,39 +10,22 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import orjson
 
 from codegen.firmware.telemetry import Flag, Telemetry
-from harness.log.channel import SECOND
-from harness.log.contents import MESSAGE, Contents
-from harness.log.log import Log, LogError, read_log, read_records
+from harness.log.log import Log, LogError, read_log
 from harness.station.conduct import LinkState, lacking
 from harness.station.desk import OrderError
 from harness.station.draft import Draft, as_json
 from harness.station.events import Event, Level
 from harness.station.history import History
 from harness.station.readings import telemetry_of
-from harness.station.shown import TRACK, News, Refresh, add_to, told, welcome
-from harness.station.sink import EVENTS, SEVERITY, STATE
+from harness.station.recorded import read_recorded
+from harness.station.shown import TRACK, News, Refresh, add_to, finite, told, welcome
 from models.modes import ENDED
 
 SPEEDS = 0.1, 100.0
-LEVEL_OF = {number: level for level, number in SEVERITY.items()}
-
-
-class _Recorded(Contents):
-    """What a station showed: the messages of some topics, with their times in s."""
-
-    def __init__(self, size: int, topics: tuple[str, ...]) -> None:
-        super().__init__(size)
-        self.messages: dict[str, list[tuple[float, bytes]]] = {topic: [] for topic in topics}
-
-    def _take_message(self, data: bytes, start: int, end: int) -> None:
-        super()._take_message(data, start, end)
-        channel, moment = MESSAGE.unpack_from(data, start)
-        messages = self.messages.get(self._channels[channel].topic)
-        if messages is not None:
-            messages.append((moment / SECOND, data[start + MESSAGE.size : end]))
 
 
 class _Frame(NamedTuple):
@@ -58,7 +41,7 @@ class Playback:
         clock: gives s that only grow.
 
     Raises:
-        LogError: it cannot be read, or has no telemetry.
+        LogError: it cannot be read, has no telemetry, or what it says that was shown is not that.
     """
 
     def __init__(self, path: Path, clock: Callable[[], float] = time.monotonic) -> None:
@@ -67,25 +50,30 @@ class Playback:
             raise LogError(
                 f"log {path}: has no telemetry; expected one of `canine station` or `canine run --onboard`"
             )
-        with path.open("rb") as file:
-            recorded = _Recorded(path.stat().st_size, (STATE, EVENTS))
-            read_records(path, file, path.stat().st_size, recorded)
+        rows = np.flatnonzero(np.isfinite(self._log.values["telemetry"]).all(axis=1)).tolist()
+        if not rows:
+            raise LogError(f"log {path}: no telemetry is finite; expected numbers; take another copy")
+        recorded = read_recorded(path)
         self._frames = [
-            _Frame(moment, partial(orjson.loads, state)) for moment, state in sorted(recorded.messages[STATE])
-        ] or [
-            _Frame(float(moment), partial(_state_of, self._log, row))
-            for row, moment in enumerate(self._log.time)
-        ]
+            _Frame(moment, partial(orjson.loads, state)) for moment, state in recorded.states
+        ] or [_Frame(float(self._log.time[row]), partial(_state_of, self._log, row)) for row in rows]
         self._times = [frame.time for frame in self._frames]
-        self._events = [_event(moment, data) for moment, data in recorded.messages[EVENTS]]
         self._begin, self._end = float(self._log.time[0]), max(float(self._log.time[-1]), self._times[-1])
         self._operators: set[int] = set()
         self._at, self._speed, self._playing = self._begin, 1.0, False
         self._looked = clock()
         self._refresh = Refresh()
         self._track = History(TRACK)
-        for row, moment in enumerate(self._log.time):
-            add_to(self._track, float(moment), telemetry_of(self._log, row))
+        for row in rows:
+            add_to(self._track, float(self._log.time[row]), telemetry_of(self._log, row))
+        self._insecure = bool(telemetry_of(self._log, rows[-1]).flags & Flag.INSECURE)
+        self._parameters, odd = finite(self._log.metadata.get("parameters", {}))
+        left_out = {"rows": len(self._log.time) - len(rows), "parameters": odd}
+        self._events = recorded.events + [
+            Event(self._begin, Level.CAUTION, f"{count} {what} are no finite numbers, and are left out")
+            for what, count in left_out.items()
+            if count
+        ]
 
     def join(self, operator: int) -> list[bytes]:
         """As `Shown`."""
@@ -93,11 +81,11 @@ class Playback:
         self._refresh.stale = True
         return welcome(
             operator,
-            self._log.metadata.get("parameters", {}),
+            self._parameters,
             self._track,
             self._events,
             commander=None,
-            insecure=bool(int(self._log["telemetry.flags"][-1]) & Flag.INSECURE),
+            insecure=self._insecure,
             replay={"from": self._begin, "until": self._end},
             source=f"replay of {self._log.path.name}",
             scenario=None,
@@ -154,11 +142,6 @@ class Playback:
         state = self._frames[place].state()
         replay = {"time": self._at, "playing": self._playing, "speed": self._speed}
         return News(orjson.dumps(state | {"operators": sorted(self._operators), "replay": replay}))
-
-
-def _event(moment: float, data: bytes) -> Event:
-    content = orjson.loads(data)
-    return Event(moment, LEVEL_OF.get(content["level"], Level.CAUTION), str(content["message"]))
 
 
 def _state_of(log: Log, row: int) -> dict[str, Any]:

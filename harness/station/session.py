@@ -24,14 +24,13 @@ from harness.station.draft import Draft, as_json
 from harness.station.events import Event, Level
 from harness.station.history import History
 from harness.station.ports import Port, PortError
-from harness.station.shown import SHOW_S, TRACK, News, Refresh, add_to, told, welcome
+from harness.station.shown import EVENTS, SHOW_S, TRACK, News, Refresh, add_to, told, welcome
 from harness.station.sink import JUMP_S, Sink
 from models.commands import Command
 from models.errors import UsageError, printable
 
 REOPEN_S = 2.0  # s between two tries to open a port that is gone
 UNRECORDED = ("alive", "draft")  # orders that would fill the log, as the repetitions of a hold would
-EVENTS = 500  # that are kept for who joins late
 OLD_S = 2.0  # s after which it is too late to answer a state; the vest waits as long for its operator
 AT_ANY_TIME = ("stop", "abort", "release", "note")  # orders that are right however late they come
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
@@ -48,6 +49,8 @@ THRESHOLDS = (
     "turn_timeout",
 )
 ENUMS: Mapping[str, type[IntEnum]] = {"command": Command, "mode": Mode, "status": Status, "anomaly": Anomaly}
+CUES = "command_module."
+EVENTS = 500  # the last ones, that who joins late is told
 TRACK = (
     "time", "latitude", "longitude", "speed", "heading", "position_sd", "deviation", "distance", "command",
     "mode", "waypoint",
@@ -111,6 +114,7 @@ def welcome(
     Args:
         parameters: of the vest, `component.name` to its value (SI), as text.
         track: rows of TRACK.
+        events: in order; the last EVENTS are told.
         facts: further ones of `hello`.
     """
     hello = {
@@ -122,8 +126,24 @@ def welcome(
         "thresholds": _thresholds(parameters),
         "cues": _cues(parameters),
     }
-    history = {"is": "history", "columns": track.columns(), "events": [_as_json(event) for event in events]}
+    last = [_as_json(event) for event in deque(events, EVENTS)]
+    history = {"is": "history", "columns": track.columns(), "events": last}
     return [orjson.dumps(hello | facts), orjson.dumps(history)]
+
+
+def finite(parameters: Mapping[str, str]) -> tuple[dict[str, str], int]:
+    """Those of a log's parameters that `welcome` reads and that are finite; how many it reads are not."""
+    thresholds = [f"controller.{name}" for name in THRESHOLDS]
+    read = {name: value for name, value in parameters.items() if name.startswith(CUES) or name in thresholds}
+    kept = {name: value for name, value in read.items() if _is_finite(value)}
+    return kept, len(read) - len(kept)
+
+
+def _is_finite(text: str) -> bool:
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False
 
 
 def _thresholds(parameters: Mapping[str, str]) -> dict[str, float]:
@@ -134,10 +154,7 @@ def _thresholds(parameters: Mapping[str, str]) -> dict[str, float]:
 
 def _cues(parameters: Mapping[str, str]) -> dict[str, dict[str, float | bool]]:
     """What the animal hears and feels of each command, by its name."""
-    prefix = "command_module."
-    stated = {
-        name.removeprefix(prefix): float(x) for name, x in parameters.items() if name.startswith(prefix)
-    }
+    stated = {name.removeprefix(CUES): float(x) for name, x in parameters.items() if name.startswith(CUES)}
     return {
         command.name: {"tone_hz": tone, "vibrate_left": left, "vibrate_right": right}
         for (tone, left, right), command in commands(stated).items()

@@ -200,6 +200,12 @@ def test_a_route_has_the_waypoints_in_use_and_home_last() -> None:
     )
 
 
+@pytest.mark.parametrize("name", ["waypoint_count", "waypoint_north[1]", "home_east", "capture_radius"])
+@pytest.mark.parametrize("value", ["inf", "nan", "<b>"])
+def test_a_route_of_which_a_number_is_not_finite_is_none(name: str, value: str) -> None:
+    assert Route.of(MISSION | {f"controller.{name}": value}) is None
+
+
 @pytest.mark.parametrize("missing", ["waypoint_count", "waypoint_east[2]", "home_north", "capture_radius"])
 def test_parameters_that_lack_a_part_of_the_route_have_none(missing: str) -> None:
     assert Route.of({name: x for name, x in MISSION.items() if name != f"controller.{missing}"}) is None
