@@ -83,7 +83,11 @@ def in_words(value: object) -> str:
     """A property's value as it is named in a note, cut if it is long."""
     if value is None:
         return "none"
-    text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    text = ""
+    for part in [value] if isinstance(value, str) else json.JSONEncoder(ensure_ascii=False).iterencode(value):
+        text += part
+        if len(text) > LONGEST:  # the rest may be as large as a file
+            break
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
 
 

@@ -16,6 +16,7 @@ from models.fence import MAX_CORNERS
 
 DIGITS = 7  # of a degree: 1 cm, as the radio sends
 HOME, WAYPOINT, FENCE = "home", "waypoint", "fence"
+NAMED = 5  # of what there is too much of
 
 
 class MissionFileError(UsageError):
@@ -135,6 +136,13 @@ def sole(places: list[Position]) -> Position | None:
 def is_named(name: object, word: str) -> bool:
     """Does a file call a place so?"""
     return isinstance(name, str) and name.strip().lower() == word
+
+
+def listed(names: Iterable[str]) -> str:
+    """The first NAMED of the names, and how many more there are."""
+    named = list(names)
+    more = f" and {len(named) - NAMED} more" if len(named) > NAMED else ""
+    return ", ".join(named[:NAMED]) + more
 
 
 def left_out(count: int, what: str) -> list[str]:

@@ -24,6 +24,7 @@ from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
+from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from harness.addresses import LOCALHOST
@@ -49,6 +50,7 @@ MOST_OPERATORS = 16
 WAITING = 256  # messages that wait for a slow browser, beside the last state
 AHEAD = 4096  # bytes that a browser's socket takes before the network does
 SEND_S = 10.0  # s after which a browser that takes nothing is left
+HEAD_S = 5.0  # s in which a connection states what it asks for
 BURST = 2 * MESSAGES_PER_S
 Page = Callable[[], bytes]
 TRY_LATER, POLICY = 1013, 1008  # codes with which a socket is closed
@@ -102,6 +104,27 @@ class Outbox:
         return messages
 
 
+class _Http(H11Protocol):
+    """A connection that asks for nothing within HEAD_S is closed, however many bytes of a head it sends.
+
+    As many as may be open would else lock everybody out.
+    """
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        self.loop.call_later(HEAD_S, self._leave, None)
+
+    def on_response_complete(self) -> None:
+        answered = self.cycle
+        super().on_response_complete()
+        self.loop.call_later(HEAD_S, self._leave, answered)
+
+    def _leave(self, answered: object) -> None:
+        """Close, if no request came since; a connection that became a browser's socket is none of ours."""
+        if self.cycle is answered and self in self.connections:
+            self.transport.close()
+
+
 class _Socket(WebSocketsSansIOProtocol):
     """A browser's socket, which takes little ahead of the network: what is left waits in the outbox.
 
@@ -144,6 +167,7 @@ class Station:
         self.shown, self.guard, self._own_page = shown, guard, page
         self._outboxes: dict[int, Outbox] = {}
         self._proposals = Proposals()
+        self._reading = asyncio.Lock()  # a file at a time
         self._operators = 0
         routes = [
             Route("/", self._page),
@@ -178,8 +202,9 @@ class Station:
             return response
         try:
             data = await _body(request, "file", MAX_BYTES)
-            # not on the loop, which keeps the vest's operator alive: a large file takes seconds
-            draft = await asyncio.to_thread(read, request.query_params.get("name", ""), data)
+            async with self._reading:
+                # not on the loop, which keeps the vest's operator alive: a large file takes a second
+                draft = await asyncio.to_thread(read, request.query_params.get("name", ""), data)
             return JSONResponse(as_json(draft))
         except CanineError as reason:
             return _error(str(reason))
@@ -409,6 +434,7 @@ async def serve(
         log_level="error",
         access_log=False,
         server_header=False,
+        http=_Http,
         ws=_Socket,
         ws_max_size=MESSAGE_BYTES,
         ws_per_message_deflate=False,

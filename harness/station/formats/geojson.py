@@ -11,6 +11,8 @@ from harness.station.draft import FENCE, Draft, MissionFileError, pair
 from harness.station.formats.shapes import Shape, labelled, of_shapes, ring
 from models.errors import printable
 
+MAX_FEATURES = 1000  # of a mission
+
 
 @dataclass(frozen=True)
 class Feature:
@@ -33,7 +35,10 @@ def read(data: bytes) -> Draft:
     Raises:
         MissionFileError: it holds none, or several.
     """
-    return of_shapes([_shape(feature) for feature in features_of(content_of(data))])
+    features = features_of(content_of(data))
+    if len(features) > MAX_FEATURES:
+        raise MissionFileError(f"has {len(features)} features, expected up to {MAX_FEATURES}")
+    return of_shapes([_shape(feature) for feature in features])
 
 
 def content_of(data: bytes) -> dict[str, Any]:

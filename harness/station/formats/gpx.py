@@ -17,6 +17,7 @@ from harness.station.draft import (
     MissionFileError,
     is_named,
     left_out,
+    listed,
     opened,
     pair,
     place_of,
@@ -39,19 +40,19 @@ def read(data: bytes) -> Draft:
         if name in POINTS:
             place_of(f"line {line}", attributes.get("lat"), attributes.get("lon"))
 
-    check_xml(data, "gpx", see)
+    check_xml(data, "gpx", see=see)
     try:
         gpx = gpxpy.parse(data)
     except (GPXException, ValueError) as reason:
         raise MissionFileError(f"is no GPX: {printable(reason)}") from None
     fences = [route for route in gpx.routes if FENCE in (route.name, route.type)]
-    routes = [route for route in gpx.routes if route not in fences]
-    homes = [point for point in gpx.waypoints if is_named(point.name, HOME) or is_named(point.type, HOME)]
-    marks = [point for point in gpx.waypoints if point not in homes]
+    routes = [route for route in gpx.routes if FENCE not in (route.name, route.type)]
+    homes = [point for point in gpx.waypoints if _is_home(point)]
+    marks = [point for point in gpx.waypoints if not _is_home(point)]
     tracks = [segment for track in gpx.tracks for segment in track.segments]
     for found, what in ((routes, "routes"), (fences, 'routes of the name "fence"')):
         if len(found) > 1:
-            names = ", ".join(printable(in_words(route.name or "without a name")) for route in found)
+            names = listed(printable(in_words(route.name or "without a name")) for route in found)
             raise MissionFileError(f"holds {len(found)} {what} ({names}), expected one: leave one of them")
     notes: list[str] = []
     if routes:
@@ -69,6 +70,10 @@ def read(data: bytes) -> Draft:
         opened(_positions(fences[0].points if fences else ())),
         tuple(notes),
     )
+
+
+def _is_home(point: GPXWaypoint) -> bool:
+    return is_named(point.name, HOME) or is_named(point.type, HOME)
 
 
 def _positions(points: Iterable[Any]) -> Iterator[Position]:

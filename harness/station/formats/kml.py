@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from typing import Any
 
 import fastkml
@@ -13,7 +14,7 @@ from pygeoif import LineString, Point, Polygon
 from harness.files import in_words
 from harness.station.draft import DIGITS, FENCE, Draft, MissionFileError, pair
 from harness.station.formats.shapes import Shape, labelled, of_shapes, ring
-from harness.station.formats.xml import check_xml
+from harness.station.formats.xml import MAX_ELEMENTS, check_xml
 from models.errors import printable
 
 
@@ -23,16 +24,16 @@ def read(data: bytes) -> Draft:
     Raises:
         MissionFileError: it holds none, or several.
     """
-    return of_shapes([_shape(*labelled_mark) for labelled_mark in placemarks(data)])
+    return of_shapes([_shape(*labelled_mark) for labelled_mark in placemarks(data, MAX_ELEMENTS)])
 
 
-def placemarks(data: bytes) -> list[tuple[str, Any]]:
-    """The placemarks of such a file, each behind what errors call it.
+def placemarks(data: bytes, most: float = math.inf) -> list[tuple[str, Any]]:
+    """The placemarks of such a file, of so many elements at most, each behind what errors call it.
 
     Raises:
         MissionFileError: it is no such file.
     """
-    check_xml(data, "kml")
+    check_xml(data, "kml", most)
     try:
         document = fastkml.KML.parse(io.BytesIO(data), strict=True, validate=False)
         marks: list[Any] = list(find_all(document, of_type=fastkml.Placemark))

@@ -14,6 +14,7 @@ from harness.station.draft import (
     MissionFileError,
     is_named,
     left_out,
+    listed,
     opened,
     pair,
     place_of,
@@ -54,11 +55,11 @@ def of_shapes(shapes: list[Shape]) -> Draft:
     }
     points, lines, polygons = by_kind.values()
     homes = [shape for shape in points if is_named(shape.name, HOME)]
-    marks = [shape for shape in points if shape not in homes]
+    marks = [shape for shape in points if not is_named(shape.name, HOME)]
     for found, what in ((lines, "lines"), (polygons, "polygons")):
         if len(found) > 1:
-            listed = ", ".join(shape.where for shape in found)
-            raise MissionFileError(f"holds {len(found)} {what} ({listed}), expected one: leave one of them")
+            names = listed(shape.where for shape in found)
+            raise MissionFileError(f"holds {len(found)} {what} ({names}), expected one: leave one of them")
     way = lines or marks
     others = len(shapes) - sum(map(len, by_kind.values()))
     notes = [

@@ -9,24 +9,33 @@ from harness.station.draft import MissionFileError
 from models.errors import printable
 
 MAX_DEPTH = 32  # elements within elements; those of KML's folders need 10
+MAX_ELEMENTS = 5000  # of a mission; a track of a thousand points beside it has 3000
 
 
 def check_xml(
-    data: bytes, root: str, see: Callable[[int, str, dict[str, str]], None] = lambda *_: None
+    data: bytes,
+    root: str,
+    most: float = MAX_ELEMENTS,
+    see: Callable[[int, str, dict[str, str]], None] = lambda *_: None,
 ) -> None:
     """Refuse what is no such XML, and what could do harm, before a library reads it.
 
     Args:
+        most: elements that it may have; a library takes up to a millisecond for each.
         see: is given line, name and attributes of each element.
     """
     parser = expat.ParserCreate()
-    depth = 0
+    depth = count = 0
 
     def begin(name: str, attributes: dict[str, str]) -> None:
-        nonlocal depth
+        nonlocal depth, count
         if not depth and name != root:
             raise MissionFileError(f"its first element is <{printable(name)}>, expected <{root}>")
-        depth += 1
+        depth, count = depth + 1, count + 1
+        if count > most:
+            raise MissionFileError(
+                f"line {parser.CurrentLineNumber}: has more than {most} elements; leave the mission's alone"
+            )
         if depth > MAX_DEPTH:
             raise MissionFileError(
                 f"line {parser.CurrentLineNumber}: elements are nested deeper than {MAX_DEPTH}"

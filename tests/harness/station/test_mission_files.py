@@ -6,12 +6,15 @@ import json
 from itertools import pairwise
 from pathlib import Path
 
+import fastkml
+import gpxpy
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from harness.onboard.radio import Mission, Position
 from harness.station.draft import Draft, MissionFileError, as_json, from_json
+from harness.station.formats import geojson
 from harness.station.mission_files import FORMATS, MAX_BYTES, load, read, write
 
 HOME = Position(32.6062, -85.4877)
@@ -219,6 +222,46 @@ def test_whatever_bytes_a_file_has_it_is_read_or_refused(name: str, data: bytes,
         except MissionFileError:  # any other error fails the test
             continue
         assert 1 <= len(draft.waypoints) <= 16
+
+
+POINT = json.dumps({"type": "Point", "coordinates": [1, 1]})
+MARK = b"<Placemark><Point><coordinates>1,1</coordinates></Point></Placemark>"
+LINE = b"<Placemark><LineString><coordinates>1,1 1,2</coordinates></LineString></Placemark>"
+KML = b'<kml xmlns="http://www.opengis.net/kml/2.2"><Document>%b</Document></kml>'
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "words"),
+    [
+        ("a.gpx", b"<gpx>" + b"<rte/>\n" * 5000 + b"</gpx>", "line 5000: has more than 5000 elements"),
+        ("a.kml", KML % (MARK * 1667), "line 1: has more than 5000 elements"),
+        (
+            "a.json",
+            f'{{"type": "FeatureCollection", "features": [{",".join([POINT] * 1001)}]}}'.encode(),
+            "has 1001 features, expected up to 1000",
+        ),
+    ],
+)
+def test_what_is_no_mission_but_a_map_is_refused_before_a_library_reads_it(
+    name: str, data: bytes, words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for library in (gpxpy, fastkml, geojson):
+        for reader in ("parse", "KML", "of_shapes"):
+            monkeypatch.delattr(library, reader, raising=False)
+    assert words in fault(name, data)
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "words"),
+    [
+        ("a.gpx", b"<gpx>" + b"<rte/>" * 1000 + b"</gpx>", "without a name and 995 more), expected one"),
+        ("a.kml", KML % (LINE * 1000), "placemark 4, placemark 5 and 995 more), expected one"),
+        ("a.json", json.dumps([[1] * 100_000]).encode(), "..., expected a FeatureCollection"),
+    ],
+)  # fmt: skip
+def test_what_there_is_too_much_of_is_told_in_few_words(name: str, data: bytes, words: str) -> None:
+    assert words in fault(name, data)
+    assert len(fault(name, data)) < 250
 
 
 def test_a_file_name_from_a_browser_is_no_path() -> None:

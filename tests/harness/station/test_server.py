@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import json
+import socket
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from http.client import HTTPConnection
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -16,11 +19,14 @@ from websockets.sync.client import connect
 
 from codegen.firmware.key import Key
 from harness.log.log import read_log
+from harness.station import server
+from harness.station.draft import Draft
 from harness.station.guard import Guard
-from harness.station.server import HEADERS, WAITING, Outbox
+from harness.station.server import BURST, HEADERS, WAITING, Outbox, Rate
 from harness.station.shown import News
 from models.commands import Command, Status
 from tests.harness.station.browser import Browser, Served, served, simulated, unheard
+from tests.harness.station.rig import Hands
 from tests.harness.station.slow import SlowWatcher
 
 
@@ -188,6 +194,27 @@ def test_an_outbox_holds_the_last_state_and_a_bounded_number_of_others() -> None
     assert json.loads(messages[0])["text"].startswith(f"{2 * WAITING} messages were left out")
 
 
+def test_a_browser_that_takes_nothing_for_long_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def never(text: str) -> None:
+        await asyncio.Event().wait()
+
+    async def send() -> None:
+        outbox = Outbox()
+        outbox.put(b"x")
+        await asyncio.wait_for(server._send(SimpleNamespace(send_text=never), outbox), 10)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(server, "SEND_S", 0.05)
+    asyncio.run(send())
+
+
+def test_who_was_silent_for_long_may_send_no_more_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    hands = Hands()
+    monkeypatch.setattr(server, "time", SimpleNamespace(monotonic=hands))
+    rate = Rate()
+    hands.now += 1000
+    assert [rate.allows() for _ in range(BURST + 1)] == [True] * BURST + [False]
+
+
 @pytest.mark.parametrize("message", ["{", "[]", "7", '{"do": 1}', '{"do": "sit"}', "[" * 60_000, b"\xff"])
 def test_nonsense_is_answered_and_changes_nothing(silent: Served, message: str | bytes) -> None:
     with silent.browser() as browser:
@@ -281,6 +308,55 @@ def test_missions_are_imported_and_exported_and_names_are_no_paths(silent: Serve
         status, _, answer = request(silent, "POST", path, data)
         assert status == 400, path
         assert json.loads(answer)["error"]
+
+
+def test_files_are_read_one_at_a_time_and_never_on_the_loop(
+    silent: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    inside, most = 0, 0
+
+    def slowly(name: str, data: bytes) -> Draft:
+        nonlocal inside, most
+        with pytest.raises(RuntimeError):
+            asyncio.get_running_loop()
+        inside += 1
+        most = max(most, inside)
+        time.sleep(0.4)
+        inside -= 1
+        return Draft()
+
+    monkeypatch.setattr(server, "read", slowly)
+    monkeypatch.setattr(server, "HEAD_S", 1.0)  # which the last answer takes longer than
+    with ThreadPoolExecutor(3) as pool:
+        answers = list(pool.map(lambda _: request(silent, "POST", "/import?name=a.csv", b"x")[0], range(3)))
+    assert answers == [200] * 3
+    assert most == 1
+
+
+@pytest.mark.parametrize("before", [b"", b"GET /x HTTP/1.1\r\nHost: localhost\r\n\r\n"])
+def test_a_connection_that_never_asks_is_closed_and_a_browsers_stays(
+    silent: Served, monkeypatch: pytest.MonkeyPatch, before: bytes
+) -> None:
+    monkeypatch.setattr(server, "HEAD_S", 1.0)
+    host, _, port = silent.address.rpartition(":")
+    with silent.browser() as browser, socket.create_connection((host, int(port)), timeout=0.05) as idle:
+        idle.sendall(before + b"GET / HTTP/1.1\r\nX: ")
+        begun = browser.state["time"]
+        end = time.monotonic() + 30
+        while _is_open(idle):
+            assert time.monotonic() < end, "it is kept"
+        browser.until(lambda: browser.state["time"] > begun + 1.5)
+
+
+def _is_open(idle: socket.socket) -> bool:
+    """Is it, after another byte of its head?"""
+    try:
+        idle.sendall(b"x")
+        return idle.recv(65536) != b""
+    except TimeoutError:
+        return True
+    except ConnectionError:
+        return False
 
 
 @pytest.mark.parametrize(
