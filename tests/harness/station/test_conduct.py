@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -136,6 +137,40 @@ def test_a_start_that_is_not_answered_is_forgotten_after_3_s() -> None:
     rig.run(2)
     assert "START was not answered within 3 s" in rig.texts()
     assert not rig.is_started
+
+
+@pytest.mark.parametrize("name", ["stop", "abort", "hold"])
+def test_a_start_that_waits_is_forgotten_with_an_order_against_it(name: str) -> None:
+    rig = ready()
+    rig.lost = {Start.type}
+    rig.order("start")
+    rig.run(0.2)
+    assert rig.conduct.pending()["starting"]
+    rig.order(name, command="LEFT")
+    assert not rig.conduct.pending()["starting"]
+    rig.lost = set()
+    rig.run(1)
+    assert not rig.is_started
+
+
+def test_a_start_that_waits_is_forgotten_with_its_commander() -> None:
+    rig = ready()
+    rig.lost = {Start.type}
+    rig.order("start")
+    rig.alive.clear()
+    rig.run(1.3)
+    assert not rig.conduct.pending()["starting"], "before the 3 s in which it is to be answered"
+
+
+def test_no_mission_is_started_that_this_station_did_not_give_whatever_the_vest_tells() -> None:
+    # given a vest that says it is ready, and holds no mission
+    rig = ready()
+    told = rig.conduct.telemetry
+    assert told is not None
+    rig.conduct._given, rig.conduct.telemetry = None, replace(told, flags=told.flags & ~Flag.LOADED)
+    assert not rig.conduct.missing(rig.now)
+    with pytest.raises(OrderError, match="start: not ready"):
+        rig.order("start")
 
 
 def test_the_reason_of_an_earlier_refusal_does_not_end_a_start_that_is_lost_on_the_air() -> None:
@@ -349,6 +384,18 @@ def test_a_hold_that_is_not_renewed_for_three_tenths_is_let_go() -> None:
     assert "LEFT is let go" in rig.texts()
 
 
+def test_who_is_gone_lets_go_for_a_second_and_then_not_a_byte_is_sent() -> None:
+    rig = connected()
+    rig.order("hold", command="LEFT")
+    rig.tick()
+    rig.downlink = False  # nobody hears that the vest let go
+    rig.conduct.leave(rig.now, 1)
+    rig.alive.clear()
+    sent = [bool(rig.tick() is not None and rig.sent) for _ in range(round(4 / TICK))]
+    assert any(sent[: round(1 / TICK)])
+    assert not any(sent[round(1.1 / TICK) :])
+
+
 def test_what_a_commander_holds_is_let_go_when_it_leaves_hands_over_or_another_takes() -> None:
     for end in ("leave", "hand_over", "take"):
         rig = connected()
@@ -459,6 +506,18 @@ def test_without_a_commander_greetings_are_too_rare_to_keep_a_mission_going() ->
     assert min(gaps) > 2 + TICK, "longer than watchdog.link_timeout"
 
 
+def test_a_vest_that_begins_anew_again_and_again_is_greeted_no_more_often() -> None:
+    rig, times = Rig(), []
+    for k in range(round(7 / TICK)):
+        if k % 20 == 10:
+            rig.reset()
+        rig.tick()
+        if rig.sent:
+            times.append(rig.now)
+    assert len(times) > 1
+    assert min(later - before for before, later in pairwise(times)) > 2 + TICK
+
+
 # the vest -------------------------------------------------------------------------------------------------
 
 
@@ -511,6 +570,17 @@ def test_an_abort_is_not_forgotten_when_somebody_plays_another_session() -> None
     rig.uplink = True
     rig.run(1.5)
     assert not rig.is_started
+
+
+def test_an_abort_is_heard_by_the_counters_of_the_session_in_which_it_was_sent() -> None:
+    rig = under_way()
+    rig.uplink = False
+    rig.order("abort")
+    rig.run(0.5)
+    rig.reset()
+    rig.uplink = True
+    rig.run(1)
+    assert not rig.conduct.pending()["aborting"]
 
 
 def test_a_session_without_counters_is_told_as_often_as_frames_would_be_sent() -> None:

@@ -20,6 +20,7 @@ from harness.station.desk import OrderError
 from harness.station.events import Level
 from harness.station.opening import vest_parameters
 from harness.station.ports import PortError
+from harness.station.recorded import read_recorded
 from harness.station.session import OLD_S, REOPEN_S, About, Session
 from harness.station.shown import Refresh
 from harness.station.sink import ORDERS, Sink
@@ -146,9 +147,11 @@ class Forged(Silence):
 
     Attributes:
         station: that hears it.
+        sent: what it was sent.
     """
 
     station: Session
+    sent = b""
 
     def __init__(self) -> None:
         self._coming, self._count = b"", 0
@@ -162,6 +165,9 @@ class Forged(Silence):
     def read(self) -> bytes:
         data, self._coming = self._coming, b""
         return data
+
+    def write(self, data: bytes) -> None:
+        self.sent += data
 
 
 @pytest.mark.parametrize(("then", "text"), [(100, "by -60.3 s"), (2**32 - 1, "by +4294906.9 s")])
@@ -263,11 +269,67 @@ def test_an_order_that_answers_a_state_of_long_ago_is_not_carried_out(tmp_path: 
     hands.now += 0.01
     with pytest.raises(OrderError, match=r"take: came 2 s or more after what it answers was shown"):
         station.order(2, {"do": "take", "seen": seen})
-    with pytest.raises(OrderError):
-        station.order(2, {"do": "take", "seen": "yesterday"})
+    for other in (shown(station) + 1, "yesterday"):
+        with pytest.raises(OrderError):
+            station.order(1, {"do": "take", "seen": other})
     for nonsense in ({}, {"do": ["stop"]}):
         with pytest.raises(OrderError, match="expected one of alive"):
             station.order(2, {"seen": seen, **nonsense})
+    station.close()
+
+
+def test_what_is_right_at_any_time_is_carried_out_however_late_it_comes(tmp_path: Path) -> None:
+    hands = Hands()
+    station = session(tmp_path, Silence(), hands)
+    station.order(1, {"do": "take"})
+    seen = shown(station)
+    hands.now += OLD_S + 0.01
+    for order in ({"do": "release"}, {"do": "note", "text": "x"}, {"do": "stop"}, {"do": "abort"}):
+        station.order(1, {"seen": seen, **order})
+    station.close()
+
+
+def test_the_last_state_of_a_log_is_how_it_stood_at_the_end(tmp_path: Path) -> None:
+    station = session(tmp_path, Silence(), Hands())
+    station.poll()
+    station.order(1, {"do": "stop"})
+    station.close()
+    states = read_recorded(tmp_path / "trial.mcap").states
+    assert [json.loads(state)["stop_latched"] for _, state in states] == [False, True]
+
+
+def test_a_port_that_is_gone_is_left_alone_for_a_while(tmp_path: Path) -> None:
+    hands = Hands()
+    hands.now = 100.0
+    station = session(tmp_path, Pulled(), hands, Silence)
+    hands.now += 50
+    for _ in range(2):
+        station.poll()
+        assert station._opening is None
+        assert station._port is None
+    station.close()
+
+
+def test_an_order_and_a_leave_are_sent_at_once(tmp_path: Path) -> None:
+    # given a vest that is heard, and nothing to be sent
+    hands, vest = Hands(), Forged()
+    vest.station = station = session(tmp_path, vest, hands)
+    station.join(1)
+    station.order(1, {"do": "take"})
+    for k in range(3):
+        vest.put(1000 + 200 * k)
+        hands.now += 0.2
+        station.poll()
+    for act in (
+        lambda: station.order(1, {"do": "hold", "command": "LEFT"}),
+        lambda: station.leave(1),
+        lambda: (station.join(2), station.order(2, {"do": "take"})),
+        lambda: station.order(2, {"do": "stop"}),
+    ):
+        # when somebody orders something, or is gone, then it is sent before the next look
+        vest.sent = b""
+        act()
+        assert vest.sent
     station.close()
 
 

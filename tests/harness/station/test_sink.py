@@ -16,6 +16,7 @@ from harness.log.recover import recover
 from harness.onboard.radio import Mission, Position
 from harness.station.events import Event, Level
 from harness.station.playback import Playback
+from harness.station.recorded import read_recorded
 from harness.station.sink import Clock, Sink
 from harness.trial.events import events
 from harness.trial.missions import start_of_last
@@ -211,6 +212,14 @@ def test_all_but_the_last_second_of_a_killed_station_is_on_disk_and_is_recovered
     assert again.route is not None
     shown = Playback(recovered)
     assert b"the vest has begun anew" in shown.join(1)[1]
+    sink.close()
+
+
+def test_what_was_flushed_is_on_disk(sink: Sink) -> None:
+    tell(sink, 0.4, 1.0)
+    sink.event(Event(0.9, Level.WARNING, "the vest has begun anew"))
+    sink.flush()
+    assert [event.text for event in read_recorded(sink.path).events] == ["the vest has begun anew"]
     sink.close()
 
 
