@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from codegen.firmware.telemetry import Flag, Ready, Telemetry
-from harness.station.conduct import SILENT_S, Conduct
+from harness.station.conduct import Conduct
 from harness.station.events import Level
 from harness.trial.summary import STOPPED_BY, TOO_MANY
 from models.commands import Status
@@ -64,7 +64,7 @@ def _conditions(now: float, conduct: Conduct) -> Iterator[Condition]:
     running = conduct.is_under_way
     serious = Level.WARNING if running else Level.CAUTION
     if telemetry is None or not conduct.is_heard(now):
-        yield ("link", serious, f"the vest has not been heard for {SILENT_S:g} s")
+        yield ("link", serious, "the vest is not heard")
     else:
         age = conduct.quality.age(now)
         if age is not None and age > LATE_S:

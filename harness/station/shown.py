@@ -47,6 +47,7 @@ THRESHOLDS = (
     "stopped_speed",
     "stop_hold",
     "turn_timeout",
+    "max_turns",
 )
 ENUMS: Mapping[str, type[IntEnum]] = {"command": Command, "mode": Mode, "status": Status, "anomaly": Anomaly}
 CUES = "command_module."

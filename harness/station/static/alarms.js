@@ -49,7 +49,7 @@
         }
         const [, words, time] = item.children;
         if (words.textContent !== text) words.textContent = text;
-        time.textContent = age === null ? "" : `${age.toFixed(0)} s ago`;
+        time.textContent = age === null ? "" : `for ${age.toFixed(0)} s`;
         after.set(id, item);
       }
       for (const [id, item] of before) if (!after.has(id)) item.remove();

@@ -4,6 +4,8 @@
   const canine = (window.canine = window.canine || {});
   const MOST_ROWS = 36000; // two hours of telemetry; then every other row goes
   const COLUMNS = ["time", "latitude", "longitude", "speed", "heading", "position_sd", "deviation", "distance", "command", "mode", "waypoint"];
+  const AIMLESS = ["IDLE", "SUCCESS", "FAILED", "STOPPED"]; // modes without a target
+  const SILENT_S = 2; // between two rows: more is a gap
   const SHOWN_S = 120; // of a trial that goes on
 
   canine.course = function (strip, plots) {
@@ -50,12 +52,13 @@
         return true;
       },
       draw() {
-        const { time, deviation, speed, command } = rows;
+        const { time, deviation, speed, command, mode } = rows;
         if (time.length < 2) return;
         const follows = !timeline || timeline.time >= timeline.until;
         if (!timeline) build(time[0], time.at(-1));
-        panels.deviation.set(time, [deviation]);
-        panels.speed.set(time, [speed]);
+        const known = (value, row) => (row && time[row] - time[row - 1] > SILENT_S ? null : value);
+        panels.deviation.set(time, [deviation.map((value, row) => (AIMLESS.includes(mode[row]) ? null : known(value, row)))]);
+        panels.speed.set(time, [speed.map(known)]);
         blocks.set({ command: canine.commandBlocks(time, command) });
         if (!course.fixed) {
           timeline.extend(time.at(-1));

@@ -17,7 +17,7 @@
       if (home) rows.push(row("home", 0, "H", home, null));
       waypoints.forEach((place, index) => rows.push(row("waypoints", index, String(index + 1), place, legs[index - first])));
       if (home && waypoints.length) rows.push(wayBack(legs.at(-1)));
-      fence.forEach((place, index) => rows.push(row("fence", index, "fence " + (index + 1), place, null)));
+      fence.forEach((place, index) => rows.push(row("fence", index, "F" + (index + 1), place, null)));
       body.replaceChildren(...rows);
       const led = legs.reduce((sum, leg) => sum + leg.length, 0);
       total.textContent = waypoints.length

@@ -3,6 +3,7 @@
   "use strict";
   const canine = (window.canine = window.canine || {});
   const RANGE = Math.PI / 2; // rad that the gauge shows to each side
+  const WIDE = 9; // characters that a column holds in large
   const UNLIMITED = 65535, NOT_TOLD = -32768; // of the telemetry's whole numbers
 
   // A list of terms and values whose elements are kept: `set({term: text})`, or `[text, level]`.
@@ -18,7 +19,7 @@
           }
           const value = values.get(term), [words, level] = Array.isArray(text) ? text : [text, ""];
           if (value.textContent !== words) value.textContent = words;
-          const className = "number " + (level || "");
+          const className = `number ${level || ""}${words.length > WIDE ? " wide" : ""}`;
           if (value.className !== className) value.className = className;
         }
       },
@@ -64,7 +65,7 @@
   };
   const left = (value, limit, show) => (value === undefined ? "\u2013" : value >= limit ? "no limit" : show(value));
   canine.leftOf = {
-    issues: (value) => left(value, UNLIMITED, String),
+    issues: (value) => left(value, UNLIMITED, (turns) => `${turns} more`),
     seconds: (value) => left(value, UNLIMITED / 10 - 0.01, (seconds) => canine.format(seconds, "s", 1)),
   };
   canine.battery = (volts) => (volts ? canine.format(volts, "V", 2) : "not told");

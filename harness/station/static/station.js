@@ -6,6 +6,7 @@
   const ALIVE_MS = 200, DRAW_MS = 100, COURSE_MS = 500, DRAFT_MS = 250, SEEK_MS = 100; // between two of a kind
   const MOST_EVENTS = 500; // on the screen; the log has all
   const KEYS = { FORWARD: "F", LEFT: "L", RIGHT: "R", RECALL: "C" };
+  const WORDS = { DEAD: "no-command period" }; // of a name that would mislead
   const ENDED = ["SUCCESS", "FAILED", "STOPPED"];
   const STEPS = ["disconnected", "connected", "loaded", "ready", "running"];
 
@@ -34,7 +35,9 @@
   const isCommander = () => Boolean(link.isOpen() && hello && state && !isReplay() && state.commander === hello.you);
   const isRunning = () => Boolean(state && state.link === "running");
   const nameOf = (kind, value) => (typeof value === "number" ? hello.enums[kind][value] : value);
-  const inWords = (kind, value) => (nameOf(kind, value) || "\u2013").toLowerCase().replaceAll("_", " ");
+  const inWords = (kind, value) =>
+    WORDS[nameOf(kind, value)] || (nameOf(kind, value) || "\u2013").toLowerCase().replaceAll("_", " ");
+  const isHeard = () => Boolean(state && state.link !== "disconnected");
 
   // what the server tells
 
@@ -56,7 +59,7 @@
     const first = hello === null;
     hello = message;
     state = null;
-    id("source").textContent = hello.source;
+    id("source").textContent = id("source").title = hello.source;
     id("signed").hidden = !hello.insecure;
     document.title = hello.source + " \u2013 Guided Canine station";
     document.body.classList.toggle("replay", isReplay());
@@ -88,9 +91,10 @@
     chart.homeAtHand = state.place || (hello.scenario && hello.scenario.home);
     const { telemetry } = state;
     if (telemetry) {
-      const told = nameOf("command", telemetry.command), added = !isReplay() && course.add({
-        ...telemetry, time: state.time, latitude: state.place && state.place[0], longitude: state.place && state.place[1],
-        command: told, mode: nameOf("mode", telemetry.mode) });
+      const told = nameOf("command", telemetry.command), heard = isHeard() ? { ...telemetry, command: told } : {};
+      const added = !isReplay() && course.add({
+        ...heard, time: state.time, latitude: state.place && state.place[0], longitude: state.place && state.place[1],
+        mode: nameOf("mode", telemetry.mode) });
       if (added) chart.follow(state.place, told);
       const wasRunning = before && before.link === "running";
       if (!isRunning()) begun = null;
@@ -356,19 +360,23 @@
     }
     if (id("who").textContent !== words) id("who").textContent = words;
     const watches = link.isOpen() && state && !isReplay();
-    id("take").hidden = !(watches && (state.commander !== hello.you || state.offered));
+    const show = (button, isShown) => button.classList.toggle("away", !isShown); // its room is kept: no button moves
+    show(id("take"), watches && (state.commander !== hello.you || state.offered));
     id("take").textContent = isCommander() ? "Keep command" : "Take command";
     id("take").disabled = Boolean(watches && state.commander !== null && state.commander !== hello.you && state.commander_alive && !state.offered);
-    id("hand-over").hidden = !(isCommander() && state.operators.length > 1 && !state.offered);
+    show(id("hand-over"), isCommander() && state.operators.length > 1 && !state.offered);
   }
   function drawConduct() {
-    const mine = isCommander(), latched = Boolean(state && state.stop_latched), heard = Boolean(state && state.link !== "disconnected");
+    const mine = isCommander(), latched = Boolean(state && state.stop_latched), heard = isHeard();
+    const obeyed = heard && Boolean(state.telemetry) && nameOf("command", state.telemetry.command) === "STOP";
     const reasons = whyNot();
     id("stop").classList.toggle("latched", latched);
     id("stop").setAttribute("aria-pressed", String(latched));
     const [title, hint] = id("stop").children;
-    title.textContent = latched ? "STOPPED" : "STOP";
-    hint.textContent = latched ? "STOP holds until it is cleared" : "Space";
+    title.textContent = !latched ? "STOP" : obeyed ? "STOPPED" : "STOP ordered";
+    if (!latched) hint.textContent = "Space";
+    else if (obeyed) hint.textContent = "STOP holds until it is cleared";
+    else hint.textContent = heard ? "the vest does not tell yet that it obeys" : "the vest does not hear it";
     id("stop").disabled = isReplay();
     id("clear-stop").hidden = !latched;
     id("clear-stop").disabled = !mine;
@@ -435,7 +443,7 @@
     if (id("on-board").textContent !== words) id("on-board").textContent = words;
   }
   function drawReadings() {
-    const { telemetry, place } = state, heard = telemetry && state.link !== "disconnected";
+    const { telemetry, place } = state, heard = telemetry && isHeard();
     const quality = state.link_quality || {}; // a trial's log has none
     const told = telemetry ? nameOf("command", telemetry.command) : "NONE", shown = telemetry || {};
     cue.set(told, hello.cues[told]);
@@ -457,16 +465,17 @@
       "GPS 2-sigma": [format(2 * shown.position_sd, "m", 1), dim],
       "GPS age": [telemetry ? format(gps, "s", 1) : "\u2013", stale(gps)],
       "IMU": [telemetry ? (imu > 1 ? `silent ${format(imu, "s", 0)}` : "ok") : "\u2013", stale(imu)],
-      "Turns used": [count(shown.directional_commands), dim],
-      "Turns left": [canine.leftOf.issues(shown.issues_left), dim],
+      "Turns given": [count(shown.directional_commands), dim],
+      "Turn budget": [canine.leftOf.issues(shown.issues_left), dim],
       "Link age": [format(quality.age_s, "s", 1), stale(quality.age_s)],
     });
     vest.set({
       "Status": inWords("status", shown.status),
       "Anomaly": inWords("anomaly", shown.anomaly),
       "Last anomaly": inWords("anomaly", shown.last_anomaly),
-      "Vibration left": canine.leftOf.seconds(shown.vibration_left),
-      "Tone left": canine.leftOf.seconds(shown.tone_left),
+      "MAXTURN": count(hello.thresholds.max_turns),
+      "Vibration budget": canine.leftOf.seconds(shown.vibration_left),
+      "Tone budget": canine.leftOf.seconds(shown.tone_left),
       "Battery": canine.battery(shown.battery),
       "Temperature": canine.temperature(shown.temperature),
       "GPS errors": count(shown.gps_errors),

@@ -72,7 +72,7 @@ def test_a_mission_drawn_by_clicks_is_led_to_success_and_is_in_the_log(
     summary = report(tmp_path / "out")
     assert summary is not None
     assert (summary["outcome"], summary["waypoints_reached"]) == ("success", 2)
-    assert summary["directional_commands"] == int(numbers["Turns used"])
+    assert summary["directional_commands"] == int(numbers["Turns given"])
     log = read_log(tmp_path / "out" / FILE)
     assert log.route is not None
     one, two, home = [(north, east) for _, north, east in log.route.places]

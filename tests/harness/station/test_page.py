@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from models.commands import Command
+from models.modes import Mode
 from tests.browser import DESK, TABLET, OpenPage, Visit
 from tests.harness.station import vector_tiles
 from tests.harness.station.played_station import (
@@ -20,6 +22,7 @@ from tests.harness.station.played_station import (
     OTHER,
     READY,
     RUNNING,
+    TELEMETRY,
     URL,
     PlayedStation,
 )
@@ -250,10 +253,88 @@ def test_space_is_stop_wherever_the_focus_is(page: Page, station: PlayedStation,
     station.wait(100)
     assert [order["do"] for order in station.sent if order["do"] != "alive"][-1] == "stop"
     assert station.orders("abort", "hold") == []
-    station.state(**RUNNING, stop_latched=True)
-    assert page.locator("#stop strong").inner_text() == "STOPPED"
+    station.state(**RUNNING, stop_latched=True, telemetry={**TELEMETRY, "command": Command.STOP})
+    assert page.locator("#stop").inner_text().split("\n") == ["STOPPED", "STOP holds until it is cleared"]
     page.click("#clear-stop")
     station.await_order("clear_stop")
+
+
+@pytest.mark.parametrize(
+    ("changes", "hint"),
+    [
+        ({**RUNNING}, "the vest does not tell yet that it obeys"),
+        ({"link": "disconnected", "telemetry": None}, "the vest does not hear it"),
+        (
+            {"link": "disconnected", "telemetry": {**TELEMETRY, "command": Command.STOP}},
+            "the vest does not hear it",
+        ),
+    ],
+)
+def test_a_stop_that_the_vest_does_not_show_is_ordered_alone(
+    page: Page, station: PlayedStation, changes: dict[str, Any], hint: str
+) -> None:
+    station.state(**changes, stop_latched=True)
+    assert page.locator("#stop").inner_text().split("\n") == ["STOP ordered", hint]
+
+
+@pytest.mark.parametrize("size", [DESK, TABLET], ids=["desk", "tablet"])
+def test_no_button_moves_when_operators_come_or_stop_holds(
+    station: PlayedStation, open_page: OpenPage, size: tuple[int, int]
+) -> None:
+    page = opened(station, open_page, size=size).page
+    buttons = ("#stop", "#start", "#manual")
+
+    def places() -> list[Any]:
+        return [page.locator(button).bounding_box() for button in buttons]
+
+    before = places()
+    long = [f"reason {number} of many why nothing can be started" for number in range(12)]
+    for changes in (
+        {"operators": [1, 2]},
+        {"operators": [1, 2], "offered": True},
+        {"operators": [1, 2], "commander": 2, "offered": True},
+        {"missing": [{"bit": "x", "words": words} for words in long]},
+    ):
+        station.state(**changes)
+        assert places() == before, changes
+    station.state(**RUNNING, stop_latched=True)
+    assert [place and place["y"] for place in places()] == [place and place["y"] for place in before]
+    why = page.locator("#why").evaluate("(why) => why.scrollHeight - why.clientHeight")
+    assert why <= 0 or size == TABLET
+
+
+def test_the_state_the_alarms_and_stop_stay_in_sight_on_a_tablet(
+    station: PlayedStation, open_page: OpenPage
+) -> None:
+    page = opened(station, open_page, size=TABLET).page
+    warning = {"key": "fence", "level": "warning", "text": "the animal is outside the fence", "since": 0.0}
+    station.state(**RUNNING, alarms=[warning])
+    seen = """(one) => {
+      const { left, top, right, bottom } = one.getBoundingClientRect();
+      const middle = (left + right) / 2;
+      return [top + 1, bottom - 1].every((y) => one.contains(document.elementFromPoint(middle, y)));
+    }"""
+    for where in ("#map", "#panel-mission", "#course"):
+        page.locator(where).evaluate("(one) => one.scrollIntoView({ block: 'start' })")
+        assert page.evaluate("scrollY") > 0
+        for what in ("[data-step=running]", "#alarms", "#stop", "#start"):
+            assert page.locator(what).evaluate(seen), (where, what)
+
+
+def test_the_panel_of_a_mission_with_a_fence_and_long_words_fit(page: Page, station: PlayedStation) -> None:
+    fence = [[32.606, -85.488], [32.606, -85.487], [32.607, -85.487], [32.607, -85.488]]
+    station.say(station.hello)
+    telemetry = {**TELEMETRY, "mode": Mode.STOP_AT_WAYPOINT}
+    station.state(**{**RUNNING, "draft": {**MISSION, "fence": fence}}, telemetry=telemetry)
+    for _ in range(60):
+        station.state(**{**RUNNING, "draft": {**MISSION, "fence": fence}}, telemetry=telemetry)
+    assert page.locator("#places tbody tr.fence").count() == 4
+    cut = "(one) => one.scrollWidth - one.clientWidth"
+    assert page.locator("#desk-panels").evaluate(cut) <= 0
+    numbers = page.locator("#numbers dd")
+    assert "stop at waypoint" in numbers.all_inner_texts()
+    assert any(text.startswith("silent 1") for text in numbers.all_inner_texts())
+    assert [numbers.nth(which).evaluate(cut) for which in range(numbers.count())] == [0] * numbers.count()
 
 
 def test_space_writes_in_a_note_while_nothing_can_move(page: Page, station: PlayedStation) -> None:
@@ -413,7 +494,7 @@ def test_readings_are_those_of_the_vest(page: Page, station: PlayedStation) -> N
     assert numbers["To target"] == "25.3 m"
     assert numbers["Reached"] == "1 of 2"
     assert numbers["GPS 2-sigma"] == "1.6 m"
-    assert (numbers["Turns used"], numbers["Turns left"]) == ("1", "5")
+    assert (numbers["Turns given"], numbers["Turn budget"]) == ("1", "5 more")
     assert page.locator("#gauge .words").inner_text() == "17 deg left"
     assert page.locator("#cue").inner_text().split("\n") == ["↑", "FORWARD", "the dog feels: tone of 1500 Hz"]
     page.click("#tab-vest")
