@@ -53,7 +53,7 @@ Array = npt.NDArray[Any]
 
 def setting(**changes: float) -> Setting:
     """The declared parameters of both blocks (SI), with some changes."""
-    declared = {**Canine.variables(), **Cmec.variables()}
+    declared = {**Cmec.variables(), **Canine.variables()}  # `drift` is the animal's, not the aim's
     assert changes.keys() <= set(PARAMETERS), changes
     return {name: float(changes.get(name, declared[name].start[0])) for name in PARAMETERS}
 

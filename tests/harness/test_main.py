@@ -8,8 +8,8 @@ import pytest
 
 from fmus.folder import build_folder
 from harness.log.log import read_log
+from harness.log.writer import LogWriter
 from harness.trial import trial
-from harness.trial.contents import LogRows
 from tests.harness.command import canine
 from tests.harness.cosim.tiny_fmu import V, tiny_fmu
 
@@ -105,13 +105,13 @@ def test_ctrl_c_keeps_the_log(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # given a user who has enough after the first batch of rows
-    write = LogRows.write
+    write = LogWriter.write_rows
 
-    def interrupted(self: LogRows, log: object, times: object, values: object) -> None:
-        write(self, log, times, values)  # type: ignore[arg-type]
+    def interrupted(self: LogWriter, times: object, rows: object) -> None:
+        write(self, times, rows)  # type: ignore[arg-type]
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(LogRows, "write", interrupted)
+    monkeypatch.setattr(LogWriter, "write_rows", interrupted)
     # when
     status, _, errors = canine(capsys, *RUN, "--out", tmp_path)
     # then

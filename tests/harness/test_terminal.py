@@ -175,6 +175,6 @@ def test_a_terminal_is_as_wide_as_it_says(tmp_path: Path) -> None:
     os.close(theirs)
     lines = os.read(ours, 1 << 16).decode(errors="replace").splitlines()
     os.close(ours)
-    # then
-    assert max(map(len, lines)) <= 40
+    # then the table keeps within it; the terminal breaks a note
+    assert max(len(line) for line in lines if not line.startswith("note: ")) <= 40
     assert any("no room for" in line for line in lines)

@@ -380,7 +380,7 @@ def test_for_equal_seeds_plant_and_sensors_draw_from_different_streams() -> None
         model = Model(block, {"seed": 5})
         model.initialize()
         starts += [tuple(model[f"{s.name}[{i}]"] for i in range(1, 7)) for s in block.streams()]
-    assert len(starts) == len(set(starts)) == 12
+    assert len(starts) == len(set(starts)) == 13
 
 
 def test_the_model_in_python_is_the_compiled_one(native: Make) -> None:

@@ -149,7 +149,7 @@ def test_thresholds_are_varied_beside_another_parameter_in_any_steps() -> None:
         ),
         ({"thresholds": "-1:20"}, "--thresholds -1:20: its start is -1; expected a number from 0"),
         ({"vary": ["cmec.moving_deviatoin=1:2:1"]}, 'no parameter "moving_deviatoin"; did you mean "moving'),
-        ({"vary": ["cmce.drift=1:2:1"]}, 'no block or component "cmce"; did you mean "canine.drift"?'),
+        ({"vary": ["cmce.drift=1:2:1"]}, 'no block or component "cmce"; did you mean "cmec"?'),
         ({"vary": ["cmec.drift"]}, "--vary cmec.drift: expected block.name=a:b:step"),
         ({"vary": ["cmec.waypoint_north=1:2:1"]}, "is a vector; vary one element, as in cmec.waypoint_n"),
         ({"vary": ["cmec.max_turns=1:2:0.5"]}, "is 1.5; expected a whole number from 0 up to 1000"),
