@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -124,10 +124,10 @@ def test_space_is_stop_within_a_fifth_of_a_second_of_the_vests_time(
     with simulated(tmp_path / "out", speed=2.0) as station:
         carry_out = station.shown.order
 
-        def order(operator: int, content: dict[str, Any]) -> None:
+        def order(operator: int, content: dict[str, Any]) -> Sequence[bytes]:
             if content["do"] == "stop":
                 came.append(station.vest.state.time)  # of the tick that is being made, or was made last
-            carry_out(operator, content)
+            return carry_out(operator, content)
 
         monkeypatch.setattr(station.shown, "order", order)
         page = enter(station, open_page).page

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -101,13 +101,14 @@ def orders_of(station: Served, monkeypatch: pytest.MonkeyPatch) -> list[tuple[st
     came: list[tuple[str, bool]] = []
     carry_out = station.shown.order
 
-    def order(operator: int, content: dict[str, Any]) -> None:
+    def order(operator: int, content: dict[str, Any]) -> Sequence[bytes]:
         try:
-            carry_out(operator, content)
+            answers = carry_out(operator, content)
         except OrderError:
             came.append((content["do"], False))
             raise
         came.append((content["do"], True))
+        return answers
 
     monkeypatch.setattr(station.shown, "order", order)
     return came
