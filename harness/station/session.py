@@ -92,7 +92,7 @@ class Session:
         self._recorded: Mission | None = None
         self._pool = ThreadPoolExecutor(1, "station-port")
         self._opening: Future[Port] | None = None
-        self._failed_at = self._looked = 0.0
+        self._failed_at, self._looked = 0.0, math.inf  # before the first look nothing stood still
         self._lost = ""  # why nothing is recorded any more
 
     @property

@@ -196,6 +196,7 @@ def test_a_clock_of_the_vest_that_jumps_is_told_and_the_log_goes_on(
 def test_an_hour_for_which_a_station_stood_still_is_told_and_left_out(tmp_path: Path) -> None:
     hands = Hands()
     station = session(tmp_path, Silence(), hands)
+    hands.now += 60  # until it is served
     for _ in range(2):
         hands.now += 1
         assert not station.poll().events
@@ -207,7 +208,7 @@ def test_an_hour_for_which_a_station_stood_still_is_told_and_left_out(tmp_path: 
     station.close()
     log = read_log(tmp_path / "trial.mcap")
     assert not log.broken
-    assert log.time[-1] < 4
+    assert 62 < log.time[-1] < 64
 
 
 def test_a_hold_is_recorded_once_and_again_if_it_is_ordered_after_it_lapsed(tmp_path: Path) -> None:
