@@ -174,6 +174,6 @@ class AimingOff(Block):
         """Is a turn told?"""
         return any_of(m.now == Mode.RIGHT, m.now == Mode.LEFT)
 
-    def _astray(m) -> SX:
-        """The deviation from the heading that is aimed at [rad]: h - b."""
-        return m.deviation - m.offset
+    def _astray(m) -> tuple[SX, str]:
+        """The deviation from the heading that is aimed at [rad], and its name."""
+        return m.deviation - m.offset, "h - b"

@@ -219,7 +219,7 @@ class Cmec(AimingOff, Fenced):
             m.moving_deviation,
             m.stop_deviation,
         )
-        off, astray = ca.fabs(m.deviation), m._astray()
+        off, (astray, _) = ca.fabs(m.deviation), m._astray()
         won = Condition(m.distance <= m.capture_radius, "d <= d'")
         at_rest = Condition(m._at_rest(), "at rest")
         roughly_aligned = Condition(off < m.moving_deviation, "|h| < h'")
@@ -246,22 +246,26 @@ class Cmec(AimingOff, Fenced):
         yield Row(Mode.STOP_TO_TURN, at_rest & aligned, Mode.FORWARD, forward)
         yield from m._turn(Mode.STOP_TO_TURN, at_rest)
 
-        left = astray - m.lead  # of the turn, once the animal obeys FORWARD
+        remaining = astray - m.lead  # of the turn, once the animal obeys FORWARD
         for mode, same, sign, past in (
-            (Mode.RIGHT, Command.RIGHT, "<", left < 0),
-            (Mode.LEFT, Command.LEFT, ">", left > 0),
+            (Mode.RIGHT, Command.RIGHT, "<", remaining < 0),
+            (Mode.LEFT, Command.LEFT, ">", remaining > 0),
         ):
             opposite = Command.LEFT if same is Command.RIGHT else Command.RIGHT
             yield Row(mode, won, Mode.STOP_AT_WAYPOINT, at_waypoint)
-            turned = Condition(ca.fabs(left) < m.turn_end_deviation, "|h - b - lead| < `turn_end_deviation`")
+            turned = Condition(
+                ca.fabs(remaining) < m.turn_end_deviation, "|h - b - lead| < `turn_end_deviation`"
+            )
             yield Row(mode, turned, Mode.FORWARD, forward)
             beyond = Condition(past, f"h - b - lead {sign} 0")
             short = Condition(astray >= 0 if mode is Mode.RIGHT else astray <= 0, f"not h - b {sign} 0")
-            carried = beyond & short & Condition(ca.fabs(left) < m.moving_deviation, "|h - b - lead| < h'")
+            carried = (
+                beyond & short & Condition(ca.fabs(remaining) < m.moving_deviation, "|h - b - lead| < h'")
+            )
             yield Row(mode, carried, Mode.FORWARD, forward)
             yield Row(
                 mode,
-                beyond & Condition(ca.fabs(left) >= limit, "|h - b - lead| >= h''"),
+                beyond & Condition(ca.fabs(remaining) >= limit, "|h - b - lead| >= h''"),
                 Mode.DEAD,
                 {"ticks": 0, "planned": opposite, "uncounted": 0},
                 Anomaly.DIRECTION_SWITCH,
@@ -341,14 +345,14 @@ class Cmec(AimingOff, Fenced):
 
     def _turn(m, mode: Mode, when: Condition, counts: Condition | None = None) -> Iterator[Row]:
         """Issue the directional command that is asked for; one more than MAXTURN fails the trial."""
-        astray = m.deviation - m.offset
+        astray, name = m._astray()
         failure = {"ticks": 0, "target_north": m.base_north, "target_east": m.base_east}
         too_many = Condition(m.turns >= m.max_turns, "MAXTURN turns were counted")
         counting = when & counts if counts else when
         yield Row(mode, counting & too_many, Mode.FAILURE_RECALL, failure, Anomaly.TRIAL_FAILURE)
         for next, command, side in (
-            (Mode.RIGHT, Command.RIGHT, Condition(astray >= 0, "h - b >= 0")),
-            (Mode.LEFT, Command.LEFT, Condition(astray < 0, "h - b < 0")),
+            (Mode.RIGHT, Command.RIGHT, Condition(astray >= 0, f"{name} >= 0")),
+            (Mode.LEFT, Command.LEFT, Condition(astray < 0, f"{name} < 0")),
         ):
             issue = {"ticks": 0, "issued": m.issued + 1, "turns": m.turns + (counts.holds if counts else 1)}
             if mode is Mode.DEAD:

@@ -54,7 +54,6 @@ class Leader(Block):
     base_north, base_east = Cmec.base_north, Cmec.base_east
     anomalies = Cmec.anomalies
     reset_turns = True  # what Cmec.advance asks: MAXTURN is per waypoint (4.1.4.2)
-    offset = 0.0  # what Cmec._turn asks: they aim at the target itself
 
     watch = Cmec.watch
 
@@ -78,6 +77,10 @@ class Leader(Block):
     _lasted: Callable[..., SX] = Cmec._lasted
     _at_rest: Callable[..., SX] = Cmec._at_rest
     _turn: Callable[..., Iterator[Row]] = Cmec._turn
+
+    def _astray(m) -> tuple[SX, str]:
+        """The deviation from the heading that is aimed at, the target's [rad], and its name."""
+        return m.deviation, "h"
 
     def _free(m) -> SX:
         """May the table decide?"""
