@@ -21,7 +21,7 @@ from models.errors import CanineError
 from models.kit.block import Block
 from models.kit.model import Model
 from models.kit.timing import TICK, TOLERANCE
-from models.kit.tracing import Table
+from models.kit.tracing import Table, Update
 from models.modes import LEADING, Anomaly, Mode
 from models.safety import SURVEY
 
@@ -33,15 +33,7 @@ TIMES = (
     "longest_stop",
 )  # of two ticks at least
 FAR = 1e5  # m: of a mission's places from the origin
-# what is computed of the inputs, by the update that does it, in the order in which it assigns them
-AIMED = {
-    "aim": ("distance", "deviation"),
-    "learn": ("learnt_drift", "learnt_drift_sd", "ran"),
-    "aim_off": ("offset",),
-    "lead_turn": ("lead",),
-    "brake": ("early",),
-}
-AIMING = ("offset", "lead")  # states of them that rows compare
+AIMS = ("aim", "learn", "aim_off", "lead_turn", "brake")  # updates that may have any results in proofs
 HALF_TURN = Fraction(3141592653589793, 10**15)  # rad
 DEPTH = 4  # ticks from the start to the modes that are farthest from it; before the first survey
 SHOWN = ("now", "command", "mode", "anomaly")
@@ -79,8 +71,13 @@ def is_one_of(f: Formulas, value: Value, members: Any) -> Value:
 
 def any_aim(f: Formulas) -> Instead:
     """Any distance, deviation, drift, offset, lead and braking point, in place of those computed."""
-    values = {update: _aimed(f, names) for update, names in AIMED.items()}
-    return {update: partial(_given, own) for update, own in values.items()}
+    return {update: partial(_given, _aimed(f, names)) for update, names in _results_of_aims(f).items()}
+
+
+def _results_of_aims(f: Formulas) -> dict[str, tuple[str, ...]]:
+    """What each update of AIMS assigns, in its order."""
+    writes = {each.name: each.writes for each in f.block.program().tick if isinstance(each, Update)}
+    return {name: writes[name] for name in AIMS}
 
 
 def _given(values: Values, _: Values) -> Values:
@@ -128,7 +125,7 @@ def any_step(block: type[Block]) -> Step:
     f = Formulas(block)
     before = f.free("", "state", "input", "parameter", "output")
     tick = f.tick(before, any_aim(f))
-    aim = _aimed(f, [name for names in AIMED.values() for name in names])
+    aim = _aimed(f, [name for names in _results_of_aims(f).values() for name in names])
     deviation, distance = aim["deviation"], aim["distance"]
     aimed = f.z3.And(
         *(limit for name, value in aim.items() for limit in f.limits(value, f.variables[name])),
@@ -288,8 +285,10 @@ def plain(step: Step) -> list[Value]:
     f, v = step.f, step.before
     named = (*f.names["state"], *f.names["parameter"])
     places = [name for name in named if "_north" in name or "_east" in name]
-    aim = [value for update in any_aim(f).values() for value in update({}).values()]
-    numbers = [v["closest"], *aim, *(v[name] for name in (*AIMING, *f.names["parameter"]))]
+    aim = {name: value for update in any_aim(f).values() for name, value in update({}).items()}
+    aimed_before = [v[name] for name in aim if name in f.names["state"]]
+    parameters = [v[name] for name in f.names["parameter"]]
+    numbers = [v["closest"], *aim.values(), *aimed_before, *parameters]
     zero = [v[name] == 0 for name in (*places, "north", "east")]
     return zero + [f.z3.IsInt(8 * number) for number in numbers if f.z3.is_real(number)]
 
