@@ -77,7 +77,8 @@ class Areas:
         """The south-western corner of the grid [m]."""
         if not len(self.edges):
             return 0.0, 0.0
-        return tuple(float(self.edges[axis].min()) - self.side for axis in ("north", "east"))  # type: ignore[return-value]
+        north, east = (float(self.edges[axis].min()) - self.side for axis in ("north", "east"))
+        return north, east
 
     @cached_property
     def cells(self) -> Counts:
@@ -108,16 +109,16 @@ class Areas:
         Args:
             north, east: of the places, m, of one shape.
         """
-        found = np.zeros(np.shape(north), np.int32)
+        numbers = np.zeros(np.shape(north), np.int32)
         for number in range(len(self.polygons), 0, -1):
-            odd = np.zeros(found.shape, dtype=bool)
+            odd = np.zeros(numbers.shape, dtype=bool)
             for edge in self.edges[self.edges["area"] == number]:
                 along_north, along_east = edge["to_north"] - edge["north"], edge["to_east"] - edge["east"]
                 over, under = along_north * (east - edge["east"]), along_east * (north - edge["north"])
                 beside = (edge["east"] > east) != (edge["to_east"] > east)
                 odd ^= beside & ((over > under) if along_east > 0 else (under > over))
-            found[odd] = number
-        return found
+            numbers[odd] = number
+        return numbers
 
 
 def _distance(edge: np.void, north: Array, east: Array) -> Array:

@@ -91,7 +91,6 @@ class Sources:
             watched = dict(zip(("north", "east"), places, strict=True))
         context = {
             "watched": watched,
-            "watching": ", const areas *w, flight *f" if watched else "",
             "system": self.system.name,
             "version": VERSION,
             "flights": self.flights,

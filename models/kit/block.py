@@ -213,7 +213,9 @@ class Block:
     @classmethod
     def flat_names(cls, kind: str) -> list[str]:
         """The scalars of one of GROUPS, in order."""
-        return [name for name, _ in flatten(cls.group(kind))]
+        if (cls, kind) not in _FLAT_NAMES:  # what compiles a batch asks thousands of times
+            _FLAT_NAMES[cls, kind] = [name for name, _ in flatten(cls.group(kind))]
+        return list(_FLAT_NAMES[cls, kind])
 
     @classmethod
     def streams(cls) -> list[Stream]:
@@ -257,4 +259,5 @@ class Block:
 
 
 _VARIABLES: dict[tuple[type[Block], tuple[type[Variable], ...]], dict[str, Variable]] = {}
+_FLAT_NAMES: dict[tuple[type[Block], str], list[str]] = {}
 _PROGRAMS: dict[tuple[type[Block], Precision], Program] = {}
