@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -9,8 +10,13 @@ import typer
 
 from harness.console import json_of, out, print_note, progress_bar, say_where
 from harness.options import Controller, Plant, Settings
+from harness.routes import CLEARANCES, LONGEST, SPACINGS, TRIALS, WAYS, Along
 from models.errors import UsageError
 from models.kit.random import MAX_SEED
+
+
+def _texts(lengths: Iterable[float | None]) -> str:
+    return ",".join("none" if length is None else f"{length:g}" for length in lengths)
 
 
 def plan_route(
@@ -29,18 +35,16 @@ def plan_route(
     origin: Annotated[
         str, typer.Option(metavar="LAT,LON", help="where [0, 0] of a map in metres is, for the mission")
     ] = "",
-    along: Annotated[
-        Literal["open", "streets", "both"], typer.Option(help="round the areas, along the streets, or both")
-    ] = "both",
-    clearance: Annotated[str, typer.Option(metavar="m,...", help="from the areas")] = "3,6,9",
-    ways: Annotated[int, typer.Option(help="different ways with each clearance, at most")] = 4,
-    longest: Annotated[float, typer.Option(help="times the shortest way that another may be long")] = 2.0,
+    along: Annotated[Along, typer.Option(help="round the areas, along the streets, or both")] = "both",
+    clearance: Annotated[str, typer.Option(metavar="m,...", help="from the areas")] = _texts(CLEARANCES),
+    ways: Annotated[int, typer.Option(help="different ways with each clearance, at most")] = WAYS,
+    longest: Annotated[float, typer.Option(help="times the shortest way that another may be long")] = LONGEST,
     prefer_turns: Annotated[
         float, typer.Option(metavar="m", help="what a turn nearer to 45 or 90 deg by 45 deg is worth")
     ] = 0.0,
     spacing: Annotated[
         str, typer.Option(metavar="m|none,...", help="between waypoints; none: at corners alone")
-    ] = "none,12,15,20,25",
+    ] = _texts(SPACINGS),
     scenario: Annotated[
         str | None,
         typer.Option(
@@ -59,7 +63,7 @@ def plan_route(
     seed: Annotated[
         int | None, typer.Option(min=0, max=MAX_SEED, help="of the first trial of each candidate")
     ] = None,
-    trials: Annotated[int, typer.Option(help="of each candidate that is left at the end")] = 4096,
+    trials: Annotated[int, typer.Option(help="of each candidate that is left at the end")] = TRIALS,
     settings: Settings = None,
     folder: Annotated[
         Path | None, typer.Option("--out", file_okay=False, metavar="DIR", help="by default out/plan-<map>")
@@ -88,13 +92,28 @@ def plan_route(
 
     problem = prepare(
         Asked(
-            target, begin, end, metres, _origin(origin), along,
-            [_number("--clearance", part) for part in _listed(clearance)], ways, longest, prefer_turns,
-            [None if part == "none" else _number("--spacing", part) for part in _listed(spacing)],
-            scenario, system, reading, settings or (), plant, controller, seed, trials,
+            target,
+            begin,
+            end,
+            metres=metres,
+            origin=_origin(origin),
+            along=along,
+            clearances=[_number("--clearance", part) for part in _listed(clearance)],
+            ways=ways,
+            longest=longest,
+            preference=prefer_turns,
+            spacings=[None if part == "none" else _number("--spacing", part) for part in _listed(spacing)],
+            scenario=scenario,
+            system=system,
+            reading=reading,
+            settings=settings or (),
+            plant=plant,
+            controller=controller,
+            seed=seed,
+            trials=trials,
         ),
         print_note,
-    )  # fmt: skip
+    )
     with progress_bar("% of the trials", 100, quiet=as_json) as progress:
         result = halving.run(problem, progress and (lambda share: progress(100 * share)))
     place = folder or report.default_folder(result)

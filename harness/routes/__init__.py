@@ -6,8 +6,16 @@ recommended one.
 
 `site` is the map in metres, `map_file` reads it. `open_ground` finds ways round the areas, `streets` those
 along lines; both give a `way`. `candidates` puts waypoints along ways. `score` has the candidates tried by
-many simulated trials, in which the batch runner watches the areas. `plan` resolves what is asked for and
-chooses, `report` writes the results, `picture` draws them.
+many simulated trials, in which the batch runner watches the areas. `problem` resolves what is asked
+for, `halving` has the candidates tried and chooses, `report` writes the results, `picture` draws them.
 """
 
+from typing import Literal
+
 MAPS = ("geojson", "json", "kml")  # endings of files
+Along = Literal["open", "streets", "both"]
+CLEARANCES = (3.0, 6.0, 9.0)  # m
+SPACINGS = (None, 12.0, 15.0, 20.0, 25.0)  # m
+WAYS = 4
+LONGEST = 2.0  # times the shortest way
+TRIALS = 4096  # of each candidate that is left at the end

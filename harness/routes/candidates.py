@@ -52,7 +52,7 @@ def candidates_of(
     for spacing in spacings:
         if spacing is not None and spacing <= least:
             raise RouteError(f"--spacing {spacing:g}: expected more than d', {least:g} m, or none")
-    found: dict[tuple[Place, ...], Candidate] = {}
+    by_waypoints: dict[tuple[Place, ...], Candidate] = {}
     left_out: Counter[str] = Counter()
     for way in ways:
         corners = _apart(way, site, least)
@@ -64,28 +64,27 @@ def candidates_of(
             if len(waypoints) > MAX_WAYPOINTS:
                 left_out[f"needs more than {MAX_WAYPOINTS} waypoints"] += 1
             else:
-                found.setdefault(waypoints, Candidate(way, spacing, waypoints))
+                by_waypoints.setdefault(waypoints, Candidate(way, spacing, waypoints))
     notes = [
         f"{count} candidate{'s' if count > 1 else ''} left out: {'each' if count > 1 else 'it'} {why}"
         for why, count in left_out.items()
     ]
-    if not found:
+    if not by_waypoints:
         raise RouteError(f"{site.name}: no candidate is left ({'; '.join(notes)}); take wider --spacing")
-    return list(found.values()), notes
+    return list(by_waypoints.values()), notes
 
 
 def _apart(way: Way, site: Site, least: float) -> list[Place] | None:
     """The corners of a way without those too near to the one before; None if one cannot be left out."""
-    blocks = shapely.union_all([area.shape for area in site.areas])
     kept = [way.places[0]]
     for place, after in zip(way.places[1:], [*way.places[2:], None], strict=True):
         if math.dist(kept[-1], place) > least:
             kept.append(place)
         elif after is None:  # the end stays; a corner before it goes
-            if len(kept) == 1 or blocks.intersects(shapely.LineString([kept[-2], place])):
+            if len(kept) == 1 or site.union.intersects(shapely.LineString([kept[-2], place])):
                 return None
             kept[-1] = place
-        elif blocks.intersects(shapely.LineString([kept[-1], after])):
+        elif site.union.intersects(shapely.LineString([kept[-1], after])):
             return None
     return kept if all(math.dist(a, b) > least for a, b in itertools.pairwise(kept)) else None
 

@@ -1,10 +1,10 @@
 """Candidates tried in rounds, and the choice between those that are left.
 
-Successive halving: all candidates are tried 256 times. Then, round by round, half of them go on with twice as
-many trials, until few are left. Candidates that succeed half as often as the best, or less, go first. Of the
-others those go on that no other one beats in success, time, stimuli and entries at once, then those that
-only these beat, and so on. The shortest way without a waypoint between its corners goes on in any case, to be
-compared with.
+Successive halving: all candidates are tried 256 times. Then, round by round, half of them, eight at least, go
+on with twice as many trials, until the trials asked for are reached. Candidates that succeed less than half
+as often as the best go first. Of the others those go on that no other one beats in success, time, stimuli and
+entries at once, then those that only these beat, and so on. The shortest way without a waypoint between its
+corners goes on in any case, to be compared with.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def run(problem: Problem, progress: Callable[[float], None] | None = None) -> Re
     """Try the candidates in rounds.
 
     Args:
-        progress: called with the share that is done, from 0 to 1.
+        progress: called after each further round, with its trials as a share of those asked for.
 
     Raises:
         CompileError: the compiler refuses the batch runner.

@@ -37,9 +37,12 @@ LINES = ("LineString", "LinearRing", "MultiLineString")
 POLYGONS = ("Polygon", "MultiPolygon")
 
 
+Point = tuple[float, float]  # x and y, as the file has them: longitude or east, latitude or north
+
+
 @dataclass(frozen=True)
 class Figure:
-    """A feature of a map as its file has it: x is longitude or east, y is latitude or north."""
+    """A feature of a map as its file has it, x before y."""
 
     where: str
     name: str
@@ -62,8 +65,8 @@ class Map:
     origin: tuple[float, float] | None = None
     notes: list[str] = field(default_factory=list)
 
-    def place_of(self, option: str, text: str) -> Place:
-        """A place as a user names it, x before y: a mark, or latitude,longitude or north,east.
+    def point_of(self, option: str, text: str) -> Point:
+        """A place as a user names it: a mark, or latitude,longitude or north,east.
 
         Raises:
             RouteError: it is neither.
@@ -80,11 +83,11 @@ class Map:
         _check_numbers(f'{option} "{text}"', np.array([[x, y]]), self.units)
         return x, y
 
-    def site(self, begin: Place, origin: tuple[float, float] | None = None) -> Site:
+    def site(self, begin: Point, origin: tuple[float, float] | None = None) -> Site:
         """The map in metres.
 
         Args:
-            begin: where the route begins, as the file has it; the origin of a map in degrees.
+            begin: where the route begins; the origin of a map in degrees.
             origin: latitude and longitude, deg, of [0, 0] of a map in metres; overrides the file's.
 
         Raises:
@@ -97,32 +100,29 @@ class Map:
             at = begin[1], begin[0]
         areas: list[Area] = []
         streets: list[shapely.LineString] = []
-        marks: dict[str, Place] = {}
         for figure in self.figures:
-            laid = shapely.transform(figure.shape, lambda places: self._metres(places, begin))
+            laid = shapely.transform(figure.shape, lambda points: self._metres(points, begin))
             self._check_distance(figure, laid, self._metres(np.array([begin]), begin)[0])
             parts = list(getattr(laid, "geoms", [laid]))
             if laid.geom_type in POLYGONS:
                 areas += [self._area(figure, part, len(areas) + 1) for part in parts]
             elif laid.geom_type in LINES:
                 streets += [shapely.LineString(part.coords) for part in parts]
-            elif figure.name:
-                marks[figure.name] = (laid.x, laid.y)
         if not areas and not streets:
             raise RouteError(f"{self.label}: has no polygon and no line; expected buildings or streets")
-        return Site(self.name, areas, streets, marks, at, self.notes)
+        return Site(self.name, areas, streets, at, self.notes)
 
-    def metres(self, place: Place, begin: Place) -> Place:
-        """A place of the file, x before y, in metres to the north and the east."""
-        north, east = self._metres(np.array([place]), begin)[0]
+    def place_at(self, point: Point, begin: Point) -> Place:
+        """A point of the file in metres to the north and the east."""
+        north, east = self._metres(np.array([point]), begin)[0]
         return float(north), float(east)
 
-    def _metres(self, places: Any, begin: Place) -> Any:
+    def _metres(self, points: Any, begin: Point) -> Any:
         """(n, 2) x and y as the file has them to (n, 2) north and east in m."""
         if self.units == METRES:
-            return places[:, ::-1]
+            return points[:, ::-1]
         plane = TangentPlane(math.radians(begin[1]), math.radians(begin[0]))
-        north, east = plane.to_plane(np.radians(places[:, 1]), np.radians(places[:, 0]))
+        north, east = plane.to_plane(np.radians(points[:, 1]), np.radians(points[:, 0]))
         return np.column_stack((north, east))
 
     def _area(self, figure: Figure, polygon: shapely.Polygon, number: int) -> Area:

@@ -15,6 +15,7 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache, partial
 
 import networkx as nx
 import numpy as np
@@ -68,9 +69,9 @@ def open_ways(
 
 
 def _ground(site: Site, begin: Place, end: Place, clearance: float) -> _Ground:
-    shapes = [area.shape for area in site.areas]
-    grown = _grown(shapes, clearance)
-    corners = [corner for polygon in grown for corner in _corners_of(polygon)]
+    grown = cache(partial(_grown, [area.shape for area in site.areas]))
+    blocks = cache(lambda clearance: _blocks(grown(clearance)))
+    corners = [corner for polygon in grown(clearance) for corner in _corners_of(polygon)]
     if len(corners) > MOST_CORNERS:
         raise RouteError(
             f"{site.name}: its areas have {len(corners)} corners, expected {MOST_CORNERS} at most; cut the "
@@ -88,24 +89,24 @@ def _ground(site: Site, begin: Place, end: Place, clearance: float) -> _Ground:
         graph,
         places,
         [(i, k) for i, k in itertools.combinations(numbers, 2) if touches(i, k) and touches(k, i)],
-        _blocks(shapes, clearance),
+        blocks(clearance),
     )
-    whole = shapely.union_all(shapes)
-    kept = [min(clearance, NEAR * whole.distance(shapely.Point(place))) for place in (begin, end)]
+    kept = [min(clearance, NEAR * site.union.distance(shapely.Point(place))) for place in (begin, end)]
     for node in (0, 1):
         within = kept[node] < clearance  # of a grown area: its corners are not touched from there, but left
         ends = [(node, k) for k in numbers if within or touches(k, node)]
-        _connect(graph, places, ends, _blocks(shapes, kept[node]))
-    _connect(graph, places, [(0, 1)], _blocks(shapes, min(kept)))
+        _connect(graph, places, ends, blocks(kept[node]))
+    _connect(graph, places, [(0, 1)], blocks(min(kept)))
     posts = [
-        next(shape for shape in shapes if shape.intersects(part)).representative_point() for part in grown
+        next(area.shape for area in site.areas if area.shape.intersects(part)).representative_point()
+        for part in grown(clearance)
     ]
     return _Ground(graph, places, [(post.x, post.y) for post in posts])
 
 
-def _blocks(shapes: Sequence[shapely.Polygon], clearance: float) -> shapely.Geometry:
+def _blocks(grown: Sequence[shapely.Polygon]) -> shapely.Geometry:
     """What no way enters: the grown areas without their edges."""
-    blocks = shapely.union_all(_grown(shapes, clearance)).buffer(-SLACK, join_style="mitre")
+    blocks = shapely.union_all(grown).buffer(-SLACK, join_style="mitre")
     shapely.prepare(blocks)
     return blocks
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import get_args
 
+from harness.routes import CLEARANCES, LONGEST, SPACINGS, TRIALS, WAYS, Along
 from harness.routes.candidates import Candidate, candidates_of
 from harness.routes.map_file import load
 from harness.routes.open_ground import open_ways
@@ -16,18 +18,13 @@ from harness.routes.way import OPEN, STREETS, Way, best
 from harness.sweep.components import Components, find_components
 from harness.sweep.trials import Options, adapted
 from harness.trial import scenario as scenarios
+from harness.trial.plan import Interface, interfaces_of_system
 from harness.trial.scenario import Scenario
 from models.errors import nearest
 from models.kit.random import MAX_SEED
 from models.readings import ON_BOARD, READINGS
-from models.system import ESTIMATOR, System
+from models.system import ESTIMATOR
 
-ALONG = (OPEN, STREETS, "both")
-CLEARANCES = (3.0, 6.0, 9.0)  # m
-SPACINGS = (None, 12.0, 15.0, 20.0, 25.0)  # m
-WAYS = 4
-LONGEST = 2.0  # times the shortest way
-TRIALS = 4096  # of each candidate that is left at the end
 SPARE = 3  # times as many ways are looked at where turns are preferred
 COUNTING = "field"  # the reading by default: it counts turns anew at each waypoint
 DURATION = 600.0  # s of a trial, without a scenario that says so
@@ -50,7 +47,7 @@ class Asked:
     end: str
     metres: bool = False
     origin: tuple[float, float] | None = None
-    along: str = "both"
+    along: Along = "both"
     clearances: Sequence[float] = CLEARANCES
     ways: int = WAYS
     longest: float = LONGEST
@@ -100,9 +97,9 @@ def prepare(asked: Asked, note: Callable[[str], None] = lambda text: None) -> Pr
     """
     _check(asked)
     map_file = load(asked.target, metres=asked.metres)
-    raw_begin, raw_end = map_file.place_of("--from", asked.begin), map_file.place_of("--to", asked.end)
-    site = map_file.site(raw_begin, asked.origin)
-    begin, end = (map_file.metres(place, raw_begin) for place in (raw_begin, raw_end))
+    points = map_file.point_of("--from", asked.begin), map_file.point_of("--to", asked.end)
+    site = map_file.site(points[0], asked.origin)
+    begin, end = (map_file.place_at(point, points[0]) for point in points)
     for option, text, place in (("--from", asked.begin, begin), ("--to", asked.end, end)):
         area = site.area_at(place)
         if area is not None:
@@ -113,9 +110,10 @@ def prepare(asked: Asked, note: Callable[[str], None] = lambda text: None) -> Pr
     system = components.system(in_trials)
     scorer = Scorer(in_trials, system, site.areas, begin)
     ways = _ways(asked, site, begin, end)
-    controller = scorer.trial_type(Candidate(ways[0], None, (end,))).values["controller"]
-    _check_count(controller, system, in_trials)
-    least = controller.get("capture_radius", _start_of(system, "capture_radius"))
+    controller = interfaces_of_system(system)["controller"]
+    values = scorer.trial_type(Candidate(ways[0], None, (end,))).values["controller"]
+    _check_count(controller, values, in_trials)
+    least = controller.start("capture_radius", values)
     if math.dist(begin, end) <= least:
         raise RouteError(
             f"--to {asked.end}: is {math.dist(begin, end):.1f} m from --from {asked.begin}; expected more "
@@ -141,8 +139,8 @@ def _check(asked: Asked) -> None:
     for clearance in asked.clearances:
         if not 0 < clearance <= 100:
             raise RouteError(f"--clearance {clearance:g}: expected more than 0, up to 100 m")
-    if asked.along not in ALONG:
-        raise RouteError(f"--along {asked.along}: expected one of {', '.join(ALONG)}")
+    if asked.along not in get_args(Along):
+        raise RouteError(f"--along {asked.along}: expected one of {', '.join(get_args(Along))}")
     for option, value, low, high in (
         ("--ways", asked.ways, 1, 50),
         ("--longest", asked.longest, 1, 10),
@@ -164,23 +162,23 @@ def _ways(asked: Asked, site: Site, begin: Place, end: Place) -> list[Way]:
         RouteError: there is none.
     """
     count = asked.ways * (SPARE if asked.preference else 1)
-    found: list[Way] = []
+    chosen: list[Way] = []
     if asked.along != STREETS and (site.areas or asked.along == OPEN):
         for clearance in sorted(asked.clearances):
             ways = open_ways(site, begin, end, clearance, count=count, longest=asked.longest)
-            found += best(ways, asked.ways, asked.preference)
+            chosen += best(ways, asked.ways, asked.preference)
     if asked.along != OPEN:
         if asked.along == STREETS and not site.streets:
             raise RouteError(f"{site.name}: has no line; expected streets, or take --along open")
         ways = street_ways(site, begin, end, count=count, longest=asked.longest)
-        found += best(ways, asked.ways, asked.preference)
-    if not found:
+        chosen += best(ways, asked.ways, asked.preference)
+    if not chosen:
         gap = f" with {min(asked.clearances):g} m clear of them" if asked.along != STREETS else ""
         raise RouteError(
             f"{site.name}: no way leads from {asked.begin} to {asked.end}: none round the areas{gap}, none "
             "along streets; take a smaller --clearance, or mend the map"
         )
-    return found
+    return chosen
 
 
 def _scenarios(asked: Asked, site: Site, begin: Place, end: Place) -> tuple[Scenario, Scenario, Components]:
@@ -211,22 +209,17 @@ def _scenarios(asked: Asked, site: Site, begin: Place, end: Place) -> tuple[Scen
     return base, in_trials, components
 
 
-def _check_count(controller: Mapping[str, float], system: System, scenario: Scenario) -> None:
+def _check_count(controller: Interface, values: Mapping[str, float], scenario: Scenario) -> None:
     """Refuse a controller that does not count turns anew at each waypoint."""
-    if "reset_turns" not in system.components["controller"].flat_names("parameter"):
+    if "reset_turns" not in controller.parameters:
         return  # controllers beside the CMEC always count per waypoint
-    if not controller.get("reset_turns", _start_of(system, "reset_turns")):
-        most = controller.get("max_turns", _start_of(system, "max_turns"))
+    if not controller.start("reset_turns", values):
+        most = controller.start("max_turns", values)
         raise RouteError(
             f"{scenario.name}: the reading {scenario.reading} counts turns over the whole trial "
             f"(cmec.reset_turns is false), and one more than MAXTURN, {most:g}, ends it: hardly any route "
             f"would be led to its end; expected a count per waypoint: --reading {COUNTING}, or {ON_BOARD}"
         )
-
-
-def _start_of(system: System, name: str) -> float:
-    """The default of a parameter of the controller."""
-    return system.components["controller"].variables()[name].start[0]
 
 
 def _assumptions(scenario: Scenario) -> list[str]:

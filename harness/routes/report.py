@@ -46,7 +46,7 @@ def write(result: Result, folder: Path, note: Callable[[str], None] = lambda tex
         note("no candidate ever succeeded: there is no scenario and no mission to write")
     else:
         scenario = result.scenario_of(result.recommended, name)
-        files[SCENARIO] = _commented(result) + scenario.text().encode()
+        files[SCENARIO] = (_comment(result, result.recommended) + scenario.text()).encode()
         if result.problem.site.origin is None:
             note("the map does not say where on the earth it is: no mission is written; give --origin")
         else:
@@ -125,11 +125,8 @@ def _json(content: object) -> bytes:
     return (json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
 
-def _commented(result: Result) -> bytes:
-    """The scenario's comment: what was found of it, and on what that rests."""
-    candidate = result.recommended
-    if candidate is None:
-        raise ValueError("there is no recommended route")
+def _comment(result: Result, candidate: Candidate) -> str:
+    """The comment of a candidate's scenario: what was found of it, and on what that rests."""
     score = result.tried[candidate]
     low, high = score.interval
     lines = [
@@ -138,7 +135,7 @@ def _commented(result: Result) -> bytes:
         f"(95 % interval {100 * low:.1f} to {100 * high:.1f})",
         *(f"It is assumed that {text}" for text in result.problem.assumes),
     ]
-    return "".join(f"# {line}.\n" for line in lines).encode()
+    return "".join(f"# {line}.\n" for line in lines)
 
 
 def show(result: Result, console: Console) -> None:

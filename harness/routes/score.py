@@ -8,7 +8,7 @@ there, which says nothing about the way out. It succeeds if the dog reached the 
 from __future__ import annotations
 
 import math
-import os
+from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ from codegen.batch.areas import Areas
 from codegen.batch.batch import Batch
 from harness.routes.candidates import Candidate
 from harness.routes.site import Area, Place, rings_of
-from harness.sweep.chunks import TICK_S, TrialType
+from harness.sweep.chunks import TICK_S, TrialType, cores
 from harness.sweep.table import wilson
 from harness.sweep.trials import trial_type
 from harness.trial.scenario import Scenario
@@ -108,11 +108,11 @@ class Score:
     def by_area(self, areas: Sequence[Area]) -> dict[str, float]:
         """Share of trials that first entered each area, of those that were entered, by its name."""
         counts = np.bincount(self.entered, minlength=len(areas) + 1)[1:]
-        shares = {area.name: 0.0 for area, count in zip(areas, counts, strict=True) if count}
+        entries: Counter[str] = Counter()
         for area, count in zip(areas, counts, strict=True):
             if count:
-                shares[area.name] += int(count) / self.trials
-        return shares
+                entries[area.name] += int(count)
+        return {name: count / self.trials for name, count in entries.items()}
 
     def joined(self, further: Score) -> Score:
         """With the trials that come behind these."""
@@ -136,12 +136,11 @@ class Scorer:
     def __init__(self, scenario: Scenario, system: System, areas: Sequence[Area], begin: Place) -> None:
         self.scenario, self.system, self.begin = scenario, system, begin
         self.areas = Areas([rings_of(area.shape) for area in areas])
-        own = [(name, *name.split(".", 1)) for name in OWN]
-        self.own = [
-            name
-            for name, component, variable in own
-            if variable in system.components[component].flat_names("parameter")
-        ]
+        parameters = {
+            f"{name}.{parameter}"
+            for name, block in system.components.items() for parameter in block.flat_names("parameter")
+        }  # fmt: skip
+        self.own = [name for name in OWN if name in parameters]
         stop = ("controller.mode", OVER)
         self.batch = Batch(system, self.own, OBSERVED, stop, watch=PLACE)
 
@@ -177,9 +176,8 @@ class Scorer:
             )  # fmt: skip
 
         run(slice(0, 0))  # compile once, before the threads start
-        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-        size = max(1, math.ceil(len(number) / (PIECES * cores)))
-        with ThreadPoolExecutor(cores) as pool:
+        size = max(1, math.ceil(len(number) / (PIECES * cores())))
+        with ThreadPoolExecutor(cores()) as pool:
             parts = [slice(at, at + size) for at in range(0, len(number), size)]
             results = list(pool.map(run, parts))
         mode, commands = np.concatenate([each.values for each in results]).astype(np.int32).T

@@ -1,9 +1,10 @@
-"""The map of a place, in metres: no-go areas, streets, marks."""
+"""The map of a place, in metres: no-go areas, streets."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -43,15 +44,18 @@ class Site:
 
     Attributes:
         origin: latitude and longitude of north = east = 0, deg; None if the map does not say where it is.
-        marks: places by their names.
     """
 
     name: str
     areas: Sequence[Area] = ()
     streets: Sequence[shapely.LineString] = ()
-    marks: Mapping[str, Place] = field(default_factory=dict)
     origin: tuple[float, float] | None = None
     notes: Sequence[str] = ()
+
+    @cached_property
+    def union(self) -> shapely.Geometry:
+        """All areas as one."""
+        return shapely.union_all([area.shape for area in self.areas])
 
     def area_at(self, place: Place) -> Area | None:
         """The area that a place is in or at the edge of."""

@@ -555,13 +555,17 @@ def pool_at(
     return _here(job) if address is None else _cluster(address, job, note, certificates)
 
 
+def cores() -> int:
+    """The cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 @contextmanager
 def _here(job: Trials) -> Iterator[Pool]:
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     job.prepare()
-    executor = ThreadPoolExecutor(cores)
+    executor = ThreadPoolExecutor(cores())
     try:
-        yield Pool(executor, cores)
+        yield Pool(executor, cores())
     finally:
         job.abandon()
         executor.shutdown(wait=False, cancel_futures=True)

@@ -27,7 +27,7 @@ KML = """<?xml version="1.0" encoding="UTF-8"?>
 
 def read(path: str, begin: str = "0,0", **options: Any) -> Site:
     found = load(path, **options)
-    return found.site(found.place_of("--from", begin))
+    return found.site(found.point_of("--from", begin))
 
 
 def test_a_map_in_metres_has_east_before_north_and_places_north_before_east(tmp_path: Path) -> None:
@@ -39,8 +39,10 @@ def test_a_map_in_metres_has_east_before_north_and_places_north_before_east(tmp_
     (hall,) = site.areas
     assert (hall.name, hall.where, hall.shape.bounds) == ("hall", "feature 1 (hall)", (20, 10, 60, 40))
     assert [list(street.coords) for street in site.streets] == [[(0, 0), (0, 50)]]
-    assert (site.marks, site.origin) == ({"pond": (9, 7)}, (32.6, -85.5))
-    assert load(path).place_of("--to", "9,7") == load(path).place_of("--to", "pond")
+    assert site.origin == (32.6, -85.5)
+    pond = load(path).point_of("--to", "pond")
+    assert load(path).point_of("--to", "9,7") == pond
+    assert load(path).place_at(pond, (0, 0)) == (9, 7)
 
 
 def test_a_map_in_degrees_is_laid_about_where_the_route_begins(tmp_path: Path) -> None:
@@ -68,7 +70,7 @@ def test_a_kml_is_the_map_that_the_same_geojson_is(tmp_path: Path) -> None:
     # then
     assert kml.areas[0].shape.equals(geojson.areas[0].shape)
     assert kml.streets[0].equals(geojson.streets[0])
-    assert (kml.areas[0].name, kml.marks, kml.origin) == ("hall", geojson.marks, geojson.origin)
+    assert (kml.areas[0].name, kml.origin) == ("hall", geojson.origin)
 
 
 def test_parts_and_holes_are_kept_and_other_shapes_left_out_with_a_note(tmp_path: Path) -> None:
@@ -187,5 +189,5 @@ def test_a_missing_map_names_the_one_that_is_meant(tmp_path: Path) -> None:
 def test_a_place_that_is_none_is_refused(text: str, words: str, tmp_path: Path) -> None:
     path = write(tmp_path, HALL, mark("pond", 1, 1))
     with pytest.raises(RouteError, match="--to") as refusal:
-        load(path).place_of("--to", text)
+        load(path).point_of("--to", text)
     assert words in str(refusal.value)
