@@ -47,7 +47,7 @@ from harness.options import (
 from harness.recording import STREAMS
 from harness.replay import EVERY_S, OUTAGE_S
 from harness.studies import STUDIES
-from harness.trial import DEFAULT
+from harness.trial import DEFAULT, ReadingName
 from models.errors import CanineError, UsageError
 
 if TYPE_CHECKING:
@@ -687,9 +687,7 @@ def list_scenarios(
 def list_parameters(
     block: Annotated[str | None, typer.Argument(metavar="[BLOCK]", help="by default all")] = None,
     *,
-    reading: Annotated[
-        Literal["calibrated", "literal", "field", "guarded"], typer.Option(help="whose defaults are listed")
-    ] = "calibrated",
+    reading: Annotated[ReadingName, typer.Option(help="whose defaults are listed")] = "calibrated",
     as_json: Annotated[bool, typer.Option("--json", help="print them as JSON")] = False,
 ) -> None:
     """List the parameters that a scenario or --set can set: unit, range, default, meaning; angles in deg.

@@ -19,7 +19,7 @@ from harness.log.compare import LogComparison, Tolerances, compare
 from harness.log.log import Log, log_of, read_log
 from harness.log.recover import Recovery, recover
 from harness.replay import EVERY_S, OUTAGE_S
-from harness.trial import DEFAULT, trial
+from harness.trial import DEFAULT, ReadingName, trial
 from harness.trial.prepare import prepared
 from harness.trial.request import Changes, build_missing, requested
 from harness.trial.scenario import Disturbance, Scenario, Setting, Written, load, shipped, toml_of
@@ -366,7 +366,7 @@ def run_sweep(
     vary: Mapping[str, str] | None = None,
     trials: int = 1000,
     system: Literal["cts", "full"] = "cts",
-    reading: Literal["calibrated", "literal", "field", "guarded"] | None = None,
+    reading: ReadingName | None = None,
     seed: int | None = None,
     parameters: Mapping[str, Written] | None = None,
     plant: StrPath | None = None,
@@ -470,7 +470,7 @@ def run_matrix(
     *,
     trials: int = 1000,
     system: Literal["cts", "full"] | None = None,
-    reading: Literal["calibrated", "literal", "field", "guarded"] | None = None,
+    reading: ReadingName | None = None,
     seed: int | None = None,
     parameters: Mapping[str, Written] | None = None,
     estimator: StrPath | None = None,

@@ -12,7 +12,7 @@ import typer
 from harness.console import build_status, end_interrupted, json_of, out, print_note, progress_bar, say_where
 from harness.cosim.stepping import GIB, Limits
 from harness.options import Ahrs, CallLimit, Controller, Estimator, MemoryLimit, Plant, Settings
-from harness.trial import DEFAULT
+from harness.trial import DEFAULT, ReadingName
 from models.errors import CanineError
 from models.kit.random import MAX_SEED
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from harness.sweep.run import Asked
 
 Reading = Annotated[
-    Literal["calibrated", "literal", "field", "guarded"] | None,
+    ReadingName | None,
     typer.Option(help="by default the scenario's, calibrated"),
 ]
 FirstSeed = Annotated[

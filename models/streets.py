@@ -7,9 +7,6 @@ what it tells: a wall cancels the drift (4.2.3), a dog that stops beyond a narro
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable
-
 from models.canine import Behaviour
 from models.commands import Command
 from models.kit import casadi as ca
@@ -279,22 +276,3 @@ class CanineInStreets(PackMotion, Poles):
     def _slips(m) -> SX:
         """The course turns along a wall, too."""
         return any_of(m._slip_is_set(), m.wall_slip != 0, m.past_slip != 0)
-
-
-def outside(
-    place: tuple[float, float], streets: Iterable[tuple[tuple[float, float], tuple[float, float], float]]
-) -> float:
-    """How far a place is outside of all streets [m]; negative inside, infinite without streets.
-
-    Args:
-        streets: both ends, and the half-width.
-    """
-    distances = [math.inf]
-    for (north, east), (end_north, end_east), half_width in streets:
-        way, away = (end_north - north, end_east - east), (place[0] - north, place[1] - east)
-        square = way[0] ** 2 + way[1] ** 2
-        along = (away[0] * way[0] + away[1] * way[1]) / square if square else 0.0
-        share = min(max(along, 0.0), 1.0)
-        nearest = (north + share * way[0], east + share * way[1])
-        distances.append(math.dist(place, nearest) - half_width)
-    return min(distances)

@@ -9,4 +9,7 @@ From the log alone: `summary`, `disturbances`, and `plots` with `labels`. `firmw
 the firmware takes.
 """
 
+from typing import Literal
+
+ReadingName = Literal["calibrated", "literal", "field", "guarded"]  # READINGS, which takes CasADi to import
 DEFAULT = "three_waypoint"  # the scenario that is run unless another is named

@@ -16,10 +16,11 @@ from harness.log.comparison_table import sentence
 from harness.log.log import Log
 from harness.report.page import column, render
 from harness.report.thin import rows_to_show
-from harness.trial import page
 from harness.trial.events import events
 from harness.trial.page import (
     ANGLES,
+    COMMANDS,
+    MOST_EVENTS,
     Line,
     bands,
     changes,
@@ -82,7 +83,7 @@ def write_comparison(a: Log, b: Log, comparison: LogComparison, path: Path) -> N
         (replace(event, text=f"{name}: {event.text}") for name, own in of_sides.items() for event in own),
         key=lambda event: event.time,
     )
-    shown = happened[: page.MOST_EVENTS]
+    shown = happened[:MOST_EVENTS]
     data = comparison_data(a, b, comparison) | {
         "marks": [
             mark | {"text": f"{name}: {mark['text']}"}
@@ -206,7 +207,7 @@ def _tracks(sides: Mapping[str, Side], columns: dict[str, Array]) -> list[dict[s
 def _strips(sides: Mapping[str, Side], columns: dict[str, Array]) -> list[dict[str, str]]:
     strips = []
     for key, side in sides.items():
-        command = next((name for name in page.COMMANDS if name in side.signals), None)
+        command = next((name for name in COMMANDS if name in side.signals), None)
         if command:
             columns[f"{key}.controller.command"] = side[command]
             signal = f"{key}.controller.command"

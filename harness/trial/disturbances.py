@@ -9,7 +9,6 @@ import numpy.typing as npt
 
 from harness.log.log import Log
 from harness.trial.scenario import LOST, Disturbance, ScenarioError, parse
-from harness.trial.units import stated_unit
 from models.commands import Command
 
 GPS_OUTAGE, ORDER, LOST_RADIO = "GPS outage", "operator's order", "lost radio"
@@ -25,11 +24,11 @@ def disturbances(log: Log) -> dict[str, list[Span]]:
     - each fault of the scenario, under its words.
     """
     kinds = {GPS_OUTAGE: _outages(log), ORDER: _orders(log), LOST_RADIO: _lost_radio(log)}
-    end, units = float(log.time[-1]), log.units
+    end = float(log.time[-1])
     for fault in faults_of(log):
         if fault.kind != LOST and fault.at <= end:
             span = (fault.at, end if fault.until is None else min(fault.until, end))
-            kinds.setdefault(fault.words(stated_unit(units.get(fault.output, ""))), []).append(span)
+            kinds.setdefault(fault.words(log.units), []).append(span)
     return {kind: spans for kind, spans in kinds.items() if spans}
 
 

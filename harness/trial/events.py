@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from models.commands import Status
 
 Level = Literal["advisory", "caution", "warning"]
 Mark = Literal["waypoint", "anomaly"]
-MARKS: dict[str, Mark] = {"waypoint": "waypoint", "anomaly": "anomaly"}  # by the controller's output
+MARKS: tuple[Mark, ...] = get_args(Mark)  # outputs of the controller
 TOGETHER = 1.01  # s: doubts of the estimator that follow one another within it are one event
 
 
@@ -37,10 +37,10 @@ class Event:
 
 def events(log: Log) -> list[Event]:
     """All events in the order of their times."""
-    found = [*_of_controller(log), *_of_estimator(log), *_of_disturbances(log)]
+    happened = [*_of_controller(log), *_of_estimator(log), *_of_disturbances(log)]
     if log.broken:
-        found.append(Event(float(log.time[-1]), "warning", f"the log ends here: {log.broken}"))
-    return sorted(found, key=lambda event: event.time)
+        happened.append(Event(float(log.time[-1]), "warning", f"the log ends here: {log.broken}"))
+    return sorted(happened, key=lambda event: event.time)
 
 
 def _of_controller(log: Log) -> Iterator[Event]:
@@ -59,7 +59,9 @@ def _of_controller(log: Log) -> Iterator[Event]:
             elif output == "status" and values[row] in (Status.FAILED, Status.STOPPED):
                 level, why = "warning", ended_by(log, row)
                 text += f": {why}" if why else ""
-            yield Event(float(log.time[row]), level, text, MARKS.get(output))
+            yield Event(
+                float(log.time[row]), level, text, next((mark for mark in MARKS if mark == output), None)
+            )
 
 
 def _of_estimator(log: Log) -> Iterator[Event]:

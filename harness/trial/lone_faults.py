@@ -21,7 +21,6 @@ from harness.trial import trial
 from harness.trial.prepare import prepared
 from harness.trial.request import Request
 from harness.trial.scenario import ARROW, Disturbance, ScenarioError
-from harness.trial.units import stated_unit
 from models.commands import Command, Status
 from models.modes import Anomaly, Mode
 
@@ -82,13 +81,12 @@ class Case:
             units: of the signals, by `component.output`.
         """
         first, *others = self.faults
-        unit = stated_unit(units.get(first.output, ""))
         if not others:
-            return first.words(unit)
+            return first.words(units)
         ends = [fault.signal.partition(ARROW) for fault in self.faults]
         to = {f" {arrow}{end.partition('.')[0]}" if arrow else "" for _, arrow, end in ends}
         signals = ", ".join(fault.output for fault in self.faults) + "".join(sorted(to))
-        return replace(first, signal=signals).words(unit)
+        return first.words(units, signals)
 
     @property
     def span(self) -> tuple[float, float | None]:

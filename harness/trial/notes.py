@@ -11,14 +11,12 @@ from codegen.firmware.telemetry import Flag, Refusal
 from harness.cosim.stepping import first_tick
 from harness.trial.pairs import windows
 from harness.trial.scenario import Disturbance, Scenario
-from harness.trial.units import stated_unit
 from models.canine import Canine
 from models.canine_ahrs import CanineAhrs
 from models.cmec import Cmec
 from models.fence import encloses
 from models.kit.declaration import flatten
 from models.kit.timing import TICK
-from models.streets import outside
 from models.system import ESTIMATORS, SYSTEMS, names_of
 
 if TYPE_CHECKING:
@@ -59,8 +57,9 @@ def idle_notes(
             yield from _search(own)
         if block == Cmec.title() and not moving and interface.parameters.keys() >= CONTROLLER:
             yield from _waypoints(scenario, interface, own)
-            yield from _off_streets(scenario, interface, own)
             yield from _fence(scenario, interface, own)
+        if "capture_radius" in interface.parameters and scenario.streets and not moving:
+            yield from _off_streets(scenario, interface, own)
     yield from (
         f"{what} never acts: the trial lasts {scenario.duration:g} s"
         for what, time in timed(scenario, interfaces, values)
@@ -127,7 +126,7 @@ def _words(fault: Disturbance, interfaces: Interfaces) -> str:
         for component, interface in interfaces.items()
         for name, output in interface.outputs.items()
     }
-    return fault.words(stated_unit(units.get(fault.output, "")))
+    return fault.words(units)
 
 
 def _components(
@@ -168,7 +167,7 @@ def _search(values: Mapping[str, float]) -> Iterator[str]:
 
 def _fence(scenario: Scenario, interface: Interface, values: Mapping[str, float]) -> Iterator[str]:
     """A fence that does not act, and what of the mission is outside of it."""
-    if scenario.fence and not interface.start("guarded", interface.parameters["guarded"], values):
+    if scenario.fence and not interface.start("guarded", values):
         yield 'the fence does not act without the safety rules: set reading = "guarded"'
     elif scenario.fence:
         places = [("the start", scenario.start[:2])]
@@ -182,15 +181,18 @@ def _fence(scenario: Scenario, interface: Interface, values: Mapping[str, float]
 
 def _off_streets(scenario: Scenario, interface: Interface, values: Mapping[str, float]) -> Iterator[str]:
     """A start that no street holds, and waypoints that the animal cannot reach from any."""
-    streets = [(street.start, street.end, street.half_width) for street in scenario.streets]
-    radius = interface.start("capture_radius", interface.parameters["capture_radius"], values)
-    if streets and (far := outside(scenario.start[:2], streets)) > 0:
+
+    def outside(place: tuple[float, float]) -> float:
+        return min(street.outside(place) for street in scenario.streets)
+
+    radius = interface.start("capture_radius", values)
+    if (far := outside(scenario.start[:2])) > 0:
         yield f"the start is {far:.3g} m outside of all streets, which hold the animal once it enters one"
-    for number, place in enumerate(scenario.waypoints if streets else (), start=1):
-        if (far := outside(place, streets)) > radius:
+    for number, place in enumerate(scenario.waypoints, start=1):
+        if (far := outside(place)) > radius:
             yield (
-                f"waypoint {number} is {far:.3g} m outside of all streets, beyond cmec.capture_radius = "
-                f"{radius:g} m: it cannot be reached from them"
+                f"waypoint {number} is {far:.3g} m outside of all streets, beyond "
+                f"{interface.block}.capture_radius = {radius:g} m: it cannot be reached from them"
             )
 
 
@@ -198,7 +200,7 @@ def _waypoints(scenario: Scenario, interface: Interface, values: Mapping[str, fl
     """Waypoints that are reached before the animal moves, and those beyond the last in use."""
 
     def value(name: str) -> float:
-        return interface.start(name, interface.parameters[name], values)
+        return interface.start(name, values)
 
     radius, count = value("capture_radius"), int(value("waypoint_count"))
     stated = {int(name[len("waypoint_north[") : -1]) for name in values if name.startswith("waypoint_north[")}

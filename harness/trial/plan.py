@@ -59,10 +59,10 @@ class Interface:
         """What addresses may call it, beside the component's name."""
         return names_of(self.block)
 
-    def start(self, name: str, variable: Variable, values: Mapping[str, float]) -> float:
-        """A variable's start value by the role's name and unit, given the component's own values."""
+    def start(self, name: str, values: Mapping[str, float]) -> float:
+        """A parameter's start value by the role's name and unit, given the component's own values."""
         rename = self.renames.get(name, Rename(name))
-        own = (self.parameters if rename.name in self.parameters else self.inputs).get(rename.name, variable)
+        own = self.parameters.get(rename.name) or self.inputs.get(rename.name) or self.parameters[name]
         value = values.get(rename.name, start_of(own, rename.name))
         return (value - rename.offset) / rename.factor if rename.mapped else value
 
@@ -505,9 +505,9 @@ def values_of(
 ) -> dict[str, str]:
     """Every parameter of every component for the log: `component.name` to its value (SI)."""
     return {
-        f"{component}.{name}": repr(float(interface.start(name, variable, values.get(component, {}))))
+        f"{component}.{name}": repr(float(interface.start(name, values.get(component, {}))))
         for component, interface in interfaces.items()
-        for name, variable in interface.parameters.items()
+        for name in interface.parameters
     }
 
 

@@ -365,13 +365,12 @@ def build_missing(request: Request, done: Callable[[Path], None] = lambda path: 
     faults = fault_fmus(request.scenario, build_folder() / f"fmi{request.fmi}")
     fmus = [path.resolve() for path in (*request.swaps.values(), *faults)]
     own = [path for path in (package, *fmus) if folder in path.parents]
-    system = request.scenario.own_system
-    special = package in own and system not in (None, *SYSTEMS.values())
     if own and not (all(path.exists() for path in own) and is_current()):
         from fmus.build import build_all  # noqa: PLC0415 - CasADi and templates
 
         build_all(done=done)
-    if system and special:
+    system = request.scenario.own_system
+    if package in own and system and system not in SYSTEMS.values():
         from fmus.build import build_package  # noqa: PLC0415 - CasADi and templates
 
         done(build_package(system, request.fmi))

@@ -55,6 +55,7 @@ from typing import Any
 from harness.cosim.stepping import DURATION
 from harness.files import nearest_file
 from harness.toml_file import TomlError, parse_toml, read_toml
+from harness.trial.units import stated_unit
 from models.canine import Canine
 from models.cmec import MAX_WAYPOINTS
 from models.disturbance import LONGEST_DELAY, Kind
@@ -116,19 +117,22 @@ class Disturbance:
         """The signal without the link: `component.output`."""
         return self.signal.partition(ARROW)[0].strip()
 
-    def words(self, unit: str) -> str:
+    def words(self, units: Mapping[str, str], signal: str = "") -> str:
         """What it is, for tables and legends: `offset of 5 m in sensors.gps_north`.
 
         Args:
-            unit: of the signal, as scenarios state it.
+            units: of outputs, by `component.output`.
+            signal: what it is said of, where that is more than its own.
         """
+        signal = signal or self.signal
         if self.kind == LOST:
-            return f"lost {self.signal}"
+            return f"lost {signal}"
         if self.value is None:
-            return f"{self.kind} of {self.signal}"
-        own = FAULTS[self.kind].unit
-        how_much = f"{self.value:.6g} {unit if own is None else own}".rstrip()
-        return f"{self.kind} of {how_much} in {self.signal}"
+            return f"{self.kind} of {signal}"
+        unit = FAULTS[self.kind].unit
+        if unit is None:
+            unit = stated_unit(units.get(self.output, ""))
+        return f"{self.kind} of {f'{self.value:.6g} {unit}'.rstrip()} in {signal}"
 
 
 @dataclass(frozen=True)
@@ -158,6 +162,16 @@ class Street:
     start: tuple[float, float]
     end: tuple[float, float]
     half_width: float
+
+    def outside(self, place: tuple[float, float]) -> float:
+        """How far a place is outside of it [m]; negative inside."""
+        (north, east), (end_north, end_east) = self.start, self.end
+        way, away = (end_north - north, end_east - east), (place[0] - north, place[1] - east)
+        square = way[0] ** 2 + way[1] ** 2
+        along = (away[0] * way[0] + away[1] * way[1]) / square if square else 0.0
+        share = min(max(along, 0.0), 1.0)
+        closest = (north + share * way[0], east + share * way[1])
+        return math.dist(place, closest) - self.half_width
 
 
 REALS = frozenset({Type.REAL})

@@ -91,5 +91,5 @@ class Worn(Instrumented):
             return None
         if sent:
             self._radio.write(sent)
-        told = self._decoder.receive(sent)
-        return told[-1][1] if told else None
+        telemetry = self._decoder.receive(sent)
+        return telemetry[-1][1] if telemetry else None

@@ -6,7 +6,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -15,8 +15,10 @@ import harness
 from fmus.folder import build_folder
 from harness import front_door
 from harness.log.log import read_log
+from harness.trial import ReadingName
 from harness.trial.scenario import ScenarioError
 from models.errors import CanineError, UsageError
+from models.readings import READINGS
 from tests.harness.command import canine
 from tests.harness.cosim.tiny_fmu import V, tiny_fmu
 
@@ -72,6 +74,10 @@ def test_names_of_the_front_door_are_those_of_the_package() -> None:
     assert set(harness.__all__) <= set(dir(harness))
     with pytest.raises(AttributeError, match="module 'harness' has no attribute 'run_trail'"):
         getattr(harness, "run_trail")  # noqa: B009 - which type checkers refuse
+
+
+def test_the_names_of_readings_that_options_take_are_those_there_are() -> None:
+    assert get_args(ReadingName) == tuple(READINGS)
 
 
 def test_importing_the_package_imports_no_library() -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from harness.sweep.components import find_components
 from harness.trial.plan import interfaces_of_system, plan
 from harness.trial.scenario import (
     FAULTS,
@@ -389,6 +390,13 @@ def test_what_no_street_leads_to_is_noted() -> None:
         "the start is 2 m outside of all streets, which hold the animal once it enters one",
         "waypoint 2 is 7.1 m outside of all streets, beyond cmec.capture_radius = 7 m: it cannot be reached "
         "from them",
+    ]
+    # and another controller's d' counts as well
+    led = find_components(controller="quarter_turn").system(scenario)
+    near = scenario.override(["quarter_turn.capture_radius=5"])
+    assert [note[:57] for note in plan(near, interfaces_of_system(led)).notes if "waypoint" in note] == [
+        "waypoint 1 is 6.9 m outside of all streets, beyond quarte",
+        "waypoint 2 is 7.1 m outside of all streets, beyond quarte",
     ]
 
 
