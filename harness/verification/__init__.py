@@ -1,8 +1,10 @@
-"""Verification: our trials against the dissertation's; `python -m harness.verification` makes the page.
+"""Verification: our trials against the dissertation's; `python -m harness.verification` makes the pages.
 
-In: the models, and the numbers in the dissertation's text. Out: results/verification.md and its pictures.
+In: the models, and the numbers in the dissertation's text. Out: results/verification.md with its pictures,
+and results/streets.md.
 
 `published` states the dissertation's numbers. `runs` simulates the trials, `tables` and `pictures` compare
-the two, `page` puts everything into templates/verification.md.jinja. The same models give the same page. The
-dissertation's results are compared with ours; no parameter is fitted to them.
+the two, `page` puts everything into templates/verification.md.jinja. `streets` makes the page on streets and
+poles, whose maps are ours. The same models give the same pages. The dissertation's results are compared with
+ours; no parameter is fitted to them.
 """

@@ -25,6 +25,7 @@ from harness.trial.scenario import load
 from models.cmec import Cmec
 from models.commands import Command, Status
 from models.readings import PUBLISHED
+from models.sets import sets_of
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,8 @@ class Size:
         rate: for each rate that is compared with the field's.
         ranked: at each threshold of the recommendations.
         long: over each distance.
+        street: of each type on each map of streets.
+        shipped: of each scenario with streets.
         seeds: among which the trial of Figure 5.2 is sought.
     """
 
@@ -43,10 +46,18 @@ class Size:
     rate: int = 40_000
     ranked: int = 10_000
     long: int = 10_000
+    street: int = 8000
+    shipped: int = 2000
     seeds: int = 1000
 
 
-SEARCH = ("canine.bumper_search_min=1", "canine.bumper_search_max=5")
+def _of_table_5_1(*parameters: str) -> tuple[str, ...]:
+    """What Table 5.1 has for some parameters of the dog, as settings."""
+    values = sets_of("plant")["table_5_1"]
+    return tuple(f"canine.{name}={values[name]:g}" for name in parameters)
+
+
+SEARCH = _of_table_5_1("bumper_search_min", "bumper_search_max")
 WATCH = ("canine.start_delay=0.5",)
 CAUSES = {  # 5.3.7.1
     "search for the bumper, 1 to 5 s": SEARCH,
@@ -87,8 +98,8 @@ EXPLANATIONS = {  # of the field's counts: a reading and a dog
 }
 DRAWS = {  # what of the dog's speed is drawn for each trial
     "the means": (),
-    "speed drawn": ("canine.cruise_speed_deviation=1.49",),
-    "accelerations drawn": ("canine.speeding_up_deviation=0.67", "canine.slowing_down_deviation=1.31"),
+    "speed drawn": _of_table_5_1("cruise_speed_deviation"),
+    "accelerations drawn": _of_table_5_1("speeding_up_deviation", "slowing_down_deviation"),
     "all, and the search: `table_5_1`": DRAWN,
 }
 AIMS = {"the CMEC": (), "mean drift": ("cmec=aim_off_mean",), "learnt drift": ("cmec=aim_off",)}
@@ -100,6 +111,7 @@ AIMED_DOGS = {
     "0.3 s late": LATE,
     "0.3 s late, `cmec.response_time=0.3`": (*LATE, "cmec.response_time=0.3"),
     "means, `cmec.braking=2.72`": ("cmec.braking=2.72",),
+    "means, `cmec.starting_time=2.74`": ("cmec.starting_time=2.74",),
 }
 DISTANCES = (25, 50, 100, 200, 500)  # m
 NO_LIMIT = ("cmec.max_turns=1000",)
@@ -152,7 +164,11 @@ def simulate(
     target: str, thresholds: str, trials: int, reading: str = "calibrated", settings: tuple[str, ...] = ()
 ) -> Simulated:
     """The trials of `canine sweep TARGET --thresholds ... --reading ... --set ...`."""
-    sweep = plan_sweep(target, thresholds=thresholds, trials=trials, reading=reading, settings=settings)
+    return run(plan_sweep(target, thresholds=thresholds, trials=trials, reading=reading, settings=settings))
+
+
+def run(sweep: Sweep) -> Simulated:
+    """The trials of a sweep."""
     outcomes = Outcomes(sweep.job)
     with pool_at(None, sweep.job) as pool:
         share = -(-sweep.job.total // pool.width)  # one chunk for each core: large chunks run faster

@@ -281,7 +281,7 @@ def route_table(size: Size) -> str:
     """Three, four and five waypoints around 122 m, by what MAXTURN counts."""
     budgets: dict[str, tuple[str, tuple[str, ...]]] = {
         "calibrated: 2 a trial": ("calibrated", ("cmec.reset_turns=false",)),
-        "`field`: 2 a waypoint": ("field", ("cmec.reset_turns=true",)),
+        "`field`: 2 a waypoint": ("field", ()),
         "literal: 2 a waypoint, re-issues count": ("literal", ("cmec.reset_turns=true",)),
         "literal, rates 1": ("literal", ("cmec.reset_turns=true", *OBEDIENT)),
     }
