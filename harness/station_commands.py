@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import webbrowser
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -192,10 +192,10 @@ def _show(request: Request, summary: Mapping[str, Any], as_json: bool) -> None:
 def _serve(request: Request, mission: str, web: Web, as_json: bool) -> None:
     """A station in the browser, until Ctrl-C."""
     draft = _draft(mission) if mission else None
-    with _at_work(request, as_json) as session:
+    with _listening(web) as show, _at_work(request, as_json) as session:
         if draft:
             session.conduct.draft = draft
-        _show_in_browser(session, web)
+        show(session)
 
 
 def _play(log: Path, web: Web) -> None:
@@ -203,13 +203,16 @@ def _play(log: Path, web: Web) -> None:
     from harness.log.log import log_of
     from harness.station.playback import Playback
 
-    _show_in_browser(Playback(log_of(log)), web)
+    with _listening(web) as show:
+        show(Playback(log_of(log)))
 
 
-def _show_in_browser(shown: Shown, web: Web) -> None:
-    """Serve until a signal ends it, and raise KeyboardInterrupt with its number."""
-    import asyncio  # takes a sixth of the start of every command
+@contextmanager
+def _listening(web: Web) -> Iterator[Callable[[Shown], None]]:
+    """Listen for browsers; what shows them something, until a signal ends it.
 
+    It then raises KeyboardInterrupt with the signal's number.
+    """
     from harness.station.guard import Guard
     from harness.station.server import address_of, listening, serve
 
@@ -227,9 +230,14 @@ def _show_in_browser(shown: Shown, web: Web) -> None:
             if web.opens:
                 open_browser(address)
 
-        number = asyncio.run(serve(shown, guard, listener, ready))
-        if number is not None:
-            raise KeyboardInterrupt(number)
+        def show(shown: Shown) -> None:
+            import asyncio  # takes a sixth of the start of every command
+
+            number = asyncio.run(serve(shown, guard, listener, ready))
+            if number is not None:
+                raise KeyboardInterrupt(number)
+
+        yield show
 
 
 def open_browser(address: str) -> None:

@@ -119,7 +119,7 @@ def _line(state: State, *, is_open: bool) -> str:
     """The state in a line."""
     return (
         f"{state.time:8.1f} s  {state.command.name:<8} {state.speed:4.1f} m/s  north {state.north:7.1f} m  "
-        f"east {state.east:7.1f} m  heading {math.degrees(state.heading):4.0f} deg  "
+        f"east {state.east:7.1f} m  heading {round(math.degrees(state.heading)) % 360:4d} deg  "
         f"radio {'in use' if is_open else 'free':<6}  deadlines missed {state.missed}"
     )
 

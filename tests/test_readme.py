@@ -32,6 +32,13 @@ def demo() -> str:
     return f".venv/bin/{line[1]}"
 
 
+def told() -> list[str]:
+    """What `make demo` says after it."""
+    recipe = re.search(r"^demo:.*\n((?:\t.*\n)+)", (PROJECT / "Makefile").read_text(), flags=re.M)
+    assert recipe
+    return [words.replace("$(BIN)", ".venv/bin") for words in re.findall(r'@echo "(.*)"', recipe[1])]
+
+
 def run(command: str, folder: Path) -> str:
     """What a command prints; it must succeed."""
     done = subprocess.run(
@@ -53,7 +60,7 @@ def clone(tmp_path: Path) -> Path:
 
 def test_readme_commands_work_as_printed_and_in_order(clone: Path) -> None:
     # given a folder in which the demo has run, and printed what the README shows
-    printed = run(demo(), clone).splitlines()
+    printed = [*run(demo(), clone).splitlines(), *told()]
     shown = next(body for _, body in FENCES if body.startswith("scenario ")).splitlines()
     assert [line.rstrip() for line in printed if VARYING not in line] == [
         line for line in shown if VARYING not in line

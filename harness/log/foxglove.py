@@ -168,7 +168,7 @@ class _Events:
 def _event(name: str, value: float) -> Event | None:
     """What the new value of an output means; None if it only returns to none."""
     text = in_words(name, value)
-    if text is None:
+    if not text:
         return None
     level: Event.Level.ValueType = Event.WARNING if name == "anomaly" else Event.INFO
     if name == "status" and value in set(Status):

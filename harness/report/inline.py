@@ -24,7 +24,8 @@ UNUSED = re.compile(
     r"popup|tooltip|layers|vml|oldie|attribution|(default|div)-icon|tile|shadow|image-layer|safari|crosshair"
     r"|interactive|draggable|:not\(|\.u-(legend|inline|series|title|cursor)"
 )
-PREFIXED = re.compile(r"(?<=[{;\s])-(webkit|moz|ms)-[^:;{}]+:[^;}]*;?")  # what the browsers meant say without
+# what the browsers meant say without
+PREFIXED = re.compile(r"(?<=[{;\s])(-(webkit|moz|ms)-[^:;{}]+:[^;}]*|[\w-]+:\s*-(webkit|moz|ms)-[^;}]*);?")
 
 
 @cache
@@ -49,6 +50,8 @@ def style(name: str) -> str:
 
 def _used(rule: re.Match[str]) -> str:
     """A rule for those of its selectors that something is drawn for."""
+    if not rule["body"].strip("{} \n\t"):
+        return ""
     selectors = [one for one in rule["selectors"].split(",") if not UNUSED.search(one)]
     return ",".join(selectors) + rule["body"] if selectors else ""
 

@@ -13,8 +13,10 @@ from markupsafe import Markup
 from codegen.templating import environment
 from harness.log.channel import Array
 from harness.report.inline import OF_MAPS, SCRIPTS, STYLES, policy, script, style
+from harness.report.times import clock
 
 TEMPLATES = environment(Path(__file__).parent / "templates")
+TEMPLATES.filters["clock"] = clock
 DECIMALS = {"m": 3, "m/s": 3, "rad": 5, "rad/s": 5, "s": 4}  # finer than a screen shows; others 6
 
 
@@ -42,7 +44,7 @@ def render(
     sheet = "".join(style(name) for name in (*STYLES, "page.css", *styles) if maps or name not in OF_MAPS)
     page = TEMPLATES.get_template(template).render(
         title=title,
-        policy=policy(texts, [sheet], speaks=speaks),
+        policy=Markup(policy(texts, [sheet], speaks=speaks)),
         sheet=Markup(sheet),
         scripts=[Markup(text) for text in texts],
         data=Markup(_json(data)),

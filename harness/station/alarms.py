@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from codegen.firmware.telemetry import Flag, Ready, Telemetry
+from harness.log.events import ANOMALIES, cause_of_stop
 from harness.station.conduct import Conduct
 from harness.station.events import Level
-from harness.trial.summary import STOPPED_BY, TOO_MANY
 from models.commands import Status
 from models.modes import Anomaly
 
@@ -88,11 +88,9 @@ def _conditions(now: float, conduct: Conduct) -> Iterator[Condition]:
 def _of_vest(telemetry: Telemetry, running: bool, serious: Level) -> Iterator[Condition]:
     flags, ready = Flag(telemetry.flags), Ready(telemetry.ready)
     if telemetry.status == Status.STOPPED:
-        why = {int(anomaly): words for anomaly, words in STOPPED_BY.items()}
-        by = why.get(telemetry.last_anomaly, STOPPED_BY[Anomaly.NONE])
-        yield "ended", Level.WARNING, f"the mission was stopped: {by}"
+        yield "ended", Level.WARNING, f"the mission was stopped: {cause_of_stop(telemetry.last_anomaly)}"
     if telemetry.status == Status.FAILED:
-        yield "ended", Level.CAUTION, f"the mission has failed: {TOO_MANY}"
+        yield "ended", Level.CAUTION, f"the mission has failed: {ANOMALIES[Anomaly.TRIAL_FAILURE]}"
     if Flag.IMU_OK not in flags:
         yield "imu", serious, "the inertial unit is silent"
     elif Flag.FIXED not in flags:

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from codegen.firmware.telemetry import Flag, Telemetry
-from harness.log.log import named
+from harness.log.events import ENDS_A_TRIAL, in_words
 from models.commands import Status
-from models.modes import Anomaly
 
 
 class Level(StrEnum):
@@ -36,7 +35,11 @@ class Event:
 Told = tuple[Level, str]
 
 LEVELS = {Status.FAILED: Level.CAUTION, Status.STOPPED: Level.CAUTION}
-ENDS_A_TRIAL = frozenset(a for a in Anomaly if a >= Anomaly.BUDGET_SPENT or a is Anomaly.LOST_LINK)
+COUNTED = {
+    "link_forged": "the vest refused forged frames",
+    "link_replayed": "the vest refused replayed frames",
+    "recoveries": "the estimator began anew",
+}
 
 
 def changes(before: Telemetry | None, now: Telemetry) -> Iterator[Told]:
@@ -46,20 +49,13 @@ def changes(before: Telemetry | None, now: Telemetry) -> Iterator[Told]:
     if now.status != before.status:
         status = now.status
         level = LEVELS.get(Status(status), Level.ADVISORY) if status in set(Status) else Level.CAUTION
-        yield level, f"trial {named(Status, status)}"
+        yield level, in_words("status", status)
     if now.waypoint > before.waypoint:
-        yield Level.ADVISORY, f"waypoint {now.waypoint} reached"
+        yield Level.ADVISORY, in_words("waypoint", now.waypoint)
     if now.last_anomaly != before.last_anomaly and now.last_anomaly:
         level = Level.WARNING if now.last_anomaly in ENDS_A_TRIAL else Level.CAUTION
         level = level if Flag.STARTED in Flag(now.flags) else Level.ADVISORY
-        yield level, f"anomaly {named(Anomaly, now.last_anomaly)}"
+        yield level, in_words("anomaly", now.last_anomaly)
     for name, what in COUNTED.items():
         if (more := getattr(now, name) - getattr(before, name)) > 0:
             yield Level.CAUTION, f"{what} ({more})"
-
-
-COUNTED = {
-    "link_forged": "the vest refused forged frames",
-    "link_replayed": "the vest refused replayed frames",
-    "recoveries": "the estimator began anew",
-}

@@ -62,7 +62,8 @@ class Guard:
         """Why a request that may change something is refused; "" if it is not."""
         if why := self.refusal_of_host(headers):
             return why
-        if headers.get("origin") not in (None, f"http://{headers.get('host', '')}"):
+        host = headers.get("host", "")
+        if headers.get("origin") not in (None, f"http://{host}", f"https://{host}"):  # a proxy may add TLS
             return "the Origin is not this station"
         if self.token and not hmac.compare_digest(token.encode(), self.token.encode()):
             return "the token is not this station's: take the whole address that it printed"

@@ -12,7 +12,6 @@ from typing import Any
 
 from codegen.firmware.bundle import settable
 from codegen.firmware.key import Key
-from harness.files import make_folder
 from harness.log.live import Viewers
 from harness.log.log import FILE, LogError, read_log
 from harness.station.formats.scenario import of_scenario
@@ -101,7 +100,6 @@ def opened(
         CanineError: the simulated vest failed.
     """
     folder = request.folder
-    make_folder(folder)
     with ExitStack() as stack:
         stack.enter_context(alone_in(folder))
         if request.port and (folder / FILE).exists():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -60,7 +60,8 @@ class Playback:
         self._times = [frame.time for frame in self._frames]
         self._begin, self._end = float(self._log.time[0]), max(float(self._log.time[-1]), self._times[-1])
         self._operators: set[int] = set()
-        self._at, self._speed, self._playing = self._begin, 1.0, False
+        self._at = self._heard = self._first_heard(rows)
+        self._speed, self._playing = 1.0, False
         self._looked = clock()
         self._refresh = Refresh()
         self._track = History(TRACK)
@@ -74,6 +75,12 @@ class Playback:
             for what, count in left_out.items()
             if count
         ]
+
+    def _first_heard(self, rows: list[int]) -> float:
+        """When the vest is first shown as heard, s: a replay begins there, not at an empty screen."""
+        heard = next((row for row in rows if self._log["telemetry.session"][row]), rows[0])
+        place = bisect_left(self._times, float(self._log.time[heard]))
+        return self._times[min(place, len(self._times) - 1)]
 
     def join(self, operator: int) -> list[bytes]:
         """As `Shown`."""
@@ -103,7 +110,7 @@ class Playback:
             case "play":
                 self._advance()
                 self._speed = self._number({"speed": 1.0} | order, "speed", *SPEEDS)
-                self._at = self._begin if self._at >= self._end else self._at
+                self._at = self._heard if self._at >= self._end else self._at
                 self._playing = True
             case "pause":
                 self._advance()

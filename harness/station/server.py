@@ -50,6 +50,7 @@ MOST_OPERATORS = 16
 WAITING = 256  # messages that wait for a slow browser, beside the last state
 AHEAD = 4096  # bytes that a browser's socket takes before the network does
 SEND_S = 10.0  # s after which a browser that takes nothing is left
+MOST_IDLE = 4 * MOST_OPERATORS  # connections that ask for nothing; half of those that may be open
 HEAD_S = 5.0  # s in which a connection states what it asks for
 BURST = 2 * MESSAGES_PER_S
 Page = Callable[[], bytes]
@@ -107,15 +108,26 @@ class Outbox:
 class _Http(H11Protocol):
     """A connection that asks for nothing within HEAD_S is closed, however many bytes of a head it sends.
 
-    As many as may be open would else lock everybody out.
+    As many as may be open would else lock everybody out. If more than MOST_IDLE ask for nothing, the oldest
+    of them is closed at once: a flood of them pushes out its own.
     """
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
+        self._since = self.loop.time()
         self.loop.call_later(HEAD_S, self._leave, None)
+        idle = [other for other in self.connections if isinstance(other, _Http) and other.is_idle]
+        if len(idle) > MOST_IDLE:
+            min(idle, key=lambda other: other._since).transport.abort()
+
+    @property
+    def is_idle(self) -> bool:
+        """Is nothing asked for?"""
+        is_answered = self.cycle is None or self.cycle.response_complete
+        return is_answered and not self.transport.is_closing()
 
     def on_response_complete(self) -> None:
-        answered = self.cycle
+        answered, self._since = self.cycle, self.loop.time()
         super().on_response_complete()
         self.loop.call_later(HEAD_S, self._leave, answered)
 

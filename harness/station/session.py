@@ -18,7 +18,7 @@ from codegen.firmware.telemetry import Flag, Telemetry
 from harness.log.log import LogError
 from harness.onboard.radio import Link, Mission, RadioError
 from harness.station.alarms import Alarm, Alarms
-from harness.station.conduct import HOLD_S, ORDERS, Conduct
+from harness.station.conduct import ORDERS, Conduct
 from harness.station.desk import OrderError
 from harness.station.draft import Draft, as_json
 from harness.station.events import Event, Level
@@ -32,12 +32,13 @@ from models.errors import UsageError, printable
 REOPEN_S = 2.0  # s between two tries to open a port that is gone
 UNRECORDED = ("alive", "draft")  # orders that would fill the log, as the repetitions of a hold would
 OLD_S = 2.0  # s after which it is too late to answer a state; the vest waits as long for its operator
+OLD_HOLD_S = 0.7  # as OLD_S, of a hold: a round trip of 0.4 s, the 0.2 s between two states, and some jitter
 AT_ANY_TIME = ("stop", "abort", "release", "note")  # orders that are right however late they come
 
 
 def _longest(do: str) -> float:
-    """The age of a state that an order may answer, s. A hold that is older would have been let go by now."""
-    return HOLD_S if do == "hold" else OLD_S
+    """The age of a state that an order may answer, s."""
+    return OLD_HOLD_S if do == "hold" else OLD_S
 
 
 @dataclass(frozen=True)
@@ -129,7 +130,7 @@ class Session:
                 return ()
             raise OrderError(
                 f"{order['do']}: came {_longest(order['do']):g} s or more after what it answers was shown, "
-                "as out of a lost network, and is not carried out; order it again"
+                "as out of a network that was lost or is slow, and is not carried out; order it again"
             )
         self.conduct.order(now, operator, order)
         is_renewed = order["do"] == "hold" and self.conduct.holding is held
@@ -174,7 +175,7 @@ class Session:
     def _hear(self, now: float, telemetry: Telemetry) -> None:
         override = Command.STOP if self.conduct.latched else self.conduct.holding or Command.NONE
         self._record(lambda sink: sink.tell(now, telemetry, override))
-        if jump := self._log_clock.jump:
+        if self._sink and (jump := self._log_clock.jump):
             self._tell(now, Level.CAUTION, f"the vest's clock jumped by {jump:+.1f} s: time goes on by ours")
         add_to(self._track, self._log_clock.at(now), telemetry)
         self._refresh.stale = True
@@ -297,7 +298,10 @@ class Session:
         return {"id": telemetry.mission_id, "mission": mission}
 
     def close(self) -> None:
-        """End: a mission that is under way is aborted, for nobody would renew a STOP. Twice does no harm."""
+        """End: a mission that is under way is aborted, which else would end once the vest misses us.
+
+        Twice does no harm.
+        """
         now = self.now
         if self._refresh.stale:  # a replay ends as the screen would have
             self._show(now)

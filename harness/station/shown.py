@@ -26,7 +26,7 @@ from models.modes import Anomaly, Mode
 
 POLL_S = 0.01  # s between two looks at the port
 SHOW_S = 0.04  # s between two states that are shown, at least
-IDLE_S = 0.2  # and at most; a hold answers one of the last HOLD_S
+IDLE_S = 0.2  # and at most
 PATIENCE_S = 3.0  # s after which a browser that hears nothing takes the station for lost
 MESSAGE_BYTES = 65536  # of a browser's message, at most
 MESSAGES_PER_S = 50
@@ -48,6 +48,7 @@ THRESHOLDS = (
     "stop_hold",
     "turn_timeout",
     "max_turns",
+    "reset_turns",
 )
 ENUMS: Mapping[str, type[IntEnum]] = {"command": Command, "mode": Mode, "status": Status, "anomaly": Anomaly}
 CUES = "command_module."

@@ -27,13 +27,14 @@ import orjson
 from codegen.firmware.telemetry import FIELDS, Flag, Telemetry
 from harness.files import make_folder
 from harness.log.channel import SECOND, Channel
+from harness.log.events import ENDS_A_TRIAL
 from harness.log.geodesy import TangentPlane
 from harness.log.live import Viewers
 from harness.log.log import FILE
 from harness.log.writer import LogWriter
 from harness.onboard.radio import Mission
 from harness.onboard.stand_in import Onboard
-from harness.station.events import ENDS_A_TRIAL, Event, Level
+from harness.station.events import Event, Level
 from harness.station.readings import position_of, values_of
 from models.commands import Command, Status
 

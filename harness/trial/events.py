@@ -11,6 +11,7 @@ import numpy as np
 
 from harness.log.events import OUTPUTS, in_words
 from harness.log.log import Log
+from harness.report.times import clock
 from harness.trial.disturbances import disturbances
 from harness.trial.summary import DOUBTS, ended_by
 from models.commands import Status
@@ -51,7 +52,7 @@ def _of_controller(log: Log) -> Iterator[Event]:
         values = log[signal]
         starts = [0, *(np.flatnonzero(np.diff(values)) + 1).tolist()]
         for row, after in pairwise([*starts, len(values)]):
-            if (row == 0 and not values[row]) or (text := in_words(output, values[row])) is None:
+            if (row == 0 and not values[row]) or not (text := in_words(output, values[row])):
                 continue
             level: Level = "caution" if output == "anomaly" else "advisory"
             if output == "anomaly" and after > row + 1:
@@ -65,14 +66,13 @@ def _of_controller(log: Log) -> Iterator[Event]:
 
 
 def _of_estimator(log: Log) -> Iterator[Event]:
-    for name, (signal, sign) in DOUBTS.items():
+    for signal, sign, text in DOUBTS.values():
         if signal not in log:
             continue
         times = log.time[1:][sign * np.diff(log[signal]) > 0]
-        text = f"estimator: {name.lower().replace('_', ' ')}"
         for group in np.split(times, np.flatnonzero(np.diff(times) > TOGETHER) + 1):
             if len(group):
-                more = f", {len(group)} times until {group[-1]:.2f} s" if len(group) > 1 else ""
+                more = f", {len(group)} times until {clock(float(group[-1]))}" if len(group) > 1 else ""
                 yield Event(float(group[0]), "caution", text + more, "anomaly")
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
-from harness.files import make_folder, write_whole
+from harness.files import write_whole
 from harness.log.log import Log, named, read_log
 from harness.terminal import new_table, print_table
 from harness.trial import trial
@@ -139,7 +139,6 @@ def run_cases(request: Request, cases: Sequence[Case], out: Path) -> Generator[d
         CanineError: a fault in what was run without faults.
         KeyboardInterrupt: the user ended it.
     """
-    make_folder(out)
     with trial.alone_in(out):
         results: list[dict[str, Any]] = []
         try:

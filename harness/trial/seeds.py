@@ -11,7 +11,7 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 
-from harness.files import make_folder, write_whole
+from harness.files import write_whole
 from harness.terminal import new_table, percent, print_table
 from harness.trial import trial
 from harness.trial.prepare import prepared
@@ -61,7 +61,6 @@ def run_seeds(
         CanineError: a fault in what was run; that trial's files, and its row, tell of it up to there.
         KeyboardInterrupt: the user ended it.
     """
-    make_folder(out)
     with trial.alone_in(out):
         (out / SEEDS).unlink(missing_ok=True)  # an earlier run's
         summaries: list[dict[str, Any]] = []

@@ -16,6 +16,7 @@ from rich.markup import escape
 from codegen.firmware.telemetry import Refusal
 from harness.files import write_whole
 from harness.log.channel import Array
+from harness.log.events import ANOMALIES, cause_of_stop
 from harness.log.log import Log, named
 from harness.terminal import console_of, new_table, print_table
 from harness.trial.disturbances import faults_of
@@ -25,26 +26,16 @@ from models.modes import Anomaly
 from models.system import ESTIMATOR
 
 OUTCOMES = {Status.SUCCESS: "success", Status.FAILED: "failed", Status.STOPPED: "stopped"}
-# the estimator's anomalies: an output, and whether it goes up or down (rules 5 and 6 of models/SAFETY.md)
+# the estimator's anomalies: an output, whether it goes up or down, and words (rules of models/SAFETY.md)
 DOUBTS = {
-    "REJECTED_FIX": ("estimator.rejected_fixes", 1),
-    "JUMP": ("estimator.jumps", 1),
-    "RECOVERY": ("estimator.recoveries", 1),
-    "CONTRADICTED_HEADING": ("estimator.heading_ok", -1),
-}
-STOPPED_BY = {  # what ends a trial in STOPPED, in words
-    Anomaly.NONE: "the operator",
-    Anomaly.LOST_LINK: "the radio link was lost (rule 9)",
-    Anomaly.BUDGET_SPENT: "the budget of stimuli was spent (rule 3)",
-    Anomaly.NO_PROGRESS: "the animal did not move on (rule 4)",
-    Anomaly.DEPARTING: "the animal went away from its target (rule 4)",
-    Anomaly.TIME_OUT: "the time for a leg, a recall or the mission was over (rule 4)",
-    Anomaly.OUTSIDE_FENCE: "the animal was outside the fence (rule 7)",
+    "REJECTED_FIX": ("estimator.rejected_fixes", 1, "the estimator rejected a fix (rule 5)"),
+    "JUMP": ("estimator.jumps", 1, "a fix moved the estimate by more than it may (rule 5)"),
+    "RECOVERY": ("estimator.recoveries", 1, "the estimator began anew (rule 5)"),
+    "CONTRADICTED_HEADING": ("estimator.heading_ok", -1, "courses contradict the heading (rule 6)"),
 }
 NO_ERROR = "no estimate, or no truth to compare it with"
 LAST_HEARD = "it was under way when the vest was last heard"
 NOT_BEGUN = "no mission was begun"
-TOO_MANY = "another directional command was needed, after MAXTURN of them"
 LABELS = {
     "scenario": "scenario",
     "seed": "seed",
@@ -149,15 +140,11 @@ def stopped_by(log: Log) -> str | None:
 
 
 def ended_by(log: Log, row: int) -> str | None:
-    """Why a trial was stopped or failed on a row, in words: the anomaly of it.
-
-    One that ends no trial, such as an invalid estimate, came then by chance: the operator stopped it.
-    """
+    """Why a trial was stopped or failed on a row, in words; None for a failure of which nothing is told."""
     code = log["controller.anomaly"][row] if "controller.anomaly" in log else Anomaly.NONE
     if log["controller.status"][row] == Status.FAILED:
-        return TOO_MANY if code == Anomaly.TRIAL_FAILURE else None
-    known = {int(anomaly): STOPPED_BY.get(anomaly, STOPPED_BY[Anomaly.NONE]) for anomaly in Anomaly}
-    return known.get(code, named(Anomaly, code))
+        return ANOMALIES[code] if code == Anomaly.TRIAL_FAILURE else None
+    return cause_of_stop(code)
 
 
 def _seed(text: str) -> int | str:
@@ -173,7 +160,7 @@ def _anomalies(log: Log) -> dict[str, int]:
     if "controller.anomaly" in log:
         codes, counts = np.unique(log["controller.anomaly"], return_counts=True)
         counted = {named(Anomaly, code): int(n) for code, n in zip(codes, counts, strict=True) if code != 0}
-    for name, (signal, step) in DOUBTS.items():
+    for name, (signal, step, _) in DOUBTS.items():
         if signal in log:
             counted[name] = int((step * np.diff(log[signal]) > 0).sum())
     return {name: count for name, count in counted.items() if count}

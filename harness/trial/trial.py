@@ -99,7 +99,6 @@ def run(
     """
     if request.log is not None and (out / LOG).resolve() == request.log.resolve():
         raise UsageError(f"--out {out}: holds the log that is read, {request.log}; choose another folder")
-    make_folder(out)
     with alone_in(out):
         state = RunState()
         fault: FmuError | None = None
@@ -155,7 +154,16 @@ def what_is_left(out: Path) -> str:
 
 @contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
-    """Lock a folder, so that no other trial writes into it. The lock ends with the process at the latest."""
+    """Make a folder, and lock it, so that no other trial writes into it.
+
+    The lock ends with the process at the latest. Folders that were made, and into which nothing was written,
+    are removed at the end.
+
+    Raises:
+        UsageError: the folder cannot be made, or another trial writes into it.
+    """
+    made = [path for path in (folder, *folder.parents) if not path.exists()]
+    make_folder(folder)
     handle = os.open(folder, os.O_RDONLY)
     try:
         try:
@@ -167,6 +175,9 @@ def alone_in(folder: Path) -> Iterator[None]:
         yield
     finally:
         os.close(handle)
+        with suppress(OSError):  # the first that holds something stays, and so do those around it
+            for path in made:
+                path.rmdir()
 
 
 def _simulate(

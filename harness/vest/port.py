@@ -32,9 +32,9 @@ class Line:
     def put(self, data: bytes) -> None:
         """Add bytes, those for which there is room."""
         with self._lock:
-            data = data[: ROOM - self._count]
-            self._held.append(data)
-            self._count += len(data)
+            if data := data[: ROOM - self._count]:
+                self._held.append(data)
+                self._count += len(data)
 
     def take(self) -> bytes:
         """All bytes that are there."""

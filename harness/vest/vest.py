@@ -13,7 +13,6 @@ from pathlib import Path
 from codegen.firmware.key import Key
 from codegen.firmware.targets import find_target
 from harness.cosim.loop import Array, Record, Simulation
-from harness.files import make_folder
 from harness.log.log import FILE
 from harness.log.writer import LogWriter
 from harness.onboard import IN_FIRMWARE
@@ -78,7 +77,7 @@ class State:
         if self.dropped:
             parts.append(f"{self.dropped:,} bytes came faster than the radio carries")
         if self.resets:
-            parts.append(f"{self.resets} resets")
+            parts.append(f"{self.resets} reset{'s' * (self.resets > 1)}")
         return ", ".join(parts)
 
 
@@ -307,7 +306,6 @@ def _forgetting(worn: Worn) -> Record:
 def _recorder(request: Request, ready: Prepared, rows: LogRows, out: Path) -> Iterator[Record]:
     """What writes rows to the log in a folder; a log without a row is removed."""
     written = 0
-    make_folder(out)
     with (
         alone_in(out),
         LogWriter(

@@ -25,15 +25,13 @@
     const text = places === null ? String(Number((value * factor).toPrecision(4))) : (value * factor).toFixed(places);
     return (Number(text) === 0 ? text.replace("-", "") : text) + (name ? " " + name : "");
   };
-  // Seconds as 12.34 s below a minute, 3:07.5 below an hour, 1:02:03 above.
-  canine.clock = function (seconds) {
+  // A time [s] as minutes and seconds, 3:07.50; from an hour on 1:02:03. `clock` of times.py writes the same.
+  canine.clock = function (seconds, decimals = 2) {
     if (!canine.isNumber(seconds)) return NO_VALUE;
-    if (Math.abs(seconds) < 60) return seconds.toFixed(2) + " s";
-    const tenths = Math.round(seconds * 10);
-    const two = (value) => String(value).padStart(2, "0");
-    const minutes = Math.floor(tenths / 600);
-    if (minutes < 60) return minutes + ":" + two(((tenths % 600) / 10).toFixed(1)).padStart(4, "0");
-    return Math.floor(minutes / 60) + ":" + two(minutes % 60) + ":" + two(Math.floor((tenths % 600) / 10));
+    const unit = 10 ** decimals, count = Math.floor(seconds * unit + 0.5), minutes = Math.floor(count / unit / 60);
+    const rest = count / unit - 60 * minutes, two = (value, places) => ("0" + value.toFixed(places)).slice(places ? -3 - places : -2);
+    if (minutes < 60) return minutes + ":" + two(rest, decimals);
+    return Math.floor(minutes / 60) + ":" + two(minutes % 60, 0) + ":" + two(Math.floor(rest), 0);
   };
 
   // The last row at or before a time, of times that grow; -1 before the first.

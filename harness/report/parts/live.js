@@ -3,7 +3,7 @@
   "use strict";
   const of = (id) => document.getElementById(id);
   const address = new URL("/ws", location.href);
-  address.protocol = "ws:";
+  address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
   const socket = new WebSocket(address, ["canine"]);
   let page = null, ticks = 0, signals = 0, waits = false, isOver = false;
 
@@ -14,7 +14,7 @@
   // The table of events, as text.
   function tell(events) {
     of("events").tBodies[0].replaceChildren(...events.map(({ time, level, text }) => canine.element("tr", {},
-      canine.element("td", {}, canine.element("button", { type: "button", class: "at" }, time.toFixed(2) + " s")),
+      canine.element("td", {}, canine.element("button", { type: "button", class: "at" }, canine.clock(time))),
       canine.element("td", { class: level }, text))));
   }
   const react = {

@@ -28,7 +28,7 @@
     const leaflet = L.map(element, {
       crs: degrees ? L.CRS.EPSG3857 : L.CRS.Simple, attributionControl: false, zoomSnap: 0.25, zoomDelta: 0.5, ...limits,
     });
-    let plane = canine.plane(origin);
+    let plane = canine.plane(origin), isFitted = false;
     for (const [name, level] of [["grid", 150], ["trails", 350], ["marks", 620]]) {
       leaflet.createPane(name).style.zIndex = level;
     }
@@ -46,13 +46,14 @@
         plane = canine.plane(place);
         drawGrid();
       },
-      // Shows all that is drawn.
+      // Shows all that is drawn, and again when the map's size changes, until somebody moves it.
       fit() {
         const bounds = content.getBounds();
         if (!bounds.isValid()) return;
         const [n, e] = map.toMetres([bounds.getCenter().lat, bounds.getCenter().lng]), half = LEAST_VIEW / 2;
         bounds.extend(map.fromMetres([n - half, e - half])).extend(map.fromMetres([n + half, e + half]));
         leaflet.fitBounds(bounds, { padding: [24, 24], animate: false });
+        isFitted = true;
       },
       // A line, coloured by the command in force if `commands` are given: set(points, commands), add(point, command).
       track(className) {
@@ -195,7 +196,12 @@
       const [n, e] = map.toMetres([latlng.lat, latlng.lng]);
       readout.getContainer().textContent = `north ${n.toFixed(1)} m, east ${e.toFixed(1)} m`;
     });
-    new ResizeObserver(() => leaflet.invalidateSize({ pan: false })).observe(element);
+    leaflet.on("movestart zoomstart", () => (isFitted = false));
+    new ResizeObserver(() => {
+      const wasFitted = isFitted;
+      leaflet.invalidateSize({ pan: false });
+      if (wasFitted) map.fit();
+    }).observe(element);
     return map;
   };
 })();

@@ -3,6 +3,7 @@
   "use strict";
   const canine = (window.canine = window.canine || {});
   const AXIS = 4.4, RIGHT = 12; // rem, px: style.css has the same for the strip
+  const STEPS = [0.01, 0.1, 0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1800, 3600]; // s
   const HATCH = { order: 1, lost: -1, fault: 2 }; // direction of the lines; 2 is both
 
   function hatch(context, kind, colour) {
@@ -16,6 +17,9 @@
     brush.stroke();
     return context.createPattern(tile, "repeat");
   }
+  // The times at an axis, as precise as its steps.
+  const times = (u, splits, index, space, step) =>
+    splits.map((time) => canine.clock(time, step < 0.1 ? 2 : step < 1 ? 1 : 0));
   // Angles that pass from one end to the other leave a gap instead of a line across.
   const unwrapped = (values, turn) =>
     values.map((value, row) => (row && canine.isNumber(value) && Math.abs(value - values[row - 1]) > turn / 2 ? null : value));
@@ -115,7 +119,7 @@
         padding: [6, RIGHT, 0, 0], series: drawn, bands: fills,
         scales: { x: { time: false, auto: false, range: () => timeline.shown.slice() },
           y: { range: (self, least, most) => spread(least, most, range, panel.include) } },
-        axes: [{ ...axis, size: 22, gap: 2 }, { ...axis, size: AXIS * rem, gap: 4, space: 16, splits: panel.splits && (() => panel.splits) }],
+        axes: [{ ...axis, size: 22, gap: 2, incrs: STEPS, values: times }, { ...axis, size: AXIS * rem, gap: 4, space: 16, splits: panel.splits && (() => panel.splits) }],
         cursor: { x: false, y: false, points: { show: false }, drag: { x: true, y: false, setScale: false },
           bind: { dblclick: () => () => timeline.zoom(Infinity) } },
         hooks: {

@@ -21,6 +21,7 @@ from harness.station.draft import (
 )
 from models.errors import printable
 
+MAX_ROWS = 1000  # of a mission
 LATITUDES, LONGITUDES = ("latitude", "lat"), ("longitude", "lon", "lng", "long")
 
 
@@ -45,7 +46,9 @@ def read(data: bytes) -> Draft:
         kind = names.index("kind") if "kind" in names else None
         others = [name for i, name in enumerate(names) if i not in (latitude, longitude, kind)]
         notes = [f"columns left out: {printable(', '.join(others))}"] if others else []
-        for row in rows:
+        for count, row in enumerate(rows):
+            if count == MAX_ROWS:
+                raise MissionFileError(f"has more than {MAX_ROWS} rows; is it the right file?")
             if not any(cell.strip() for cell in row):
                 continue
             where = f"line {rows.line_num}"

@@ -55,15 +55,15 @@
       return canine.element("tr", { class: kind },
         canine.element("th", { scope: "row" }, label), ...cells,
         canine.element("td", { class: short ? "number caution" : "number", title: short ? "not longer than the capture radius" : null },
-          leg ? canine.format(leg.length, "m", 1) : ""),
+          leg ? leg.length.toFixed(1) : ""),
         canine.element("td", { class: "number" }, leg ? turn(leg.turn) : ""),
         canine.element("td", { class: "buttons" }, ...buttons));
     }
     const wayBack = (leg) => canine.element("tr", { class: "back" },
       canine.element("th", { scope: "row" }, "H"), canine.element("td", { colspan: 2, class: "soft" }, "the way home"),
-      canine.element("td", { class: "number" }, canine.format(leg.length, "m", 1)),
+      canine.element("td", { class: "number" }, leg.length.toFixed(1)),
       canine.element("td", { class: "number" }, turn(leg.turn)), canine.element("td", {}));
-    const turn = (angle) => (angle === null ? "" : canine.format(Math.abs(angle), "rad", 0).replace(" deg", "\u00b0") + (angle < 0 ? " L" : " R"));
+    const turn = (angle) => (angle === null ? "" : `${canine.toShown(Math.abs(angle), "rad").toFixed(0)} ${angle < 0 ? "L" : "R"}`);
     function exchange(one, other) {
       const { waypoints } = draft.value;
       draft.change({ waypoints: waypoints.with(one, waypoints[other]).with(other, waypoints[one]) });

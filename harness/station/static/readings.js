@@ -68,6 +68,12 @@
     issues: (value) => left(value, UNLIMITED, (turns) => `${turns} more`),
     seconds: (value) => left(value, UNLIMITED / 10 - 0.01, (seconds) => canine.format(seconds, "s", 1)),
   };
+  // Where the animal looks: whole degrees from north, 0 to 359.
+  canine.compass = (heading) =>
+    canine.isNumber(heading) ? `${(Math.round(canine.toShown(heading, "rad")) + 360) % 360} deg` : "\u2013";
+  // The limit of turns, and for what it holds.
+  canine.mostTurns = ({ max_turns: most, reset_turns: isForEach }) =>
+    canine.isNumber(most) ? `${most} ${isForEach ? "on each leg" : "in a trial"}` : "\u2013";
   canine.battery = (volts) => (volts ? canine.format(volts, "V", 2) : "not told");
   canine.temperature = (degrees) =>
     degrees === undefined || degrees <= NOT_TOLD / 10 ? "not told" : degrees.toFixed(1) + " \u00b0C";

@@ -8,7 +8,7 @@
     `${percent(route.success_rate)} get there, ${percent(route.entry_rate)} enter an area, ${mean(route.mean_time_s, 0, " s")}, ` +
     `${mean(route.mean_commands, 1, "")} stimuli: ${route.label}`;
 
-  // `parts`: {file, propose, use, list, said}; `ask(path, body, what)` posts. Gives {mayEdit, draw}.
+  // `parts`: {file, propose, use, list, said}; `ask(path, body, what)` posts. Gives {mayEdit}.
   canine.routes = function (leaflet, draft, { file, propose, use, list, said }, ask) {
     const areas = L.featureGroup().addTo(leaflet), lines = L.featureGroup().addTo(leaflet);
     const plain = { interactive: false, color: null, fillColor: null };
@@ -42,7 +42,8 @@
       }));
       const best = routes.findIndex(({ recommended }) => recommended);
       show(best < 0 ? null : best);
-      leaflet.fitBounds(areas.getBounds().extend(lines.getBounds()).pad(0.1));
+      const bounds = areas.getBounds().extend(lines.getBounds());
+      if (bounds.isValid()) leaflet.fitBounds(bounds.pad(0.1));
       said.textContent = [best < 0 ? "No route is recommended" : `Route ${best + 1} of ${routes.length} is recommended`, ...answer.notes,
         ...answer.assumes.map((text) => "it is assumed that " + text)].join("; ");
     }

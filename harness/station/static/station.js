@@ -56,7 +56,8 @@
     }
   }
   function begin(message) {
-    const first = hello === null;
+    const first = hello === null, what = ({ version, source, replay }) => JSON.stringify([version, source, replay]);
+    if (!first && what(hello) !== what(message)) return location.reload(); // another station is at this address now
     hello = message;
     state = null;
     id("source").textContent = id("source").title = hello.source;
@@ -128,7 +129,7 @@
   function tell({ time, level, text }) {
     const list = id("events");
     list.prepend(canine.element("li", { class: level },
-      canine.element("span", { class: "number when" }, canine.isNumber(time) ? canine.clock(time) : ""), " ",
+      canine.element("span", { class: "number when" }, canine.isNumber(time) ? canine.clock(time, 1) : ""), " ",
       canine.element("span", { class: "level" }, level), " ", canine.element("span", {}, text)));
     while (list.children.length > MOST_EVENTS) list.lastChild.remove();
   }
@@ -400,7 +401,7 @@
   // How the last trial ended, until an ABORT clears it.
   function outcome() {
     const status = state && state.telemetry && nameOf("status", state.telemetry.status);
-    return ENDED.includes(status) ? `The trial has ended: ${status}. ABORT makes the vest ready for another. ` : "";
+    return ENDED.includes(status) ? `The trial has ended: ${inWords("status", status)}. ABORT makes the vest ready for another. ` : "";
   }
   // Why START cannot be given now, in words.
   function whyNot() {
@@ -457,15 +458,15 @@
     const format = canine.format, dim = heard ? "" : "stale", count = (number) => String(number ?? "\u2013");
     numbers.set({
       "Speed": [format(shown.speed, "m/s", 1), dim],
-      "Heading": [canine.isNumber(shown.heading) ? format((shown.heading + 2 * Math.PI) % (2 * Math.PI), "rad", 0) : "\u2013", dim],
+      "Heading": [canine.compass(shown.heading), dim],
       "To target": [isRunning() ? format(shown.distance, "m", 1) : "\u2013", dim],
       "Reached": [telemetry ? `${shown.waypoint}${total === null ? "" : " of " + total}` : "\u2013", dim],
       "Mode": [inWords("mode", shown.mode), dim],
-      "Trial": [begun === null ? "\u2013" : canine.clock(state.time - begun), dim],
+      "Trial": [begun === null ? "\u2013" : canine.clock(state.time - begun, 0), dim],
       "GPS 2-sigma": [format(2 * shown.position_sd, "m", 1), dim],
       "GPS age": [telemetry ? format(gps, "s", 1) : "\u2013", stale(gps)],
       "IMU": [telemetry ? (imu > 1 ? `silent ${format(imu, "s", 0)}` : "ok") : "\u2013", stale(imu)],
-      "Turns given": [count(shown.directional_commands), dim],
+      "Turns in all": [count(shown.directional_commands), dim],
       "Turn budget": [canine.leftOf.issues(shown.issues_left), dim],
       "Link age": [format(quality.age_s, "s", 1), stale(quality.age_s)],
     });
@@ -473,7 +474,7 @@
       "Status": inWords("status", shown.status),
       "Anomaly": inWords("anomaly", shown.anomaly),
       "Last anomaly": inWords("anomaly", shown.last_anomaly),
-      "MAXTURN": count(hello.thresholds.max_turns),
+      "MAXTURN": canine.mostTurns(hello.thresholds),
       "Vibration budget": canine.leftOf.seconds(shown.vibration_left),
       "Tone budget": canine.leftOf.seconds(shown.tone_left),
       "Battery": canine.battery(shown.battery),

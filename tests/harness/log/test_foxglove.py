@@ -258,14 +258,14 @@ def test_events_tell_what_the_controller_did() -> None:
     ticks = [(0, 0, 0, 0), (1, 1, 0, 0), (1, 1, 0, 1), (2, 1, 0, 1), (3, 1, 1, 0), (9, 2, 1, 0)]
     events = shown({"controller": CONTROLLER}, {"controller": ticks})["/log/events"]
     assert [(time // TICK, event.message, event.level) for time, event in events] == [
-        (1, "trial RUNNING", INFO),
+        (1, "the trial has begun", INFO),
         (1, "command FORWARD", INFO),
-        (2, "anomaly FORWARD_FAILURE", WARNING),
+        (2, "the animal did not go forward when told to (forward failure)", WARNING),
         (3, "command STOP", INFO),
-        (3, "anomaly FORWARD_FAILURE", WARNING),
+        (3, "the animal did not go forward when told to (forward failure)", WARNING),
         (4, "command RECALL", INFO),
         (4, "waypoint 1 reached", INFO),
-        (5, "trial SUCCESS", INFO),
+        (5, "the trial has succeeded", INFO),
         (5, "command 9", INFO),
     ]
     assert {event.name for _, event in events} == {"controller"}
@@ -276,7 +276,7 @@ def test_an_end_that_is_no_success_is_marked() -> None:
     ticks = [(0, 3, 0, 0), (0, 4, 0, 0), (0, 0, 0, 0)]
     events = shown({"controller": CONTROLLER}, {"controller": ticks})["/log/events"]
     assert [(event.message, event.level) for _, event in events] == [
-        ("trial FAILED", ERROR), ("trial STOPPED", WARNING), ("trial IDLE", INFO)
+        ("the trial has failed", ERROR), ("the trial was stopped", WARNING), ("no trial is under way", INFO)
     ]  # fmt: skip
 
 

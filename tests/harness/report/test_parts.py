@@ -10,6 +10,7 @@ import pytest
 
 from harness.log.geodesy import TangentPlane
 from harness.report.inline import LIBRARIES, PARTS, SCRIPTS, STYLES, policy, script, style
+from harness.report.times import clock
 from tests.browser import OpenPage
 
 OURS = ["canine.js", "map.js", "plots.js", "strip.js", "answer.js", "points.js", "charts.js", "live.js"]
@@ -47,7 +48,7 @@ def test_our_scripts_make_no_html_and_no_code_of_text(name: str) -> None:
         r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|\beval\(|new Function|on\w+=\"", text
     )
     assert "fetch(" not in text
-    assert "http" not in text.replace("http://www.w3.org/2000/svg", "")
+    assert not re.search(r"https?://(?!www\.w3\.org/2000/svg)", text)
 
 
 @pytest.mark.parametrize("name", OURS)
@@ -129,9 +130,9 @@ def test_all_parts_show_the_time_of_the_cursor(parts_page: str, open_page: OpenP
     assert shown["drawn"] == pytest.approx([0, 28.648, 57.296, None, -90], abs=1e-3)
     # and commands are blocks from their first row to the next command's
     assert shown["blocks"] == [
-        ["NONE from 0.00 s to 1.00 s", 25],
-        ["FORWARD from 1.00 s to 3.00 s", 50],
-        ["LEFT from 3.00 s to 4.00 s", 25],
+        ["NONE from 0:00.00 to 0:01.00", 25],
+        ["FORWARD from 0:01.00 to 0:03.00", 50],
+        ["LEFT from 0:03.00 to 0:04.00", 25],
     ]
     assert shown["tracks"] == 2  # the two stretches that have places at both ends
     assert visit.errors == []
@@ -165,10 +166,20 @@ def test_the_map_has_the_plane_of_the_logs(parts_page: str, open_page: OpenPage)
 
 @pytest.mark.parametrize(
     ("seconds", "text"),
-    [(12.345, "12.35 s"), (59.994, "59.99 s"), (187.5, "3:07.5"), (3723, "1:02:03"), (None, "\u2013")],
+    [
+        (0.0, "0:00.00"),
+        (12.345, "0:12.35"),
+        (59.994, "0:59.99"),
+        (59.996, "1:00.00"),
+        (187.5, "3:07.50"),
+        (3599.996, "1:00:00"),
+        (3723.9, "1:02:03"),
+        (None, "\u2013"),
+    ],
 )
 def test_times_read_as_clocks_do(parts_page: str, open_page: OpenPage, seconds: float, text: str) -> None:
     assert open_page(parts_page).page.evaluate("(s) => canine.clock(s)", seconds) == text
+    assert seconds is None or clock(seconds) == text
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])

@@ -437,7 +437,7 @@ def test_a_dead_tab_is_not_kept_alive_the_vest_ends_its_mission_as_with_a_lost_l
     quiet = [rig.tick() is not None and rig.sent for _ in range(round(3 / TICK))]
     assert not any(quiet[1:]), "not a byte is sent"
     assert rig.vest.telemetry.status in (Status.STOPPED, Status.IDLE)
-    assert "anomaly LOST_LINK" in rig.texts()
+    assert "the radio link was lost (rule 9)" in rig.texts()
 
 
 def test_a_socket_that_is_gone_ends_the_heartbeat_at_once() -> None:

@@ -21,6 +21,7 @@ def refusal(bind: str, host: str, origin: str | None = None, token: str = "") ->
 )
 def test_this_machine_is_known_by_its_own_names(host: str) -> None:
     assert refusal("127.0.0.1", host, f"http://{host}") == ""
+    assert refusal("127.0.0.1", host, f"https://{host}") == "", "behind a proxy with TLS"
     assert refusal("127.0.0.1", host) == "", "a script states no Origin"
 
 
@@ -47,7 +48,9 @@ def test_this_machines_own_name_lets_in_only_where_others_reach_the_station(
         "http://localhost:1",
         "http://localhost.evil:8642",
         "http://x-localhost:8642",
-        "https://localhost:8642",
+        "https://localhost:1",
+        "https://evil.example",
+        "wss://localhost:8642",
         "http://[::1",
         "file://",
         "",

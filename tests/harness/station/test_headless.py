@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import shutil
+import socket
 import time
 from pathlib import Path
 from typing import Any
@@ -146,6 +147,22 @@ def test_wrong_usage_is_one_line_with_what_is_expected(
     assert status == 2, error
     assert says in error
     assert error.count("canine:") == 1
+    assert list(tmp_path.iterdir()) == [], "nothing is left behind"
+
+
+def test_an_address_that_is_in_use_leaves_an_earlier_log_as_it_was(
+    led: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = shutil.copytree(led, tmp_path / "out")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        number = taken.getsockname()[1]
+        arguments = ("station", "--simulate", "three_waypoint", "--no-browser", "--http-port", number)
+        for out in (folder, tmp_path / "new" / "one"):
+            status, _, error = canine(capsys, *arguments, "--out", out)
+            assert status == 2
+            assert "cannot be listened on" in error
+    assert (folder / "trial.mcap").read_bytes() == (led / "trial.mcap").read_bytes()
+    assert {path.name for path in tmp_path.iterdir()} == {"out"}
 
 
 def test_a_real_vests_log_is_never_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -185,7 +202,10 @@ def test_a_log_is_played_from_any_time_at_any_speed_and_paused(led: Path) -> Non
     until = hello["replay"]["until"]
     assert hello["source"] == "replay of trial.mcap"
     assert history["columns"]["time"][-1] == pytest.approx(until, abs=0.5)
-    assert "trial SUCCESS" in {event["text"] for event in history["events"]}
+    assert "the trial has succeeded" in {event["text"] for event in history["events"]}
+    first = shown(playback)
+    assert first["telemetry"], "it begins where the vest was heard"
+    assert first["link"] != "disconnected"
     playback.order(1, {"do": "seek", "time": 10.0})
     hands.now += 0.1
     state = shown(playback)

@@ -233,6 +233,7 @@ KML = b'<kml xmlns="http://www.opengis.net/kml/2.2"><Document>%b</Document></kml
 @pytest.mark.parametrize(
     ("name", "data", "words"),
     [
+        ("a.csv", b"lat,lon\n" + b"\n" * 1001, "has more than 1000 rows"),
         ("a.gpx", b"<gpx>" + b"<rte/>\n" * 5000 + b"</gpx>", "line 5000: has more than 5000 elements"),
         ("a.kml", KML % (MARK * 1667), "line 1: has more than 5000 elements"),
         (

@@ -10,6 +10,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from harness.log.events import ANOMALIES, STATUSES
 from harness.log.log import FILE, Log, read_log
 from harness.station import opening
 from harness.station.headless import Headless
@@ -92,7 +93,8 @@ def told_by(station: Log) -> list[str]:
     with station.path.open("rb") as file:
         messages = make_reader(file).iter_messages("/station/events")
         texts = [json.loads(message.data)["message"] for _, _, message in messages]
-    return [text for text in texts if text.startswith(("trial ", "waypoint ", "anomaly "))]
+    of_trial = {*STATUSES.values(), *ANOMALIES.values()}
+    return [text for text in texts if text in of_trial or text.startswith("waypoint ")]
 
 
 def remembered(vest: Log, rows: list[int]) -> list[str]:
@@ -106,11 +108,11 @@ def remembered(vest: Log, rows: list[int]) -> list[str]:
     events = []
     for before, now in pairwise(rows):
         if status[now] != status[before]:
-            events.append(f"trial {Status(int(status[now])).name}")
+            events.append(STATUSES[status[now]])
         if waypoint[now] > waypoint[before]:
             events.append(f"waypoint {int(waypoint[now])} reached")
         if known[now] not in (0, known[before]):
-            events.append(f"anomaly {Anomaly(int(known[now])).name}")
+            events.append(ANOMALIES[int(known[now])])
     return events
 
 
@@ -120,8 +122,8 @@ def test_the_events_that_the_station_tells_are_those_of_the_vests_memory_one_by_
     vest, station = logs
     expected = remembered(vest, [row for row, _ in paired(logs)])
     assert told_by(station) == expected
-    assert {"trial RUNNING", "trial STOPPED", "waypoint 1 reached"} <= set(expected)
-    assert {"anomaly TURN_FAILURE", "anomaly BUDGET_SPENT"} <= set(expected)
+    assert {"the trial has begun", "the trial was stopped", "waypoint 1 reached"} <= set(expected)
+    assert {ANOMALIES[a] for a in (Anomaly.TURN_FAILURE, Anomaly.BUDGET_SPENT)} <= set(expected)
 
 
 def test_nothing_that_the_vest_remembers_for_a_report_is_left_out_of_the_log(logs: tuple[Log, Log]) -> None:

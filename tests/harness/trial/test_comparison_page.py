@@ -72,7 +72,7 @@ def test_the_page_shows_both_in_a_browser(tmp_path: Path, open_page: OpenPage) -
     assert "plant.east" in text
     assert "B: command FORWARD" in text
     # when time is moved to a command of B
-    visit.page.get_by_role("button", name="5.00 s").first.click()
+    visit.page.get_by_role("button", name="0:05.00").first.click()
     heads = visit.page.locator(".plot-head").all_inner_texts()
     assert any(head.startswith("plant.east, B - A") and head.endswith("B - A 2") for head in heads)
     # then both strips have blocks, B's up to its end

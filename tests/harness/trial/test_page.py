@@ -16,6 +16,7 @@ from harness.trial.summary import summarize
 from tests.browser import DESK, TABLET, OpenPage, Visit
 from tests.harness.trial.logs import COMMANDS, TICKS, trial, with_signal, without_signal
 
+TURN_FAILURE = "the animal did not turn as far as told in time (turn failure)"
 VOID = {"meta", "img", "br"}
 MOST_BYTES = 250_000  # of the page without its data
 
@@ -77,9 +78,9 @@ def test_what_disturbed_the_trial_are_bands_and_anomalies_are_marks(tmp_path: Pa
     bands = {(band["kind"], band["from"], band["until"]) for band in page.data["bands"]}
     assert {("order", 3, 5), ("lost", 6, 9)} <= bands
     marks = [(mark["time"], mark["kind"], mark["text"]) for mark in page.data["marks"]]
-    assert (7, "anomaly", "anomaly TURN_FAILURE") in marks
+    assert (7, "anomaly", TURN_FAILURE) in marks
     assert (10, "waypoint", "waypoint 1 reached") in marks
-    assert "lost radio: 6.00 to 9.00 s" in page.text
+    assert "lost radio: 0:06.00 to 0:09.00" in page.text
 
 
 def test_panels_have_their_thresholds_and_the_errors_their_deviations(tmp_path: Path) -> None:
@@ -97,9 +98,10 @@ def test_the_events_are_in_their_order_and_words(tmp_path: Path) -> None:
     page = Page(trial(), tmp_path)
     at = page.data["events"]
     assert at == sorted(at)
-    for text in ("7.00 s", "anomaly TURN_FAILURE", "command RECALL", "lost radio begins", "trial SUCCESS"):
+    words = ("command RECALL", "lost radio begins", "the trial has succeeded")
+    for text in ("0:07.00", TURN_FAILURE, *words):
         assert text in page.text
-    assert page.text.index("lost radio begins") < page.text.index("anomaly TURN_FAILURE")
+    assert page.text.index("lost radio begins") < page.text.index(TURN_FAILURE)
 
 
 def test_the_page_refers_to_no_other_file(tmp_path: Path) -> None:
@@ -218,7 +220,7 @@ def arrow(visit: Visit) -> str:
 def test_one_cursor_goes_over_all_plots_and_the_map(visit: Visit) -> None:
     # when time is moved to the anomaly at 7 of 14 s
     start = arrow(visit)
-    visit.page.get_by_role("button", name="7.00 s").first.click()
+    visit.page.get_by_role("button", name="0:07.00").first.click()
     # then the cursors of all panels and the strip stand in the middle, the readings are of that row
     assert set(cursors(visit)) == {50}
     assert len(cursors(visit)) == visit.page.locator(".plot").count() + 1
@@ -228,7 +230,7 @@ def test_one_cursor_goes_over_all_plots_and_the_map(visit: Visit) -> None:
     )
     assert arrow(visit) != start
     assert "no command" in visit.page.locator("#cue").inner_text()
-    assert "anomaly TURN_FAILURE" in visit.page.locator("tr.now").inner_text()
+    assert TURN_FAILURE in visit.page.locator("tr.now").inner_text()
 
 
 def test_the_mouse_moves_the_cursor_and_drags_a_zoom(visit: Visit) -> None:
@@ -249,7 +251,7 @@ def test_the_mouse_moves_the_cursor_and_drags_a_zoom(visit: Visit) -> None:
     assert left is not None
     assert "LEFT" in left or "NONE" in left
     visit.page.mouse.dblclick(*at(0.5))
-    assert "FORWARD from 0.00 s" in str(visit.page.locator(".strip-block").first.get_attribute("title"))
+    assert "FORWARD from 0:00.00" in str(visit.page.locator(".strip-block").first.get_attribute("title"))
 
 
 def test_playback_moves_the_animal(visit: Visit) -> None:
@@ -257,7 +259,7 @@ def test_playback_moves_the_animal(visit: Visit) -> None:
     visit.page.get_by_label("speed of playback").select_option("50")
     visit.page.get_by_role("button", name="Play").click()
     # at 50 times real time the trial of 14 s is over at once
-    visit.page.get_by_text("14.00 s of 14.00 s").wait_for()
+    visit.page.get_by_text("0:14.00 of 0:14.00").wait_for()
     visit.page.get_by_role("button", name="Play").wait_for()
     assert arrow(visit) != start
 
@@ -265,17 +267,17 @@ def test_playback_moves_the_animal(visit: Visit) -> None:
 @pytest.mark.parametrize(
     ("keys", "time"),
     [
-        (["ArrowRight", "ArrowRight"], "2.00 s"),
-        (["End"], "14.00 s"),
-        (["End", "ArrowLeft"], "13.00 s"),
-        (["End", "Home"], "0.00 s"),
-        (["Shift+ArrowRight"], "1.00 s"),
+        (["ArrowRight", "ArrowRight"], "0:02.00"),
+        (["End"], "0:14.00"),
+        (["End", "ArrowLeft"], "0:13.00"),
+        (["End", "Home"], "0:00.00"),
+        (["Shift+ArrowRight"], "0:01.00"),
     ],
 )
 def test_keys_move_the_cursor(visit: Visit, keys: list[str], time: str) -> None:
     for key in keys:
         visit.page.keyboard.press(key)
-    assert visit.page.locator(".playback output").inner_text() == f"{time} of 14.00 s"
+    assert visit.page.locator(".playback output").inner_text() == f"{time} of 0:14.00"
 
 
 def test_space_plays_and_pauses(visit: Visit) -> None:

@@ -14,8 +14,7 @@ from harness.files import FileError
 from harness.log.channel import Channel
 from harness.log.log import Log
 from harness.trial.plots import trial_figure
-from harness.trial.summary import STOPPED_BY, in_a_sentence, show, summarize, words, write_summary
-from models.modes import Anomaly
+from harness.trial.summary import in_a_sentence, show, summarize, words, write_summary
 
 
 def little(
@@ -99,10 +98,6 @@ def test_what_ended_the_trial_is_said_in_words(last: int, anomaly: list[float], 
     assert words in console.file.getvalue()  # type: ignore[attr-defined]
     figure = trial_figure(log)
     assert words in "".join(text.get_text() for text in (figure._suptitle, *figure.texts) if text)  # type: ignore[attr-defined]
-
-
-def test_every_limit_that_stops_a_trial_has_words() -> None:
-    assert {a for a in Anomaly if a >= Anomaly.BUDGET_SPENT} <= STOPPED_BY.keys()
 
 
 @pytest.mark.parametrize(

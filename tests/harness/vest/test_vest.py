@@ -249,7 +249,7 @@ def test_a_processor_that_is_reset_begins_the_session_asked_for_and_signs_by_its
 
 def test_a_vest_that_is_stopped_before_its_first_tick_leaves_no_log(tmp_path: Path) -> None:
     steps = Steps()
-    with open_vest(SCENARIO, out=tmp_path, now=steps.now, sleep=steps.sleep):
+    with open_vest(SCENARIO, out=tmp_path / "out", now=steps.now, sleep=steps.sleep):
         pass
     assert not list(tmp_path.iterdir())
 
