@@ -188,8 +188,8 @@ def test_a_waypoint_that_is_dragged_under_way_changes_nothing_on_board_and_the_p
     page.click("#abort")
     until(page, page.locator("#upload").is_enabled)
     page.click("#upload")
+    until(page, lambda: conduct.telemetry.mission_id == conduct.draft_id != mission.id)
     until(page, lambda: page.locator("#map .differs").count() == 0)
-    assert conduct.telemetry.mission_id == conduct.draft_id != mission.id
     begin(page)
     # and neither while a mission is under way nor while STOP holds does the page keep anybody out
     assert visit.harm() == []
