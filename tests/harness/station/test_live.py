@@ -87,7 +87,7 @@ def test_before_the_first_row_there_is_nothing_and_at_the_end_the_page_of_the_tr
     assert state is not None
     assert json.loads(state) == {"is": "state", "ticks": 0}
     assert b"live.html" not in live.page()
-    assert b"connect-src &#39;self&#39;" in live.page()
+    assert b"connect-src 'self'" in live.page()
     live.finish(b"<p>the trial</p>")  # nobody watches: it does not wait
     assert live.page() == b"<p>the trial</p>"
 
