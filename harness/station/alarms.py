@@ -64,7 +64,7 @@ def _conditions(now: float, conduct: Conduct) -> Iterator[Condition]:
     running = conduct.is_under_way
     serious = Level.WARNING if running else Level.CAUTION
     if telemetry is None or not conduct.is_heard(now):
-        yield ("link", serious, "the vest is not heard")
+        yield ("link", serious, conduct.unheard)
     else:
         age = conduct.quality.age(now)
         if age is not None and age > LATE_S:

@@ -39,6 +39,7 @@ ANSWER_S = 3.0  # s within which START is to be answered
 UPLOAD_S = 5.0  # s within which a mission is to be acknowledged
 RELEASE_S = 1.0  # s for which what was held is let go while nobody commands; then it has ended by itself
 GREETING_S = 3.0  # s between greetings while nobody commands; longer than watchdog.link_timeout
+MOST_UNANSWERED = 10  # telemetry that does not know this station yet: two seconds of it
 RELEASE = Override(Command.NONE)
 HELD = (Command.FORWARD, Command.LEFT, Command.RIGHT, Command.RECALL)
 OF_ANYBODY = ("alive", "take", "stop", "note")  # orders of those, too, who do not command
@@ -384,6 +385,16 @@ class Conduct:
         return self.telemetry is not None and age is not None and age <= SILENT_S
 
     @property
+    def unheard(self) -> str:
+        """Why the vest is not heard, in words, as far as what comes tells."""
+        link, words = self.link, "the vest is not heard"
+        if not link.open and link.decoder.forged:
+            words += ": frames come that another key signed, or none; is --key the vest's?"
+        elif self.telemetry is None and link.unanswered > MOST_UNANSWERED:
+            words += ": it is there, and does not answer this station; is its key this one?"
+        return words
+
+    @property
     def on_board(self) -> Mission | None:
         """The mission that this station gave in this session, and that the vest holds."""
         return self._given
@@ -401,7 +412,7 @@ class Conduct:
     def missing(self, now: float) -> list[dict[str, str]]:
         """What a START needs and lacks: the vest's own bits, then ours, each as `bit` and `words`."""
         if self.telemetry is None or not self.is_heard(now):
-            return [{"bit": "heard", "words": "the vest is not heard"}]
+            return [{"bit": "heard", "words": self.unheard}]
         own = {
             "commander": (not self.desk.lives(now), "nobody commands"),
             "holding": (self.holding is not None, "a command is held"),

@@ -7,9 +7,11 @@ from itertools import pairwise
 
 import pytest
 
+from codegen.firmware.key import Key
 from codegen.firmware.telemetry import Flag, Ready
-from harness.onboard.radio import LAST, Mission, Override, Start
-from harness.station.conduct import ORDERS, LinkState
+from harness.onboard.radio import LAST, Link, Mission, Override, Start
+from harness.station.alarms import Alarms
+from harness.station.conduct import ORDERS, Conduct, LinkState
 from harness.station.desk import OrderError
 from harness.station.draft import Draft, as_json
 from harness.station.events import Level
@@ -424,6 +426,28 @@ def test_stop_cannot_be_held_and_nonsense_is_refused_with_what_is_expected() -> 
         rig.order("draft", mission={"home": None, "waypoints": [[91, 0]]})
     with pytest.raises(OrderError, match="the mission has no home"):
         rig.order("upload")
+
+
+@pytest.mark.parametrize(
+    ("key", "words"),
+    [
+        (
+            Key(bytes(range(100, 116))),
+            "frames come that another key signed, or none; is --key the vest's?",
+        ),
+        (None, "it is there, and does not answer this station; is its key this one?"),
+    ],
+)
+def test_a_station_with_another_key_says_why_the_vest_is_not_heard(key: Key | None, words: str) -> None:
+    rig = Rig()
+    rig.conduct = Conduct(Link(key))
+    rig.take()
+    rig.run(3)
+    said = [reason["words"] for reason in rig.conduct.missing(rig.now)]
+    assert said == [f"the vest is not heard: {words}"]
+    alarms = [alarm.text for alarm in Alarms().at(rig.now, rig.conduct, rig.now)]
+    assert f"the vest is not heard: {words}" in alarms
+    assert rig.vest.played[-1] in (Command.NONE, Command.STOP)
 
 
 # who commands ---------------------------------------------------------------------------------------------

@@ -70,6 +70,24 @@ def test_time_is_left_out_where_a_tick_is_late_by_a_period_or_more(pace: Pace, c
     assert pace.latest == pytest.approx(3.0)
     assert pace.lost == pytest.approx(3.0)
 
+    clock.time += 1.04  # and once more
+
+    assert begin(pace, clock, 0.0) == [4.12]
+    assert pace.lost == pytest.approx(4.0)
+    assert pace.latest == pytest.approx(3.0)
+
+
+def test_a_sleep_that_is_too_long_by_exactly_a_period_is_left_out(pace: Pace, clock: Clock) -> None:
+    clock.time, clock.oversleep = 0.0, PERIOD
+
+    pace.wait()
+    assert (pace.missed, pace.lost) == (1, PERIOD)
+
+    clock.oversleep = 0.0
+    pace.wait()
+    assert clock.time == 2 * PERIOD
+    assert (pace.missed, pace.lost) == (1, PERIOD)
+
 
 def test_a_sleep_that_is_too_long_misses_the_deadline_from_a_period_on(pace: Pace, clock: Clock) -> None:
     pace.wait()
