@@ -57,9 +57,9 @@ class Pty:
             self.flush()
 
     def flush(self) -> None:
-        """Drop the bytes that were not read, both ways."""
+        """Drop the bytes that the other program has not read; what it sent before it went is kept."""
         device = os.open(self.address, os.O_RDWR | os.O_NOCTTY)  # what it holds, it alone gives up
-        termios.tcflush(device, termios.TCIOFLUSH)
+        termios.tcflush(device, termios.TCIFLUSH)
         os.close(device)
 
     def close(self) -> None:

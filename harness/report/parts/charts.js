@@ -109,10 +109,25 @@
         context.font = `${11 * dpr}px system-ui, sans-serif`;
         context.textAlign = mark.kind === "words" ? "center" : "left";
         const x = mark.kind === "words" ? left + width / 2 : at(mark.x, "x"), y = mark.kind === "words" ? top + height / 2 : at(mark.y, "y") - 3 * dpr;
-        mark.text.split("\n").forEach((line, i) => context.fillText(line, x, y + i * 14 * dpr));
+        context.strokeStyle = canine.colour("paper"); // a border, so that lines under the words do not strike them out
+        context.lineWidth = 4 * dpr;
+        context.setLineDash([]);
+        mark.text.split("\n").forEach((line, i) => {
+          context.strokeText(line, x, y + i * 14 * dpr);
+          context.fillText(line, x, y + i * 14 * dpr);
+        });
       }
     }
     context.restore();
+  }
+
+  // The places of a logarithmic axis: 1 to 9 of each power of ten. uPlot would count from the axis' own begin.
+  function decades(u, index, least, most) {
+    const all = [];
+    for (let power = 10 ** Math.floor(Math.log10(least)); power <= most; power *= 10) {
+      for (let digit = 1; digit < 10; digit++) all.push(Number((digit * power).toPrecision(12)));
+    }
+    return all.filter((place) => place >= least && place <= most);
   }
 
   // The ranges of both axes with one scale: a metre north is as long as one east.
@@ -139,7 +154,7 @@
       ...lines, label: scale.label || undefined,
       splits: (u, i, least, most) => scale.names.map(([place]) => place).filter((place) => place >= least && place <= most),
       values: (u, places) => places.map((place) => spoken(scale, place)),
-    } : { ...lines, label: scale.label || undefined, values: (u, places) => places.map((place) => (place === null ? "" : number(place, 3))) });
+    } : { ...lines, ...(scale.log ? { splits: decades } : {}), label: scale.label || undefined, values: (u, places) => places.map((place) => (place === null ? "" : number(place, 3))) });
     const longest = Math.max(0, ...(of.y.names || []).map(([, text]) => text.length));
     const names = of.y.names ? 20 * of.y.names.length : 0;
     const height = () => Math.max(INCH * of.height, 220, names + 60);

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import socket
 import time
 from collections.abc import Callable
 from contextlib import closing
+from functools import partial
 
 import pytest
 
@@ -55,8 +57,10 @@ def test_whoever_opens_the_device_later_gets_no_bytes_from_before() -> None:
             pty.write(b"first")
             read_until(device, b"first")
             pty.write(b"not read")
+            device.write(b"its last order")
         assert not pty.is_open
         pty.write(b"while nobody was there")
+        assert pty.read() == b"its last order"
         with Device(pty.address) as device:
             pty.write(b"second")
             read_until(device, b"second")
@@ -99,6 +103,34 @@ def test_a_client_that_reads_nothing_holds_nobody_up() -> None:
         for _ in range(1000):
             port.write(bytes(100_000))
     assert not port.is_open
+
+
+def test_a_client_that_is_gone_is_noticed_by_what_is_sent_to_it_too() -> None:
+    with closing(TcpPort()) as port:
+        with Connection(port.address):
+            wait_for(lambda: port.is_open, port)
+        end = time.monotonic() + PATIENCE
+        while port.is_open:
+            port.write(bytes(1000))
+            assert time.monotonic() < end
+
+
+def test_a_port_that_is_closed_hangs_up() -> None:
+    with closing(TcpPort()) as port, Connection(port.address) as laptop:
+        wait_for(lambda: port.is_open, port)
+        port.close()
+        assert laptop.is_hung_up()
+
+
+def test_a_peer_that_no_longer_answers_is_gone_after_some_seconds() -> None:
+    with closing(TcpPort()) as port, Connection(port.address):
+        wait_for(lambda: port.is_open, port)
+        assert port._client
+        option = partial(port._client.getsockopt, socket.IPPROTO_TCP)
+        assert port._client.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
+        idle, each, probes = (option(getattr(socket, f"TCP_KEEP{name}")) for name in ("IDLE", "INTVL", "CNT"))
+        assert idle + probes * each <= 5
+        assert option(socket.TCP_USER_TIMEOUT) <= 5000  # ms
 
 
 def test_a_port_that_is_taken_is_refused() -> None:

@@ -17,10 +17,10 @@ from codegen.firmware.key import SIMULATION_KEY, SIZE, Key
 from codegen.firmware.telemetry import Flag
 from harness.log.log import FILE, Log, read_log
 from harness.onboard.processors import open_processor
-from harness.onboard.processors.processor import Received
+from harness.onboard.processors.processor import Received, Reply
 from harness.onboard.radio import Decoder
 from harness.trial.scenario import Disturbance, Scenario, Setting, load
-from harness.vest.vest import Vest, open_vest
+from harness.vest.vest import State, Vest, open_vest
 from models.commands import Command, Status
 from models.errors import CanineError, UsageError
 from tests.harness.vest.leading import Leading, Steps, mission_of
@@ -90,6 +90,16 @@ def test_the_log_of_a_vest_has_the_animal_what_was_played_and_the_telemetry(
     assert np.any(log["sensors.gps_fix"])
 
 
+def test_an_operators_left_is_felt_on_the_left(opened: Open) -> None:
+    vest, steps = opened()
+    operator = Leading(vest.port, mission_of(SCENARIO))
+    operator.start, operator.override = False, Command.LEFT
+    steps.ticks(vest, 100, operator)
+    assert vest.state.command is Command.LEFT
+    felt = [vest._worn.output("command_module", f"vibrate_{side}") for side in ("left", "right")]
+    assert felt == [1.0, 0.0]
+
+
 def test_mission_and_orders_of_the_scenario_are_not_on_board(
     opened: Open, led: tuple[Leading, Log, list[str], Vest]
 ) -> None:
@@ -117,6 +127,8 @@ def test_without_an_operator_the_animal_is_stopped_and_the_vest_tells_what_is_mi
     assert {t.command for t in told} == {Command.STOP, Command.NONE}  # rule 3 ends the tone
     assert not Flag(told[-1].flags) & (Flag.LINK_OK | Flag.LOADED)
     assert vest.state.speed == 0.0
+    vest.wait(0.001)  # no longer than that
+    assert vest.is_running
 
 
 def test_with_a_key_the_vest_obeys_its_owner_and_not_a_stranger(opened: Open) -> None:
@@ -197,6 +209,62 @@ def test_bytes_that_come_faster_than_the_radio_carries_harm_nobody(opened: Open)
     assert operator.status == Status.RUNNING
     assert vest.state.dropped > 500_000
     assert "bytes came faster than the radio carries" in vest.state.account()
+
+
+def carried(vest: Vest, monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """So many bytes the radio brings from now on, on each tick on which it brings any."""
+    processor, brought = vest._worn.processor, []
+    tick = processor.tick
+
+    def noted(received: Received) -> Reply:
+        if received.radio:
+            brought.append(len(received.radio))
+        return tick(received)
+
+    monkeypatch.setattr(processor, "tick", noted)
+    return brought
+
+
+def test_the_radio_brings_what_it_carries_and_its_modem_holds_so_much(
+    opened: Open, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    vest, steps = opened()
+    steps.ticks(vest, 1)
+    brought = carried(vest, monkeypatch)
+
+    vest.port.write(bytes(10_000))
+    steps.ticks(vest, 25)
+
+    assert brought == [230] * 18 + [186]  # 40 ms at 57600 baud, then what 4096 bytes of a buffer held
+    assert vest.state.dropped == 10_000 - 230 - 4096
+
+    # a reset empties it
+    brought.clear()
+    vest.port.write(bytes(1000))
+    steps.ticks(vest, 1)
+    vest.reset()
+    steps.ticks(vest, 10)
+    assert brought == [230]
+
+
+def test_what_waits_while_the_radio_is_lost_is_lost(opened: Open, monkeypatch: pytest.MonkeyPatch) -> None:
+    vest, steps = opened(replace(load(SCENARIO), faults=(Disturbance("radio", "lost", 0.4, 0.8),)))
+    steps.ticks(vest, 8)
+    brought = carried(vest, monkeypatch)
+
+    vest.port.write(bytes(1000))
+    steps.ticks(vest, 30)
+
+    assert 0 < sum(brought) < 1000
+
+
+def test_the_account_tells_what_became_of_the_ticks() -> None:
+    state = State(ticks=1234, missed=2, latest=0.0123, lost=1.25, resets=1, dropped=7000)
+    assert state.account() == (
+        "1,234 ticks, 2 deadlines missed, 12.3 ms late at most, 1.2 s left out, "
+        "7,000 bytes came faster than the radio carries, 1 reset"
+    )
+    assert State(resets=2).account() == "0 ticks, 0 deadlines missed, 0.0 ms late at most, 2 resets"
 
 
 def run_until_it_ends(scenario: Scenario) -> None:
