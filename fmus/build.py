@@ -172,7 +172,8 @@ def _prepare(
             "build one of each name"
         )
     files = contents(block, version, precision)
-    built_from = digest(files, [compiler_version(), *FLAGS, *sorted(p.target for p in PLATFORMS.values())])
+    targets = sorted(" ".join([p.target, *p.flags]) for p in PLATFORMS.values())
+    built_from = digest(files, [compiler_version(), *FLAGS, *targets])
     held = {p.fmi3 for p in chosen}  # as FMI 3.0 names them: FMI 2.0's folders do not tell ARM
 
     def build() -> Path:
@@ -199,6 +200,7 @@ def _binary(
         library = build_library(
             sources, _sources(files), scratch / f"{block.title()}{platform.suffix}",
             what=f"{block.title()} (FMI {version}.0, {platform.fmi3})", target=platform.target,
+            flags=(*FLAGS, *platform.flags),
         )  # fmt: skip
         return {f"binaries/{_folder_of(platform, version)}/{library.name}": library.read_bytes()}
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from contextlib import AbstractContextManager, ExitStack, closing
+from copy import copy
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -747,3 +749,16 @@ def c_of_block(
     make_folder(place)
     for path in write_files(files, place):
         typer.echo(short(path))
+
+
+def program_of(arguments: Sequence[str]) -> Any:
+    """The program that a command line is for: of the command that it names alone, else of all.
+
+    typer reads the signatures of all commands that it has, for tens of milliseconds.
+    """
+    name = next((argument for argument in arguments if not argument.startswith("-")), "")
+    commands = app.registered_commands
+    named = [one for one in commands if (one.name or getattr(one.callback, "__name__", "")) == name]
+    program = copy(app)
+    program.registered_commands = named or commands
+    return typer.main.get_command(program)

@@ -93,9 +93,10 @@ def run(arguments: Sequence[str]) -> int:
             )
             return USAGE
     try:
-        from harness.command_line import app
+        from harness.command_line import program_of
 
-        status = app([a for a in arguments if a != "--debug"], prog_name="canine", standalone_mode=False)
+        program = program_of(arguments)
+        status = program([a for a in arguments if a != "--debug"], prog_name="canine", standalone_mode=False)
         if status == INTERRUPTED:  # by typer, which drops the exception
             raise KeyboardInterrupt
         return status or 0
@@ -104,7 +105,7 @@ def run(arguments: Sequence[str]) -> int:
             if [a for a in arguments if a != "--debug"]:
                 from harness.usage import line_of
 
-                print(f"canine: {line_of(error, app, arguments)}", file=sys.stderr)
+                print(f"canine: {line_of(error, program, arguments)}", file=sys.stderr)
             else:
                 error.show()  # the help
             return USAGE

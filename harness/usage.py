@@ -13,21 +13,18 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
-import typer
-
 from harness.files import nearest_file
 from models.errors import nearest
 
 
-def line_of(error: Any, app: typer.Typer, arguments: Sequence[str]) -> str:
+def line_of(error: Any, program: Any, arguments: Sequence[str]) -> str:
     """The line for an error that typer raised.
 
     Args:
         error: one of typer's own.
-        app: the program that raised it.
+        program: the group of commands that raised it.
         arguments: the command line without the program's name.
     """
-    program: Any = typer.main.get_command(app)
     name = next((argument for argument in arguments if not argument.startswith("-")), "")
     command: Any = program.commands.get(name, program)
     who = f"{command.name} has" if command is not program else "there is"

@@ -220,7 +220,10 @@ class Supervised(Block):
 
     @triggered("surveyed", seldom=True)
     def survey(m) -> None:
-        """Does the animal get on, and within the fence (rules 4, 7)? A bad estimate tells no place."""
+        """Does the animal get on, and within the fence (rules 4, 7)? A bad estimate tells no place.
+
+        The time in which the controller is kept from deciding is no time under FORWARD or RECALL.
+        """
         good = m._placed()
         m.leg_ticks, m.surveys = _counted(m.leg_ticks, SURVEY), _counted(m.surveys)
         longest = where(m._one_of(RECALLING), m.recall_time, m.leg_time)
@@ -230,7 +233,8 @@ class Supervised(Block):
         )
         moved = _square(m.north - m.moved_north, m.east - m.moved_east) >= m.progress_distance**2
         moved = all_of(good, moved)
-        onward = m._one_of(RECALLING | {Mode.FORWARD})
+        told = any_of(m.cue == Command.FORWARD, m.cue == Command.RECALL)
+        onward = all_of(told, m.override == Command.NONE)
         m.still_ticks = where(moved, 0, _counted(m.still_ticks, where(onward, SURVEY, 0)))
         m.moved_north = where(moved, m.north, m.moved_north)
         m.moved_east = where(moved, m.east, m.moved_east)

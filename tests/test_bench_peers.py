@@ -18,6 +18,7 @@ from scipy.stats import norm
 
 from codegen.blocks.block_c import generate, write_files
 from codegen.toolchains.compiler import NUMERICS, build_library
+from harness.sweep.sweep import plan_sweep
 from models.canine import Canine
 from models.cmec import Cmec
 from models.commands import Status
@@ -34,6 +35,7 @@ from tests.bench.cts_numpy import (
     setting,
     simulate,
 )
+from tests.bench.sweeps import run_alone, ticks_of
 
 SCENARIOS = Path(__file__).parents[1] / "harness" / "scenarios"
 NAMES = ("two_waypoint", "right_90", "left_90", "right_45", "left_45")
@@ -248,3 +250,9 @@ def test_by_hand_reaches_the_published_rates_and_times(
     # their variance is ours with twice the trials, and they are rounded to a tenth
     assert abs(100 * rate - success) <= 100 * Z * math.sqrt(1.5 * rate_variance) + 0.05
     assert abs(seconds - time) <= Z * math.sqrt(1.5 * time_variance) + 0.05
+
+
+def test_the_sweep_that_is_timed_is_the_one_whose_ticks_are_counted() -> None:
+    job = plan_sweep("two", trials=2).job
+    run_alone(job)
+    assert 2 * job.total < ticks_of(job) < job.total * 300 / 0.04

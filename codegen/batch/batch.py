@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 WIDE = ("-mprefer-vector-width=512",)  # where a processor has such vectors
 FLIGHTS = 128  # trials under way at a time, in each thread
 # with the last flag, a loop over lanes that does not become vectors is an error
-SPEED = ("-O3", "-march=native", "-fno-math-errno", "-Werror=pass-failed")
+SPEED = ("-O3", "-march=native", "-Werror=pass-failed")
 ON, ALONE, STALLED = range(3)  # how a component goes on
 Stalls = Mapping[str, Sequence[tuple[int, int]]]  # ticks from and to before, by component
 Array = npt.NDArray[np.float64]

@@ -36,12 +36,14 @@ class Platform:
     fmi2: str  # folder of FMI 2.0 binaries, which has no name of its own for ARM
     fmi3: str  # folder of FMI 3.0 binaries
     suffix: str
+    flags: tuple[str, ...] = ()  # beside those of all platforms
 
 
+X86_64 = ("-mcpu=x86_64_v2",)  # processors since 2009: they round down by an instruction, not by a function
 PLATFORMS: dict[str, Platform] = {
-    "linux64": Platform("x86_64-linux-gnu.2.17", "linux64", "x86_64-linux", ".so"),
-    "win64": Platform("x86_64-windows-gnu", "win64", "x86_64-windows", ".dll"),
-    "darwin64": Platform("x86_64-macos", "darwin64", "x86_64-darwin", ".dylib"),
+    "linux64": Platform("x86_64-linux-gnu.2.17", "linux64", "x86_64-linux", ".so", X86_64),
+    "win64": Platform("x86_64-windows-gnu", "win64", "x86_64-windows", ".dll", X86_64),
+    "darwin64": Platform("x86_64-macos", "darwin64", "x86_64-darwin", ".dylib", X86_64),
     "aarch64-linux": Platform("aarch64-linux-gnu.2.17", "linux64", "aarch64-linux", ".so"),
     "aarch64-darwin": Platform("aarch64-macos", "darwin64", "aarch64-darwin", ".dylib"),
 }
@@ -49,7 +51,14 @@ PLATFORMS: dict[str, Platform] = {
 # -ffp-contract=off: a fused multiply-add changes results, and only where the processor has it
 NUMERICS = ("-std=c99", "-O2", "-ffp-contract=off")
 WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Werror")
-FLAGS = (*NUMERICS, *WARNINGS, "-fno-sanitize=all", "-fvisibility=hidden", "-g0")  # zig sanitizes by default
+FLAGS = (
+    *NUMERICS,
+    *WARNINGS,
+    "-fno-math-errno",  # nobody asks why a root is no number
+    "-fno-sanitize=all",  # zig sanitizes by default
+    "-fvisibility=hidden",
+    "-g0",
+)
 TIMEOUT = 1800.0  # s; the first build for Windows compiles its C runtime: minutes on a slow machine
 
 

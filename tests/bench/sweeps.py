@@ -119,7 +119,7 @@ def run_alone(*jobs: Job) -> None:
     """Run all chunks of sweeps, one after another, as a worker does."""
     for job in jobs:
         for start, stop in cut([(0, job.total)], LARGEST[job.system]):
-            run_chunk(job.part(start, stop), start, stop, this_program())
+            run_chunk(job.part(start, stop), start, stop, this_program(has_fmus=False))
 
 
 def ticks_of(job: Job) -> int:

@@ -510,7 +510,31 @@ def test_rule_4_an_invalid_estimate_tells_no_place() -> None:
         trial.tick(valid=0, north=60.0 + 5 * k)
     # then the animal has neither departed nor moved on
     assert reported(trial, Anomaly.DEPARTING) == []
+    trial.tick(2 * SECOND, valid=1, north=60.0)
+    assert len(reported(trial, Anomaly.NO_PROGRESS)) == 1
+
+
+@pytest.mark.parametrize("keeps", [{"override": Command.STOP}, {"valid": 0}, {"link_ok": 0}])
+@pytest.mark.parametrize("mode", [Mode.RECALL, Mode.FAILURE_RECALL])
+def test_rule_4_the_time_for_which_a_recall_is_kept_back_is_not_held_against_the_animal(
+    mode: Mode, keeps: dict[str, float]
+) -> None:
+    # given a recall, and an animal that has stood for a second of 2
+    recalled = {} if mode is Mode.RECALL else {"h": 60}
+    trial = guarded(
+        progress_time=2.0, resume=1, max_turns=0,
+        route={"waypoint_north[1]": 60.0 if mode is Mode.RECALL else 1000.0},
+    )  # fmt: skip
+    trial.tick(north=60.0, h=0, speed=0)
+    trial.until(Command.RECALL, **recalled)
     trial.tick(SECOND)
+    # when the operator, a bad estimate or a lost link keeps it from going on
+    trial.tick(5 * SECOND, **keeps)
+    # then the trial is not over, and it has the other second
+    trial.tick(SECOND - 10, override=Command.NONE, valid=1, link_ok=1)
+    assert trial.mode == mode
+    assert reported(trial, Anomaly.NO_PROGRESS) == []
+    trial.tick(20)
     assert len(reported(trial, Anomaly.NO_PROGRESS)) == 1
 
 

@@ -69,9 +69,10 @@ void prove_times(void)
            ((mission < (ticks_over(m.par.mission_time) + 5)) && (leg < (ticks_over(m.par.leg_time) + 5))));
 }
 
-static bool onward(int32_t mode)
+static bool led_on(const cmec *m)
 {
-    return (mode == CMEC_MODE_FORWARD) || (mode == CMEC_MODE_RECALL) || (mode == CMEC_MODE_FAILURE_RECALL);
+    return leads(m->out.mode) && (m->in.override == CMEC_COMMAND_NONE) &&
+           ((m->out.command == CMEC_COMMAND_FORWARD) || (m->out.command == CMEC_COMMAND_RECALL));
 }
 
 static bool lingers(const cmec *m, int32_t still)
@@ -85,13 +86,13 @@ void prove_still(void)
 {
     cmec m = any_controller(true);
     const cmec before = m;
-    int32_t still = int_in(0, MOST); /* ticks under FORWARD or RECALL, at this place */
+    int32_t still = int_in(0, MOST); /* ticks of the trial's FORWARD or RECALL, at this place */
 
     __CPROVER_assume((m.in.north == m.state.moved_north) && (m.in.east == m.state.moved_east));
     __CPROVER_assume(lingers(&m, still));
     cmec_step(&m);
     still = begins_leg(&before, &m) ? 0 : still;
-    still = onward(m.out.mode) ? (still + 1) : 0;
+    still = led_on(&m) ? (still + 1) : 0;
     assert(lingers(&m, still));
     assert(still < (ticks_over(m.par.progress_time) + 5));
 }

@@ -270,7 +270,7 @@ FAULTS = (
         "cmec.c", "((0.2f * (float)next_surveys) > (m->par.mission_time - 0.02f))", "false", "rule_4.times"
     ),
     Fault("cmec.c", "(0.04f * (float)next_leg_ticks)", "(0.02f * (float)next_leg_ticks)", "rule_4.times"),
-    Fault("cmec.c", "(t7 ? 0.0f : (0.04f * (float)t2))", "(t7 ? 0.0f : (0.02f * (float)t2))", "rule_4.still"),
+    Fault("cmec.c", "(t6 ? 0.0f : (0.04f * (float)t1))", "(t6 ? 0.0f : (0.02f * (float)t1))", "rule_4.still"),
     Fault(
         "cmec.c",
         "((next_closest + m->par.departing_distance) < m->out.distance)",

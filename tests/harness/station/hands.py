@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Page
 
 LONGEST_S = 90.0
+RESTS, NEAR = 10, 12.0  # looks, 50 ms apart or more; pixels, within which an estimate of who stands wanders
 
 
 def until(page: Page, is_so: Callable[[], bool]) -> None:
@@ -41,6 +42,21 @@ def upload(page: Page) -> None:
     page.click("#scenario")
     until(page, page.locator("#upload").is_enabled)
     page.click("#upload")
+
+
+def steady(page: Page, selector: str) -> tuple[float, float]:
+    """The middle of an element [pixels] once it hardly moves: alarms that come and go shift the page."""
+    places: list[tuple[float, float]] = []
+
+    def rests() -> bool:
+        box = page.locator(selector).bounding_box()
+        assert box
+        places.append((box["x"] + box["width"] / 2, box["y"] + box["height"] / 2))
+        x, y = zip(*places[-RESTS:], strict=True)
+        return len(places) > RESTS and max(x) - min(x) < NEAR > max(y) - min(y)
+
+    until(page, rests)
+    return places[-1]
 
 
 def warnings(page: Page) -> str:

@@ -23,7 +23,7 @@ from models.commands import Command
 from tests.browser import OpenPage, launch
 from tests.harness.station.browser import Served, simulated
 from tests.harness.station.dogs import obedient
-from tests.harness.station.hands import begin, enter, step, until, upload, warnings
+from tests.harness.station.hands import begin, enter, steady, step, until, upload, warnings
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -48,13 +48,11 @@ def test_a_mission_drawn_by_clicks_is_led_to_success_and_is_in_the_log(
         page = visit.page
         tools = {name: page.get_by_role("button", name=name, exact=True) for name in ("Home", "Waypoint")}
         until(page, tools["Home"].is_enabled)
-        box = page.locator("#map").bounding_box()
-        assert box
+        x, y = steady(page, "#map .animal")  # home is where it stands, as for whoever draws
         away = 35.73 / METRES_A_PIXEL
-        middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-        for name, east, north in (("Home", 0, 0), ("Waypoint", 0, 1), ("Waypoint", 1, 1)):
+        for name, right, up in (("Home", 0, 0), ("Waypoint", 0, 1), ("Waypoint", 1, 1)):
             tools[name].click()
-            page.mouse.click(middle[0] + east * away, middle[1] - north * away)
+            page.mouse.click(x + right * away, y - up * away)
         assert page.locator("#total").inner_text().startswith("2 waypoints, 12")  # 122 m, as in Figure 4.8
         until(page, page.locator("#upload").is_enabled)
         page.click("#upload")
