@@ -128,7 +128,7 @@ class Behaviour(Guided):
         m.search_stream = where(searching, stream, m.search_stream)
         longest = where(m.bumper_search_max < m.bumper_search_min, m.bumper_search_min, m.bumper_search_max)
         search = m.bumper_search_min + draw * (longest - m.bumper_search_min)
-        time = m.response_delay + where(m.commanded, 0, m.start_delay) + where(searching, search, 0)
+        time = m._response_time() + where(m.commanded, 0, m.start_delay) + where(searching, search, 0)
         wait = where(new, ticks_until(time, m.sample_time), m.wait)
         m.commanded, m.recalled = 1, any_of(m.recalled, searching)
         m.obeyed = where(wait > 0, m.obeyed, m.command)
@@ -142,7 +142,7 @@ class Behaviour(Guided):
     def hear_right(m) -> None:
         """Draw the response to a RIGHT just issued (eq. 5.3, 5.4)."""
         draw, m.right_stream = uniform(m.right_stream)
-        m.obeys_right = draw <= m.right_success
+        m.obeys_right = draw <= m._heeds(m.right_success)
 
     @triggered(
         lambda m: all_of(m.command == Command.LEFT, m.past_command != Command.LEFT),
@@ -152,7 +152,7 @@ class Behaviour(Guided):
     def hear_left(m) -> None:
         """Draw the response to a LEFT just issued."""
         draw, m.left_stream = uniform(m.left_stream)
-        m.obeys_left = draw <= m.left_success
+        m.obeys_left = draw <= m._heeds(m.left_success)
 
     @triggered(
         lambda m: all_of(m.drift_redrawn, m.command == Command.FORWARD, m.past_command != Command.FORWARD),
@@ -171,7 +171,19 @@ class Behaviour(Guided):
         drift = where(any_of(running, m.velocity > 0), m.trial_drift, 0)
         turn = where(all_of(m.obeyed == Command.RIGHT, m.obeys_right), m.trial_right_rate, 0)
         turn = where(all_of(m.obeyed == Command.LEFT, m.obeys_left), m.trial_left_rate, turn)
-        m._move(where(running, m.trial_speeding_up, -m.trial_slowing_down), m.trial_speed, drift + turn)
+        m._move(where(running, m.trial_speeding_up, -m.trial_slowing_down), m._top_speed(), drift + turn)
+
+    def _top_speed(m) -> SX:
+        """The speed at which it cruises [m/s]."""
+        return m.trial_speed
+
+    def _response_time(m) -> SX:
+        """The delay of a response [s]."""
+        return m.response_delay
+
+    def _heeds(m, success: SX) -> SX:
+        """The probability that it obeys a vibration, from the success rate of its side."""
+        return success
 
 
 class Canine(PackMotion, Behaviour):

@@ -106,7 +106,7 @@ class Streets(Behaviour):
         m.position_east = m.position_east - back * m.out_east
         course = m.body_heading + m._slip()
         kept = ca.fabs(m.out_north * ca.sin(course) - m.out_east * ca.cos(course))
-        most = m.trial_speed * ca.cos(m.wall_slip)
+        most = m._top_speed() * ca.cos(m.wall_slip)
         m.velocity = at_most(where(outside, m.velocity * kept, m.velocity), most)
         m._look()
 

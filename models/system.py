@@ -12,6 +12,7 @@ from models.canine_ahrs import CanineAhrs
 from models.canine_tracker import CanineTracker
 from models.cmec import Cmec
 from models.command_module import CommandModule
+from models.day import CanineAllDay
 from models.differential_drive import DifferentialDrive
 from models.disturbance import FAULTS, FaultyLink, disturb
 from models.errors import UsageError, WiringError, nearest
@@ -184,7 +185,8 @@ ESTIMATOR = FourState.title()  # by default
 PLANT, CONTROLLER = Canine.title(), Cmec.title()  # by default
 CONTROLLERS: dict[str, type[Block]] = {block.title(): block for block in (Cmec, QuarterTurn, Proportional)}
 PLANTS: dict[str, type[Block]] = {
-    block.title(): block for block in (Canine, CanineInStreets, Pedestrian, DifferentialDrive, Profile)
+    block.title(): block
+    for block in (Canine, CanineInStreets, CanineAllDay, Pedestrian, DifferentialDrive, Profile)
 }
 SYSTEMS: dict[str, System] = {
     "full": full_system(),
@@ -210,8 +212,8 @@ BLOCKS: tuple[type[Block], ...] = tuple(
 
 
 def names_of(block: str) -> tuple[str, ...]:
-    """The names by which parameters of a block are set: its own; the dog's too of the dog in streets."""
-    return (block, PLANT) if block == CanineInStreets.title() else (block,)
+    """The names by which parameters of a block are set: its own; the dog's too of a dog with more to it."""
+    return (block, PLANT) if block in (CanineInStreets.title(), CanineAllDay.title()) else (block,)
 
 
 @cache

@@ -22,6 +22,7 @@ from codegen.toolchains.compiler import CompileError, build_library
 from models.canine import Canine
 from models.cmec import Cmec
 from models.command_module import CommandModule
+from models.day import CanineAllDay
 from models.differential_drive import DifferentialDrive
 from models.errors import CanineError, ParameterError, WiringError
 from models.four_state import FourState
@@ -29,6 +30,7 @@ from models.kit.block import Block, triggered
 from models.kit.declaration import Input, Integer, Output, Parameter, State
 from models.kit.link import Link
 from models.kit.model import Model
+from models.modes import ENDED
 from models.pedestrian import Pedestrian
 from models.proportional import Proportional
 from models.quarter_turn import QuarterTurn
@@ -265,6 +267,19 @@ def test_trials_in_streets_with_poles_are_those_of_python() -> None:
     observe = ["controller.status", "plant.street", "plant.fancied", *MOTION]
     ticks = compare(system, VALUES | {"plant": streets | dog}, observe, LONGEST, stop=STOP, seeds=range(1, 6))
     assert len(set(ticks)) == 5
+
+
+def test_trials_of_a_dog_through_its_day_are_those_of_python() -> None:
+    # given a dog that is tired, gets used to vibrations, obeys most of them and draws its speed
+    dog = {
+        "start_fatigue": 0.6, "start_habituation": 0.1, "free_vibrations": 0, "habituation_gain": 0.05,
+        "left_success": 1, "right_success": 1, "cruise_speed_deviation": 1.0,
+    }  # fmt: skip
+    system = trial_simulator(CanineAllDay)
+    observe = ["controller.mode", "plant.fatigue", "plant.habituation", "plant.accustomed", *MOTION]
+    stop = ("controller.mode", [int(mode) for mode in ENDED])  # home again, after a failure too
+    ticks = compare(system, VALUES | {"plant": dog}, observe, LONGEST, stop=stop)
+    assert len(set(ticks)) == 3
 
 
 def test_trials_with_two_command_modules_are_those_of_python() -> None:

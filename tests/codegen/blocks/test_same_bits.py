@@ -23,6 +23,7 @@ import pytest
 from models.canine import Canine
 from models.cmec import Cmec
 from models.command_module import CommandModule
+from models.day import CanineAllDay
 from models.differential_drive import DifferentialDrive
 from models.four_state import FourState
 from models.kit.block import Block
@@ -68,6 +69,10 @@ CORNER = {
 RESTLESS = {
     "pitch_wander": 0.07, "pitch_shift_rate": 0.2, "jolt_rate": 0.3, "slip_wander": 0.1,
     "stride_deviation": 0.1, "drift_redrawn": 1,
+}  # fmt: skip
+WORN = {
+    "start_fatigue": 0.4, "start_habituation": 0.1, "free_vibrations": 0, "habituation_gain": 0.05,
+    "left_success": 1, "right_success": 1,
 }  # fmt: skip
 SPREAD = {"cruise_speed_deviation": 1.49, "speeding_up_deviation": 0.67, "slowing_down_deviation": 1.31}
 MAX_TICKS = 7500
@@ -160,6 +165,14 @@ TRIALS: dict[str, tuple[System, dict[str, dict[str, float]]]] = {
     "pedestrian": (trial_simulator(Pedestrian), {"controller": LEFT}),
     "streets": (full_system(CanineInStreets), {"controller": LEFT, "plant": CORNER}),
     "streets-restless": (full_system(CanineInStreets), {"controller": RIGHT, "plant": CORNER | RESTLESS}),
+    "all-day": (  # a street so narrow that it leans on the wall and leaves it
+        trial_simulator(CanineAllDay),
+        {"controller": LEFT, "plant": CORNER | WORN | {"street_half_width[1]": 1}},
+    ),
+    "all-day-restless": (
+        trial_simulator(CanineAllDay),
+        {"controller": RIGHT, "plant": CORNER | RESTLESS | WORN},
+    ),
     "quarter_turn": (trial_simulator(DifferentialDrive, QuarterTurn), {"controller": LEFT}),
     "proportional": (
         trial_simulator(DifferentialDrive, Proportional),

@@ -76,19 +76,21 @@ def test_each_vector_of_windows_or_points_declares_its_other_half() -> None:
     places = {f"cmec.{kind}_{axis}" for kind in ("waypoint", "fence") for axis in ("north", "east")}
     places |= {f"{c}.waypoint_{axis}" for c in ("quarter_turn", "proportional") for axis in ("north", "east")}
     places |= {
-        f"canine_in_streets.{kind}_{axis}"
+        f"{dog}.{kind}_{axis}" for dog in ("canine_in_streets", "canine_all_day")
         for kind in ("street", "street_end", "pole") for axis in ("north", "east")
     }  # fmt: skip
     paired = {"sensors.outage_start", "sensors.outage_end"} | places
     others = {name for name, p in vectors.items() if p.size != 3 and not name.startswith("profile.")}
-    others -= {"canine_in_streets.street_half_width"}  # one for each street
+    others -= {f"{dog}.street_half_width" for dog in ("canine_in_streets", "canine_all_day")}  # one for each
     assert others == paired
     assert {name: p.begins or p.beside for name, p in vectors.items() if p.begins or p.beside} == {
         "sensors.outage_end": "outage_start",
         "cmec.waypoint_east": "waypoint_north", "cmec.fence_east": "fence_north",
         "quarter_turn.waypoint_east": "waypoint_north", "proportional.waypoint_east": "waypoint_north",
-        "canine_in_streets.street_east": "street_north", "canine_in_streets.pole_east": "pole_north",
-        "canine_in_streets.street_end_east": "street_end_north",
+        **{
+            f"{dog}.{kind}_east": f"{kind}_north" for dog in ("canine_in_streets", "canine_all_day")
+            for kind in ("street", "street_end", "pole")
+        },
     }  # fmt: skip
     assert is_paired("sensors", "outage_start[3]")
     assert not is_paired("cmec", "max_turns")
