@@ -45,6 +45,7 @@ from harness.options import (
     Plant,
     Seed,
     Settings,
+    numbers,
 )
 from harness.recording import STREAMS
 from harness.replay import EVERY_S, OUTAGE_S
@@ -102,6 +103,7 @@ def canine(
     canine study outage                           estimators through outages, beside the text's numbers
     canine sweep two                              many trials at each value of a parameter
     canine matrix --controllers cmec,quarter_turn --plants canine,dog.fmu    many trials with each pair
+    canine day three_waypoint                     missions in a row: the dog tires and habituates
     canine plan campus.geojson --from gate --to pond                routes round buildings, tried by trials
     canine keygen --out vest.key                  a vest's radio key
     canine firmware --target stm32f405 --key vest.key --out fw      the onboard program's sources
@@ -515,6 +517,7 @@ def _replay_all(
 
 app.command("sweep")(sweep_commands.sweep_parameters)
 app.command("matrix")(sweep_commands.compare_controllers)
+app.command("day")(sweep_commands.run_days)
 app.command("plan")(route_commands.plan_route)
 
 
@@ -530,6 +533,14 @@ def fit_animal(
         float | None,
         typer.Option(min=1e-3, max=90, help="deg/s from which on a LEFT or RIGHT was obeyed; see the README"),
     ] = None,
+    rest: Annotated[
+        str | None,
+        typer.Option(
+            metavar="s,...",
+            help="the logs are missions of days, those of a folder of one, with such rests between them",
+        ),
+    ] = None,
+    settings: Settings = None,
     folder: Annotated[Path | None, typer.Option("--out", file_okay=False, help="by default out/fit")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="print the result as JSON")] = False,
 ) -> None:
@@ -538,14 +549,24 @@ def fit_animal(
     \b
     canine fit out                                every trial.mcap below out
     canine fit field/*.mcap --source estimator    as without the truth
-    """
-    from harness.fit import estimate as statistics
-    from harness.fit import report
+    canine fit monday tuesday --rest 600          and how it tires and habituates over a day
+    canine fit 1.mcap 2.mcap 3.mcap --rest 600,900 --set canine.fatigue_time=1800
 
+    --rest takes as given, unless --set says otherwise, what canine_all_day assumes of ways and times.
+    """
+    from harness.fit import day, report
+    from harness.fit import estimate as statistics
+
+    days = None
+    if rest is not None:
+        own = day.given(settings or [])
+        days = day.Days(statistics.days_of(logs), numbers("--rest", rest, "s"), own)
+    elif settings:
+        raise UsageError(f"--set {settings[0]}: acts with --rest alone, which says that the logs are of days")
     paths = statistics.find_logs(logs)
     with progress_bar("logs", len(paths), quiet=as_json) as progress:
         reading = statistics.read_tracks(paths, source, progress)
-    result = statistics.estimate(reading, None if turned is None else math.radians(turned))
+    result = statistics.estimate(reading, None if turned is None else math.radians(turned), days)
     place = folder or report.FOLDER
     report.report(result, place, print_note)
     if as_json:

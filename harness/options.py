@@ -8,6 +8,7 @@ import typer
 
 from codegen.firmware.targets import IN_THE_LOOP
 from harness.cosim.stepping import CALL_LIMIT_S, MEMORY_LIMIT_GIB
+from models.errors import UsageError
 from models.kit.random import MAX_SEED
 
 Seed = Annotated[int | None, typer.Option(min=0, max=MAX_SEED, help="the trial's number")]
@@ -62,3 +63,29 @@ MemoryLimit = Annotated[
         help="GiB that all FMUs may take, if one was made elsewhere",
     ),
 ]
+
+
+def listed(text: str) -> list[str]:
+    """The parts of an option's text with commas between them."""
+    return [part.strip() for part in text.split(",")]
+
+
+def numbers(option: str, text: str, unit: str) -> list[float]:
+    """The numbers of an option's text with commas between them.
+
+    Raises:
+        UsageError: a part is no number.
+    """
+    return [number(option, part, unit) for part in listed(text)]
+
+
+def number(option: str, text: str, unit: str) -> float:
+    """The number of a text.
+
+    Raises:
+        UsageError: it is none.
+    """
+    try:
+        return float(text)
+    except ValueError:
+        raise UsageError(f'{option} "{text}": expected a number of {unit}') from None

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import typer
 
 from harness.console import json_of, out, print_note, progress_bar, say_where
-from harness.options import Controller, Plant, Settings
+from harness.options import Controller, Plant, Settings, number
 from harness.routes import CLEARANCES, LONGEST, SPACINGS, TRIALS, WAYS, Along
 from models.errors import UsageError
 from models.kit.random import MAX_SEED
@@ -98,11 +98,13 @@ def plan_route(
             metres=metres,
             origin=_origin(origin),
             along=along,
-            clearances=[_number("--clearance", part) for part in _listed(clearance)],
+            clearances=[number("--clearance", part, "m") for part in _listed(clearance)],
             ways=ways,
             longest=longest,
             preference=prefer_turns,
-            spacings=[None if part == "none" else _number("--spacing", part) for part in _listed(spacing)],
+            spacings=[
+                None if part == "none" else number("--spacing", part, "m") for part in _listed(spacing)
+            ],
             scenario=scenario,
             system=system,
             reading=reading,
@@ -136,13 +138,6 @@ def _require_extra() -> None:
 
 def _listed(text: str) -> list[str]:
     return [part.strip() for part in text.split(",") if part.strip()]
-
-
-def _number(option: str, text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise UsageError(f'{option} "{text}": expected a number of m') from None
 
 
 def _origin(text: str) -> tuple[float, float] | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -11,12 +12,23 @@ import typer
 
 from harness.console import build_status, end_interrupted, json_of, out, print_note, progress_bar, say_where
 from harness.cosim.stepping import GIB, Limits
-from harness.options import Ahrs, CallLimit, Controller, Estimator, MemoryLimit, Plant, Settings
+from harness.options import (
+    Ahrs,
+    CallLimit,
+    Controller,
+    Estimator,
+    MemoryLimit,
+    Plant,
+    Settings,
+    listed,
+    numbers,
+)
 from harness.trial import DEFAULT, ReadingName
 from models.errors import CanineError
 from models.kit.random import MAX_SEED
 
 if TYPE_CHECKING:
+    from harness.day.missions import Result as DaysResult
     from harness.sweep.run import Asked
 
 Reading = Annotated[
@@ -181,7 +193,8 @@ def compare_controllers(
     limits = Limits(call=call_limit, memory=int(memory_limit * GIB))
     with build_status("building the FMUs") as done:
         planned = matrix.plan_matrix(
-            _listed(controllers), _listed(plants), _listed(scenarios) or (), trials=trials, system=system,
+            None if controllers is None else listed(controllers),
+            None if plants is None else listed(plants), listed(scenarios), trials=trials, system=system,
             reading=reading, seed=seed, settings=settings or [], estimator=estimator, ahrs=ahrs,
             limits=limits, note=print_note, built=done,
         )  # fmt: skip
@@ -198,9 +211,82 @@ def compare_controllers(
     _fail_by(result.fmu_failures(refused="left out, as noted above"))
 
 
-def _listed(names: str | None) -> list[str] | None:
-    """Names with commas between them."""
-    return None if names is None else [name.strip() for name in names.split(",")]
+def run_days(
+    scenario: Annotated[
+        str, typer.Argument(metavar="SCENARIO.toml", help="a file or a name: each mission")
+    ] = DEFAULT,
+    *,
+    missions: Annotated[int, typer.Option(help="in a row")] = 8,
+    rest: Annotated[
+        str, typer.Option(metavar="s,...", help="between two missions; each of several is a curve")
+    ] = "600",
+    controllers: Annotated[str, typer.Option(metavar="NAME,...", help="of ours; each is a curve")] = "cmec",
+    days: Annotated[int, typer.Option(help="how often the day is simulated")] = 1000,
+    system: Annotated[
+        Literal["cts", "full"],
+        typer.Option(help="cts: the true state into the controller; full: the estimate"),
+    ] = "cts",
+    estimator: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="with --system full: one of ours, four_state by default"),
+    ] = None,
+    reading: Reading = None,
+    seed: FirstSeed = None,
+    settings: Settings = None,
+    logs: Annotated[
+        int, typer.Option(min=0, help="of so many days each mission is also run alone, with a log and a page")
+    ] = 0,
+    folder: Annotated[
+        Path | None, typer.Option("--out", file_okay=False, help="by default out/day-<scenario>")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print day.json")] = False,
+) -> None:
+    """Run days of missions with rests: the dog tires and habituates. day.csv, .json, .png and .html.
+
+    \b
+    canine day three_waypoint                     8 missions, 600 s of rest between them, 1000 days
+    canine day three_waypoint --rest 60,600,3600 --controllers cmec,quarter_turn
+    canine day three_waypoint --reading field --set canine.fatigue_slows=0.3 --set cmec=aim_off
+    canine day my.toml --missions 12 --set canine.start_fatigue=0.4
+
+    All controllers and rests meet the same seeds. How the dog tires and habituates is assumed: the parameters
+    of the plant canine_all_day say so, and the results too. `canine parameters canine_all_day` lists them.
+    """
+    from harness.day import missions as course
+    from harness.day import report
+
+    asked = course.Asked(
+        scenario, listed(controllers), numbers("--rest", rest, "s"), missions, days, system, estimator,
+        reading, seed, settings or (),
+    )  # fmt: skip
+    planned = course.plan_days(asked, print_note)
+    with progress_bar("trials", planned.total, quiet=as_json) as progress:
+        result = course.run(planned, progress)
+    place = folder or report.default_folder(result)
+    report.write(result, place, print_note)
+    _log_days(result, min(logs, days), place, quiet=as_json)
+    if as_json:
+        typer.echo(json_of(report.facts(result)))
+    else:
+        report.show(result, out())
+        say_where(place)
+
+
+def _log_days(result: DaysResult, days: int, place: Path, *, quiet: bool) -> None:
+    """Run the missions of the first days alone: `<controller>-rest<s>/day-<i>/mission-<k>` below `place`."""
+    from harness.day.missions import PLANT
+    from harness.front_door import run_trial
+
+    asked = result.planned.asked
+    with progress_bar("logs", days * len(result.courses) * asked.missions, quiet=quiet) as progress:
+        done = 0
+        for course, day in product(result.courses, range(days)):
+            for number, mission in enumerate(result.missions_of(course, day), start=1):
+                below = f"{course.controller}-rest{course.rest:g}/day-{day + 1}/mission-{number}"
+                run_trial(mission, plant=PLANT, controller=course.controller, out=place / below)
+                done += 1
+                if progress:
+                    progress(done)
 
 
 @contextmanager

@@ -5,6 +5,7 @@ trials are read from logs and their values pooled, with confidence intervals.
 """
 
 import math
+import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,6 +17,7 @@ import numpy as np
 from scipy import stats
 from scipy.optimize import brentq
 
+from harness.fit.day import Days, estimate_day
 from harness.fit.tracks import (
     CRUISE_S,
     ENDED_EARLY,
@@ -30,6 +32,7 @@ from harness.fit.tracks import (
 )
 from harness.log.channel import Array
 from harness.log.log import Log, LogError, read_log
+from models.commands import Status
 from models.errors import CanineError, UsageError
 from models.kit.units import DEG
 
@@ -38,7 +41,9 @@ REDRAWN = ("cruise_speed", "speeding_up", "slowing_down")  # the model draws the
 FLOOR = 0.2  # of their means
 NARROWEST, WIDEST = 0.05, 10.0  # deviations, as shares of the mean, between which redrawing is undone
 ROUND_OFF = 1e-9  # share of the mean (or SI value) below which a deviation is rounding, not the animal's
-OF_A_TRIAL = ("seed", "start_north", "start_east", "start_heading")  # parameters that are not the animal's
+OF_A_TRIAL = (  # parameters that are not the animal's
+    "seed", "start_north", "start_east", "start_heading", "start_fatigue", "start_habituation",
+)  # fmt: skip
 NAMED = 3  # logs that a note names one by one at most
 DISTURBING = 0.01  # share of turns slower than the threshold from which on a note says so
 
@@ -241,10 +246,14 @@ def read_track(log: Log, source: MotionSource) -> Track:
     fresh = np.ones(len(speed), dtype=bool)
     if f"{source.component}.gps_fix" in log:  # between fixes the speed swings with the pack (B.4)
         fresh = log[f"{source.component}.gps_fix"] > 0
-    aim = None
+    aim, way_home = None, 0.0
     if log.route:
         (_, first_north, first_east), (_, north, east) = log.route.places[0], log.route.places[-1]
         aim = math.atan2(first_east - east, first_north - north)  # from home, where a trial starts
+        place = [f"{source.component}.{name}" for name in ("north", "east")]
+        if all(signal in log for signal in place):
+            last = [float(log[signal][-1]) for signal in place]
+            way_home = math.dist(last, (north, east)) if np.isfinite(last).all() else 0.0
     name = f"{log.path.resolve().parent.name}/{log.path.name}"
     swapped = log.attachments.get("plant.fmu")
     return Track(
@@ -256,6 +265,8 @@ def read_track(log: Log, source: MotionSource) -> Track:
             for name, value in log.metadata.get("parameters", {}).items()
             if name.startswith("plant.") and name.removeprefix("plant.") not in OF_A_TRIAL
         },
+        bool("controller.status" in log and log["controller.status"][-1] == Status.SUCCESS), way_home,
+        log.path,
     )  # fmt: skip
 
 
@@ -269,11 +280,31 @@ def find_logs(paths: Sequence[Path]) -> list[Path]:
     for path in paths:
         if not path.exists():
             raise FitError(f'there is no log "{path}"; expected a trial.mcap, or a folder that holds some')
-        inside = sorted(path.rglob("*.mcap")) if path.is_dir() else [path]
+        inside = sorted(path.rglob("*.mcap"), key=_counting) if path.is_dir() else [path]
         if not inside:
             raise FitError(f"{path}: the folder holds no .mcap; expected logs of trials")
         logs |= {log.resolve(): log for log in inside}
     return list(logs.values())
+
+
+def _counting(path: Path) -> list[tuple[int, str]]:
+    """A key by which paths are in the order in which people count: mission-2 before mission-10."""
+    return [(int(digits or -1), text) for text, digits in re.findall(r"(\D*)(\d*)", str(path))]
+
+
+def days_of(paths: Sequence[Path]) -> list[list[Path]]:
+    """The logs of days: each folder's logs, by their names, are a day; so are those that stand in a row.
+
+    Raises:
+        FitError: as `find_logs` raises it.
+    """
+    rows: list[list[Path]] = []
+    for path in paths:
+        if rows and not path.is_dir() and not rows[-1][-1].is_dir():
+            rows[-1].append(path)
+        else:
+            rows.append([path])
+    return [find_logs(row) for row in rows]
 
 
 @dataclass(frozen=True)
@@ -421,14 +452,16 @@ def _different_animals(tracks: Sequence[Track]) -> Iterable[str]:
             )
 
 
-def estimate(reading: Reading, turned: float | None = None) -> dict[str, Any]:
+def estimate(reading: Reading, turned: float | None = None, days: Days | None = None) -> dict[str, Any]:
     """The statistics over all trials of some logs: the content of fit.json.
 
     Args:
         turned: rad/s, turn rate from which on a command counts as obeyed; by default each source's own.
+        days: how they are missions of days; None for trials in no order.
 
     Raises:
         FitError: the trials have neither a value nor a response.
+        UsageError: a mission of a day was left out.
     """
     tracks = [
         (track, source if turned is None else replace(source, turned=turned))
@@ -441,4 +474,7 @@ def estimate(reading: Reading, turned: float | None = None) -> dict[str, Any]:
     result["logs"] = [track.name for track, _ in tracks]
     result["plants"] = sorted({track.plant for track, _ in tracks} - {""})
     result["left_out_logs"] = reading.left_out
+    if days is not None:
+        by_path = {track.path: (track, trial) for (track, _), trial in zip(tracks, trials, strict=True)}
+        result["day"] = estimate_day(days.missions(by_path), days.own)
     return result

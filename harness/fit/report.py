@@ -46,6 +46,11 @@ def fragment(result: Mapping[str, Any]) -> str:
             f"# By the handler: the start was {start['mean']:.3g} deg off the first waypoint on average.",
             f'# "canine.start_heading_deviation" = {rounded(settled(start["sd"], start["mean"]))!r}',
         ]
+    if "day" in result:
+        lines += [
+            "# Of a day, for `canine day` and --plant canine_all_day; what is not here was not shown:",
+            *(f'# "{name}" = {value!r}' for name, value in result["day"]["parameters"].items()),
+        ]
     return "\n".join(lines) + "\n"
 
 
@@ -66,10 +71,13 @@ def report(result: Mapping[str, Any], out: Path, note: Callable[[str], None] = l
         note(f"{out}: has another fit, which this replaces ({others})")
     write_whole(out / "fit.json", (json.dumps(result, indent=2, ensure_ascii=False) + "\n").encode())
     write_whole(out / "fit.toml", fragment(result).encode())
-    picture = figure(result)
-    write_whole(out / "fit.png", png_of(picture))
+    pictures = {"fit": figure(result)} | ({"fit-day": day_figure(result["day"])} if "day" in result else {})
+    for name, picture in pictures.items():
+        write_whole(out / f"{name}.png", png_of(picture))
+    if "day" not in result:
+        (out / "fit-day.png").unlink(missing_ok=True)  # of an earlier fit
     title = f"The animal of {_trials(result)}"
-    page = charts_page(title, ABOUT, {"fit": picture}, lambda console: show(result, console))
+    page = charts_page(title, ABOUT, pictures, lambda console: show(result, console))
     write_whole(out / "fit.html", page)
 
 
@@ -101,12 +109,35 @@ def show(result: Mapping[str, Any], console: Console) -> None:
             console.print(text, style="dim", markup=False, soft_wrap=True)
     for note in result["notes"]:
         console.print(f"note: {note}", style="dim", markup=False, soft_wrap=True)
+    if "day" in result:
+        _show_day(result["day"], console)
+
+
+def _show_day(day: Mapping[str, Any], console: Console) -> None:
+    """Print the effects of fatigue and habituation, and what they rest on."""
+    table = new_table(gap=1)
+    table.add_column(_missions(day))
+    for heading in ("n", "estimate", "95 %", "rested"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("")
+    for name, effect in day["effects"].items():
+        unit = {"1": ""}.get(effect["unit"], f" [{effect['unit']}]")
+        rested = "" if effect["rested"] is None else _number(effect["rested"])
+        estimate, interval = _number(effect["estimate"]), _range(effect["interval"])
+        table.add_row(escape(name + unit), str(effect["n"]), estimate, interval, rested, effect["verdict"])
+    print_table(table, console)
+    own = ", ".join(f"{name} {value:g}" for name, value in day["given"].items())
+    console.print(f"note: taken as given: {own}", style="dim", markup=False, soft_wrap=True)
 
 
 def _trials(result: Mapping[str, Any]) -> str:
     count, left_out = len(result["trials"]), result.get("left_out_logs", 0)
     without = f", {left_out} log{'s' * (left_out != 1)} left out" if left_out else ""
     return f"{count} trial{'s' * (count != 1)}{without}"
+
+
+def _missions(day: Mapping[str, Any]) -> str:
+    return f"{day['missions']} missions of {day['days']} day{'s' * (day['days'] != 1)}"
 
 
 def _number(value: float | None) -> str:
@@ -133,6 +164,32 @@ def figure(result: Mapping[str, Any]) -> Figure:
         legend |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
     picture.legend(legend.values(), legend.keys(), loc="outside lower center", ncols=len(legend), **BELOW)
     picture.suptitle(f"The animal of {_trials(result)}", fontsize=13)
+    return picture
+
+
+def day_figure(day: Mapping[str, Any]) -> Figure:
+    """Speed of the missions and delay of the responses over fatigue, with their lines."""
+    picture = new_figure(11, 4.5)
+    for axes, name, key, label in zip(
+        picture.subplots(1, 2),
+        ("fatigue_slows", "fatigue_delays"),
+        ("speeds", "delays"),
+        ("cruising speed [m/s]", "delay of FORWARD [s]"),
+        strict=True,
+    ):
+        effect, points = day["effects"][name], np.array(day[key]).reshape(-1, 2)
+        axes.plot(*points.T, "o", color=ESTIMATES[0], markersize=4, label="missions")
+        if effect["estimate"] is not None:
+            ends = np.array([points[:, 0].min(), points[:, 0].max()])
+            slope = -effect["rested"] if name == "fatigue_slows" else 1.0
+            line = effect["rested"] + slope * effect["estimate"] * ends
+            axes.plot(ends, line, color=TRUTH, linewidth=1.6, label="least squares")
+        axes.set_title(effect["verdict"], fontsize=10)
+        axes.set_xlabel("fatigue, by the assumed law")
+        axes.set_ylabel(label)
+        axes.set_axisbelow(True)
+        axes.grid(**GRID)
+    picture.suptitle(_missions(day), fontsize=13)
     return picture
 
 

@@ -23,6 +23,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -53,6 +54,7 @@ class MotionSource:
         moving: m/s, least speed from which braking is measured, and which a measured start must reach.
         shortest: s, least time of a turn; at least one tick.
         turned: rad/s, turn rate from which on a command counts as obeyed.
+        exact: it shows each response, however slow the turn.
     """
 
     component: str
@@ -60,11 +62,12 @@ class MotionSource:
     moving: float
     shortest: float
     turned: float
+    exact: bool = False
 
 
 MOTION_SOURCES = {
     # the truth is exact, and a dog that does not obey does not turn at all
-    "plant": MotionSource("plant", 1e-6, 1.0, 0.0, 0.1 * DEG),
+    "plant": MotionSource("plant", 1e-6, 1.0, 0.0, 0.1 * DEG, exact=True),
     # rest: V' of Table 4.2; moving: braking from a lower speed may end between two fixes; turned: 5 deg/s for
     # the 3 s of DELTHRESH2 are 15 deg, the least turn commanded (from h'' = 20 deg to 5)
     "estimator": MotionSource("estimator", 0.3, 2.0, 0.2, 5 * DEG),
@@ -129,6 +132,9 @@ class Track:
         plant: the block or FMU that moved; "" if the log has none.
         file: digest of the FMU in the plant's place; "" for our own.
         parameters: of the plant, those of the trial apart, by name, as the log writes them.
+        success: did the controller say so at the end?
+        way_home: m, straight from where the log ends; 0 if home is not known.
+        path: of the log.
     """
 
     name: str
@@ -143,6 +149,9 @@ class Track:
     plant: str = ""
     file: str = ""
     parameters: Mapping[str, str] = field(default_factory=dict)
+    success: bool = False
+    way_home: float = 0.0
+    path: Path = Path()
 
     @property
     def step(self) -> float:
@@ -165,12 +174,17 @@ class Trial:
         values: by the statistic's key, SI.
         responses: whether each command issued was obeyed, by the success rate's name.
         left_out: number of stretches that could not be used, by the statistic's key and the reason.
+        heard: of each response, the row of its command, the command, and was it obeyed? Those that do not
+            count are among them only if the motion is exact.
+        delays: of each FORWARD from rest, the row of its command and the time until the animal sets out [s].
     """
 
     name: str
     values: dict[str, float] = field(default_factory=dict)
     responses: dict[str, list[bool]] = field(default_factory=lambda: {name: [] for name in RATES})
     left_out: Counter[tuple[str, str]] = field(default_factory=Counter)
+    heard: list[tuple[int, Command, bool]] = field(default_factory=list)
+    delays: list[tuple[int, float]] = field(default_factory=list)
 
 
 def stretches(command: Array) -> list[tuple[int, int, int]]:
@@ -301,6 +315,9 @@ def _speed(track: Track, known: Sequence[tuple[Command, slice]], source: MotionS
             continue
         if speed[0] < AT_REST_M_S and reached >= source.moving:
             lines["speeding_up"].append(line)
+            if (pace := slope([line])) > 0:
+                began = line[0].mean() - (line[1].mean() - speed[0]) / pace  # where the line starts
+                trial.delays.append((rows.start, float(began - time[0])))
         else:
             reason = (
                 "not from rest" if speed[0] >= AT_REST_M_S else f"came to less than {source.moving:g} m/s"
@@ -350,7 +367,10 @@ def _turn(track: Track, known: Sequence[tuple[Command, slice]], source: MotionSo
         drifted = drift * np.concatenate([[0.0], np.cumsum(np.diff(time) * moving)])
         heading = np.unwrap(track.heading[rows]) - drifted
         obeyed = abs(slope([(time, heading)])) >= source.turned
-        if len(trial.responses[rate]) < COUNTED:
+        counts = len(trial.responses[rate]) < COUNTED
+        if counts or source.exact:
+            trial.heard.append((rows.start, command, bool(obeyed)))
+        if counts:
             trial.responses[rate].append(obeyed)
         else:
             trial.left_out[rate, f"after the first {COUNTED} of a trial"] += 1

@@ -29,7 +29,7 @@ from harness.sweep.paired import Comparison, compare
 from harness.sweep.run import run_trials
 from harness.sweep.table import Point, csv_of, table_of
 from harness.sweep.tls import Certificates
-from harness.sweep.trials import TRIAL_TYPES, Options, adapted, check_size, native_job
+from harness.sweep.trials import TRIAL_TYPES, Options, adapted, check_size, native_job, without
 from harness.terminal import new_table, percent, print_table
 from harness.trial import DEFAULT
 from harness.trial.scenario import Scenario
@@ -171,8 +171,7 @@ def plan_matrix(
         name = (controller, plant, scenario.name)
         chosen = own | by_role["controller"][controller] | by_role["plant"][plant]
         others = blocks - {chosen.block("controller"), chosen.block("plant")}
-        kept = [text for text in settings if text.partition("=")[0].partition(".")[0].strip() not in others]
-        cell = scenario.override(kept, swaps=chosen.blocks)
+        cell = scenario.override(without(settings, others), swaps=chosen.blocks)
         try:
             jobs[name] = _job(cell, chosen, trials, limits, note=collect, built=built)
         except UsageError:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -114,6 +114,11 @@ def adapted(
 def _owners(system: System) -> set[str]:
     """The names of the components and of their blocks."""
     return {*system.components, *(block.title() for block in system.components.values())}
+
+
+def without(settings: Sequence[str], blocks: Collection[str | None]) -> list[str]:
+    """The settings that are not of these blocks, `block.name=value`."""
+    return [text for text in settings if text.partition("=")[0].partition(".")[0].strip() not in blocks]
 
 
 def native_job(

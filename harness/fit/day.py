@@ -1,0 +1,376 @@
+"""What a day does to an animal, from the logs of its missions: the effects of fatigue and habituation.
+
+The laws are those of models/day.py, and what of them is no effect is taken as given: the way that tires, the
+times in which both states fade, the free vibrations, what a reward takes. From the way run, the vibrations
+felt, the successes and the rests both states follow at any time of the day, habituation for each value of its
+gain. The effects are then estimated.
+
+- Speed: the line of the missions' cruising speeds over fatigue; its slope as a share of the rested speed,
+  with Fieller's interval.
+- Response time: the line of the delays of FORWARD from rest over fatigue, with Student's interval.
+- Obedience: the likelihood of all responses to LEFT and RIGHT, over a success rate for each side, the share
+  that fatigue takes and the gain of habituation. The intervals are those of the likelihood ratio.
+
+An effect that is not shown to differ from 0 is said to be so, and what the logs cannot tell, too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from harness.fit.tracks import TURNS, Track, Trial, stretches
+from harness.log.channel import Array
+from models.commands import Command
+from models.day import CanineAllDay, faded, rested, tired_after, tired_by
+from models.errors import UsageError, nearest
+
+CONFIDENCE = 0.95
+GIVEN = (
+    "start_fatigue", "start_habituation", "fatigue_way", "fatigue_time", "free_vibrations",
+    "habituation_time", "reward_relief",
+)  # fmt: skip
+FEWEST = 5  # values from which a line is drawn
+FEWEST_RESPONSES = 10  # from which a share is estimated; of habituation, beyond the free ones
+SPREAD = 0.02  # of fatigue, below which all values are of a dog that is equally tired
+GRID = np.arange(101) / 100  # of the shares
+UNTOLD = 0.95  # of the range, which an interval covers that tells nothing
+HALVINGS = 40
+LONGEST_REST = 1e6  # s
+
+
+@dataclass(frozen=True)
+class Mission:
+    """One mission of a day, as it was read.
+
+    Attributes:
+        rest: s, from its end to the next one's begin.
+    """
+
+    track: Track
+    trial: Trial
+    rest: float
+
+
+@dataclass(frozen=True)
+class Effect:
+    """An effect of a day.
+
+    Attributes:
+        name: of the animal's parameter.
+        n: values that it is estimated from.
+        estimate, interval: None where the logs cannot tell.
+        rested: the value of a rested animal, where there is one.
+        why: why they cannot tell; "" if they can.
+    """
+
+    name: str
+    n: int
+    estimate: float | None = None
+    interval: tuple[float, float] | None = None
+    rested: float | None = None
+    why: str = ""
+
+    @property
+    def verdict(self) -> str:
+        """What may be concluded."""
+        variable = CanineAllDay.variables()[self.name]
+        if self.interval is None or self.estimate is None:
+            return f"cannot be estimated: {self.why}"
+        low, high = self.interval
+        most = 1.0 if variable.unit == "1" else math.inf
+        if low <= 0 and high >= UNTOLD * most:
+            return "the logs tell nothing of it"
+        if low <= 0 <= high:
+            return "not shown: the interval includes 0"
+        if high < 0:
+            return "below 0: the animal does not tire by this law"
+        return "shown"
+
+    def facts(self) -> dict[str, Any]:
+        """As fit.json has it."""
+        return {
+            "unit": CanineAllDay.variables()[self.name].unit,
+            "n": self.n,
+            "estimate": self.estimate,
+            "interval": self.interval,
+            "rested": self.rested,
+            "verdict": self.verdict,
+        }
+
+
+@dataclass(frozen=True)
+class Days:
+    """How logs are missions of days.
+
+    Attributes:
+        paths: of the logs of each day, in their order.
+        rests: s, between two missions: one for all, or one for each.
+        own: what of the laws is taken as given.
+    """
+
+    paths: Sequence[Sequence[Path]]
+    rests: Sequence[float]
+    own: Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        """Refuse rests that are not between the missions.
+
+        Raises:
+            UsageError: there are.
+        """
+        for rest in self.rests:
+            if not 0 <= rest <= LONGEST_REST:
+                raise UsageError(f"--rest {rest:g}: expected 0 to {LONGEST_REST:g} s")
+        for day in self.paths:
+            if len(self.rests) not in (1, len(day) - 1):
+                raise UsageError(
+                    f"--rest: {len(self.rests)} rests, and the day of {day[0]} has {len(day)} missions; "
+                    f"expected one for all, or {len(day) - 1}"
+                )
+
+    def missions(self, trials: Mapping[Path, tuple[Track, Trial]]) -> list[list[Mission]]:
+        """The missions of each day.
+
+        Raises:
+            UsageError: a log was left out.
+        """
+        for path in (path for day in self.paths for path in day):
+            if path not in trials:
+                raise UsageError(f"{path}: was left out, and a day needs all its missions; leave out its day")
+        return [
+            [
+                Mission(*trials[path], 0.0 if path is day[-1] else self.rests[number % len(self.rests)])
+                for number, path in enumerate(day)
+            ]
+            for day in self.paths
+        ]
+
+
+def given(settings: Sequence[str]) -> dict[str, float]:
+    """What of the laws is taken as given: the declared values, or those of `canine.name=value`.
+
+    Raises:
+        UsageError: a setting is none of these, or out of its range.
+    """
+    declared = CanineAllDay.variables()
+    own = {name: declared[name].start[0] for name in GIVEN}
+    for setting in settings:
+        address, _, text = setting.partition("=")
+        name = address.strip().removeprefix("canine.")
+        if name not in own:
+            known = [f"canine.{one}" for one in GIVEN]
+            raise UsageError(
+                f"--set {setting}: a fit takes only what it does not estimate{nearest(address, known)}"
+            )
+        try:
+            own[name] = float(text)
+        except ValueError:
+            raise UsageError(f"--set {setting}: expected {declared[name].expected()}") from None
+        declared[name].check(own[name], f"--set canine.{name}")
+    return own
+
+
+def estimate_day(days: Sequence[Sequence[Mission]], own: Mapping[str, float]) -> dict[str, Any]:
+    """The effects over some days: what fit.json has under `day`.
+
+    Args:
+        days: each its missions in their order.
+        own: as `given` returns it.
+    """
+    speeds: list[tuple[float, float]] = []
+    delays: list[tuple[float, float]] = []
+    heard = []
+    for day in days:
+        followed = zip(day, _fatigues(day, own), _habituations(day, own), strict=True)
+        for mission, fatigue, felt in followed:
+            trial = mission.trial
+            if "cruise_speed" in trial.values:
+                running = np.isin(mission.track.command, (Command.FORWARD, Command.RECALL))
+                speeds.append((float(fatigue[running].mean()), trial.values["cruise_speed"]))
+            delays += [(float(fatigue[row]), delay) for row, delay in trial.delays]
+            heard += [
+                _Heard(TURNS[command][1], obeyed, float(fatigue[row]), *felt[row])
+                for row, command, obeyed in trial.heard
+            ]
+    effects = [
+        _slowing(np.array(speeds).reshape(-1, 2)),
+        _delaying(np.array(delays).reshape(-1, 2)),
+        *_disobeying(heard),
+    ]
+    return {
+        "confidence": CONFIDENCE,
+        "days": len(days),
+        "missions": sum(map(len, days)),
+        "given": dict(own),
+        "effects": {effect.name: effect.facts() for effect in effects},
+        "parameters": {
+            f"canine.{effect.name}": float(f"{effect.estimate:.4g}")
+            for effect in effects
+            if effect.verdict == "shown" and effect.estimate is not None
+        },
+        "speeds": speeds,
+        "delays": delays,
+    }
+
+
+def _fatigues(day: Sequence[Mission], own: Mapping[str, float]) -> Iterator[Array]:
+    """Fatigue on each row of each mission."""
+    fatigue = own["start_fatigue"]
+    for mission in day:
+        track = mission.track
+        seconds = np.diff(track.time)
+        held = track.held
+        ways = (0.5 * (held[:-1] + held[1:]) * seconds).tolist()
+        kept = faded(own["fatigue_time"], seconds).tolist()
+        rows = [fatigue]
+        for way, keeps in zip(ways, kept, strict=True):
+            fatigue = keeps * tired_by(fatigue, way, own["fatigue_way"])
+            rows.append(fatigue)
+        yield np.array(rows)
+        if not track.success:  # a failed trial ends where the recall begins
+            fatigue = tired_after(fatigue, track.way_home, own["fatigue_way"])
+        fatigue, _ = rested(fatigue, 0.0, False, mission.rest, own)
+
+
+def _habituations(
+    day: Sequence[Mission], own: Mapping[str, float]
+) -> Iterator[dict[int, tuple[Array, bool]]]:
+    """By mission, of each vibration's row: habituation for each gain of GRID, and is it a further one?"""
+    habituation = np.full(GRID.shape, own["start_habituation"])
+    for mission in day:
+        time = mission.track.time
+        now = time[0]
+        rows: dict[int, tuple[Array, bool]] = {}
+        for command, first, _ in stretches(mission.track.command):
+            if command in TURNS:
+                habituation = habituation * faded(own["habituation_time"], time[first] - now)
+                now = time[first]
+                further = len(rows) >= own["free_vibrations"]
+                if further:
+                    habituation = habituation + GRID * (1 - habituation)
+                rows[first] = habituation, further
+        yield rows
+        habituation = habituation * faded(own["habituation_time"], time[-1] - now)
+        _, habituation = rested(0.0, habituation, mission.track.success, mission.rest, own)
+
+
+@dataclass(frozen=True)
+class _Heard:
+    """A response: of which side, obeyed or not, and the states in which it was given.
+
+    Attributes:
+        habituation: for each gain of GRID.
+        further: a vibration beyond the free ones.
+    """
+
+    side: str
+    obeyed: bool
+    fatigue: float
+    habituation: Array
+    further: bool
+
+
+def _line(points: Array) -> tuple[Array, Array, float] | str:
+    """Intercept and slope, their covariance, Student's quantile; or why there is no line."""
+    if len(points) < FEWEST:
+        return f"{len(points)} values; at least {FEWEST} are needed"
+    x, y = points.T
+    if np.ptp(x) < SPREAD:
+        return f"all values are of fatigues within {SPREAD:g}; give a longer day, or shorter rests"
+    design = np.column_stack([np.ones_like(x), x])
+    inverse = np.linalg.inv(design.T @ design)
+    line = inverse @ design.T @ y
+    freedom = len(x) - 2
+    variance = float(np.sum((y - design @ line) ** 2)) / freedom
+    return line, variance * inverse, float(stats.t.ppf(0.5 + CONFIDENCE / 2, freedom))
+
+
+def _slowing(points: Array) -> Effect:
+    """The share of the speed that full fatigue takes, from (fatigue, speed) of each mission."""
+    name, found = "fatigue_slows", _line(points)
+    if isinstance(found, str):
+        return Effect(name, len(points), why=f"cruising speed: {found}")
+    (rested_speed, slope), cov, quantile = found
+    ratio = slope / rested_speed
+    doubt = quantile**2 * cov[0, 0] / rested_speed**2
+    if doubt >= 1:
+        return Effect(name, len(points), why="the speeds scatter too widely")
+    middle = ratio - doubt * cov[0, 1] / cov[0, 0] if cov[0, 0] else ratio
+    square = cov[1, 1] - 2 * ratio * cov[0, 1] + ratio**2 * cov[0, 0]
+    if cov[0, 0]:
+        square -= doubt * (cov[1, 1] - cov[0, 1] ** 2 / cov[0, 0])
+    half = quantile / abs(rested_speed) * math.sqrt(max(square, 0.0))
+    low, high = ((middle - half) / (1 - doubt), (middle + half) / (1 - doubt))
+    return Effect(name, len(points), -float(ratio), (-float(high), -float(low)), float(rested_speed))
+
+
+def _delaying(points: Array) -> Effect:
+    """By how much full fatigue delays a response, from (fatigue, delay) of each FORWARD from rest."""
+    name, found = "fatigue_delays", _line(points)
+    if isinstance(found, str):
+        return Effect(name, len(points), why=f"FORWARD from rest: {found}")
+    (rested_delay, slope), cov, quantile = found
+    half = quantile * math.sqrt(cov[1, 1])
+    return Effect(
+        name, len(points), float(slope), (float(slope - half), float(slope + half)), float(rested_delay)
+    )
+
+
+def _disobeying(heard: Sequence[_Heard]) -> Iterator[Effect]:
+    """The share that fatigue takes, and the gain of habituation, from all responses."""
+    further = sum(response.further for response in heard)
+    surface = _likelihood(heard)
+    best = float(surface.max())
+    fatigues = [response.fatigue for response in heard]
+    for name, axis, n, what in (
+        ("fatigue_disobeys", 0, len(heard), "responses to LEFT and RIGHT"),
+        ("habituation_gain", 1, further, "responses to vibrations beyond the free ones"),
+    ):
+        if n < FEWEST_RESPONSES:
+            yield Effect(name, n, why=f"{n} {what}; at least {FEWEST_RESPONSES} are needed")
+        elif name == "fatigue_disobeys" and np.ptp(fatigues) < SPREAD:
+            yield Effect(name, n, why=f"all responses are of fatigues within {SPREAD:g}; give a longer day")
+        else:
+            profile = surface.max(axis=axis)
+            inside = GRID[2 * (best - profile) <= stats.chi2.ppf(CONFIDENCE, 1)]
+            likeliest = float(GRID[int(profile.argmax())])
+            yield Effect(name, n, likeliest, (float(inside.min()), float(inside.max())))
+
+
+def _likelihood(heard: Sequence[_Heard]) -> Array:
+    """(gains, shares): the log-likelihood of the responses, each side's rate the likeliest."""
+    surface = np.zeros((len(GRID), len(GRID)))
+    for side in {response.side for response in heard}:
+        own = [response for response in heard if response.side == side]
+        obeyed = np.array([response.obeyed for response in own])
+        tired = 1 - np.multiply.outer(GRID, [response.fatigue for response in own])
+        accustomed = np.array([response.habituation for response in own])
+        surface += [_likeliest(tired * (1 - of_a_gain), obeyed) for of_a_gain in accustomed.T]
+    return surface
+
+
+def _likeliest(left: Array, obeyed: Any) -> Array:
+    """(shares,): the log-likelihood at the rate that makes it largest.
+
+    Args:
+        left: (shares, responses), what fatigue and habituation leave of the rate.
+        obeyed: (responses,).
+    """
+    low, high = np.zeros(len(left)), np.ones(len(left))
+    ignored = left[:, ~obeyed]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for _ in range(HALVINGS):  # the slope of the log-likelihood falls with the rate
+            rate = 0.5 * (low + high)
+            chance = rate[:, None] * ignored
+            rises = obeyed.sum() > (chance / (1 - chance)).sum(axis=1)
+            low, high = np.where(rises, rate, low), np.where(rises, high, rate)
+        chance = (0.5 * (low + high))[:, None] * left
+        terms = np.where(obeyed, np.log(chance), np.log1p(-chance))
+    return np.asarray(terms.sum(axis=1))
