@@ -19,10 +19,10 @@ FILES = [
     f"/{path.relative_to(PROJECT)}" for floor in (*FLOORS, "tests") for path in (PROJECT / floor).rglob("*.*")
 ]
 MADE = {  # by commands, by generators, or by users
-    "block_fmu.h", "dog.toml", "fit.json", "fit.toml", "fixes.h", "matrix.json", "mine.toml", "models.h",
-    "mrg32k3a.h", "my.toml", "navigation.h", "outages.json", "pil.json", "recommendation.json",
-    "recording.toml", "route.toml", "routes.json", "seeds.csv", "summary.json", "tune.json", "tune.toml",
-    "units.json",
+    "block_fmu.h", "day.json", "dog.toml", "fit.json", "fit.toml", "fixes.h", "matrix.json", "mine.toml",
+    "models.h", "mrg32k3a.h", "my.toml", "navigation.h", "outages.json", "pil.json",
+    "recommendation.json", "recording.toml", "route.toml", "routes.json", "seeds.csv", "summary.json",
+    "tune.json", "tune.toml", "units.json",
 }  # fmt: skip
 
 

@@ -200,8 +200,8 @@ def estimate_day(days: Sequence[Sequence[Mission]], own: Mapping[str, float]) ->
                 for row, command, obeyed in trial.heard
             ]
     effects = [
-        _slowing(np.array(speeds).reshape(-1, 2)),
-        _delaying(np.array(delays).reshape(-1, 2)),
+        slowing(np.array(speeds).reshape(-1, 2)),
+        delaying(np.array(delays).reshape(-1, 2)),
         *_disobeying(heard),
     ]
     return {
@@ -292,8 +292,8 @@ def _line(points: Array) -> tuple[Array, Array, float] | str:
     return line, variance * inverse, float(stats.t.ppf(0.5 + CONFIDENCE / 2, freedom))
 
 
-def _slowing(points: Array) -> Effect:
-    """The share of the speed that full fatigue takes, from (fatigue, speed) of each mission."""
+def slowing(points: Array) -> Effect:
+    """The share of the speed that full fatigue takes, from (fatigue, speed) of missions: (n, 2)."""
     name, found = "fatigue_slows", _line(points)
     if isinstance(found, str):
         return Effect(name, len(points), why=f"cruising speed: {found}")
@@ -311,8 +311,8 @@ def _slowing(points: Array) -> Effect:
     return Effect(name, len(points), -float(ratio), (-float(high), -float(low)), float(rested_speed))
 
 
-def _delaying(points: Array) -> Effect:
-    """By how much full fatigue delays a response, from (fatigue, delay) of each FORWARD from rest."""
+def delaying(points: Array) -> Effect:
+    """By how much full fatigue delays a response, from (fatigue, delay) of FORWARDs from rest: (n, 2)."""
     name, found = "fatigue_delays", _line(points)
     if isinstance(found, str):
         return Effect(name, len(points), why=f"FORWARD from rest: {found}")

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from harness.fit.day import GRID, Days, Effect, Mission, estimate_day, given
+from harness.fit.day import GRID, Days, Effect, Mission, delaying, estimate_day, given, slowing
 from harness.fit.estimate import days_of
 from harness.fit.tracks import Trial, measure
 from harness.log.channel import Array
@@ -167,18 +167,45 @@ def test_fatigue_and_rests_are_followed_over_the_day() -> None:
     assert begun == pytest.approx(rested(tired, 0, 0, 500 + 20, {"fatigue_time": 400.0})[0], rel=0.05)
 
 
+HEEDED_TWICE = [(Command.LEFT, obeyed) for obeyed in (True, True, False, False, False)]
+
+
 def test_a_failed_mission_is_no_reward() -> None:
-    # given a day of a habit that a success takes whole, and vibrations that are all ignored but the first
-    own = LASTING | {"reward_relief": 1.0, "free_vibrations": 0, "start_habituation": 0.0}
-    ignored = [(Command.LEFT, False)] * 4
-    obeyed = [(Command.LEFT, True)] * 4
+    # given missions in which the free vibrations alone are obeyed, and a reward that takes all
+    own = LASTING | {"reward_relief": 1.0}
 
     def likeliest(*, success: bool) -> float:
-        days = [[told(ignored, success=success), told(obeyed, success=success)] for _ in range(3)]
+        days = [[told(HEEDED_TWICE, success=success)] * 3] * 4
         return float(effect(estimate_day(days, own), "habituation_gain")["estimate"])
 
-    # then a habit that lasts beyond a failure cannot explain that all is obeyed again
-    assert likeliest(success=True) >= likeliest(success=False) == 0.0
+    # then a habit explains it where each mission was a success, and not where it would have lasted
+    assert likeliest(success=True) > 0.9
+    assert likeliest(success=False) < 0.6
+
+
+def test_a_habit_fades_between_vibrations_too() -> None:
+    # given the same missions, and habits that last, or fade before the next vibration
+    days = [[told(HEEDED_TWICE)]] * 8
+    own = [LASTING | {"free_vibrations": 0, "habituation_time": time} for time in (1e7, 0.02)]
+    lasting, fading = (effect(estimate_day(days, each), "habituation_gain") for each in own)
+    # then one that fades cannot explain that only the later ones are ignored
+    assert lasting["verdict"] == "shown"
+    assert fading["interval"][0] == 0
+
+
+def test_intervals_of_the_lines_cover_what_is_true_as_often_as_they_say() -> None:
+    # given speeds and delays that scatter about their lines, eight at a time
+    rng = np.random.default_rng(1)
+    covered = np.zeros(2)
+    for _ in range(500):
+        fatigue = rng.uniform(0, 0.5, 8)
+        speeds = slowing(np.column_stack([fatigue, 5 * (1 - 0.4 * fatigue) + rng.normal(0, 0.5, 8)]))
+        late = delaying(np.column_stack([fatigue, 0.1 + 0.3 * fatigue + rng.normal(0, 0.2, 8)]))
+        for place, (found, true) in enumerate(((speeds, 0.4), (late, 0.3))):
+            assert found.interval is not None
+            covered[place] += found.interval[0] <= true <= found.interval[1]
+    # then 95 % of the intervals hold the truth, +-3 points
+    assert covered / 500 == pytest.approx([0.95, 0.95], abs=0.03)
 
 
 @pytest.mark.parametrize(
