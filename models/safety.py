@@ -58,7 +58,7 @@ class Supervised(Block):
     anomaly: Output
     stop_hold: Parameter
 
-    guarded = Parameter(Boolean, "the limits are on (SAFETY.md)", start=0)
+    guarded = Parameter(Boolean, "the limits are on (SAFETY.md)", start=0, structural=True)
     # rule 3: the budget
     leg_issues = Parameter(Integer, "LEFT and RIGHT that may be issued on a leg", start=8, min=0, max=MOST)
     leg_vibration = Parameter("s", "vibration on a leg, at most", start=24, min=0, max=1e5)
@@ -136,7 +136,7 @@ class Supervised(Block):
     surveys = State(Integer, "surveys since the trial began", min=0, max=MOST)
     closest = State("m", "least distance to the target on this leg", start=FAR)
 
-    @triggered("guarded", seldom=True)
+    @triggered("guarded", seldom="guarded")
     def attend(m) -> None:
         """Notice that a trial or a leg begins, or that a block of the window is over."""
         led = m.led
@@ -184,7 +184,7 @@ class Supervised(Block):
         )
         m.allowance = at_most(at_most(m.leg_spent + leg, m.mission_spent + mission), m.earlier_spent + window)
 
-    @triggered("guarded", seldom=True)
+    @triggered("guarded", seldom="guarded")
     def meter(m) -> None:
         """Refuse what the budget does not cover, silence what lasts too long, count the rest (3, 12)."""
         obeyed = any_of(m.override == Command.STOP, ca.logic_not(m.exhausted))
@@ -218,7 +218,7 @@ class Supervised(Block):
         issues = all_of(issued, command >= Command.LEFT)
         m.spent = ca.vertcat(*(counted(m.spent[i], c) for i, c in enumerate((issues, vibrates, plays))))
 
-    @triggered("surveyed", seldom=True)
+    @triggered("surveyed", seldom="guarded")
     def survey(m) -> None:
         """Does the animal get on, and within the fence (rules 4, 7)? A bad estimate tells no place.
 

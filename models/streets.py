@@ -33,7 +33,9 @@ class Streets(Behaviour):
     all streets it is free until it comes into one.
     """
 
-    street_count = Parameter(Integer, "streets, 0 for an open field", start=0, min=0, max=MAX_STREETS)
+    street_count = Parameter(
+        Integer, "streets, 0 for an open field", start=0, min=0, max=MAX_STREETS, structural=True
+    )
     street_north = Parameter(
         "m", "one end of each street's middle", start=0, size=MAX_STREETS, min=-1e5, max=1e5
     )
@@ -195,7 +197,7 @@ class Poles(Streets):
     in proportion to the deviation, until it obeys another command than FORWARD or no longer sees it.
     """
 
-    pole_count = Parameter(Integer, "poles, 0 for none", start=0, min=0, max=MAX_POLES)
+    pole_count = Parameter(Integer, "poles, 0 for none", start=0, min=0, max=MAX_POLES, structural=True)
     pole_north = Parameter("m", "where each pole stands", start=0, size=MAX_POLES, min=-1e5, max=1e5)
     pole_east = Parameter(
         "m", "where each pole stands", start=0, size=MAX_POLES, min=-1e5, max=1e5, beside="pole_north"

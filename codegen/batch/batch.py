@@ -23,6 +23,7 @@ from codegen.toolchains.compiler import FLAGS, build_library, processor
 from codegen.toolchains.library import load_library
 from models.errors import ParameterError, WiringError, nearest
 from models.kit.block import Block
+from models.kit.declaration import Parameter
 from models.kit.link import Key
 from models.system import System
 
@@ -141,11 +142,9 @@ class Batch:
                 )
         chosen = self._chosen(values)
         stalling = [component for component in stalls if self._block(component) and component in self.keep]
-        library = self._library(
-            tuple(changing),
-            tuple((key, chosen.get(key, start)) for key, start in free.items() if key not in changing),
-            tuple(stalling),
-        )
+        fixed = {key: chosen.get(key, start) for key, start in free.items() if key not in changing}
+        fixed |= {key: chosen.get(key, start) for key, start in self.structural.items()}
+        library = self._library(tuple(changing), tuple(fixed.items()), tuple(stalling))
         common = np.array([chosen.get(key, start) for key, start in self._common.items()])
         planned = [(c.tick, changing.index((c.component, c.variable)), c.value) for c in changes]
         for place, component in enumerate(stalling, start=len(changing)):
@@ -234,6 +233,17 @@ class Batch:
         return {key: start for key, start in self._settable.items() if key[0] in self.keep}
 
     @cached_property
+    def structural(self) -> dict[Key, float]:
+        """The structural parameters that are the same in all trials, with their start values."""
+        return {
+            (component, name): variable.start[0]
+            for component in self.keep
+            for name, variable in self.system.components[component].variables().items()
+            if isinstance(variable, Parameter) and variable.structural
+            if (component, name) not in self.varied
+        }
+
+    @cached_property
     def _free_inputs(self) -> dict[Key, float]:
         """The inputs of these."""
         inputs = {key for component in self.keep for key, _ in self._starts(component, "input")}
@@ -308,7 +318,7 @@ class Batch:
     def _library(
         self, changing: tuple[Key, ...], fixed: tuple[tuple[Key, float], ...], stalling: tuple[str, ...]
     ) -> ctypes.CDLL:
-        """The runner for these changing inputs and these values of the other free inputs, from the cache."""
+        """The runner for these changing inputs, and these values of others and of structural parameters."""
         key = (changing, fixed, stalling)
         if key not in self._libraries:
             made_of = (changing, dict(fixed), stalling)

@@ -76,7 +76,7 @@ class BatchSystem:
     Attributes:
         keep: the states and outputs that matter, by component.
         varying: parameters and free inputs that differ from trial to trial.
-        constants: values of free inputs that never change.
+        constants: values of free inputs that never change, and of structural parameters.
         stop: an output, and the values of it that end a trial.
     """
 
@@ -91,10 +91,10 @@ class BatchSystem:
         """The output that each connected input comes from."""
         return {(k.target, k.target_variable): (k.source, k.source_variable) for k in self.system.links}
 
-    def enumerations(self) -> dict[Key, float]:
-        """The states with named values that matter, and their start values."""
+    def enumerations(self) -> dict[Key, float | None]:
+        """The states with named values that matter, and their usual values where an enumeration names one."""
         return {
-            (component, name): variable.start[0]
+            (component, name): variable.choices.usual() if hasattr(variable.choices, "usual") else None
             for component, block in self.system.components.items()
             for name, variable in flatten(block.group("state"))
             if variable.choices and name in self.keep[component]
@@ -112,8 +112,8 @@ def ordinary_tick(batch_system: BatchSystem, mode: Mapping[Key, float]) -> Tick:
 
     Given a mode, states with named values are held too, one after the other, since the value of one may
     follow from another's: those that can have one value only, and those that the tick would change. The
-    latter are held at the value that the tick gives them, or at their start value if there are several; to
-    change them is to depart.
+    latter are held at the value that the tick gives them, or at their usual value if there are several. To
+    change a held state is to depart.
     """
     held = dict(mode)
     may_be_held = batch_system.enumerations() if mode else {}
@@ -176,7 +176,7 @@ class _Joined:
                 if (in_mode := graph.equal(mode, row.mode)) is not graph.false
             ]
             self._depart_if(graph.all_of(guard, graph.any_of(*transitions)))
-        elif phase.seldom:
+        elif phase.seldom and not self.batch_system.constants.get((component, str(phase.seldom))):
             self._depart_if(guard)
         else:
             results = self._results(component, phase.function)
@@ -230,16 +230,19 @@ class _Joined:
         self.lane_fields[field_name(key)] = key
         return self.graph.leaf(field_name(key), self.batch_system.type_of(key))
 
-    def one_more_held(self, may_be_held: Mapping[Key, float]) -> dict[Key, float]:
+    def one_more_held(self, may_be_held: Mapping[Key, float | None]) -> dict[Key, float]:
         """One more state to hold, and its value; empty if there is none.
 
         Args:
-            may_be_held: states, and their start values.
+            may_be_held: states, and their usual values.
         """
         for key, node in self._writes().items():
             if key in may_be_held:
-                new = _choices(node) - {self._lane_field(key)}
-                return {key: new.pop().value if len(new) == 1 else may_be_held[key]}
+                new, usual = _choices(node) - {self._lane_field(key)}, may_be_held[key]
+                if len(new) == 1:
+                    return {key: new.pop().value}
+                if usual is not None:
+                    return {key: float(usual)}
         for key in may_be_held:
             value = self.graph.known(self._lane_field(key))
             if key not in self.held and value.op == ca.OP_CONST:

@@ -38,12 +38,12 @@ def first_line(documented: type) -> str:
     return (documented.__doc__ or "").strip().partition("\n")[0]
 
 
-def triggered(guard: Guard, when: str = "", *, seldom: bool = False) -> Callable[[Method], Method]:
+def triggered(guard: Guard, when: str = "", *, seldom: bool | str = False) -> Callable[[Method], Method]:
     """Run an update only on ticks on which the guard holds: a Boolean variable's name, or an expression.
 
     `when` puts an expression into words, for the page about the models. `seldom` says that the guard holds on
-    less than one tick in about fifty. It changes no result: where many trials run side by side, a trial
-    leaves the others for that tick.
+    less than one tick in about fifty, or names the Boolean parameter without which it does. It changes no
+    result: where many trials run side by side, a trial leaves the others for that tick.
     """
 
     def mark(method: Method) -> Method:

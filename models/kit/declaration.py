@@ -175,6 +175,8 @@ class Output(Variable):
 class Parameter(Variable):
     """A value that is set before initialization; a `latched` one is read when the trial starts.
 
+    What a tick computes depends on a `structural` one, the number of streets or whether there are limits: a
+    batch of trials that share its value is compiled for it.
     Two vectors of a block may be a pair: the elements of one end windows that those of the other begin
     (`begins`), or complete them to points (`beside`). Each names the other vector.
     """
@@ -182,10 +184,17 @@ class Parameter(Variable):
     kind = "parameter"
 
     def __init__(
-        self, *args: Any, latched: bool = False, begins: str = "", beside: str = "", **kwargs: Any
+        self,
+        *args: Any,
+        latched: bool = False,
+        structural: bool = False,
+        begins: str = "",
+        beside: str = "",
+        **kwargs: Any,
     ) -> None:
         super().__init__(*args, **kwargs)
-        self.latched, self.begins, self.beside = latched, begins, beside
+        self.latched, self.structural = latched, structural
+        self.begins, self.beside = begins, beside
         if not self.has_start:
             raise DeclarationError(f'parameter "{self.meaning}" has no start value')
 

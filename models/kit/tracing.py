@@ -38,7 +38,7 @@ class Update:
     function: Any  # ca.Function: 4 column vectors -> 1 column vector
     guard: Any = None  # ca.Function: 4 column vectors -> scalar; None: every tick
     when: str = ""  # the guard in words
-    seldom: bool = False
+    seldom: bool | str = False  # or the parameter without which it is
     edges: tuple[tuple[int, int], ...] = ()  # of the state machine: from which mode to which
 
 
