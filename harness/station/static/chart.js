@@ -13,6 +13,7 @@
     const track = map.track("path"), animal = map.animal("estimate");
     const target = L.polyline([], { className: "to-target", interactive: false, color: null }).addTo(leaflet);
     let tool = "move", mayEdit = false, radius = 0, onBoard = null, last = null, homeAtHand = null, limits = { waypoints: 16, corners: 7 };
+    let addToArea = () => {};
 
     const line = (points, className, more) => L.polyline(points, { className, interactive: false, color: null, fillColor: null, ...more });
     const isOnBoard = (kind, index) =>
@@ -95,6 +96,7 @@
     }
     function add(kind, where) {
       if (kind === "home") draft.change({ home: where });
+      else if (kind === "area") addToArea(where);
       else if (kind === "waypoint") insert(draft.value.waypoints.length, where);
       else if (draft.value.fence.length < limits.corners) draft.insert("fence", draft.value.fence.length, where);
     }
@@ -108,6 +110,8 @@
       add,
       centre: () => [leaflet.getCenter().lat, leaflet.getCenter().lng],
       set limits(value) { limits = value; },
+      // What takes the corners of an area to keep out of, which is no part of the mission.
+      set area(take) { addToArea = take; },
       // What becomes home with the first waypoint, if none is marked.
       set homeAtHand(place) { homeAtHand = place; },
       set tool(value) {

@@ -8,18 +8,46 @@
     `${percent(route.success_rate)} get there, ${percent(route.entry_rate)} enter an area, ${mean(route.mean_time_s, 0, " s")}, ` +
     `${mean(route.mean_commands, 1, "")} stimuli: ${route.label}`;
 
-  // `parts`: {file, propose, use, list, said}; `ask(path, body, what)` posts. Gives {mayEdit}.
-  canine.routes = function (leaflet, draft, { file, propose, use, list, said }, ask) {
+  const CORNERS = 3; // of an area at least
+
+  // `parts`: {file, end, clear, propose, use, list, said}; `ask(path, body, what)` posts. Gives {addCorner, mayEdit}.
+  canine.routes = function (leaflet, draft, { file, end, clear, propose, use, list, said }, ask) {
     const areas = L.featureGroup().addTo(leaflet), lines = L.featureGroup().addTo(leaflet);
     const plain = { interactive: false, color: null, fillColor: null };
     let map = null, routes = [], home = null, chosen = null, isAsking = false, mayEdit = false;
+    let drawn = [], open = []; // areas that are drawn here, and the corners of the one that is not closed
 
     function draw() {
       const { home, waypoints } = draft.value;
       file.disabled = !mayEdit || isAsking;
-      propose.disabled = !mayEdit || isAsking || !map || !home || !waypoints.length;
+      end.disabled = !mayEdit || isAsking || open.length < CORNERS;
+      clear.disabled = !mayEdit || isAsking || !(drawn.length || open.length);
+      propose.disabled = !mayEdit || isAsking || !(map || drawn.length) || open.length > 0 || !home || !waypoints.length;
       use.disabled = !mayEdit || chosen === null;
     }
+    // The areas that are drawn; the routes before them are gone.
+    function sketch() {
+      areas.clearLayers();
+      lines.clearLayers();
+      list.replaceChildren();
+      [routes, chosen] = [[], null];
+      for (const ring of drawn) L.polygon(ring, { ...plain, className: "area" }).addTo(areas);
+      if (open.length) L.polyline(open, { ...plain, className: "area open" }).addTo(areas);
+      for (const corner of open) L.circleMarker(corner, { ...plain, radius: 4, className: "area" }).addTo(areas);
+      draw();
+    }
+    function addCorner(place) {
+      if (!mayEdit || isAsking) return;
+      if (map) [map, file.value] = [null, ""]; // areas are of a file, or drawn
+      open = [...open, place];
+      said.textContent = open.length < CORNERS ? `Corner ${open.length} of an area` : `Corner ${open.length}: end the area, or go on`;
+      sketch();
+    }
+    // In GeoJSON: longitude first, and the first corner again.
+    const mapOf = (rings) => new File([JSON.stringify({ type: "FeatureCollection", features: rings.map((ring, index) => ({
+      type: "Feature", properties: { name: `area ${index + 1}` },
+      geometry: { type: "Polygon", coordinates: [[...ring, ring[0]].map(([latitude, longitude]) => [longitude, latitude])] },
+    })) })], "drawn.geojson");
     function show(index) {
       chosen = index;
       lines.clearLayers();
@@ -49,17 +77,32 @@
     }
     file.addEventListener("change", () => {
       [map = null] = file.files;
+      if (map) {
+        drawn = open = [];
+        sketch();
+      }
       said.textContent = map ? `${map.name}: routes are proposed from home to the last waypoint` : "";
       draw();
     });
+    end.addEventListener("click", () => {
+      drawn = [...drawn, open];
+      open = [];
+      said.textContent = `${drawn.length} ${drawn.length > 1 ? "areas are" : "area is"} drawn`;
+      sketch();
+    });
+    clear.addEventListener("click", () => {
+      drawn = open = [];
+      said.textContent = "";
+      sketch();
+    });
     propose.addEventListener("click", async () => {
-      const begin = draft.value.home, end = draft.value.waypoints.at(-1);
+      const begin = draft.value.home, goal = draft.value.waypoints.at(-1), asked = map || mapOf(drawn);
       isAsking = true;
       said.textContent = "Routes are tried ...";
       draw();
       try {
-        const path = `/routes?name=${encodeURIComponent(map.name)}&from=${begin.join()}&to=${end.join()}`;
-        take(await (await ask(path, map, "Routes")).json(), begin);
+        const path = `/routes?name=${encodeURIComponent(asked.name)}&from=${begin.join()}&to=${goal.join()}`;
+        take(await (await ask(path, asked, "Routes")).json(), begin);
       } catch (error) {
         said.textContent = error.message;
       }
@@ -72,6 +115,7 @@
     });
     draft.listen(draw);
     return {
+      addCorner,
       set mayEdit(may) {
         if (may === mayEdit) return;
         mayEdit = may;

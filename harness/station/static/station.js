@@ -24,8 +24,9 @@
   canine.background(chart.map.leaflet, { files: id("ground"), crs: id("ground-crs"), opacity: id("ground-opacity"),
     remove: id("ground-remove"), said: id("ground-said") }, () => draft.value.home);
 
-  const routes = canine.routes(chart.map.leaflet, draft, { file: id("buildings"), propose: id("propose"), use: id("use-route"),
-    list: id("routes"), said: id("routes-said") }, ask);
+  const routes = canine.routes(chart.map.leaflet, draft, { file: id("buildings"), end: id("end-area"), clear: id("clear-areas"),
+    propose: id("propose"), use: id("use-route"), list: id("routes"), said: id("routes-said") }, ask);
+  chart.area = routes.addCorner;
 
   const link = canine.connect({ react, changed });
   // Each message names the state that it answers, by its time: the station lets none act that comes too late.
@@ -202,6 +203,7 @@
   press("home-here", () => draft.change({ home: state.place }));
   press("add-waypoint", () => chart.add("waypoint", chart.centre()));
   press("add-corner", () => chart.add("fence", chart.centre()));
+  press("add-area-corner", () => chart.add("area", chart.centre()));
   press("fit", () => chart.map.fit());
   const follows = () => id("follow").getAttribute("aria-pressed") === "true";
   press("follow", () => id("follow").setAttribute("aria-pressed", String(!follows())));
@@ -426,7 +428,7 @@
     chart.mayEdit = places.mayEdit = routes.mayEdit = mine;
     id("undo").disabled = !mine || !draft.canUndo;
     id("redo").disabled = !mine || !draft.canRedo;
-    for (const button of ["add-waypoint", "add-corner", "clear", "scenario", "import"]) id(button).disabled = !mine;
+    for (const button of ["add-waypoint", "add-corner", "add-area-corner", "clear", "scenario", "import"]) id(button).disabled = !mine;
     for (const button of tools) button.disabled = !mine && button.dataset.tool !== "move";
     id("home-here").disabled = !mine || !state.place;
     const { home, waypoints } = draft.value, board = state && state.on_board;

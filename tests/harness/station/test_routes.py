@@ -216,6 +216,47 @@ def test_routes_are_compared_on_the_map_and_one_becomes_the_mission(
     station.await_order("draft", lambda order: order["mission"] == MISSION and order is not orders[0])
 
 
+def test_areas_are_drawn_on_the_map_and_routes_are_asked_for_round_them(
+    page: Page, station: PlayedStation
+) -> None:
+    # given the tool for areas, and two corners, which are none yet
+    page.get_by_role("button", name="Area", exact=True).click()
+    box = page.locator("#map").bounding_box()
+    assert box
+    corners = [(0.3, 0.3), (0.3, 0.5), (0.5, 0.5), (0.5, 0.3)]
+    for right, down in corners[:2]:
+        page.mouse.click(box["x"] + right * box["width"], box["y"] + down * box["height"])
+    assert page.locator("#end-area").is_disabled()
+    # when two more make it one
+    for right, down in corners[2:]:
+        page.mouse.click(box["x"] + right * box["width"], box["y"] + down * box["height"])
+    assert page.locator("#propose").is_disabled()
+    page.click("#end-area")
+    assert page.locator("#map .area").count() == 1
+    page.get_by_text("1 area is drawn").wait_for()
+    station.answers["/routes"] = (200, json.dumps(ROUTES).encode())
+    page.click("#propose")
+    page.get_by_text("Route 2 of 2 is recommended").wait_for()
+    # then the question has it as a map: longitude first, the first corner again, and no place of the mission
+    (_, query, body), *_ = station.posts
+    assert query.startswith(f"name=drawn.geojson&from={HOME[0]},{HOME[1]}&")
+    (feature,) = json.loads(body)["features"]
+    (ring,) = feature["geometry"]["coordinates"]
+    assert (len(ring), ring[0]) == (5, ring[-1])
+    west, east = ring[0][0], ring[2][0]
+    north, south = ring[0][1], ring[2][1]
+    assert ring[:4] == [[west, north], [west, south], [east, south], [east, north]]
+    assert west < east
+    assert south < north
+    assert abs(north - HOME[0]) < 0.01
+    assert abs(west - HOME[1]) < 0.01
+    assert not station.orders("draft")
+    # and a file takes their place
+    choose(page)
+    assert page.locator("#map .area").count() == 0
+    assert page.locator("#clear-areas").is_disabled()
+
+
 def test_why_there_are_no_routes_is_said(page: Page, station: PlayedStation) -> None:
     station.answers["/routes"] = (400, json.dumps({"error": "yard.geojson: has no feature"}).encode())
     choose(page)
@@ -227,7 +268,7 @@ def test_why_there_are_no_routes_is_said(page: Page, station: PlayedStation) -> 
 def test_who_watches_asks_for_no_routes(page: Page, station: PlayedStation) -> None:
     choose(page)
     station.state(**{**RUNNING, "commander": 2, "operators": [1, 2]})
-    for button in ("#buildings", "#propose", "#use-route"):
+    for button in ("#buildings", "#add-area-corner", "#end-area", "#propose", "#use-route"):
         assert page.locator(button).is_disabled()
 
 
