@@ -130,7 +130,7 @@ class Day(Behaviour):
 
 
 class CanineAllDay(Day, CanineInStreets):
-    """The guided dog through a day of missions: it tires and habituates; among streets and poles, if any."""
+    """The guided dog through a day of missions, among streets if any: it tires and habituates."""
 
     source = "ours, after Miller 2010, 4.1.4.2, 5.1.3, 5.2, 5.3.7.1; the dog: as canine_in_streets"
 

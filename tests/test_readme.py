@@ -87,7 +87,7 @@ def test_readme_commands_for_the_rabbit_work_as_printed(clone: Path) -> None:
 
 
 def test_readme_names_no_command_that_the_test_leaves_out() -> None:
-    # given every line of the README that calls the command, when those are taken out that are run
+    # given every line of the README that calls the command, when those are taken out that are run or printed
     calls = [line for _, body in FENCES for line in body.splitlines() if "canine " in line]
     # then only those are left that set it up
-    assert [line for line in calls if line not in COMMANDS] == []
+    assert [line for line in calls if line not in (*COMMANDS, *told())] == []

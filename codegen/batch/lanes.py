@@ -37,7 +37,7 @@ from codegen.blocks.expressions import Writer
 from codegen.blocks.nodes import SELECT, Node, count_uses, read
 from models.kit.declaration import Type, flatten
 from models.kit.link import Key
-from models.kit.tracing import GROUPS, Phase, Table
+from models.kit.tracing import GROUPS, Phase, Table, Update
 from models.system import System
 
 LATENCY = {  # cycles from operands to result where it is more than one, on today's x86-64
@@ -176,13 +176,19 @@ class _Joined:
                 if (in_mode := graph.equal(mode, row.mode)) is not graph.false
             ]
             self._depart_if(graph.all_of(guard, graph.any_of(*transitions)))
-        elif phase.seldom and not self.batch_system.constants.get((component, str(phase.seldom))):
+        elif self._is_seldom(component, phase):
             self._depart_if(guard)
         else:
             results = self._results(component, phase.function)
             for name, value in zip(phase.writes, results, strict=True):
                 if name in keep:
                     self._set((component, name), value, guard)
+
+    def _is_seldom(self, component: str, update: Update) -> bool:
+        """Is the update seldom, with the structural parameters as they are?"""
+        if isinstance(update.seldom, bool):
+            return update.seldom
+        return not self.batch_system.constants.get((component, update.seldom))
 
     def _set(self, key: Key, value: Node, guard: Node) -> None:
         """Give a variable its value where the guard holds; a held state departs if that changes it."""

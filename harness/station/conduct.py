@@ -5,7 +5,7 @@ It is stepped with the time and with events, and knows no socket and no clock. T
 - **The station speaks only while a commander lives.** A heartbeat of its own would keep a vest going that
   nobody watches. Without a commander it greets a new session at most once in GREETING_S, which is longer
   than the vest waits for its operator; it lets go of what was held. It aborts a trial that a latched STOP
-  holds: the vest would hold that STOP, and end the trial once it misses the station, all the same.
+  holds, which the vest would end anyway once it misses the station.
 - **STOP latches.** It is sent at once, and again until it is cleared, whoever ordered it.
 - **Nothing resumes.** A reset of the vest, or a START that was refused or not answered, needs a new order.
 

@@ -1,10 +1,10 @@
 """Verification: our trials against the dissertation's; `python -m harness.verification` makes the pages.
 
 In: the models, and the numbers in the dissertation's text. Out: results/verification.md with its pictures,
-and results/streets.md.
+results/streets.md and results/controllers.md.
 
 `published` states the dissertation's numbers. `runs` simulates the trials, `tables` and `pictures` compare
 the two, `page` puts everything into templates/verification.md.jinja. `streets` makes the page on streets and
-poles, whose maps are ours. The same models give the same pages. The dissertation's results are compared with
-ours; no parameter is fitted to them.
+poles, whose maps are ours; `controllers` makes that of each controller with each dog. The same models give
+the same pages. The dissertation's results are compared with ours; no parameter is fitted to them.
 """

@@ -20,7 +20,7 @@ PAGE = "controllers.md"
 HEADING = "plant.heading -> controller.heading"
 BIAS, NOISE = 5.0, 3.0  # deg
 HALF_WIDTH = 2.5  # m, of streets
-TIRED = ("canine_all_day.start_fatigue=0.7",)
+TIRED = ("canine_all_day.start_fatigue=0.7", "canine_all_day.habituation_gain=0")
 
 
 @dataclass(frozen=True)

@@ -499,6 +499,15 @@ def test_rule_4_the_time_of_a_stop_is_no_time_under_forward() -> None:
     assert reported(trial, Anomaly.NO_PROGRESS) == [49]
 
 
+def test_rule_4_a_command_that_has_fallen_silent_is_still_that_command() -> None:
+    # given FORWARD that sounds for 10 of the 20 ticks in which an animal must move
+    trial = guarded(progress_time=0.8, longest_tone=0.4, forward_timeout=1e3)
+    trial.tick(SECOND, speed=0)
+    assert trial.phases()[:2] == [("FORWARD", 10), ("NONE", 9)]
+    # then the time in which it is silent counts
+    assert reported(trial, Anomaly.NO_PROGRESS) == [19]
+
+
 def test_rule_4_an_invalid_estimate_tells_no_place() -> None:
     # given a recall
     trial = guarded(progress_time=2.0, recall_time=1e3, route={"waypoint_north[1]": 60.0})

@@ -69,10 +69,15 @@ void prove_times(void)
            ((mission < (ticks_over(m.par.mission_time) + 5)) && (leg < (ticks_over(m.par.leg_time) + 5))));
 }
 
+/* Under FORWARD or RECALL, also once it is silent; not where the table may not decide, or a spent budget stops. */
 static bool led_on(const cmec *m)
 {
-    return leads(m->out.mode) && (m->in.override == CMEC_COMMAND_NONE) &&
-           ((m->out.command == CMEC_COMMAND_FORWARD) || (m->out.command == CMEC_COMMAND_RECALL));
+    const int32_t mode = m->out.mode;
+    const bool onward =
+        (mode == CMEC_MODE_FORWARD) || (mode == CMEC_MODE_RECALL) || (mode == CMEC_MODE_FAILURE_RECALL);
+
+    return onward && m->in.link_ok && m->in.valid && !bad(m) && (m->in.override == CMEC_COMMAND_NONE) &&
+           !m->state.exhausted;
 }
 
 static bool lingers(const cmec *m, int32_t still)

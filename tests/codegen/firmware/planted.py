@@ -271,6 +271,7 @@ FAULTS = (
     ),
     Fault("cmec.c", "(0.04f * (float)next_leg_ticks)", "(0.02f * (float)next_leg_ticks)", "rule_4.times"),
     Fault("cmec.c", "(t6 ? 0.0f : (0.04f * (float)t1))", "(t6 ? 0.0f : (0.02f * (float)t1))", "rule_4.still"),
+    Fault("cmec.c", "((m->state.cue == CMEC_COMMAND_FORWARD)", "((m->out.command == 1)", "rule_4.still"),
     Fault(
         "cmec.c",
         "((next_closest + m->par.departing_distance) < m->out.distance)",
