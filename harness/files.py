@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from pathlib import Path
@@ -36,6 +37,20 @@ def make_folder(out: Path) -> None:
         ) from error
     if not os.access(out, os.W_OK | os.X_OK):
         raise UsageError(f"--out {out}: the folder cannot be written into; choose another folder")
+
+
+def remove_folder(folder: Path) -> None:
+    """Remove a folder of results.
+
+    Raises:
+        FileError: it cannot be removed.
+    """
+    try:
+        shutil.rmtree(folder)
+    except OSError as error:
+        raise FileError(
+            f"{folder}: cannot be removed ({error.strerror}); remove it, or choose another folder"
+        ) from error
 
 
 def replaced(path: Path, new: Mapping[str, Any]) -> str:

@@ -12,6 +12,7 @@ import typer
 
 from harness.console import build_status, end_interrupted, json_of, out, print_note, progress_bar, say_where
 from harness.cosim.stepping import GIB, Limits
+from harness.files import remove_folder
 from harness.options import (
     Ahrs,
     CallLimit,
@@ -273,11 +274,25 @@ def run_days(
 
 
 def _log_days(result: DaysResult, days: int, place: Path, *, quiet: bool) -> None:
-    """Run the missions of the first days alone: `<controller>-rest<s>/day-<i>/mission-<k>` below `place`."""
+    """Run the missions of the first days alone: `<controller>-rest<s>/day-<i>/mission-<k>` below `place`.
+
+    Logs that an earlier run left in these folders are removed: a fit would take them for missions of it.
+    """
     from harness.day.missions import PLANT
     from harness.front_door import run_trial
 
+    if not days:
+        return
     asked = result.planned.asked
+    logs_before = [
+        log
+        for course in result.courses
+        for log in (place / f"{course.controller}-rest{course.rest:g}").glob("day-*/mission-*/trial.mcap")
+    ]
+    for log in logs_before:
+        remove_folder(log.parent)
+    if logs_before:
+        print_note(f"{place}: had {len(logs_before)} logged missions of an earlier run, which these replace")
     with progress_bar("logs", days * len(result.courses) * asked.missions, quiet=quiet) as progress:
         done = 0
         for course, day in product(result.courses, range(days)):

@@ -87,11 +87,11 @@ class Effect:
         most = 1.0 if variable.unit == "1" else math.inf
         if low <= 0 and high >= UNTOLD * most:
             return "the logs tell nothing of it"
-        if low <= 0 <= high:
-            return "not shown: the interval includes 0"
         if high < 0:
             return "below 0: the animal does not tire by this law"
-        return "shown"
+        if low > 0:
+            return "shown"
+        return "not shown: the interval includes 0"
 
     def facts(self) -> dict[str, Any]:
         """As fit.json has it."""
@@ -139,11 +139,17 @@ class Days:
         """The missions of each day.
 
         Raises:
-            UsageError: a log was left out.
+            UsageError: a log was left out, or its motion is never known.
         """
         for path in (path for day in self.paths for path in day):
             if path not in trials:
                 raise UsageError(f"{path}: was left out, and a day needs all its missions; leave out its day")
+            track, _ = trials[path]
+            if not (track.usable & track.fresh).any():
+                raise UsageError(
+                    f"{path}: its motion is never known, and a day needs the way run in each mission; leave "
+                    "out its day"
+                )
         return [
             [
                 Mission(*trials[path], 0.0 if path is day[-1] else self.rests[number % len(self.rests)])
@@ -204,10 +210,13 @@ def estimate_day(days: Sequence[Sequence[Mission]], own: Mapping[str, float]) ->
         delaying(np.array(delays).reshape(-1, 2)),
         *_disobeying(heard),
     ]
+    tracks = [mission.track for day in days for mission in day]
     return {
         "confidence": CONFIDENCE,
         "days": len(days),
         "missions": sum(map(len, days)),
+        "seconds": sum(float(np.ptp(track.time)) for track in tracks),
+        "seconds_unknown": sum(float(np.diff(track.time)[~track.usable[:-1]].sum()) for track in tracks),
         "given": dict(own),
         "effects": {effect.name: effect.facts() for effect in effects},
         "parameters": {

@@ -5,6 +5,7 @@ trials are read from logs and their values pooled, with confidence intervals.
 """
 
 import math
+import os
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -252,8 +253,9 @@ def read_track(log: Log, source: MotionSource) -> Track:
         aim = math.atan2(first_east - east, first_north - north)  # from home, where a trial starts
         place = [f"{source.component}.{name}" for name in ("north", "east")]
         if all(signal in log for signal in place):
-            last = [float(log[signal][-1]) for signal in place]
-            way_home = math.dist(last, (north, east)) if np.isfinite(last).all() else 0.0
+            places = np.column_stack([log[signal] for signal in place])
+            known = places[np.isfinite(places).all(axis=1)]
+            way_home = math.dist(known[-1], (north, east)) if len(known) else 0.0
     name = f"{log.path.resolve().parent.name}/{log.path.name}"
     swapped = log.attachments.get("plant.fmu")
     return Track(
@@ -276,35 +278,73 @@ def find_logs(paths: Sequence[Path]) -> list[Path]:
     Raises:
         FitError: a path does not exist, or a folder holds no log.
     """
-    logs: dict[Path, Path] = {}
-    for path in paths:
-        if not path.exists():
-            raise FitError(f'there is no log "{path}"; expected a trial.mcap, or a folder that holds some')
-        inside = sorted(path.rglob("*.mcap"), key=_counting) if path.is_dir() else [path]
-        if not inside:
-            raise FitError(f"{path}: the folder holds no .mcap; expected logs of trials")
-        logs |= {log.resolve(): log for log in inside}
-    return list(logs.values())
+    return list({log.resolve(): log for path in paths for log in _logs_at(path)}.values())
 
 
-def _counting(path: Path) -> list[tuple[int, str]]:
-    """A key by which paths are in the order in which people count: mission-2 before mission-10."""
-    return [(int(digits or -1), text) for text, digits in re.findall(r"(\D*)(\d*)", str(path))]
+def _logs_at(path: Path) -> list[Path]:
+    """The log, or those anywhere in a folder.
+
+    Raises:
+        FitError: the path does not exist, or the folder holds no log.
+    """
+    if not path.exists():
+        raise FitError(f'there is no log "{path}"; expected a trial.mcap, or a folder that holds some')
+    logs = sorted(path.rglob("*.mcap"), key=_counting) if path.is_dir() else [path]
+    if not logs:
+        raise FitError(f"{path}: the folder holds no .mcap; expected logs of trials")
+    return logs
+
+
+def _counting(path: Path) -> list[list[str | int]]:
+    """A key by which paths are in the order in which people count: mission-2 before mission-10.
+
+    Each part of a path is text, number, text and so on: text meets text, and a number a number.
+    """
+    return [
+        [int(piece) if place % 2 else piece for place, piece in enumerate(re.split(r"(\d+)", part))]
+        for part in path.parts
+    ]
 
 
 def days_of(paths: Sequence[Path]) -> list[list[Path]]:
     """The logs of days: each folder's logs, by their names, are a day; so are those that stand in a row.
 
     Raises:
-        FitError: as `find_logs` raises it.
+        FitError: a path does not exist, a folder holds no log or those of several days, or a log is named
+            twice.
     """
-    rows: list[list[Path]] = []
+    days: list[list[Path]] = []
+    in_a_row = False
     for path in paths:
-        if rows and not path.is_dir() and not rows[-1][-1].is_dir():
-            rows[-1].append(path)
+        logs = _logs_at(path)
+        if path.is_dir():
+            _check_one_day(path, logs)
+        if in_a_row and not path.is_dir():
+            days[-1] += logs
         else:
-            rows.append([path])
-    return [find_logs(row) for row in rows]
+            days.append(logs)
+        in_a_row = not path.is_dir()
+    times = Counter(log.resolve() for day in days for log in day)
+    for log in (log for day in days for log in day):
+        if times[log.resolve()] > 1:
+            raise FitError(f"{log}: is named twice, and would be two missions; name it once")
+    return days
+
+
+def _check_one_day(folder: Path, logs: Sequence[Path]) -> None:
+    """Refuse a folder of days: a day's logs stand side by side, or each in a folder of its own.
+
+    Raises:
+        FitError: it is one.
+    """
+    together = Path(os.path.commonpath([log.parent for log in logs]))
+    within = [log.relative_to(together).parts for log in logs]
+    crowded = Counter(parts[0] for parts in within if len(parts) > 1)
+    if any(len(parts) > 2 or crowded[parts[0]] > 1 for parts in within):
+        raise FitError(
+            f"{folder}: its folders {', '.join(crowded)} hold several logs, or folders with logs; expected "
+            "the missions of one day, side by side or each in a folder of its own: name each folder"
+        )
 
 
 @dataclass(frozen=True)

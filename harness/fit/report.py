@@ -126,8 +126,15 @@ def _show_day(day: Mapping[str, Any], console: Console) -> None:
         estimate, interval = _number(effect["estimate"]), _range(effect["interval"])
         table.add_row(escape(name + unit), str(effect["n"]), estimate, interval, rested, effect["verdict"])
     print_table(table, console)
-    own = ", ".join(f"{name} {value:g}" for name, value in day["given"].items())
-    console.print(f"note: taken as given: {own}", style="dim", markup=False, soft_wrap=True)
+    assumed = ", ".join(f"{name} {value:g}" for name, value in day["given"].items())
+    notes = [f"taken as given: {assumed}"]
+    if day["seconds_unknown"]:
+        notes.append(
+            f"the motion is not known in {day['seconds_unknown']:.1f} of {day['seconds']:.1f} s; the last "
+            "known speed is held there, so the way run and the fatigue are less exact"
+        )
+    for note in notes:
+        console.print(f"note: {note}", style="dim", markup=False, soft_wrap=True)
 
 
 def _trials(result: Mapping[str, Any]) -> str:

@@ -160,8 +160,9 @@ class Track:
 
     @property
     def held(self) -> Array:
-        """The last fresh speed at each tick, (ticks,); zero before the first."""
-        latest = np.maximum.accumulate(np.where(self.fresh, np.arange(len(self.speed)), -1))
+        """The last fresh speed that is known at each tick, (ticks,); zero before the first."""
+        known = self.fresh & self.usable
+        latest = np.maximum.accumulate(np.where(known, np.arange(len(self.speed)), -1))
         return np.where(latest >= 0, self.speed[latest], 0.0)
 
 

@@ -68,6 +68,27 @@ def test_the_fit_leaves_a_picture_a_page_and_parameters_for_a_day(logged: Path) 
     assert any(line.startswith('# "canine.fatigue_slows" = 0.') for line in lines)
 
 
+def test_logs_of_a_longer_day_do_not_stay_among_those_of_a_shorter_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # given two logged days of two missions, another rest's, and a file of the user's
+    def run(*options: Any) -> str:
+        status, _, errors = canine(capsys, "day", "left_90", "--days", 2, "--out", tmp_path, *options)
+        assert status == 0
+        return errors
+
+    assert "logged missions" not in run("--missions", 2, "--rest", "60,600", "--logs", 2)
+    (tmp_path / "cmec-rest60" / "day-2" / "notes.txt").write_text("mine")
+    # when one day of one mission with one of these rests is logged there
+    errors = run("--missions", 1, "--rest", 60, "--logs", 1)
+    # then the folders of that rest hold its log alone, and the others are as they were
+    below = tmp_path / "cmec-rest60"
+    assert [log.parent.relative_to(below) for log in below.rglob("*.mcap")] == [Path("day-1", "mission-1")]
+    assert (below / "day-2" / "notes.txt").read_text() == "mine"
+    assert len(list((tmp_path / "cmec-rest600").rglob("*.mcap"))) == 4
+    assert "had 4 logged missions of an earlier run, which these replace" in errors
+
+
 def test_a_fit_of_trials_in_no_order_has_no_day(
     logged: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

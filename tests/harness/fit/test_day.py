@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -9,11 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
 from scipy.optimize import minimize
 
-from harness.fit.day import GRID, Days, Effect, Mission, delaying, estimate_day, given, slowing
+from harness.fit.day import Days, Effect, Mission, delaying, estimate_day, given, slowing
 from harness.fit.estimate import days_of
-from harness.fit.tracks import Trial, measure
+from harness.fit.report import show
+from harness.fit.tracks import Track, Trial, measure
 from harness.log.channel import Array
 from models.commands import Command
 from models.day import rested
@@ -216,6 +219,7 @@ def test_intervals_of_the_lines_cover_what_is_true_as_often_as_they_say() -> Non
         (Effect("habituation_gain", 12, 0.3, (0.0, 0.97)), "the logs tell nothing of it"),
         (Effect("fatigue_slows", 8, -0.3, (-0.4, -0.1)), "below 0: the animal does not tire by this law"),
         (Effect("fatigue_delays", 8, 1.0, (-0.4, 3.0)), "not shown: the interval includes 0"),
+        (Effect("fatigue_slows", 8, math.nan, (math.nan, math.nan)), "not shown: the interval includes 0"),
         (Effect("fatigue_slows", 8, why="so it is"), "cannot be estimated: so it is"),
     ],
 )
@@ -236,19 +240,95 @@ def test_a_short_day_says_what_it_lacks() -> None:
     assert result["parameters"] == {}
 
 
-def test_shares_are_on_the_grid() -> None:
-    assert GRID[0] == 0
-    assert GRID[-1] == 1
-    assert np.all(np.diff(GRID) > 0)
+def unknown_from_7_to_8_s(track: Track) -> Track:
+    """The same motion, of which a second of a run is not known."""
+    usable = (track.time < 7) | (track.time >= 8)
+    return replace(track, usable=usable, speed=np.where(usable, track.speed, math.nan))
+
+
+def test_where_the_motion_is_not_known_the_last_known_speed_is_held() -> None:
+    # given five missions of a dog that runs steadily when its speed is lost for a second
+    one = mission([(Command.FORWARD, 12.0), (Command.STOP, 4.0), (Command.NONE, 1.0)] * 2)
+    gap = replace(one, track=unknown_from_7_to_8_s(one.track))
+    whole, lost = (estimate_day([[each] * 5], LASTING) for each in (one, gap))
+    # then the fatigue is that of the whole log, and the seconds are counted
+    assert lost["delays"] == pytest.approx(np.array(whole["delays"]), abs=1e-12)
+    assert lost["seconds_unknown"] == pytest.approx(5 * 1.0)
+    assert lost["seconds"] == pytest.approx(5 * 34.0)
+    assert whole["seconds_unknown"] == 0
+    # and told beside the effects
+    printed = {id(day): table_of(day) for day in (whole, lost)}
+    assert "the motion is not known in 5.0 of 170.0 s; the last known speed is held" in printed[id(lost)]
+    assert "not known" not in printed[id(whole)]
+
+
+def table_of(day: dict[str, Any]) -> str:
+    """What is printed of a day's effects."""
+    text = io.StringIO()
+    show({"trials": [], "sources": [], "statistics": {}, "responses": {}, "notes": [], "day": day},
+         Console(file=text, width=200))  # fmt: skip
+    return text.getvalue()
+
+
+def test_a_mission_whose_motion_is_never_known_is_refused() -> None:
+    one = mission(dogs.SCHOOL)
+    lost = replace(one.track, usable=np.zeros(len(one.track.time), dtype=bool))
+    days = Days([[Path("a"), Path("b")]], [10.0], OWN)
+    with pytest.raises(CanineError, match="b: its motion is never known, and a day needs the way run in"):
+        days.missions({Path("a"): (one.track, one.trial), Path("b"): (lost, one.trial)})
+
+
+def lay(folder: Path, *names: str) -> list[Path]:
+    """Empty logs in a folder."""
+    logs = [folder / name for name in names]
+    for log in logs:
+        log.parent.mkdir(parents=True, exist_ok=True)
+        log.write_bytes(b"")
+    return logs
+
+
+def test_missions_are_in_the_order_in_which_people_count(tmp_path: Path) -> None:
+    names = ["am2.mcap", "april30.mcap", "march2/1.mcap", "march2-late/1.mcap", "march10.mcap", "pm1.mcap"]
+    logs = lay(tmp_path, *names)
+    assert days_of([tmp_path]) == [logs]
+
+
+@pytest.mark.parametrize("again", ["folder", "log of it", "log by another path", "log in a row"])
+def test_a_log_in_two_places_is_refused(tmp_path: Path, again: str) -> None:
+    first, second = lay(tmp_path, "day-1/1.mcap", "day-1/2.mcap")
+    day = first.parent
+    named = {
+        "folder": [day, day], "log of it": [day, second], "log in a row": [first, second, first],
+        "log by another path": [day, day / ".." / "day-1" / "2.mcap"],
+    }[again]  # fmt: skip
+    with pytest.raises(CanineError, match=r"\.mcap: is named twice, and would be two missions; name it once"):
+        days_of(named)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("day-1/mission-1/trial.mcap", "day-1/mission-2/trial.mcap", "day-2/mission-1/trial.mcap"),
+        ("day-1/mission-1/trial.mcap", "day-2/mission-1/trial.mcap"),
+        ("day-1/1.mcap", "day-1/2.mcap", "day-2/1.mcap"),
+    ],
+)
+def test_a_folder_of_days_is_refused(tmp_path: Path, names: tuple[str, ...]) -> None:
+    lay(tmp_path, *names)
+    with pytest.raises(CanineError) as refused:
+        days_of([tmp_path])
+    assert str(refused.value) == (
+        f"{tmp_path}: its folders day-1, day-2 hold several logs, or folders with logs; expected the "
+        "missions of one day, side by side or each in a folder of its own: name each folder"
+    )
+    # and a folder with one day is that day
+    assert [len(day) for day in days_of([tmp_path / "day-1"])] == [sum("day-1" in name for name in names)]
 
 
 def test_each_folder_is_a_day_and_so_are_logs_in_a_row(tmp_path: Path) -> None:
     # given two folders with missions whose numbers are counted, and three logs beside them
-    for name in ("a/mission-10", "a/mission-2", "b/mission-1"):
-        (tmp_path / name).mkdir(parents=True)
-        (tmp_path / name / "trial.mcap").write_bytes(b"")
-    for name in ("x", "y", "z"):
-        (tmp_path / f"{name}.mcap").write_bytes(b"")
+    lay(tmp_path, *(f"{name}/trial.mcap" for name in ("a/mission-10", "a/mission-2", "b/mission-1")))
+    lay(tmp_path, "x.mcap", "y.mcap", "z.mcap")
     a, b, x, y, z = (tmp_path / name for name in ("a", "b", "x.mcap", "y.mcap", "z.mcap"))
     days = days_of([z, x, a, b, y])
     assert days == [

@@ -215,6 +215,19 @@ def test_the_plants_command_counts_before_the_controllers(tmp_path: Path) -> Non
     np.testing.assert_array_equal(read.command, logged["plant.command"])
 
 
+def test_the_way_home_is_from_the_last_place_that_is_known(tmp_path: Path) -> None:
+    # given a waypoint, a home at (0, 0), and a dog that was seen last 3 m north and 4 m east of it
+    route = {"waypoint_count": 1, "waypoint_north[1]": 9, "waypoint_east[1]": 0, "home_north": 0,
+             "home_east": 0, "capture_radius": 2}  # fmt: skip
+    logged = columns()
+    for name, metres in (("north", 3.0), ("east", 4.0)):
+        logged[f"plant.{name}"] = np.full(len(logged["plant.speed"]), metres)
+    logged["plant.east"][-20:] = np.nan
+    parameters = {f"controller.{name}": str(value) for name, value in route.items()}
+    (read, _), *_ = read_tracks([write(tmp_path / "t.mcap", logged, parameters=parameters)]).tracks
+    assert read.way_home == pytest.approx(5.0)
+
+
 def test_odd_logs_are_noted(tmp_path: Path) -> None:
     # given logs: whole, the same again, cut short, with another sample time, of the estimate, no log
     first = write(tmp_path / "a" / "trial.mcap", columns(), seed="1")
