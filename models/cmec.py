@@ -118,7 +118,7 @@ class Cmec(AimingOff, Fenced):
 
     now = State(Mode, "mode")
     ticks = State(Integer, "ticks since the mode was entered", min=0, max=SHORT_COUNT_MAX)
-    overruled = State(Anomaly, "what keeps the controller from deciding")
+    overruled = State(Anomaly, "what keeps the controller from deciding", usual=Anomaly.NONE)
     reached = State(Integer, "waypoints reached", min=0, max=MAX_WAYPOINTS)
     turns = State(Integer, "directional commands that count towards MAXTURN", min=0, max=MOST_TURNS)
     issued = State(Integer, "directional commands issued")

@@ -43,11 +43,6 @@ class Anomaly(IntEnum):
     TIME_OUT = 12
     OUTSIDE_FENCE = 13
 
-    @classmethod
-    def usual(cls) -> Anomaly:
-        """That of most ticks."""
-        return cls.NONE
-
 
 COMMANDS = {
     Mode.FORWARD: Command.FORWARD,

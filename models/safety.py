@@ -123,7 +123,7 @@ class Supervised(Block):
     over = State(Boolean, "a block of the window is over")
     surveyed = State(Boolean, "a survey is due on this tick")
     survey_ticks = State(Integer, "ticks since the last survey", min=0, max=SURVEY)
-    breach = State(Anomaly, "the limit that is broken on this tick")
+    breach = State(Anomaly, "the limit that is broken on this tick", usual=Anomaly.NONE)
     recalling = State(Boolean, "the animal is recalled once it was stopped")
     towards_north = State("m", "target of the leg")
     towards_east = State("m", "target of the leg")

@@ -35,7 +35,7 @@ import casadi as ca
 from codegen.batch.graph import Graph
 from codegen.blocks.expressions import Writer
 from codegen.blocks.nodes import SELECT, Node, count_uses, read
-from models.kit.declaration import Type, flatten
+from models.kit.declaration import State, Type, flatten
 from models.kit.link import Key
 from models.kit.tracing import GROUPS, Phase, Table, Update
 from models.system import System
@@ -92,12 +92,12 @@ class BatchSystem:
         return {(k.target, k.target_variable): (k.source, k.source_variable) for k in self.system.links}
 
     def enumerations(self) -> dict[Key, float | None]:
-        """The states with named values that matter, and their usual values where an enumeration names one."""
+        """The states with named values that matter, and the values that they usually have, if declared."""
         return {
-            (component, name): variable.choices.usual() if hasattr(variable.choices, "usual") else None
+            (component, name): variable.usual
             for component, block in self.system.components.items()
             for name, variable in flatten(block.group("state"))
-            if variable.choices and name in self.keep[component]
+            if isinstance(variable, State) and variable.choices and name in self.keep[component]
         }
 
     def type_of(self, key: Key) -> Type:

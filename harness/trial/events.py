@@ -18,7 +18,7 @@ from models.commands import Status
 
 Level = Literal["advisory", "caution", "warning"]
 Mark = Literal["waypoint", "anomaly"]
-MARKS: tuple[Mark, ...] = get_args(Mark)  # outputs of the controller
+MARKS: dict[str, Mark] = {mark: mark for mark in get_args(Mark)}  # by output of the controller
 TOGETHER = 1.01  # s: doubts of the estimator that follow one another within it are one event
 
 
@@ -60,9 +60,7 @@ def _of_controller(log: Log) -> Iterator[Event]:
             elif output == "status" and values[row] in (Status.FAILED, Status.STOPPED):
                 level, why = "warning", ended_by(log, row)
                 text += f": {why}" if why else ""
-            yield Event(
-                float(log.time[row]), level, text, next((mark for mark in MARKS if mark == output), None)
-            )
+            yield Event(float(log.time[row]), level, text, MARKS.get(output))
 
 
 def _of_estimator(log: Log) -> Iterator[Event]:

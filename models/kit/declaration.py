@@ -200,9 +200,13 @@ class Parameter(Variable):
 
 
 class State(Variable):
-    """A value that the block remembers from tick to tick."""
+    """A value that the block remembers from tick to tick; on most ticks it may have a `usual` one."""
 
     kind = "state"
+
+    def __init__(self, *args: Any, usual: float | None = None, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.usual = usual
 
 
 SUBSTREAMS = 256  # of a stream

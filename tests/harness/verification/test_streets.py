@@ -49,8 +49,16 @@ def test_the_committed_page_has_what_a_run_gives(tmp_path: Path, monkeypatch: py
     for first in (("default", "1 m"), ("`crossing`",)):
         (row,) = lines(page, *first)
         assert lines(committed, *first) == [row]
-    # and what is not made of numbers is the same
-    assert page.split("The map decides.")[0] == committed.split("The map decides.")[0]
+    # and so is the text before and between its tables
+    for begin, end in (
+        ("# Streets", "The map decides."),
+        ("The default dog begins", "Ours has"),
+        ("The field's", "| "),
+    ):
+        assert (
+            page[page.index(begin) :].partition(end)[0]
+            == committed[committed.index(begin) :].partition(end)[0]
+        )
 
 
 def test_a_wall_costs_the_turn_and_not_the_straight_way() -> None:
