@@ -537,7 +537,7 @@ def fit_animal(
         str | None,
         typer.Option(
             metavar="s,...",
-            help="the logs are missions of days, those of a folder of one, with such rests between them",
+            help="each folder's logs are one day's missions; rest between two missions, s",
         ),
     ] = None,
     settings: Settings = None,
@@ -559,8 +559,8 @@ def fit_animal(
 
     days = None
     if rest is not None:
-        own = day.given(settings or [])
-        days = day.Days(statistics.days_of(logs), numbers("--rest", rest, "s"), own)
+        laws = day.laws_given(settings or [])
+        days = day.Days(statistics.days_of(logs), numbers("--rest", rest, "s"), laws)
     elif settings:
         raise UsageError(f"--set {settings[0]}: acts with --rest alone, which says that the logs are of days")
     paths = statistics.find_logs(logs)

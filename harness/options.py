@@ -66,7 +66,7 @@ MemoryLimit = Annotated[
 
 
 def listed(text: str) -> list[str]:
-    """The parts of an option's text with commas between them."""
+    """The parts of an option's text with commas between them; an empty one stays, for its user to refuse."""
     return [part.strip() for part in text.split(",")]
 
 
@@ -88,4 +88,4 @@ def number(option: str, text: str, unit: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise UsageError(f'{option} "{text}": expected a number of {unit}') from None
+        raise UsageError(f'{option} "{text}": expected a number, in {unit}') from None

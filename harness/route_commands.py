@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import typer
 
 from harness.console import json_of, out, print_note, progress_bar, say_where
-from harness.options import Controller, Plant, Settings, number
+from harness.options import Controller, Plant, Settings, listed, number
 from harness.routes import CLEARANCES, LONGEST, SPACINGS, TRIALS, WAYS, Along
 from models.errors import UsageError
 from models.kit.random import MAX_SEED
@@ -98,13 +98,11 @@ def plan_route(
             metres=metres,
             origin=_origin(origin),
             along=along,
-            clearances=[number("--clearance", part, "m") for part in _listed(clearance)],
+            clearances=[number("--clearance", part, "m") for part in listed(clearance)],
             ways=ways,
             longest=longest,
             preference=prefer_turns,
-            spacings=[
-                None if part == "none" else number("--spacing", part, "m") for part in _listed(spacing)
-            ],
+            spacings=[None if part == "none" else number("--spacing", part, "m") for part in listed(spacing)],
             scenario=scenario,
             system=system,
             reading=reading,
@@ -134,10 +132,6 @@ def _require_extra() -> None:
     lacks = [name for name in ("networkx", "shapely", "fastkml") if not find_spec(name)]
     if lacks:
         raise UsageError(f'canine plan needs {", ".join(lacks)}; pip install "guided-canine[routes]"')
-
-
-def _listed(text: str) -> list[str]:
-    return [part.strip() for part in text.split(",") if part.strip()]
 
 
 def _origin(text: str) -> tuple[float, float] | None:

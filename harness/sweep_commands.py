@@ -253,16 +253,16 @@ def run_days(
     All controllers and rests meet the same seeds. How the dog tires and habituates is assumed: the parameters
     of the plant canine_all_day say so, and the results too. `canine parameters canine_all_day` lists them.
     """
-    from harness.day import missions as course
+    from harness.day import missions as day_of_missions
     from harness.day import report
 
-    asked = course.Asked(
+    asked = day_of_missions.Asked(
         scenario, listed(controllers), numbers("--rest", rest, "s"), missions, days, system, estimator,
         reading, seed, settings or (),
     )  # fmt: skip
-    planned = course.plan_days(asked, print_note)
+    planned = day_of_missions.plan_days(asked, print_note)
     with progress_bar("trials", planned.total, quiet=as_json) as progress:
-        result = course.run(planned, progress)
+        result = day_of_missions.run(planned, progress)
     place = folder or report.default_folder(result)
     report.write(result, place, print_note)
     _log_days(result, min(logs, days), place, quiet=as_json)
@@ -286,19 +286,19 @@ def _log_days(result: DaysResult, days: int, place: Path, *, quiet: bool) -> Non
     asked = result.planned.asked
     logs_before = [
         log
-        for course in result.courses
-        for log in (place / f"{course.controller}-rest{course.rest:g}").glob("day-*/mission-*/trial.mcap")
+        for curve in result.curves
+        for log in (place / f"{curve.controller}-rest{curve.rest:g}").glob("day-*/mission-*/trial.mcap")
     ]
     for log in logs_before:
         remove_folder(log.parent)
     if logs_before:
         print_note(f"{place}: had {len(logs_before)} logged missions of an earlier run, which these replace")
-    with progress_bar("logs", days * len(result.courses) * asked.missions, quiet=quiet) as progress:
+    with progress_bar("logs", days * len(result.curves) * asked.missions, quiet=quiet) as progress:
         done = 0
-        for course, day in product(result.courses, range(days)):
-            for number, mission in enumerate(result.missions_of(course, day), start=1):
-                below = f"{course.controller}-rest{course.rest:g}/day-{day + 1}/mission-{number}"
-                run_trial(mission, plant=PLANT, controller=course.controller, out=place / below)
+        for curve, day in product(result.curves, range(days)):
+            for number, mission in enumerate(result.missions_of(curve, day), start=1):
+                below = f"{curve.controller}-rest{curve.rest:g}/day-{day + 1}/mission-{number}"
+                run_trial(mission, plant=PLANT, controller=curve.controller, out=place / below)
                 done += 1
                 if progress:
                     progress(done)

@@ -3,34 +3,49 @@
 The text names both, and measured neither. A tired dog (5.1.3) is slower: the speeds of Table 5.1 spread
 because of its "rising level of fatigue" (5.2). It may respond later (5.3.7.1). After more than two
 directional commands since its last reward it "begins ignoring commands" (4.1.4.2). The laws are the smallest
-that do this, and all their numbers are assumed. BOUNDS has what the published numbers allow at most.
+that do this, and all their numbers are assumed. BOUNDS has what is likely at most.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from models.canine import Behaviour
 from models.commands import Command
+from models.errors import UsageError
 from models.kit.block import before, triggered
 from models.kit.declaration import SX, Integer, Output, Parameter, State
 from models.kit.geometry import all_of, any_of, counted, where
 from models.kit.timing import TICK
 from models.streets import CanineInStreets
 
-# The largest effects that the published numbers allow; each takes its own cause for the only one.
+LONGEST_REST = 1e6  # s, between two missions
+
+
+class Bound(NamedTuple):
+    """The largest value of an effect that is likely, and why, in words."""
+
+    most: float
+    since: str
+
+
+FULL = "a larger one would not fit {}, if a day ends at full fatigue"
+# Each takes its own cause for the only one. Those of fatigue are of the fall over a day: they bound the
+# parameters, which are shares of full fatigue, only if a day ends at full fatigue.
 BOUNDS = {
     # speeds of 4.86 +- 1.49 m/s (Table 5.1) that fall evenly over a day fall by 69 %: mean +- sqrt(3) sd
-    "fatigue_slows": 0.69,
+    "fatigue_slows": Bound(0.69, FULL.format("the speeds of Table 5.1")),
     # field trials are up to 3.5 s longer than simulated ones, of which the search takes 3 s (5.3.7.1); of the
     # rest two responses have 0.25 s each, and a delay that grows evenly ends at twice its mean
-    "fatigue_delays": 0.5,
-    # a dog that obeys always when rested and with 62 % on the mean of a day (Table 5.1) ends at 24 %
-    "fatigue_disobeys": 0.76,
-    # the counts of the field trials, with two free vibrations
-    "habituation_gain": 0.4,
+    "fatigue_delays": Bound(0.5, FULL.format("the times of 5.3.7.1")),
+    # a dog with 62 % on the mean of a day (Table 5.1) ends at 24 %, if it obeys always when rested
+    "fatigue_disobeys": Bound(
+        0.76, FULL.format("the obedience of Table 5.1") + " and the rested dog obeys always"
+    ),
+    # our sweeps over the gain, held against the counts of Table 4.4 (harness/day/README.md)
+    "habituation_gain": Bound(0.35, "by our own sweeps, a larger one would not fit the counts of Table 4.4"),
 }
 
 
@@ -52,15 +67,18 @@ class Day(Behaviour):
         "s", "time in which a rest leaves 37 % of the fatigue (assumed)", start=3600, min=1, max=1e7
     )
     fatigue_slows = Parameter(
-        "1", "share of the cruise speed that full fatigue takes (assumed; at most 0.69 by Table 5.1)",
+        "1", "share of the cruise speed that full fatigue takes (assumed; at most 0.69 by Table 5.1 if a "
+        "day ends at it)",
         start=0.5, min=0, max=0.9,
     )  # fmt: skip
     fatigue_delays = Parameter(
-        "s", "by how much full fatigue delays a response (assumed; at most 0.5 by 5.3.7.1)",
+        "s", "by how much full fatigue delays a response (assumed; at most 0.5 by 5.3.7.1 if a day ends at "
+        "it)",
         start=0.3, min=0, max=1e3,
     )  # fmt: skip
     fatigue_disobeys = Parameter(
-        "1", "share of the responses to vibrations that full fatigue takes (assumed; at most 0.76)",
+        "1", "share of the responses to vibrations that full fatigue takes (assumed; at most 0.76 if a "
+        "day ends at it, and the rested dog obeys always)",
         start=0.3, min=0, max=1,
     )  # fmt: skip
     free_vibrations = Parameter(
@@ -68,7 +86,8 @@ class Day(Behaviour):
         start=2, min=0, max=1000,
     )  # fmt: skip
     habituation_gain = Parameter(
-        "1", "share of the responses left that a further vibration takes (assumed; at most about 0.4)",
+        "1", "share of the responses left that a further vibration takes (assumed; at most about 0.35 by our "
+        "sweeps)",
         start=0.2, min=0, max=1,
     )  # fmt: skip
     habituation_time = Parameter(
@@ -153,6 +172,16 @@ def left_over(time_constant: Any, tick: float) -> Any:
 def faded(time_constant: float, seconds: Any) -> Any:
     """What it keeps over so many seconds: that of as many ticks, in closed form."""
     return left_over(time_constant, TICK) ** (seconds / TICK)
+
+
+def check_rest(rest: float, option: str) -> None:
+    """Refuse a rest that no dog has [s].
+
+    Raises:
+        UsageError: it is negative, too long or no number.
+    """
+    if not 0 <= rest <= LONGEST_REST:
+        raise UsageError(f"{option} {rest:g}: expected 0 to {LONGEST_REST:g} s")
 
 
 def rested(

@@ -4,5 +4,5 @@ In: a scenario, controllers, rests. Out: success, fatigue and habituation by mis
 and JSON.
 
 `missions` resolves what is asked for and runs it: the dog's final states become the next mission's start,
-after the rest that `models.day.rested` states. `report` writes the results.
+after the rest that `models.day.rested` states. `picture` draws the curves, `report` writes the results.
 """

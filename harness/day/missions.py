@@ -24,12 +24,11 @@ from harness.sweep.components import find_components
 from harness.sweep.table import wilson
 from harness.sweep.trials import MAX_TRIALS, Options, adapted, native_job, without
 from harness.trial.scenario import Scenario
-from models.day import BOUNDS, CanineAllDay, Day, rested, tired_after
+from models.day import BOUNDS, CanineAllDay, Day, check_rest, rested, tired_after
 from models.errors import UsageError
 from models.kit.declaration import Parameter
 from models.kit.random import MAX_SEED
 from models.modes import ENDED, Mode
-from models.readings import READING
 from models.system import CONTROLLER
 
 PLANT = CanineAllDay.title()
@@ -37,7 +36,6 @@ STARTS = ("plant.start_fatigue", "plant.start_habituation")
 OBSERVED = ("controller.mode", "plant.fatigue", "plant.habituation", "plant.north", "plant.east")
 PIECE = 256  # days of a piece: a thread carries them through all missions
 MOST_MISSIONS = 1000
-LONGEST_REST = 1e6  # s
 ASSUMED = (
     "fatigue and habituation are assumed: nobody measured how they grow, fade and act",
     "the dog of Table 5.1 is taken for the rested one, though its means are of dogs that were tired by then",
@@ -72,7 +70,7 @@ class Asked:
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class Curve:
     """The days of one controller with one rest; the arrays are (missions, days).
 
     Attributes:
@@ -80,6 +78,7 @@ class Course:
         rest: s.
         ticks: the tick on which a mission succeeded, 0 if it failed.
         timeouts: was the mission's time up before the dog was home?
+        stopped: did a limit or the operator end the mission where the dog was?
         fatigue, habituation: with which the dog began the mission.
     """
 
@@ -87,6 +86,7 @@ class Course:
     rest: float
     ticks: npt.NDArray[np.int32]
     timeouts: npt.NDArray[np.bool_]
+    stopped: npt.NDArray[np.bool_]
     fatigue: Reals
     habituation: Reals
 
@@ -112,6 +112,7 @@ class Course:
             "mean_habituation": float(self.habituation[number].mean()),
             "mean_time_s": TICK_S * float(ticks[ticks > 0].mean()) if successes else None,
             "timeouts": int(np.count_nonzero(self.timeouts[number])),
+            "stopped": int(np.count_nonzero(self.stopped[number])),
         }
 
 
@@ -148,9 +149,9 @@ class Days:
     def notes(self) -> list[str]:
         """What the results rest on."""
         beyond = [
-            f"canine.{name} is {self.animal[name]:g}, and the published numbers allow at most about {most:g}"
-            for name, most in BOUNDS.items()
-            if self.animal[name] > most
+            f"canine.{name} is {self.animal[name]:g}, beyond the bound of about {bound.most:g}: {bound.since}"
+            for name, bound in BOUNDS.items()
+            if self.animal[name] > bound.most
         ]
         return [*ASSUMED, *beyond]
 
@@ -160,7 +161,8 @@ class Days:
         return {
             "scenario": self.scenario.name,
             "system": self.scenario.system,
-            "reading": self.scenario.reading or READING,
+            "estimator": self.asked.estimator,
+            "reading": self.scenario.reading,
             "controllers": list(self.asked.controllers),
             "rests_s": list(self.asked.rests),
             "missions": self.asked.missions,
@@ -182,16 +184,16 @@ class Result:
     """The days that were run."""
 
     planned: Days
-    courses: list[Course] = field(default_factory=list)
+    curves: list[Curve] = field(default_factory=list)
 
-    def missions_of(self, course: Course, day: int) -> list[Scenario]:
+    def missions_of(self, curve: Curve, day: int) -> list[Scenario]:
         """The missions of a day as scenarios, each with the dog as it begins them."""
-        scenario = self.planned.scenarios[course.controller]
+        scenario = self.planned.scenarios[curve.controller]
         return [
             scenario.override(
                 [
-                    f"{PLANT}.start_fatigue={float(course.fatigue[mission, day])!r}",
-                    f"{PLANT}.start_habituation={float(course.habituation[mission, day])!r}",
+                    f"{PLANT}.start_fatigue={float(curve.fatigue[mission, day])!r}",
+                    f"{PLANT}.start_habituation={float(curve.habituation[mission, day])!r}",
                 ],
                 self.planned.seed(mission, day),
                 {"plant": PLANT},
@@ -209,7 +211,7 @@ def plan_days(asked: Asked, note: Callable[[str], None] = lambda text: None) -> 
     Raises:
         ScenarioError: the scenario or a setting is invalid.
         SweepError: a number or a list is out of its range.
-        UsageError: there is no such controller or estimator, or it is an FMU.
+        UsageError: a rest is, there is no such controller or estimator, or it is an FMU.
     """
     _check(asked)
     notes: dict[str, None] = {}  # in order, each once
@@ -258,8 +260,7 @@ def _check(asked: Asked) -> None:
             if value in listed[:i]:
                 raise SweepError(f"{option}: {value} is named twice")
     for rest in asked.rests:
-        if not 0 <= rest <= LONGEST_REST:
-            raise SweepError(f"--rest {rest:g}: expected 0 to {LONGEST_REST:g} s")
+        check_rest(rest, "--rest")
 
 
 def run(planned: Days, progress: Callable[[float], None] | None = None) -> Result:
@@ -273,30 +274,34 @@ def run(planned: Days, progress: Callable[[float], None] | None = None) -> Resul
     """
     days, missions = planned.asked.days, planned.asked.missions
     shape = (missions, days)
-    courses = [
-        Course(controller, rest, *(np.zeros(shape, kind) for kind in (np.int32, np.bool_, float, float)))
+    curves = [
+        Curve(
+            controller,
+            rest,
+            *(np.zeros(shape, kind) for kind in (np.int32, np.bool_, np.bool_, float, float)),
+        )
         for controller, rest in product(planned.jobs, planned.asked.rests)
     ]
     runners = {controller: _Runner(planned, job) for controller, job in planned.jobs.items()}
 
-    def run_piece(piece: tuple[Course, slice]) -> int:
-        course, some = piece
-        for mission, begun in enumerate(runners[course.controller].missions(some, course.rest)):
+    def run_piece(piece: tuple[Curve, slice]) -> int:
+        curve, some = piece
+        for mission, begun in enumerate(runners[curve.controller].missions(some, curve.rest)):
             columns: tuple[npt.NDArray[Any], ...] = (
-                course.ticks, course.timeouts, course.fatigue, course.habituation
+                curve.ticks, curve.timeouts, curve.stopped, curve.fatigue, curve.habituation
             )  # fmt: skip
             for column, values in zip(columns, begun, strict=True):
                 column[mission, some] = values
         return missions * len(range(days)[some])
 
-    pieces = product(courses, (slice(first, first + PIECE) for first in range(0, days, PIECE)))
+    pieces = product(curves, (slice(first, first + PIECE) for first in range(0, days, PIECE)))
     done = 0
     with ThreadPoolExecutor(cores()) as pool:
         for trials in pool.map(run_piece, pieces):
             done += trials
             if progress:
                 progress(done)
-    return Result(planned, courses)
+    return Result(planned, curves)
 
 
 class _Runner:
@@ -308,8 +313,8 @@ class _Runner:
         self.batch = Batch(job.wired, STARTS, OBSERVED, stop)
         self._run(np.zeros((0, len(STARTS))), np.zeros(0, np.int32))
 
-    def missions(self, some: slice, rest: float) -> Iterator[tuple[Any, Any, Reals, Reals]]:
-        """Some days, mission by mission: success ticks, timeouts, fatigue and habituation at the start."""
+    def missions(self, some: slice, rest: float) -> Iterator[tuple[Any, Any, Any, Reals, Reals]]:
+        """Some days, mission by mission: success ticks, timeouts, stops; fatigue, habituation before."""
         animal = self.planned.animal
         number = np.arange(self.planned.asked.days)[some]
         fatigue = np.full(number.size, animal["start_fatigue"])
@@ -319,7 +324,8 @@ class _Runner:
             mode, tired, accustomed, north, east = results.values.T
             success = mode == Mode.SUCCESS
             timeouts = ~np.isin(mode, [int(ended) for ended in ENDED])
-            yield np.where(success, results.ticks, 0), timeouts, fatigue, habituation
+            stopped = mode == Mode.STOPPED
+            yield np.where(success, results.ticks, 0), timeouts, stopped, fatigue, habituation
             home = self.planned.scenario.start
             way = np.where(
                 (mode == Mode.SUCCESS) | (mode == Mode.FAILED), 0.0, np.hypot(north - home[0], east - home[1])

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from harness.day.missions import Course, Result
+from harness.day.missions import Curve, Result
 from harness.drawing import ESTIMATES, GRID, add_legend, drawable, new_figure, set_title
 
 DASHES: tuple[Any, ...] = ("-", "--", ":", "-.")  # by rest, in turns
@@ -22,12 +22,12 @@ def day_figure(result: Result) -> Figure:
     figure = new_figure(11, 9)
     success, *states = figure.subplots(3, 1, sharex=True, height_ratios=(1.6, 1, 1))
     handles = []
-    for course in result.courses:
-        style = _style(course, result)
-        _draw(success, course, "success_rate", style, interval=True)
+    for curve in result.curves:
+        style = _style(curve, result)
+        _draw(success, curve, "success_rate", style, interval=True)
         for axes, key in zip(states, ("mean_fatigue", "mean_habituation"), strict=True):
-            _draw(axes, course, key, style)
-        label = drawable(f"{course.controller}, rest {course.rest:g} s")
+            _draw(axes, curve, key, style)
+        label = drawable(f"{curve.controller}, rest {curve.rest:g} s")
         handles.append(Line2D([], [], label=label, **style))
     success.yaxis.set_major_formatter(FuncFormatter(lambda rate, _: f"{100 * rate:.4g} %"))
     for axes, label in zip(
@@ -54,10 +54,10 @@ def day_figure(result: Result) -> Figure:
     return figure
 
 
-def _style(course: Course, result: Result) -> dict[str, Any]:
+def _style(curve: Curve, result: Result) -> dict[str, Any]:
     asked = result.planned.asked
-    controller = list(asked.controllers).index(course.controller)
-    rest = list(asked.rests).index(course.rest)
+    controller = list(asked.controllers).index(curve.controller)
+    rest = list(asked.rests).index(curve.rest)
     return {
         "color": ESTIMATES[controller % len(ESTIMATES)],
         "marker": SIGNS[controller % len(SIGNS)],
@@ -67,10 +67,10 @@ def _style(course: Course, result: Result) -> dict[str, Any]:
     }
 
 
-def _draw(axes: Any, course: Course, key: str, style: dict[str, Any], *, interval: bool = False) -> None:
-    mission = np.arange(1, len(course.rows) + 1)
-    values = np.array([row[key] for row in course.rows])
+def _draw(axes: Any, curve: Curve, key: str, style: dict[str, Any], *, interval: bool = False) -> None:
+    mission = np.arange(1, len(curve.rows) + 1)
+    values = np.array([row[key] for row in curve.rows])
     axes.plot(mission, values, **style)
     if interval:
-        low, high = (np.array([row[name] for row in course.rows]) for name in ("ci_low", "ci_high"))
+        low, high = (np.array([row[name] for row in curve.rows]) for name in ("ci_low", "ci_high"))
         axes.vlines(mission, low, high, color=style["color"], linewidth=1)

@@ -34,7 +34,7 @@ def facts(result: Result) -> dict[str, Any]:
     return {
         **result.planned.identity,
         "notes": result.planned.notes,
-        "courses": [row for course in result.courses for row in course.rows],
+        "curves": [row for curve in result.curves for row in curve.rows],
     }
 
 
@@ -74,7 +74,7 @@ def about(result: Result) -> str:
 
 def _csv(result: Result) -> bytes:
     """The content of day.csv: a row for each controller, rest and mission."""
-    rows = [row for course in result.courses for row in course.rows]
+    rows = [row for curve in result.curves for row in curve.rows]
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     writer.writeheader()
@@ -88,7 +88,7 @@ def show(result: Result, console: Console) -> None:
     headings = ("rest [s]", "mission", "success", "95 % interval", "fatigue", "habituation", "time [s]")
     for heading in headings:
         table.add_column(escape(heading), justify="right")
-    for row in (row for course in result.courses for row in course.rows):
+    for row in (row for curve in result.curves for row in curve.rows):
         table.add_row(
             row["controller"],
             f"{row['rest_s']:g}",
@@ -100,11 +100,8 @@ def show(result: Result, console: Console) -> None:
             "-" if row["mean_time_s"] is None else f"{row['mean_time_s']:.1f}",
         )
     print_table(table, console)
-    late = sum(row["timeouts"] for course in result.courses for row in course.rows)
-    if late:
-        trials = result.planned.total
-        console.print(
-            f"{late} of {trials} missions were cut when their time was up", soft_wrap=True,
-        )  # fmt: skip
+    for key, ending in (("timeouts", "cut when their time was up"), ("stopped", "stopped on the way")):
+        if count := sum(row[key] for curve in result.curves for row in curve.rows):
+            console.print(f"{count} of {result.planned.total} missions were {ending}", soft_wrap=True)
     for line in result.planned.notes:
         console.print(f"note: {line}", style="dim", soft_wrap=True, markup=False)

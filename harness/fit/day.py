@@ -28,7 +28,7 @@ from scipy import stats
 from harness.fit.tracks import TURNS, Track, Trial, stretches
 from harness.log.channel import Array
 from models.commands import Command
-from models.day import CanineAllDay, faded, rested, tired_after, tired_by
+from models.day import CanineAllDay, check_rest, faded, rested, tired_after, tired_by
 from models.errors import UsageError, nearest
 
 CONFIDENCE = 0.95
@@ -42,7 +42,6 @@ SPREAD = 0.02  # of fatigue, below which all values are of a dog that is equally
 GRID = np.arange(101) / 100  # of the shares
 UNTOLD = 0.95  # of the range, which an interval covers that tells nothing
 HALVINGS = 40
-LONGEST_REST = 1e6  # s
 
 
 @dataclass(frozen=True)
@@ -112,12 +111,12 @@ class Days:
     Attributes:
         paths: of the logs of each day, in their order.
         rests: s, between two missions: one for all, or one for each.
-        own: what of the laws is taken as given.
+        laws: what of the laws is taken as given.
     """
 
     paths: Sequence[Sequence[Path]]
     rests: Sequence[float]
-    own: Mapping[str, float]
+    laws: Mapping[str, float]
 
     def __post_init__(self) -> None:
         """Refuse rests that are not between the missions.
@@ -126,8 +125,7 @@ class Days:
             UsageError: there are.
         """
         for rest in self.rests:
-            if not 0 <= rest <= LONGEST_REST:
-                raise UsageError(f"--rest {rest:g}: expected 0 to {LONGEST_REST:g} s")
+            check_rest(rest, "--rest")
         for day in self.paths:
             if len(self.rests) not in (1, len(day) - 1):
                 raise UsageError(
@@ -159,42 +157,42 @@ class Days:
         ]
 
 
-def given(settings: Sequence[str]) -> dict[str, float]:
+def laws_given(settings: Sequence[str]) -> dict[str, float]:
     """What of the laws is taken as given: the declared values, or those of `canine.name=value`.
 
     Raises:
         UsageError: a setting is none of these, or out of its range.
     """
     declared = CanineAllDay.variables()
-    own = {name: declared[name].start[0] for name in GIVEN}
+    laws = {name: declared[name].start[0] for name in GIVEN}
     for setting in settings:
         address, _, text = setting.partition("=")
         name = address.strip().removeprefix("canine.")
-        if name not in own:
+        if name not in laws:
             known = [f"canine.{one}" for one in GIVEN]
             raise UsageError(
                 f"--set {setting}: a fit takes only what it does not estimate{nearest(address, known)}"
             )
         try:
-            own[name] = float(text)
+            laws[name] = float(text)
         except ValueError:
             raise UsageError(f"--set {setting}: expected {declared[name].expected()}") from None
-        declared[name].check(own[name], f"--set canine.{name}")
-    return own
+        declared[name].check(laws[name], f"--set canine.{name}")
+    return laws
 
 
-def estimate_day(days: Sequence[Sequence[Mission]], own: Mapping[str, float]) -> dict[str, Any]:
+def estimate_day(days: Sequence[Sequence[Mission]], laws: Mapping[str, float]) -> dict[str, Any]:
     """The effects over some days: what fit.json has under `day`.
 
     Args:
         days: each its missions in their order.
-        own: as `given` returns it.
+        laws: as `laws_given` returns it.
     """
     speeds: list[tuple[float, float]] = []
     delays: list[tuple[float, float]] = []
     heard = []
     for day in days:
-        followed = zip(day, _fatigues(day, own), _habituations(day, own), strict=True)
+        followed = zip(day, _fatigues(day, laws), _habituations(day, laws), strict=True)
         for mission, fatigue, felt in followed:
             trial = mission.trial
             if "cruise_speed" in trial.values:
@@ -217,7 +215,7 @@ def estimate_day(days: Sequence[Sequence[Mission]], own: Mapping[str, float]) ->
         "missions": sum(map(len, days)),
         "seconds": sum(float(np.ptp(track.time)) for track in tracks),
         "seconds_unknown": sum(float(np.diff(track.time)[~track.usable[:-1]].sum()) for track in tracks),
-        "given": dict(own),
+        "given": dict(laws),
         "effects": {effect.name: effect.facts() for effect in effects},
         "parameters": {
             f"canine.{effect.name}": float(f"{effect.estimate:.4g}")
@@ -229,45 +227,45 @@ def estimate_day(days: Sequence[Sequence[Mission]], own: Mapping[str, float]) ->
     }
 
 
-def _fatigues(day: Sequence[Mission], own: Mapping[str, float]) -> Iterator[Array]:
+def _fatigues(day: Sequence[Mission], laws: Mapping[str, float]) -> Iterator[Array]:
     """Fatigue on each row of each mission."""
-    fatigue = own["start_fatigue"]
+    fatigue = laws["start_fatigue"]
     for mission in day:
         track = mission.track
         seconds = np.diff(track.time)
         held = track.held
         ways = (0.5 * (held[:-1] + held[1:]) * seconds).tolist()
-        kept = faded(own["fatigue_time"], seconds).tolist()
+        kept = faded(laws["fatigue_time"], seconds).tolist()
         rows = [fatigue]
         for way, keeps in zip(ways, kept, strict=True):
-            fatigue = keeps * tired_by(fatigue, way, own["fatigue_way"])
+            fatigue = keeps * tired_by(fatigue, way, laws["fatigue_way"])
             rows.append(fatigue)
         yield np.array(rows)
         if not track.success:  # a failed trial ends where the recall begins
-            fatigue = tired_after(fatigue, track.way_home, own["fatigue_way"])
-        fatigue, _ = rested(fatigue, 0.0, False, mission.rest, own)
+            fatigue = tired_after(fatigue, track.way_home, laws["fatigue_way"])
+        fatigue, _ = rested(fatigue, 0.0, False, mission.rest, laws)
 
 
 def _habituations(
-    day: Sequence[Mission], own: Mapping[str, float]
+    day: Sequence[Mission], laws: Mapping[str, float]
 ) -> Iterator[dict[int, tuple[Array, bool]]]:
     """By mission, of each vibration's row: habituation for each gain of GRID, and is it a further one?"""
-    habituation = np.full(GRID.shape, own["start_habituation"])
+    habituation = np.full(GRID.shape, laws["start_habituation"])
     for mission in day:
         time = mission.track.time
         now = time[0]
         rows: dict[int, tuple[Array, bool]] = {}
         for command, first, _ in stretches(mission.track.command):
             if command in TURNS:
-                habituation = habituation * faded(own["habituation_time"], time[first] - now)
+                habituation = habituation * faded(laws["habituation_time"], time[first] - now)
                 now = time[first]
-                further = len(rows) >= own["free_vibrations"]
+                further = len(rows) >= laws["free_vibrations"]
                 if further:
                     habituation = habituation + GRID * (1 - habituation)
                 rows[first] = habituation, further
         yield rows
-        habituation = habituation * faded(own["habituation_time"], time[-1] - now)
-        _, habituation = rested(0.0, habituation, mission.track.success, mission.rest, own)
+        habituation = habituation * faded(laws["habituation_time"], time[-1] - now)
+        _, habituation = rested(0.0, habituation, mission.track.success, mission.rest, laws)
 
 
 @dataclass(frozen=True)
@@ -303,10 +301,10 @@ def _line(points: Array) -> tuple[Array, Array, float] | str:
 
 def slowing(points: Array) -> Effect:
     """The share of the speed that full fatigue takes, from (fatigue, speed) of missions: (n, 2)."""
-    name, found = "fatigue_slows", _line(points)
-    if isinstance(found, str):
-        return Effect(name, len(points), why=f"cruising speed: {found}")
-    (rested_speed, slope), cov, quantile = found
+    name, line = "fatigue_slows", _line(points)
+    if isinstance(line, str):
+        return Effect(name, len(points), why=f"cruising speed: {line}")
+    (rested_speed, slope), cov, quantile = line
     ratio = slope / rested_speed
     doubt = quantile**2 * cov[0, 0] / rested_speed**2
     if doubt >= 1:
@@ -322,10 +320,10 @@ def slowing(points: Array) -> Effect:
 
 def delaying(points: Array) -> Effect:
     """By how much full fatigue delays a response, from (fatigue, delay) of FORWARDs from rest: (n, 2)."""
-    name, found = "fatigue_delays", _line(points)
-    if isinstance(found, str):
-        return Effect(name, len(points), why=f"FORWARD from rest: {found}")
-    (rested_delay, slope), cov, quantile = found
+    name, line = "fatigue_delays", _line(points)
+    if isinstance(line, str):
+        return Effect(name, len(points), why=f"FORWARD from rest: {line}")
+    (rested_delay, slope), cov, quantile = line
     half = quantile * math.sqrt(cov[1, 1])
     return Effect(
         name, len(points), float(slope), (float(slope - half), float(slope + half)), float(rested_delay)
@@ -357,10 +355,10 @@ def _likelihood(heard: Sequence[_Heard]) -> Array:
     """(gains, shares): the log-likelihood of the responses, each side's rate the likeliest."""
     surface = np.zeros((len(GRID), len(GRID)))
     for side in {response.side for response in heard}:
-        own = [response for response in heard if response.side == side]
-        obeyed = np.array([response.obeyed for response in own])
-        tired = 1 - np.multiply.outer(GRID, [response.fatigue for response in own])
-        accustomed = np.array([response.habituation for response in own])
+        responses = [response for response in heard if response.side == side]
+        obeyed = np.array([response.obeyed for response in responses])
+        tired = 1 - np.multiply.outer(GRID, [response.fatigue for response in responses])
+        accustomed = np.array([response.habituation for response in responses])
         surface += [_likeliest(tired * (1 - of_a_gain), obeyed) for of_a_gain in accustomed.T]
     return surface
 

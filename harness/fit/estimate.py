@@ -516,5 +516,5 @@ def estimate(reading: Reading, turned: float | None = None, days: Days | None = 
     result["left_out_logs"] = reading.left_out
     if days is not None:
         by_path = {track.path: (track, trial) for (track, _), trial in zip(tracks, trials, strict=True)}
-        result["day"] = estimate_day(days.missions(by_path), days.own)
+        result["day"] = estimate_day(days.missions(by_path), days.laws)
     return result

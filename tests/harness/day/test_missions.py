@@ -31,12 +31,12 @@ def day() -> Result:
 
 
 def test_a_dog_begins_a_mission_as_the_last_one_and_the_rest_have_left_it(day: Result) -> None:
-    short, usual, endless = day.courses
+    short, usual, endless = day.curves
     # given rested dogs in the first mission, which is the same whatever the rest
-    for course in day.courses:
-        assert not course.fatigue[0].any()
-        assert not course.habituation[0].any()
-        assert course.ticks[0].tobytes() == short.ticks[0].tobytes()
+    for curve in day.curves:
+        assert not curve.fatigue[0].any()
+        assert not curve.habituation[0].any()
+        assert curve.ticks[0].tobytes() == short.ticks[0].tobytes()
     # then after rest and reward of so many seconds they begin the second as the closed form says
     tired, accustomed = short.fatigue[1], short.habituation[1]
     assert usual.fatigue[1] == pytest.approx(rested(tired, 0, 0, 600, {})[0], rel=1e-12)
@@ -49,7 +49,7 @@ def test_a_dog_begins_a_mission_as_the_last_one_and_the_rest_have_left_it(day: R
 
 def test_tired_dogs_succeed_less_often(day: Result) -> None:
     # given 600 days, when a dog that never rests begins its fourth mission
-    rows = {course.rest: course.rows for course in day.courses}
+    rows = {curve.rest: curve.rows for curve in day.curves}
     # then it succeeds less often than a rested one, beyond both intervals
     assert rows[0.0][3]["ci_high"] < rows[1e6][3]["ci_low"]
     assert rows[0.0][3]["mean_fatigue"] > 0.15 > rows[1e6][3]["mean_fatigue"]
@@ -64,12 +64,12 @@ def test_a_success_is_a_reward() -> None:
             "canine.reward_relief=0.75",
         ),
     )  # fmt: skip
-    (course,) = run(plan_days(asked)).courses
+    (curve,) = run(plan_days(asked)).curves
     # then a success takes three quarters of it, a failure nothing
-    success = course.ticks[0] > 0
+    success = curve.ticks[0] > 0
     assert 50 < success.sum() < 250
-    assert course.habituation[1][success] == pytest.approx(0.1, rel=1e-3)
-    assert course.habituation[1][~success] == pytest.approx(0.4, rel=1e-3)
+    assert curve.habituation[1][success] == pytest.approx(0.1, rel=1e-3)
+    assert curve.habituation[1][~success] == pytest.approx(0.4, rel=1e-3)
 
 
 def test_a_dog_that_failed_runs_home_before_its_next_mission() -> None:
@@ -78,24 +78,36 @@ def test_a_dog_that_failed_runs_home_before_its_next_mission() -> None:
         MISSION, rests=(0.0,), missions=2, days=50,
         settings=("cmec.max_turns=0", "canine.fatigue_time=1e7", "canine.fatigue_way=1000"),
     )  # fmt: skip
-    (course,) = run(plan_days(asked)).courses
-    failed = course.ticks[0] == 0
+    (curve,) = run(plan_days(asked)).curves
+    failed = curve.ticks[0] == 0
     assert failed.sum() > 20
     # then its way is there and back: half of them ran farther than the leg and the stop behind it are long
-    way = -1000 * np.log(1 - course.fatigue[1][failed])
+    way = -1000 * np.log(1 - curve.fatigue[1][failed])
     assert np.median(way) > 35.73 + 4.86**2 / (2 * 2.72)
-    assert not course.timeouts.any()
+    assert not curve.timeouts.any()
 
 
 def test_a_mission_whose_time_is_up_fails_and_is_counted_and_the_dog_goes_home() -> None:
     # given 6 s, in which the dog speeds up at 1.78 m/s2 and runs some 22.5 m
     short = replace(load(MISSION), duration=6.0)
     result = run(plan_days(Asked(short, missions=2, days=20, rests=(0.0,))))
-    way = -1000 * np.log(1 - result.courses[0].fatigue[1])
+    way = -1000 * np.log(1 - result.curves[0].fatigue[1])
     assert way == pytest.approx(2 * (4.86 * 6 - 4.86**2 / (2 * 1.78)), rel=0.05)
-    assert [row["timeouts"] for row in result.courses[0].rows] == [20, 20]
-    assert [row["successes"] for row in result.courses[0].rows] == [0, 0]
-    assert [row["mean_time_s"] for row in result.courses[0].rows] == [None, None]
+    assert [row["timeouts"] for row in result.curves[0].rows] == [20, 20]
+    assert [row["successes"] for row in result.curves[0].rows] == [0, 0]
+    assert [row["mean_time_s"] for row in result.curves[0].rows] == [None, None]
+
+
+def test_a_mission_that_a_limit_stopped_is_counted_as_such() -> None:
+    # given a fence that the first leg crosses
+    asked = Asked(MISSION, missions=1, days=20, reading="guarded", settings=("cmec.fence_radius=10",))
+    (row,) = run(plan_days(asked)).curves[0].rows
+    assert (row["stopped"], row["timeouts"], row["successes"]) == (20, 0, 0)
+
+
+def test_days_with_another_estimator_are_other_days() -> None:
+    four, six = (plan_days(Asked(MISSION, system="full", estimator=e)) for e in ("four_state", "six_state"))
+    assert (four.identity["estimator"], six.identity["estimator"]) == ("four_state", "six_state")
 
 
 def test_the_first_mission_is_a_sweeps_trials_of_that_dog(day: Result, tmp_path: Path) -> None:
@@ -105,7 +117,7 @@ def test_the_first_mission_is_a_sweeps_trials_of_that_dog(day: Result, tmp_path:
     )  # fmt: skip
     table, _ = sweep.run(planned, tmp_path)
     fresh, tired = table
-    assert fresh.successes == day.courses[0].rows[0]["successes"]
+    assert fresh.successes == day.curves[0].rows[0]["successes"]
     # and a parameter of the day can be varied
     assert tired.successes < fresh.successes
 
@@ -115,16 +127,16 @@ def test_a_day_has_the_bits_of_single_trials_by_co_simulation(tmp_path: Path) ->
     settings = ["canine.start_fatigue=0.3", "canine.start_habituation=0.2", "canine.free_vibrations=0"]
     asked = Asked(MISSION, missions=3, days=60, seed=4, reading="field", settings=settings)
     result = run(plan_days(asked))
-    (course,) = result.courses
-    day = int(np.flatnonzero((course.ticks > 0).all(axis=0))[0])
+    (curve,) = result.curves
+    day = int(np.flatnonzero((curve.ticks > 0).all(axis=0))[0])
     fatigue, habituation = 0.3, 0.2
-    for mission, scenario in enumerate(result.missions_of(course, day)):
-        assert (course.fatigue[mission, day], course.habituation[mission, day]) == (fatigue, habituation)
+    for mission, scenario in enumerate(result.missions_of(curve, day)):
+        assert (curve.fatigue[mission, day], curve.habituation[mission, day]) == (fatigue, habituation)
         # when each is run alone with FMUs, from where the last one ended and after its rest
         trial = run_trial(scenario, plant="canine_all_day", out=tmp_path / str(mission))
         # then it ends on the same tick, with the same states
         assert trial.outcome == "success"
-        assert trial.log.time[-1] == pytest.approx(0.04 * course.ticks[mission, day])
+        assert trial.log.time[-1] == pytest.approx(0.04 * curve.ticks[mission, day])
         tired, accustomed = (float(trial.log[f"plant.{name}"][-1]) for name in ("fatigue", "habituation"))
         fatigue, habituation = rested(tired, accustomed, True, 600.0, {})
 
@@ -132,8 +144,8 @@ def test_a_day_has_the_bits_of_single_trials_by_co_simulation(tmp_path: Path) ->
 def test_a_day_does_not_depend_on_how_it_is_cut(day: Result, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(missions, "PIECE", 37)
     again = run(plan_days(day.planned.asked))
-    for one, other in zip(day.courses, again.courses, strict=True):
-        for name in ("ticks", "timeouts", "fatigue", "habituation"):
+    for one, other in zip(day.curves, again.curves, strict=True):
+        for name in ("ticks", "timeouts", "stopped", "fatigue", "habituation"):
             assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
 
 
@@ -144,19 +156,22 @@ def test_controllers_meet_the_same_seeds_and_have_settings_of_their_own() -> Non
         settings=("quarter_turn.max_turns=0", "canine.fatigue_slows=0.1"),
     )  # fmt: skip
     result = run(plan_days(asked))
-    cmec, other = result.courses
+    cmec, other = result.curves
     # then the setting acts where that one leads
     assert cmec.rows[0]["successes"] > other.rows[0]["successes"] == 0
     assert result.planned.animal["fatigue_slows"] == 0.1
 
 
-def test_what_is_beyond_the_published_numbers_is_told() -> None:
+def test_what_is_beyond_its_bound_is_told() -> None:
     within = plan_days(Asked(MISSION))
     assert len(within.notes) == 2
     assert "assumed" in within.notes[0]
+    slow = plan_days(Asked(MISSION, settings=("canine.fatigue_slows=0.8",)))
+    assert slow.notes[2].endswith("Table 5.1, if a day ends at full fatigue")
     beyond = plan_days(Asked(MISSION, settings=("canine.habituation_gain=0.6",)))
     assert beyond.notes[2:] == [
-        "canine.habituation_gain is 0.6, and the published numbers allow at most about 0.4"
+        "canine.habituation_gain is 0.6, beyond the bound of about 0.35: by our own sweeps, a larger one "
+        "would not fit the counts of Table 4.4"
     ]
 
 
@@ -207,9 +222,9 @@ def test_the_command_writes_table_picture_page_and_json(written: Path) -> None:
     # then there is a row for each controller, rest and mission, the same in both
     names = ["controller", "rest_s", "mission", "trials", "successes", "success_rate", "ci_low", "ci_high"]
     assert list(rows[0])[:8] == names
-    assert list(rows[0])[8:] == ["mean_fatigue", "mean_habituation", "mean_time_s", "timeouts"]
+    assert list(rows[0])[8:] == ["mean_fatigue", "mean_habituation", "mean_time_s", "timeouts", "stopped"]
     assert len(rows) == 2 * 2 * 3
-    assert [float(row["success_rate"]) for row in rows] == [row["success_rate"] for row in facts["courses"]]
+    assert [float(row["success_rate"]) for row in rows] == [row["success_rate"] for row in facts["curves"]]
     assert [row["mission"] for row in rows[:4]] == ["1", "2", "3", "1"]
     assert {row["trials"] for row in rows} == {"40"}
     assert facts["animal"]["fatigue_way"] == 1000
@@ -227,7 +242,7 @@ def test_the_command_prints_the_table_or_json_and_says_what_it_replaces(
         capsys, "day", MISSION, "--missions", 1, "--days", 20, "--out", written, "--json"
     )
     assert status == 0
-    assert json.loads(printed)["courses"][0]["trials"] == 20
+    assert json.loads(printed)["curves"][0]["trials"] == 20
     assert "another day, which these replace" in errors
     status, printed, errors = canine(capsys, "day", MISSION, "--missions", 1, "--days", 20, "--out", written)
     assert status == 0
@@ -239,4 +254,4 @@ def test_the_command_prints_the_table_or_json_and_says_what_it_replaces(
 def test_the_command_refuses_a_rest_that_is_no_number(capsys: pytest.CaptureFixture[str]) -> None:
     status, _, errors = canine(capsys, "day", MISSION, "--rest", "60,long")
     assert status == 2
-    assert '--rest "long": expected a number of s' in errors
+    assert '--rest "long": expected a number, in s' in errors
