@@ -233,8 +233,8 @@ class Supervised(Block):
         )
         moved = _square(m.north - m.moved_north, m.east - m.moved_east) >= m.progress_distance**2
         moved = all_of(good, moved)
-        onward = any_of(m.cue == Command.FORWARD, m.cue == Command.RECALL)
-        onward = all_of(onward, m.override == Command.NONE)
+        led_on = any_of(m.cue == Command.FORWARD, m.cue == Command.RECALL)
+        onward = all_of(led_on, m.override == Command.NONE)
         m.still_ticks = where(moved, 0, _counted(m.still_ticks, where(onward, SURVEY, 0)))
         m.moved_north = where(moved, m.north, m.moved_north)
         m.moved_east = where(moved, m.east, m.moved_east)

@@ -39,7 +39,7 @@ class Platform:
     flags: tuple[str, ...] = ()  # beside those of all platforms
 
 
-X86_64 = ("-mcpu=x86_64_v2",)  # all processors since 2011: an instruction rounds down, not a function
+X86_64 = ("-mcpu=x86_64_v2",)  # has SSE4.2: an instruction rounds down, not a function
 PLATFORMS: dict[str, Platform] = {
     "linux64": Platform("x86_64-linux-gnu.2.17", "linux64", "x86_64-linux", ".so", X86_64),
     "win64": Platform("x86_64-windows-gnu", "win64", "x86_64-windows", ".dll", X86_64),

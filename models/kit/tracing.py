@@ -197,6 +197,13 @@ class _Tracer:
         m, arguments = self.open()
         method(m)
         names, values = self.writes(m.assigned)
+        seldom = getattr(method, "seldom", False)
+        if isinstance(seldom, str):
+            switch = self.block.variables(Parameter).get(seldom)
+            if not (isinstance(switch, Parameter) and switch.structural):
+                raise DeclarationError(
+                    f'{self.block.__name__}.{name}: seldom "{seldom}" does not name a structural parameter'
+                )
         update = Update(
             name,
             (method.__doc__ or "").strip(),
@@ -204,7 +211,7 @@ class _Tracer:
             self.close(name, arguments, values),
             guard,
             when,
-            getattr(method, "seldom", False),
+            seldom,
             getattr(method, "edges", ()),
         )
         if guard is None:

@@ -253,6 +253,11 @@ FAULTS: dict[str, dict[str, Any]] = {
         "x": State("1", "x"),
         "first": triggered("never")(lambda m: setattr(m, "x", 1)),
     },
+    'Faulty.first: seldom "on" does not name a structural parameter': {
+        "on": Parameter(Boolean, "on", start=0),
+        "x": State("1", "x"),
+        "first": triggered("on", seldom="on")(lambda m: setattr(m, "x", 1.0)),
+    },
     "Faulty.first: operation exp would call libm": {
         "x": State("1", "x"),
         "first": lambda m: setattr(m, "x", ca.exp(m.x)),

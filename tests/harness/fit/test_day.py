@@ -61,8 +61,8 @@ def drawn(days: int, gain: float, seed: int = 1) -> list[list[Mission]]:
 
 
 def effect(result: dict[str, Any], name: str) -> dict[str, Any]:
-    found: dict[str, Any] = result["effects"][name]
-    return found
+    facts: dict[str, Any] = result["effects"][name]
+    return facts
 
 
 def test_speeds_of_a_day_give_the_share_that_fatigue_takes() -> None:
@@ -79,12 +79,12 @@ def test_speeds_of_a_day_give_the_share_that_fatigue_takes() -> None:
         way = speed * 12 - speed**2 / (2 * 1.7) + speed**2 / (2 * 2.9)
         fatigue += (1 - fatigue) * (1 - math.exp(-way / 1000))
     # when the law that tired it is taken as given
-    found = effect(estimate_day([day], LASTING), "fatigue_slows")
+    facts = effect(estimate_day([day], LASTING), "fatigue_slows")
     # then the share and the rested speed are found
-    assert found["estimate"] == pytest.approx(0.5, abs=0.03)
-    assert found["rested"] == pytest.approx(5.0, abs=0.05)
-    assert found["interval"][0] < 0.5 < found["interval"][1]
-    assert (found["n"], found["verdict"]) == (8, "shown")
+    assert facts["estimate"] == pytest.approx(0.5, abs=0.03)
+    assert facts["rested"] == pytest.approx(5.0, abs=0.05)
+    assert facts["interval"][0] < 0.5 < facts["interval"][1]
+    assert (facts["n"], facts["verdict"]) == (8, "shown")
 
 
 def test_delays_of_forward_give_what_fatigue_adds() -> None:
@@ -97,26 +97,26 @@ def test_delays_of_forward_give_what_fatigue_adds() -> None:
     result = estimate_day([day], LASTING)
     fatigues = [fatigue for fatigue, _ in result["delays"]]
     slope = 0.04 / float(np.mean(np.diff(fatigues)))
-    found = effect(result, "fatigue_delays")
-    assert found["estimate"] == pytest.approx(slope, rel=0.03)
-    assert found["rested"] == pytest.approx(0.12, abs=0.02)
-    assert found["verdict"] == "shown"
+    facts = effect(result, "fatigue_delays")
+    assert facts["estimate"] == pytest.approx(slope, rel=0.03)
+    assert facts["rested"] == pytest.approx(0.12, abs=0.02)
+    assert facts["verdict"] == "shown"
 
 
 def test_the_gain_of_habituation_is_found_within_its_interval() -> None:
     # given thirty days of a dog with a gain of 0.3, a reward that takes half, and no effect of fatigue
     own = LASTING | {"start_fatigue": 0.5, "reward_relief": 0.5}
     result = estimate_day(drawn(30, 0.3), own)
-    found = effect(result, "habituation_gain")
-    assert found["interval"][0] < 0.3 < found["interval"][1]
-    assert found["interval"][1] - found["interval"][0] < 0.2
-    assert found["verdict"] == "shown"
+    facts = effect(result, "habituation_gain")
+    assert facts["interval"][0] < 0.3 < facts["interval"][1]
+    assert facts["interval"][1] - facts["interval"][0] < 0.2
+    assert facts["verdict"] == "shown"
     # only vibrations beyond the free ones count as values of it
-    assert found["n"] == 30 * 8 * 2
+    assert facts["n"] == 30 * 8 * 2
     # and all of them are of a dog that is equally tired, which tells nothing of fatigue
     verdict = effect(result, "fatigue_disobeys")["verdict"]
     assert verdict.startswith("cannot be estimated: all responses are of fatigues within 0.02")
-    assert result["parameters"] == {"canine.habituation_gain": found["estimate"]}
+    assert result["parameters"] == {"canine.habituation_gain": facts["estimate"]}
 
 
 def test_an_interval_covers_the_gain_as_often_as_it_says() -> None:
@@ -147,10 +147,10 @@ def test_the_likelihood_is_that_of_the_law() -> None:
     # when it is maximized by a library
     best = minimize(surprise, [0.5, 0.5, 0.2], bounds=[(0.01, 0.99)] * 3)
     # then it is largest where the fit says
-    found = effect(estimate_day(days, own), "habituation_gain")
-    assert found["estimate"] == pytest.approx(best.x[2], abs=0.011)
+    facts = effect(estimate_day(days, own), "habituation_gain")
+    assert facts["estimate"] == pytest.approx(best.x[2], abs=0.011)
     # and the interval ends where twice its logarithm has fallen by 3.84
-    for end in found["interval"]:
+    for end in facts["interval"]:
         held = [(0.01, 0.99), (0.01, 0.99), (end, end)]
         profile = minimize(surprise, [0.5, 0.5, end], bounds=held)
         assert 2 * (profile.fun - best.fun) == pytest.approx(3.84, abs=0.9)
@@ -204,15 +204,15 @@ def test_intervals_of_the_lines_cover_what_is_true_as_often_as_they_say() -> Non
         fatigue = rng.uniform(0, 0.5, 8)
         speeds = slowing(np.column_stack([fatigue, 5 * (1 - 0.4 * fatigue) + rng.normal(0, 0.5, 8)]))
         late = delaying(np.column_stack([fatigue, 0.1 + 0.3 * fatigue + rng.normal(0, 0.2, 8)]))
-        for place, (found, true) in enumerate(((speeds, 0.4), (late, 0.3))):
-            assert found.interval is not None
-            covered[place] += found.interval[0] <= true <= found.interval[1]
+        for place, (estimated, true) in enumerate(((speeds, 0.4), (late, 0.3))):
+            assert estimated.interval is not None
+            covered[place] += estimated.interval[0] <= true <= estimated.interval[1]
     # then 95 % of the intervals hold the truth, +-3 points
     assert covered / 500 == pytest.approx([0.95, 0.95], abs=0.03)
 
 
 @pytest.mark.parametrize(
-    ("found", "verdict"),
+    ("estimated", "verdict"),
     [
         (Effect("habituation_gain", 12, 0.3, (0.1, 0.5)), "shown"),
         (Effect("habituation_gain", 12, 0.3, (0.0, 0.5)), "not shown: the interval includes 0"),
@@ -223,13 +223,13 @@ def test_intervals_of_the_lines_cover_what_is_true_as_often_as_they_say() -> Non
         (Effect("fatigue_slows", 8, why="so it is"), "cannot be estimated: so it is"),
     ],
 )
-def test_what_may_be_concluded_is_said(found: Effect, verdict: str) -> None:
-    assert found.verdict == verdict
+def test_what_may_be_concluded_is_said(estimated: Effect, verdict: str) -> None:
+    assert estimated.verdict == verdict
 
 
 def test_a_short_day_says_what_it_lacks() -> None:
     result = estimate_day([[mission(dogs.SCHOOL)]], OWN)
-    verdicts = {name: found["verdict"] for name, found in result["effects"].items()}
+    verdicts = {name: facts["verdict"] for name, facts in result["effects"].items()}
     assert verdicts == {
         "fatigue_slows": "cannot be estimated: cruising speed: 1 values; at least 5 are needed",
         "fatigue_delays": "cannot be estimated: FORWARD from rest: 1 values; at least 5 are needed",
