@@ -179,9 +179,9 @@ def report_log(
     cut short, or whose trial a fault ended, has a page up to there.
     """
     from harness.log.log import log_of, read_log
-    from harness.trial.notes import radio_notes, refusal_notes
     from harness.trial.page import write_page
     from harness.trial.summary import show, summarize
+    from harness.trial.vest_notes import radio_notes, refusal_notes
 
     content = read_log(log_of(log))
     page = file or content.path.with_suffix(".html")

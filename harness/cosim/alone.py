@@ -97,8 +97,7 @@ class Alone:
             tables.append((self.layout.view(slot), table))
         calls.clock.position = self.position
         calls.carry_out(calls.first)
-        numbered = list(enumerate(calls.tick))
-        answer, advance = numbered[: len(calls.answer)], numbered[len(calls.answer) :]
+        answer, advance = calls.numbered()
         for tick in range(first, ticks):
             self.position.tick = tick
             calls.clock.set(tick * self.step)
@@ -106,9 +105,9 @@ class Alone:
                 for view, table in tables:
                     view[:] = table[tick]
                 calls.carry_out(calls.free[self.name])
-            calls.carry_out([call for place, call in answer if calls.is_due(place, tick)])
+            calls.carry_out([call for _, call in calls.due(answer, tick)])
             rows[tick - first] = self.layout.block
-            calls.carry_out([call for place, call in advance if calls.is_due(place, tick)])
+            calls.carry_out([call for _, call in calls.due(advance, tick)])
 
 
 def outputs_of(layout: Layout, name: str, rows: Rows) -> dict[str, Array]:

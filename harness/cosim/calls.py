@@ -25,6 +25,8 @@ from harness.cosim.layout import Cast, Layout, Transfer
 from harness.cosim.stepping import Order, Ticks
 from harness.cosim.wiring import Wiring
 
+Numbered = tuple[int, Call]  # a call, and its place among those of a tick
+
 
 class Instance(Protocol):
     """What the loop asks of a component: an instance of an FMU, or what stands in for one."""
@@ -188,10 +190,17 @@ class Calls:
                 self.fail(status, call)
         self._mark("", "")
 
-    def is_due(self, place: int, tick: int) -> bool:
-        """Is the call at a place of `tick` made on this tick?"""
-        turn = self.turns.get(place)
-        return turn is None or turn.is_due(tick)
+    def numbered(self) -> tuple[list[Numbered], list[Numbered]]:
+        """The calls up to a tick's row, and those after it."""
+        places = list(enumerate(self.tick))
+        return places[: len(self.answer)], places[len(self.answer) :]
+
+    def due(self, numbered: Sequence[Numbered], tick: int) -> Sequence[Numbered]:
+        """Those of the calls that are made on this tick."""
+        if not self.turns:
+            return numbered
+        turns = [self.turns.get(place) for place, _ in numbered]
+        return [n for n, turn in zip(numbered, turns, strict=True) if turn is None or turn.is_due(tick)]
 
     def whose(self, call: Call) -> tuple[str, str]:
         """A call's component, and its function with the variables."""

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from codegen.cache import stored
 from codegen.toolchains.compiler import FLAGS, CompileError, build_library, compiler_version, this_platform
-from harness.cosim.calls import Calls, OwnTime, Turn
+from harness.cosim.calls import Calls, Numbered, OwnTime, Turn
 from harness.cosim.fmu import Call, Function, Steps
 from harness.cosim.layout import Cast, Conversion, Layout, Replacement, copy
 from harness.cosim.recorder import Recorder
@@ -85,8 +85,7 @@ class Walk:
             FmuError: a call failed.
         """
         calls, position, saves = self.calls, self.recorder.position, self._saves
-        numbered = list(enumerate(calls.tick))
-        answer, advance = numbered[: len(calls.answer)], numbered[len(calls.answer) :]
+        answer, advance = calls.numbered()
         watched, stops, clock = self.watched.item, self.stops, calls.clock
         tests: list[tuple[Any, Any]] = [(reals.dot, np.zeros_like(reals)) for reals in self.reals]
         for moment in range(tick, end):
@@ -106,11 +105,10 @@ class Walk:
                     self._carry_out(advance)
         return Pause.NONE
 
-    def _carry_out(self, numbered: Sequence[tuple[int, Call]]) -> None:
+    def _carry_out(self, numbered: Sequence[Numbered]) -> None:
         calls, position, guard = self.calls, self.recorder.position, self.guard
-        if calls.turns:
-            numbered = [(n, call) for n, call in numbered if calls.is_due(n, position.tick)]
-        for position.call, (function, arguments) in numbered:
+        due = calls.due(numbered, position.tick)
+        for position.call, (function, arguments) in due:
             status = function(*arguments)
             if guard is not None and guard():
                 position.restored, position.restorer = position.restored + 1, position.call

@@ -1,4 +1,4 @@
-"""What a scenario asks for and cannot act, and what a vest refused, as notes: a line each."""
+"""What a scenario asks for and cannot act, as notes: a line each."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from collections.abc import Collection, Iterator, Mapping
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from codegen.firmware.telemetry import Flag, Refusal
 from harness.cosim.stepping import first_tick
 from harness.trial.pairs import windows
 from harness.trial.scenario import Disturbance, Scenario
@@ -21,7 +20,6 @@ from models.system import ESTIMATORS, SYSTEMS, names_of
 
 if TYPE_CHECKING:
     from harness.cosim.fmu import Fault  # fmpy: sweeps do without
-    from harness.log.log import Log  # mcap: sweeps do without
     from harness.trial.plan import Interface
 
 CONTROLLER = {name for name, _ in flatten(Cmec.group("parameter"))}
@@ -83,28 +81,6 @@ def nan_notes(scenario: Scenario, fault: Fault) -> list[str]:
         for number, f in enumerate(scenario.faults, start=1)
         if f.kind == "nan" and fault.kind == "not finite" and f.at <= fault.time
     ]
-
-
-def refusal_notes(log: Log) -> list[str]:
-    """Why the vest refused the last START of a trial on board, if it did."""
-    if "telemetry.refusal" not in log:
-        return []
-    refusal = Refusal(int(log["telemetry.refusal"][-1]))
-    return [f"the vest refused the last START: {refusal.words}"] if refusal else []
-
-
-def radio_notes(log: Log) -> list[str]:
-    """What the vest has told of its radio in a trial on board that a handler must know (rule 11)."""
-    if "telemetry.link_forged" not in log:
-        return []
-    counts = {
-        "forged frames": int(log["telemetry.link_forged"][-1]),
-        "frames that came before, or too late": int(log["telemetry.link_replayed"][-1]),
-    }
-    notes = [f"the vest refused {number} {what} by radio" for what, number in counts.items() if number]
-    if Flag.INSECURE in Flag(int(log["telemetry.flags"][-1])):
-        notes.append("INSECURE: the vest verifies no frames; whoever has such a radio can command it")
-    return notes
 
 
 def timed(scenario: Scenario, interfaces: Interfaces, values: Values) -> Iterator[tuple[str, float]]:

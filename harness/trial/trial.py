@@ -23,12 +23,13 @@ from harness.onboard.processors import open_processor
 from harness.toml_file import parse_toml
 from harness.trial.contents import LogRows, attachments, metadata
 from harness.trial.instances import OpenProcessor, open_simulation
-from harness.trial.notes import late_notes, nan_notes, radio_notes, refusal_notes
+from harness.trial.notes import late_notes, nan_notes
 from harness.trial.page import write_page
 from harness.trial.plots import trial_png
 from harness.trial.prepare import Prepared
 from harness.trial.request import Request
 from harness.trial.summary import summarize, write_summary
+from harness.trial.vest_notes import radio_notes, refusal_notes
 from models.commands import ENDS
 from models.errors import UsageError
 

@@ -177,9 +177,17 @@ def carried(function: Cast, loop: type[Walk]) -> list[Any]:
         raise OverflowError
 
     function.target[:] = 77
+    call = (function, ())
     alone = SimpleNamespace(
-        answer=[(function, ())], advance=[], tick=[(function, ())], turns={}, clock=Clock(), fail=fail
-    )  # fmt: skip
+        answer=[call],
+        advance=[],
+        tick=[call],
+        turns={},
+        numbered=lambda: ([(0, call)], []),
+        due=lambda numbered, tick: numbered,
+        clock=Clock(),
+        fail=fail,
+    )
     nothing = SimpleNamespace(block=np.zeros(8, dtype=np.uint8), reals=list)
     options: dict[str, Any] = {} if loop is Walk else {"native": Native(cast(Any, alone))}
     stop = (np.zeros(1), frozenset[int]())
