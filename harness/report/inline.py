@@ -19,13 +19,18 @@ COMMENT = re.compile(r"/\*(?!!).*?\*/", re.DOTALL)
 SAYING = re.compile(r"(?:^|\s)// .*$", re.MULTILINE)
 BLANKS = re.compile(r"""(?P<text>"(?:\\.|[^"\\])*"|`[^`]*`)|\s*(?P<sign>[-+*/%=<>!?:;,{}()\[\]|&]|\s)\s*""")
 RULE = re.compile(r"(?P<selectors>[^{}]+)(?P<body>\{[^{}]*\})")
-# selectors of the libraries for what no part draws: pictures, tiles, pop-ups, an old browser
+# selectors of the libraries for what no part draws: pictures, tiles, pop-ups, links, an old browser
 UNUSED = re.compile(
-    r"popup|tooltip|layers|vml|oldie|attribution|(default|div)-icon|tile|shadow|image-layer|safari|crosshair"
-    r"|interactive|draggable|:not\(|\.u-(legend|inline|series|title|cursor)"
+    r"popup|tooltip|layer|vml|oldie|attribution|(default|div)-icon|tile|shadow|safari|crosshair|container a"
+    r"|interactive|draggable|:not\(|pane (> )?(canvas|img)|\.u-(legend|inline|series|title|cursor)"
 )
-# what the browsers meant say without
-PREFIXED = re.compile(r"(?<=[{;\s])(-(webkit|moz|ms)-[^:;{}]+:[^;}]*|[\w-]+:\s*-(webkit|moz|ms)-[^;}]*);?")
+# declarations of the libraries: what the browsers meant say without, fonts, which pages choose, places of
+# pictures, defence against the rules of pages that are not ours, and what the same rule states again
+IDLE = re.compile(
+    r"(?<=[{;\s])(-(webkit|moz|ms)-[^:;{}]+:[^;}]*|[\w-]+:\s*-(webkit|moz|ms)-[^;}]*|font-family:[^;}]*"
+    r"|background-(position|repeat):[^;}]*|[\w-]+:[^;}]*!important"
+    r"|(?P<name>[\w-]+):[^;{}]*;(?=[^{}]*[;\s](?P=name):));?"
+)
 
 
 @cache
@@ -43,7 +48,7 @@ def style(name: str) -> str:
     """A style sheet of `parts/` without comments, blanks, and the libraries' rules for what no part draws."""
     text = COMMENT.sub("", (PARTS / name).read_text(encoding="utf-8"))
     if "/" in name:
-        text = RULE.sub(_used, PREFIXED.sub("", text))
+        text = RULE.sub(_used, IDLE.sub("", text))
     text = re.sub(r"\s*([{};,])\s*|(:)\s+", r"\1\2", re.sub(r"\s+", " ", text)).strip()
     return text.replace(";}", "}")
 

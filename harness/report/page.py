@@ -40,13 +40,13 @@ def render(
         maps: the scripts draw maps.
         speaks: the page is served, and speaks with its server.
     """
-    texts = [script(name) for name in (*SCRIPTS, *scripts) if maps or name not in OF_MAPS]
+    text = "\n".join(script(name) for name in (*SCRIPTS, *scripts) if maps or name not in OF_MAPS)
     sheet = "".join(style(name) for name in (*STYLES, "page.css", *styles) if maps or name not in OF_MAPS)
     page = TEMPLATES.get_template(template).render(
         title=title,
-        policy=Markup(policy(texts, [sheet], speaks=speaks)),
+        policy=Markup(policy([text], [sheet], speaks=speaks)),
         sheet=Markup(sheet),
-        scripts=[Markup(text) for text in texts],
+        script=Markup(text),
         data=Markup(_json(data)),
         **content,
     )

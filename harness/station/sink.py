@@ -114,11 +114,16 @@ class Clock:
     def __init__(self, speed: float = 1.0) -> None:
         self._speed, self.jump = speed, 0.0
         self._log = self._now = 0.0  # the same moment by both clocks
+        self._told = 0.0  # s, the latest time that was told: a telemetry may show that ours ran ahead
         self._session: int | None = None
         self._shift = 0.0  # s, of the log's time over the vest's
 
     def at(self, now: float) -> float:
-        """The log's time at a time of this machine."""
+        """The log's time at a time of this machine; it never goes back."""
+        self._told = max(self._told, self._ours(now))
+        return self._told
+
+    def _ours(self, now: float) -> float:
         return self._log + max(0.0, now - self._now) * self._speed
 
     def leave_out(self, seconds: float) -> None:
@@ -127,7 +132,7 @@ class Clock:
 
     def follow(self, now: float, telemetry: Telemetry) -> float:
         """The log's time of a telemetry that comes now; it never goes back."""
-        time, expected, self.jump = telemetry.time_ms / 1000, self.at(now), 0.0
+        time, expected, self.jump = telemetry.time_ms / 1000, self._ours(now), 0.0
         if telemetry.session != self._session:
             self._session, self._shift = telemetry.session, expected - time
         ahead = time + self._shift - expected

@@ -150,7 +150,6 @@ def comparison_data(a: Log, b: Log, comparison: LogComparison) -> dict[str, Any]
         "strips": strips,
         "felt": None,
         "route": route_data(a) or route_data(b),
-        "origin": a.origin,
         "bands": [
             band | {"text": f"{name}: {band['text']}"}
             for log, (name, *_) in zip((a, b), SIDES.values(), strict=True)

@@ -57,7 +57,7 @@ def write_page(log: Log, summary: Mapping[str, Any], path: Path) -> None:
     }
     page = render(
         "trial.html.jinja",
-        f"{summary['scenario'] or log.path.name}, seed {summary['seed']}",
+        ", seed ".join(filter(None, (summary["scenario"] or log.path.name, str(summary["seed"])))),
         data,
         ("answer.js",),
         sentence=in_a_sentence(summary).removeprefix(summary["outcome"].capitalize()),
@@ -115,7 +115,6 @@ def trial_data(log: Log, known: tuple[int, int] = (0, 0)) -> dict[str, Any]:
         "strips": strips,
         "felt": [f"command_module.{name}" if f"command_module.{name}" in drawn else None for name in FELT],
         "route": route_data(log),
-        "origin": log.origin,
         "bands": bands(log),
     }
 

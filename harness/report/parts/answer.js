@@ -14,7 +14,7 @@
     const commands = (signal) => signals[signal].map((code) => (code === null ? null : canine.COMMANDS[code] || "NONE"));
 
     // The map: what disturbed the trial lies under the path, the mission under both.
-    const map = data.tracks.length ? canine.map(of("map"), { origin: data.origin, label: "map of the trial" }) : null;
+    const map = data.tracks.length ? canine.map(of("map"), { label: "map of the trial" }) : null;
     const main = data.tracks[data.tracks.length - 1];
     const drawn = data.tracks.map((track) => ({ track, dots: null, line: null, animal: null, entry: null }));
     let path = [], passing = []; // the animal's places; layers that are drawn anew with each update
@@ -182,7 +182,7 @@
       ArrowLeft: (event) => step(event, -1), ArrowRight: (event) => step(event, 1),
       Home: () => timeline.move(timeline.from), End: () => timeline.move(timeline.until),
       "+": () => timeline.zoom(0.5), "=": () => timeline.zoom(0.5), "-": () => timeline.zoom(2), 0: () => timeline.zoom(Infinity),
-      m: () => map && map.fit(), t: () => canine.setTheme(canine.isDark() ? "light" : "dark"),
+      m: () => map && map.fit(), t: canine.turnTheme,
     };
     document.addEventListener("keydown", (event) => {
       const key = event.key.length > 1 ? event.key : event.key.toLowerCase(), busy = event.target.closest(" button, select, input, summary, .map");

@@ -25,13 +25,13 @@
     const text = places === null ? String(Number((value * factor).toPrecision(4))) : (value * factor).toFixed(places);
     return (Number(text) === 0 ? text.replace("-", "") : text) + (name ? " " + name : "");
   };
-  // A time [s] as minutes and seconds, 3:07.50; from an hour on 1:02:03. `clock` of times.py writes the same.
+  // A time [s] as minutes and seconds, 3:07.50; from an hour on 1:02:03.90. `clock` of times.py writes the same.
   canine.clock = function (seconds, decimals = 2) {
     if (!canine.isNumber(seconds)) return NO_VALUE;
     const unit = 10 ** decimals, count = Math.floor(seconds * unit + 0.5), minutes = Math.floor(count / unit / 60);
-    const rest = count / unit - 60 * minutes, two = (value, places) => ("0" + value.toFixed(places)).slice(places ? -3 - places : -2);
-    if (minutes < 60) return minutes + ":" + two(rest, decimals);
-    return Math.floor(minutes / 60) + ":" + two(minutes % 60, 0) + ":" + two(Math.floor(rest), 0);
+    const two = (value, places) => value.toFixed(places).padStart(places ? 3 + places : 2, "0");
+    const hours = minutes < 60 ? minutes : Math.floor(minutes / 60) + ":" + two(minutes % 60, 0);
+    return hours + ":" + two(count / unit - 60 * minutes, decimals);
   };
 
   // The last row at or before a time, of times that grow; -1 before the first.
@@ -94,6 +94,7 @@
     else delete root.dataset.theme;
     restyle();
   };
+  canine.turnTheme = () => canine.setTheme(canine.isDark() ? "light" : "dark");
   let beforePrint;
   window.addEventListener("beforeprint", () => {
     beforePrint = root.dataset.theme;
@@ -104,7 +105,7 @@
   canine.themeSwitch = function () {
     const button = canine.element("button", { type: "button", class: "no-print" }, "");
     const label = () => (button.textContent = canine.isDark() ? "Light" : "Dark");
-    button.addEventListener("click", () => canine.setTheme(canine.isDark() ? "light" : "dark"));
+    button.addEventListener("click", canine.turnTheme);
     canine.onRestyle(label);
     label();
     return button;

@@ -262,6 +262,6 @@
   }
   of("tools").append(canine.themeSwitch());
   document.addEventListener("keydown", (event) => {
-    if (event.key.toLowerCase() === "t" && !event.ctrlKey && !event.metaKey && !event.altKey) canine.setTheme(canine.isDark() ? "light" : "dark");
+    if (event.key.toLowerCase() === "t" && !event.ctrlKey && !event.metaKey && !event.altKey) canine.turnTheme();
   });
 })();

@@ -2,37 +2,26 @@
 (function () {
   "use strict";
   const canine = (window.canine = window.canine || {});
-  const SEMI_MAJOR_AXIS = 6378137.0, ECCENTRICITY_SQUARED = 6.69437999014e-3; // WGS 84
   const LEAST_VIEW = 10; // m, so that an animal that stands still is no magnified point
   const MOST_GLYPHS = 300; // of turns on a track; more would hide it
   const ARROW = "M0 -13 8 9 0 4 -8 9z";
 
-  // The plane that touches the earth at an origin [latitude, longitude], as the logs have it.
-  canine.plane = function ([latitude, longitude]) {
-    const radians = Math.PI / 180, bend = 1 - ECCENTRICITY_SQUARED * Math.sin(latitude * radians) ** 2;
-    const north = ((SEMI_MAJOR_AXIS * (1 - ECCENTRICITY_SQUARED)) / bend ** 1.5) * radians;
-    const east = (SEMI_MAJOR_AXIS / Math.sqrt(bend)) * Math.cos(latitude * radians) * radians;
-    return {
-      toDegrees: ([n, e]) => [latitude + n / north, longitude + e / east],
-      toMetres: ([lat, lon]) => [(lat - latitude) * north, (lon - longitude - 360 * Math.round((lon - longitude) / 360)) * east],
-    };
-  };
   const isPlace = (place) => place && canine.isNumber(place[0]) && canine.isNumber(place[1]);
 
-  // A map in an element. Positions are [north, east] in m, or with `degrees` [latitude, longitude].
-  canine.map = function (element, { degrees = false, origin = [0, 0], label = "map" } = {}) {
-    const limits = degrees ? { minZoom: 2, maxZoom: 23 } : { minZoom: -8, maxZoom: 8 };
+  // A map in an element. Positions are [north, east] in m, or with a `plane` [latitude, longitude] in deg.
+  canine.map = function (element, { plane = null, label = "map" } = {}) {
+    const limits = plane ? { minZoom: 2, maxZoom: 23 } : { minZoom: -8, maxZoom: 8 };
     element.classList.add("map");
     element.setAttribute("role", "region");
     element.setAttribute("aria-label", label);
     const leaflet = L.map(element, {
-      crs: degrees ? L.CRS.EPSG3857 : L.CRS.Simple, attributionControl: false, zoomSnap: 0.25, zoomDelta: 0.5, ...limits,
+      crs: plane ? L.CRS.EPSG3857 : L.CRS.Simple, attributionControl: false, zoomSnap: 0.25, zoomDelta: 0.5, ...limits,
     });
-    let plane = canine.plane(origin), isFitted = false;
+    let isFitted = false;
     for (const [name, level] of [["grid", 150], ["trails", 350], ["marks", 620]]) {
       leaflet.createPane(name).style.zIndex = level;
     }
-    leaflet.setView(degrees ? origin : [0, 0], degrees ? 18 : 3);
+    leaflet.setView(plane ? plane.toDegrees([0, 0]) : [0, 0], plane ? 18 : 3);
     L.control.scale({ imperial: false }).addTo(leaflet);
     const content = L.featureGroup().addTo(leaflet);
     const path = (className, more) => ({ className, interactive: false, color: null, fillColor: null, ...more });
@@ -40,10 +29,10 @@
     const map = {
       leaflet,
       content,
-      toMetres: (place) => (degrees ? plane.toMetres(place) : place),
-      fromMetres: (place) => (degrees ? plane.toDegrees(place) : place),
-      setOrigin(place) {
-        plane = canine.plane(place);
+      toMetres: (place) => (plane ? plane.toMetres(place) : place),
+      fromMetres: (place) => (plane ? plane.toDegrees(place) : place),
+      setPlane(next) {
+        plane = next;
         drawGrid();
       },
       // Shows all that is drawn, and again when the map's size changes, until somebody moves it.
@@ -55,52 +44,38 @@
         leaflet.fitBounds(bounds, { padding: [24, 24], animate: false });
         isFitted = true;
       },
-      // A line, coloured by the command in force if `commands` are given: set(points, commands), add(point, command).
+      // A line, coloured by the command in force if `commands` are given: set(points, commands). `turn` draws the sign of a turn.
       track(className) {
         const group = L.featureGroup().addTo(content);
-        let open = null, command = null;
-        const begin = function (name, points) {
-          const colour = name === null || name === undefined ? "" : " command-" + name;
-          return L.polyline(points, path("track " + (className || "") + colour, { smoothFactor: 0.7 })).addTo(group);
-        };
-        const turned = function (name, place) {
-          if (name === "LEFT" || name === "RIGHT") glyph(place, canine.GLYPHS[name], "turn", name.toLowerCase()).addTo(group);
+        const draw = function (name, points) {
+          const colour = name === null ? "" : " command-" + name;
+          L.polyline(points, path("track " + (className || "") + colour, { smoothFactor: 0.7 })).addTo(group);
         };
         const track = {
           layer: group,
-          clear() {
-            group.clearLayers();
-            open = command = null;
+          turn(name, place) {
+            if (name === "LEFT" || name === "RIGHT") glyph(place, canine.GLYPHS[name], "turn", name.toLowerCase()).addTo(group);
           },
           set(points, commands) {
-            track.clear();
-            if (!commands) return void begin(null, pieces(points, 0, points.length - 1));
+            group.clearLayers();
+            if (!commands) return draw(null, pieces(points, 0, points.length - 1));
             const lines = new Map(), parts = canine.stretches(commands);
             for (const { first, last, value } of parts) {
               if (!lines.has(value)) lines.set(value, []);
               lines.get(value).push(...pieces(points, first, last));
             }
-            for (const [name, line] of lines) if (line.length) begin(name, line);
+            for (const [name, line] of lines) if (line.length) draw(name, line);
             const turns = parts.filter(({ value, first }) => (value === "LEFT" || value === "RIGHT") && isPlace(points[first]));
-            if (turns.length <= MOST_GLYPHS) turns.forEach(({ value, first }) => turned(value, points[first]));
-          },
-          add(point, name) {
-            if (!isPlace(point)) return void (open = null);
-            if (open === null || name !== command) {
-              const last = open && open.getLatLngs().at(-1);
-              open = begin(name, last ? [last, point] : [point]);
-              command = name;
-              turned(name, point);
-            } else open.addLatLng(point);
+            if (turns.length <= MOST_GLYPHS) turns.forEach(({ value, first }) => track.turn(value, points[first]));
           },
         };
         return track;
       },
       // Dots, such as GPS fixes.
-      dots(className, points, radius) {
+      dots(className, points) {
         const renderer = L.svg({ pane: "trails" });
         return L.featureGroup(
-          points.filter(isPlace).map((point) => L.circleMarker(point, path(className, { radius: radius || 2, renderer })))
+          points.filter(isPlace).map((point) => L.circleMarker(point, path(className, { radius: 2, renderer })))
         ).addTo(content);
       },
       // Broad bands under the track, such as where a fault acted: arrays of points.
@@ -111,27 +86,24 @@
       },
       // A sign with a name, such as an anomaly.
       mark: (place, sign, name) => (isPlace(place) ? glyph(place, sign, "mark", name).addTo(content) : null),
-      // Waypoints with their capture circles, home, legs and fence, outlines of streets, poles; `className` "drafted" is dashed.
-      mission({ waypoints = [], home = null, radius = 0, fence = [], streets = [], poles = [] }, className) {
+      // Waypoints with their capture circles, home, legs and fence, outlines of streets, poles.
+      mission({ waypoints = [], home = null, radius = 0, fence = [], streets = [], poles = [] }) {
         const group = L.featureGroup().addTo(content), places = [...waypoints, ...(home ? [home] : [])];
         streets.forEach((street) => L.polygon(street, path("street", { pane: "grid" })).addTo(group));
         poles.forEach((place) => glyph(place, "\u25b2", "mark", "pole").addTo(group));
-        if (fence.length) L.polygon(fence, path("fence " + (className || ""))).addTo(group);
-        if (radius) places.forEach((place) => L.circle(place, path("capture " + (className || ""), { radius })).addTo(group));
+        if (fence.length) L.polygon(fence, path("fence")).addTo(group);
+        if (radius) places.forEach((place) => L.circle(place, path("capture", { radius })).addTo(group));
         L.polyline(places, path("leg")).addTo(group);
         places.forEach((place, index) => {
           const isHome = index === waypoints.length;
           const text = isHome ? "H" : String(index + 1), name = isHome ? "home" : "waypoint " + text;
-          const icon = L.divIcon({ className: "", iconSize: [22, 22],
-            html: canine.element("div", { class: "waypoint" + (isHome ? " home" : ""), title: name }, text) });
-          L.marker(place, { icon, interactive: false, keyboard: false, alt: name }).addTo(group);
+          glyph(place, text, "waypoint" + (isHome ? " home" : ""), name, 22).addTo(group);
         });
         return group;
       },
       // An arrow as the animal looks, and its 2-sigma ellipse: place(position, heading, [north sd, east sd]), rad and m.
       animal(className) {
-        const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
-        const arrow = document.createElementNS("http://www.w3.org/2000/svg", "path");
+        const svg = L.SVG.create("svg"), arrow = L.SVG.create("path");
         svg.setAttribute("viewBox", "-14 -14 28 28");
         svg.setAttribute("aria-hidden", "true");
         arrow.setAttribute("d", ARROW);
@@ -140,7 +112,6 @@
         const marker = L.marker([0, 0], { icon, interactive: false, keyboard: false, pane: "marks" });
         const ellipse = L.polygon([], path("sigma"));
         return {
-          marker,
           place(position, heading, sigma) {
             if (!isPlace(position)) return [marker, ellipse].forEach((layer) => layer.remove());
             marker.setLatLng(position).addTo(leaflet);
@@ -156,8 +127,8 @@
       },
     };
 
-    function glyph(place, sign, className, name) {
-      const icon = L.divIcon({ className: "", iconSize: [16, 16], html: canine.element("div", { class: className, title: name }, sign) });
+    function glyph(place, sign, className, name, size = 16) {
+      const icon = L.divIcon({ className: "", iconSize: [size, size], html: canine.element("div", { class: className, title: name }, sign) });
       return L.marker(place, { icon, interactive: false, keyboard: false, alt: name });
     }
     // A line's points from first to last, cut where there is no place.

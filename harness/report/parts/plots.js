@@ -55,7 +55,7 @@
       }
       context.restore();
     }
-    function drawLevels(u, levels) {
+    function drawLevels(u, levels, unit) {
       const { left, top, width, height } = u.bbox, context = u.ctx;
       context.save();
       context.lineWidth = devicePixelRatio;
@@ -63,7 +63,7 @@
       context.textAlign = "right";
       let labels = 0; // side by side, since levels lie near one another
       for (const { value, label, colour = "threshold", dash = [6, 4] } of levels) {
-        const y = u.valToPos(value, "y", true);
+        const y = u.valToPos(canine.toShown(value, unit), "y", true);
         if (y < top || y > top + height) continue;
         context.strokeStyle = context.fillStyle = canine.colour(colour);
         context.setLineDash(dash.map((part) => part * devicePixelRatio));
@@ -82,7 +82,6 @@
     function add(panel) {
       const { title, unit = "", height = 130, turn = 0, series } = panel;
       let range = panel.range || null;
-      const levels = (panel.levels || []).map((level) => ({ ...level, value: canine.toShown(level.value, unit) }));
       const name = canine.shownUnit(unit);
       const head = canine.element("div", { class: "plot-head" },
         canine.element("h3", {}, title + (name ? ` [${name}]` : "")));
@@ -124,7 +123,7 @@
           bind: { dblclick: () => () => timeline.zoom(Infinity) } },
         hooks: {
           drawClear: [drawBehind],
-          draw: [(self) => drawLevels(self, levels)],
+          draw: [(self) => drawLevels(self, panel.levels || [], unit)],
           setCursor: [(self) => {
             if (self.cursor.event && self.cursor.left >= 0 && !timeline.playing) timeline.move(self.posToVal(self.cursor.left, "x"));
           }],
@@ -192,10 +191,6 @@
             u.setSeries(places[i], { show: isShown });
             if (one.around) [1, 2].forEach((side) => u.setSeries(places[i] + side, { show: isShown }));
           });
-        },
-        setLevels(next) {
-          levels.splice(0, levels.length, ...next.map((level) => ({ ...level, value: canine.toShown(level.value, unit) })));
-          u.redraw();
         },
       };
     }

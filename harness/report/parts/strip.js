@@ -3,7 +3,7 @@
   "use strict";
   const canine = (window.canine = window.canine || {});
   const LEAST = 0.0008; // share of the width below which blocks are drawn as one
-  const WIDE = 0.05; // share from which a block has room for words
+  const LETTER = 7.5; // px
 
   // What a dog feels, in words, of an outcome of the command module.
   canine.cueWords = function ({ tone_hz: tone, vibrate_left: left, vibrate_right: right }) {
@@ -43,7 +43,8 @@
           const from = Math.max((block.from - first) / width, 0), until = Math.min((block.until - first) / width, 1);
           if (until <= from || until - end < LEAST) continue;
           end = until;
-          const text = until - from > WIDE ? block.text : until - from > 0.015 ? block.glyph || "" : "";
+          const letters = ((until - from) * element.clientWidth) / LETTER; // that it has room for
+          const text = block.text.length < letters ? block.text : letters > 2 ? block.glyph || "" : "";
           const drawn = canine.element("div", { class: "strip-block " + block.className, title: block.title }, text);
           drawn.style.left = 100 * from + "%";
           drawn.style.width = 100 * (until - from) + "%";
@@ -60,6 +61,7 @@
       }
       cursor.style.left = (100 * (timeline.time - first)) / (last - first || 1) + "%";
     });
+    new ResizeObserver(draw).observe(element);
     return {
       set(next) {
         rows = next;

@@ -7,13 +7,13 @@
   const NEAR = 0.2; // m, below which the track gets no point
 
   canine.chart = function (element, draft, origin) {
-    const map = canine.map(element, { degrees: true, origin, label: "map" }), { leaflet, content } = map;
+    const map = canine.map(element, { plane: canine.plane(origin) }), { leaflet, content } = map;
     const shapes = L.featureGroup().addTo(content), differing = L.featureGroup().addTo(content);
     const handles = { home: [], waypoints: [], fence: [] };
     const track = map.track("path"), animal = map.animal("estimate");
     const target = L.polyline([], { className: "to-target", interactive: false, color: null }).addTo(leaflet);
     let tool = "move", mayEdit = false, radius = 0, onBoard = null, last = null, homeAtHand = null, limits = { waypoints: 16, corners: 7 };
-    let addToArea = () => {};
+    let addToArea = () => {}, open = null; // the line of the track that grows
 
     const line = (points, className, more) => L.polyline(points, { className, interactive: false, color: null, fillColor: null, ...more });
     const isOnBoard = (kind, index) =>
@@ -134,12 +134,19 @@
         onBoard = mission;
         draw();
       },
-      setTrack: (points, commands) => track.set(points, commands),
+      setTrack(points, commands) {
+        track.set(points, commands);
+        open = last = null;
+      },
       follow(point, command) {
-        const moved = !last || !point || Math.hypot(...canine.plane(last[0]).toMetres(point)) > NEAR || command !== last[1];
-        if (!moved) return;
-        last = point ? [point, command] : null;
-        track.add(point, command);
+        const turned = !last || command !== last[1];
+        if (!point) return void (open = last = null);
+        if (!turned && Math.hypot(...canine.plane(last[0]).toMetres(point)) <= NEAR) return;
+        if (turned) {
+          open = line(last ? [last[0], point] : [point], "track path command-" + command, { smoothFactor: 0.7 }).addTo(track.layer);
+          track.turn(command, point);
+        } else open.addLatLng(point);
+        last = [point, command];
       },
       // The animal, its 2-sigma circle, and where it is led.
       show(point, heading, sd, aim) {

@@ -19,8 +19,8 @@
       timeline = canine.timeline(from, until);
       blocks = canine.strip(strip, timeline);
       panels = canine.plots(plots, timeline);
-      panels.deviation = panels.add({ title: "Deviation from the target", unit: "rad", height: 100, turn: 2 * Math.PI, include: [-60, 60], levels: levels(),
-        series: [{ label: "deviation", colour: "estimate" }] });
+      panels.deviation = panels.add({ title: "Deviation from the target", unit: "rad", height: 100, turn: 2 * Math.PI, include: [-60, 60],
+        get levels() { return levels(); }, series: [{ label: "deviation", colour: "estimate" }] });
       panels.speed = panels.add({ title: "Speed", unit: "m/s", height: 64, include: [0], series: [{ label: "estimate", colour: "estimate" }] });
       for (const element of [plots, strip]) {
         element.addEventListener("mouseleave", () => {
@@ -35,10 +35,7 @@
     const course = {
       fixed: false, // a log whose end is known
       get rows() { return rows; },
-      setThresholds(value) {
-        thresholds = value;
-        if (panels) panels.deviation.setLevels(levels());
-      },
+      setThresholds(value) { thresholds = value; },
       // All of a log, or what was told before this page was there.
       take(columns) {
         rows = Object.fromEntries(COLUMNS.map((name) => [name, [...(columns[name] || [])]]));

@@ -81,7 +81,7 @@
     const place = draft.value.home || (hello.scenario && hello.scenario.home) || state.place;
     if (isCentred || !place) return;
     isCentred = true;
-    chart.map.setOrigin(place);
+    chart.map.setPlane(canine.plane(place));
     chart.map.leaflet.setView(place, 19);
     if (draft.value.waypoints.length) chart.map.fit();
   }

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from harness.log.geodesy import TangentPlane
 from models.commands import Command
 from models.modes import Mode
 from tests.browser import DESK, TABLET, OpenPage, Visit
@@ -650,6 +651,12 @@ def test_vectors_of_another_schema_are_refused_by_their_layers(page: Page, visit
     page.set_input_files("#ground", [file("other.pmtiles", content)])
     page.get_by_text("Not drawn: other.pmtiles has the layers transportation, park, expected some").wait_for()
     assert visit.errors == []
+
+
+def test_the_map_has_the_plane_of_the_logs(page: Page) -> None:
+    plane = TangentPlane(*map(math.radians, HOME))
+    place = page.evaluate(f"canine.plane({HOME}).toDegrees([120, -70])")
+    assert place == pytest.approx(plane.place(120, -70), abs=1e-12)
 
 
 def test_corners_of_a_picture_follow_its_world_file(page: Page) -> None:

@@ -86,6 +86,18 @@ def test_a_simulated_vest_at_20_times_the_clock_has_its_own_time() -> None:
     assert clock.at(1.5) == pytest.approx(30.0)
 
 
+def test_what_was_told_of_the_time_does_not_go_back_when_ours_ran_ahead() -> None:
+    # given a vest at 20 times real time that is heard once, and ours 0.4 s of the trial later
+    clock = Clock(20.0)
+    begin = clock.follow(1.0, telemetry(100.0))
+    told = clock.at(1.02)
+    assert told == pytest.approx(begin + 0.4)
+    # when the next telemetry says 0.2 s, then its row is there, and what happens next is no earlier than told
+    assert clock.follow(1.02, telemetry(100.2)) == pytest.approx(begin + 0.2)
+    assert [clock.at(now) for now in (1.02, 1.03)] == [told, pytest.approx(told)]
+    assert clock.at(1.05) == pytest.approx(begin + 0.8)
+
+
 # rows -----------------------------------------------------------------------------------------------------
 
 
