@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -16,6 +18,7 @@ from models.fence import MAX_CORNERS
 
 DIGITS = 7  # of a degree: 1 cm, as the radio sends
 HOME, WAYPOINT, FENCE = "home", "waypoint", "fence"
+PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)  # `float` reads 1_0 as 10
 NAMED = 5  # of what there is too much of
 
 
@@ -104,11 +107,11 @@ def place_of(what: str, latitude: object, longitude: object) -> Position:
 def _number(what: str, name: str, value: object, limit: float) -> float:
     """A number of degrees, or the text of one."""
     number = math.nan
-    if isinstance(value, int | float | str) and not isinstance(value, bool):
-        try:
+    if isinstance(value, str):
+        number = float(value) if PLAIN.fullmatch(value.strip()) else math.nan
+    elif isinstance(value, int | float) and not isinstance(value, bool):
+        with suppress(OverflowError):
             number = float(value)
-        except (ValueError, OverflowError):
-            number = math.nan
     if not -limit <= number <= limit:
         shown = printable(in_words(value))
         raise MissionFileError(f"{what}: {name} is {shown}, expected -{limit:g} to {limit:g} deg")

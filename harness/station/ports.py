@@ -15,7 +15,7 @@ from harness.vest.tcp_port import as_radio
 from models.errors import CanineError, UsageError, printable
 
 BAUD = 57600  # of the radio's serial line, as the firmware's ports set it
-MOST_READ = 65536  # bytes at once
+MOST_READ = 4096  # bytes at a look: more, from a peer that floods, would hold up the station's loop
 CONNECT_S = 10.0
 HIGHEST_PORT = 65535
 

@@ -30,7 +30,7 @@ TRIALS = 1024  # of each candidate that is left at the end
 SHOWN = 8  # routes at most
 APART = 1e-6  # deg: a plan of a map in degrees begins at its origin
 ENDINGS = ("geojson", "json", "kml")
-PLAIN = re.compile(r"\w[\w .-]{0,80}")  # names that a file here may have
+PLAIN = re.compile(r"\w[\w .-]{0,80}", re.ASCII)  # names that a file here may have, by their bytes too
 
 
 class Proposals:
@@ -52,10 +52,13 @@ class Proposals:
         if self._one.locked():
             raise MissionFileError("a plan is under way; wait until it is done")
         async with self._one:
-            with Scratch() as folder:
-                path = folder / (shown if PLAIN.fullmatch(shown) else f"map.{ending}")
-                path.write_bytes(data)
-                return _shaped(await _plan(path, shown, begin, end), shown, begin)
+            try:
+                with Scratch() as folder:
+                    path = folder / (shown if PLAIN.fullmatch(shown) else f"map.{ending}")
+                    path.write_bytes(data)
+                    return _shaped(await _plan(path, shown, begin, end), shown, begin)
+            except OSError as reason:
+                raise CanineError(f"{shown}: cannot be planned here ({reason.strerror})") from None
 
 
 async def _plan(path: Path, shown: str, begin: Position, end: Position) -> dict[str, Any]:

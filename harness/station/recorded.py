@@ -73,6 +73,10 @@ def _checked(path: Path, topic: str, moment: float, data: bytes, checks: Checks)
         content = orjson.loads(data)
     except orjson.JSONDecodeError as reason:
         raise LogError(f"{what} is no JSON ({reason}); take another copy") from None
+    try:
+        orjson.dumps(content)
+    except TypeError as reason:  # deeper than a state that is shown may be
+        raise LogError(f"{what} cannot be shown ({reason}); take another copy") from None
     if not isinstance(content, dict):
         raise LogError(f"{what} is {_shown(content)}; expected an object; take another copy")
     for name, (expected, is_so) in checks.items():

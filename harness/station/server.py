@@ -18,7 +18,7 @@ import orjson
 import uvicorn
 from starlette.applications import Starlette
 from starlette.datastructures import MutableHeaders
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import FileResponse, HTMLResponse, JSONResponse, PlainTextResponse, Response
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
@@ -26,6 +26,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+from websockets.frames import Frame
 
 from harness.addresses import LOCALHOST
 from harness.station.desk import OrderError
@@ -52,6 +53,9 @@ AHEAD = 4096  # bytes that a browser's socket takes before the network does
 SEND_S = 10.0  # s after which a browser that takes nothing is left
 MOST_IDLE = 4 * MOST_OPERATORS  # connections that ask for nothing; half of those that may be open
 HEAD_S = 5.0  # s in which a connection states what it asks for
+BODY_S = 20.0  # s in which a file comes: as many as may be open would else keep everybody out
+FAREWELL_S = 1.0  # s for which a socket that is turned out stays open
+PIECE = 4096  # bytes of a socket that are looked at before its frames are counted
 BURST = 2 * MESSAGES_PER_S
 Page = Callable[[], bytes]
 TRY_LATER, POLICY = 1013, 1008  # codes with which a socket is closed
@@ -137,22 +141,8 @@ class _Http(H11Protocol):
             self.transport.close()
 
 
-class _Socket(WebSocketsSansIOProtocol):
-    """A browser's socket, which takes little ahead of the network: what is left waits in the outbox.
-
-    In the buffers of socket and system hundreds of states would wait, and a slow browser would show what was.
-    """
-
-    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        super().connection_made(transport)
-        transport.set_write_buffer_limits(high=AHEAD)
-        if hasattr(sockets, "TCP_NOTSENT_LOWAT"):  # not every system has it
-            socket = transport.get_extra_info("socket")
-            socket.setsockopt(sockets.IPPROTO_TCP, sockets.TCP_NOTSENT_LOWAT, AHEAD)
-
-
 class Rate:
-    """Counts a browser's messages: MESSAGES_PER_S, and BURST of them at once."""
+    """Counts what a browser sends: MESSAGES_PER_S, and BURST of them at once."""
 
     def __init__(self) -> None:
         self._room, self._at = float(BURST), time.monotonic()
@@ -164,6 +154,45 @@ class Rate:
         self._at = now
         self._room -= 1
         return self._room >= 0
+
+
+class _Socket(WebSocketsSansIOProtocol):
+    """A browser's socket, which takes little ahead of the network: what is left waits in the outbox.
+
+    In the buffers of socket and system hundreds of states would wait, and a slow browser would show what was.
+    Each frame counts as a message: a flood of pings or of empty pieces holds up the loop as well.
+    """
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        transport.set_write_buffer_limits(high=AHEAD)
+        if hasattr(sockets, "TCP_NOTSENT_LOWAT"):  # not every system has it
+            socket = transport.get_extra_info("socket")
+            socket.setsockopt(sockets.IPPROTO_TCP, sockets.TCP_NOTSENT_LOWAT, AHEAD)
+        self._rate = Rate()
+
+    def data_received(self, data: bytes) -> None:
+        for start in range(0, len(data), PIECE):
+            if not self.transport.is_closing():
+                super().data_received(data[start : start + PIECE])
+
+    def handle_events(self) -> None:
+        if all(self._rate.allows() for _ in self.conn.events):
+            super().handle_events()
+        else:
+            self._turn_out(f"more than {MESSAGES_PER_S} messages a second")
+
+    def handle_text(self, event: Frame) -> None:
+        """As bytes: what is no text is told where it is read."""
+        self.handle_bytes(event)
+
+    def _turn_out(self, why: str) -> None:
+        """Close; what still comes is thrown away, so that the browser has the time to hear why."""
+        self.conn.fail(POLICY, why)
+        self.transport.write(b"".join(self.conn.data_to_send()))
+        self.close_sent = True
+        self.queue.put_nowait({"type": "websocket.disconnect", "code": POLICY, "reason": why})
+        self.close_timer = self.loop.call_later(FAREWELL_S, self.transport.close)
 
 
 class Station:
@@ -280,22 +309,18 @@ class Station:
                 raise result
 
     async def _receive(self, browser: WebSocket, operator: int, outbox: Outbox) -> None:
-        rate = Rate()
         while True:
             message = await browser.receive()
             if message["type"] != "websocket.receive":
                 return
-            if not rate.allows():
-                await browser.close(POLICY, f"more than {MESSAGES_PER_S} messages a second")
-                return
             try:
-                for answer in self.shown.order(operator, _order(message)):
+                for answer in self.shown.order(operator, _order(message["bytes"])):
                     outbox.put(answer)
             except OrderError as reason:
                 outbox.put(error_message(str(reason)))
 
 
-def _order(message: Message) -> dict[str, Any]:
+def _order(message: bytes) -> dict[str, Any]:
     """A browser's order.
 
     Raises:
@@ -303,7 +328,7 @@ def _order(message: Message) -> dict[str, Any]:
     """
     expected = 'expected a JSON object such as {"do": "alive"}'
     try:
-        order = orjson.loads(message.get("text") or b"")
+        order = orjson.loads(message)
     except orjson.JSONDecodeError as reason:
         raise OrderError(f"the message is no JSON ({reason}); {expected}") from None
     if not isinstance(order, dict):
@@ -326,13 +351,19 @@ async def _body(request: Request, what: str, most: int) -> bytes:
     """The body of a request.
 
     Raises:
-        UsageError: it has more bytes than `most`.
+        UsageError: it has more bytes than `most`, or does not come whole within BODY_S.
     """
     data = bytearray()
-    async for part in request.stream():
-        data += part
-        if len(data) > most:
-            raise UsageError(f"the {what} has more than {most} bytes")
+    try:
+        async with asyncio.timeout(BODY_S):
+            async for part in request.stream():
+                data += part
+                if len(data) > most:
+                    raise UsageError(f"the {what} has more than {most} bytes")
+    except TimeoutError:
+        raise UsageError(f"the {what} did not come within {BODY_S:g} s; send it again") from None
+    except ClientDisconnect:
+        raise UsageError(f"the {what} was cut; send it again") from None
     return bytes(data)
 
 

@@ -23,7 +23,7 @@ from harness.station.draft import (
     place_of,
     sole,
 )
-from harness.station.formats.xml import check_xml
+from harness.station.formats.xml import plain_xml
 from models.errors import printable
 
 POINTS = ("wpt", "rtept", "trkpt")
@@ -37,18 +37,18 @@ def read(data: bytes) -> Draft:
     """
 
     def see(line: int, name: str, attributes: dict[str, str]) -> None:
-        if name in POINTS:
+        if name.rpartition(":")[2] in POINTS:
             place_of(f"line {line}", attributes.get("lat"), attributes.get("lon"))
 
-    check_xml(data, "gpx", see=see)
+    plain = plain_xml(data, "gpx", see=see)
     try:
-        gpx = gpxpy.parse(data)
+        gpx = gpxpy.parse(plain)
     except (GPXException, ValueError) as reason:
         raise MissionFileError(f"is no GPX: {printable(reason)}") from None
-    fences = [route for route in gpx.routes if FENCE in (route.name, route.type)]
-    routes = [route for route in gpx.routes if FENCE not in (route.name, route.type)]
-    homes = [point for point in gpx.waypoints if _is_home(point)]
-    marks = [point for point in gpx.waypoints if not _is_home(point)]
+    fences = [route for route in gpx.routes if _is(FENCE, route)]
+    routes = [route for route in gpx.routes if not _is(FENCE, route)]
+    homes = [point for point in gpx.waypoints if _is(HOME, point)]
+    marks = [point for point in gpx.waypoints if not _is(HOME, point)]
     tracks = [segment for track in gpx.tracks for segment in track.segments]
     for found, what in ((routes, "routes"), (fences, 'routes of the name "fence"')):
         if len(found) > 1:
@@ -72,8 +72,9 @@ def read(data: bytes) -> Draft:
     )
 
 
-def _is_home(point: GPXWaypoint) -> bool:
-    return is_named(point.name, HOME) or is_named(point.type, HOME)
+def _is(word: str, element: GPXWaypoint | GPXRoute) -> bool:
+    """Is it called so, by its name or its type?"""
+    return is_named(element.name, word) or is_named(element.type, word)
 
 
 def _positions(points: Iterable[Any]) -> Iterator[Position]:

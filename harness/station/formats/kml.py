@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import re
 from typing import Any
 
 import fastkml
@@ -12,10 +13,12 @@ from fastkml.utils import find_all
 from pygeoif import LineString, Point, Polygon
 
 from harness.files import in_words
-from harness.station.draft import DIGITS, FENCE, Draft, MissionFileError, pair
+from harness.station.draft import DIGITS, FENCE, PLAIN, Draft, MissionFileError, pair
 from harness.station.formats.shapes import Shape, labelled, of_shapes, ring
-from harness.station.formats.xml import MAX_ELEMENTS, check_xml
+from harness.station.formats.xml import MAX_ELEMENTS, plain_xml
 from models.errors import printable
+
+COORDINATES = re.compile(rb"<(?:[\w.-]+:)?coordinates\b[^>]*>([^<]*)")
 
 
 def read(data: bytes) -> Draft:
@@ -31,20 +34,35 @@ def placemarks(data: bytes, most: float = math.inf) -> list[tuple[str, Any]]:
     """The placemarks of such a file, of so many elements at most, each behind what errors call it.
 
     Raises:
-        MissionFileError: it is no such file.
+        MissionFileError: it is no such file, or has a place that is none.
     """
-    check_xml(data, "kml", most)
+    plain = plain_xml(data, "kml", most)
+    _check_numbers(plain)
     try:
-        document = fastkml.KML.parse(io.BytesIO(data), strict=True, validate=False)
+        document = fastkml.KML.parse(io.BytesIO(plain), strict=True, validate=False)
         marks: list[Any] = list(find_all(document, of_type=fastkml.Placemark))
         for mark in marks:
             mark.geometry  # noqa: B018 - made here, of what the file holds
     except (FastKMLError, ValueError, TypeError, AttributeError) as reason:
         raise MissionFileError(f"is no KML: {printable(reason)}") from None
-    return [
+    named = [
         (f"placemark {number}" + (f" ({printable(in_words(mark.name))})" if mark.name else ""), mark)
         for number, mark in enumerate(marks, start=1)
     ]
+    for where, mark in named:
+        if mark.geometry is None and mark.kml_geometry is not None:
+            raise MissionFileError(f"{where}: has no place, expected longitude,latitude in deg")
+    return named
+
+
+def _check_numbers(plain: bytes) -> None:
+    """Are all places numbers? The library leaves out those that are NaN, and reads 1_0 as 10."""
+    for coordinates in COORDINATES.findall(plain):
+        for number in coordinates.decode().replace(",", " ").split():
+            if not PLAIN.fullmatch(number):
+                raise MissionFileError(
+                    f'a place has "{printable(in_words(number))}", expected longitude,latitude in deg'
+                )
 
 
 def _shape(where: str, mark: Any) -> Shape:
@@ -58,8 +76,6 @@ def _shape(where: str, mark: Any) -> Shape:
             places = list(geometry.exterior.coords)
         case LineString():
             places = list(geometry.coords)
-        case None if mark.kml_geometry is not None:
-            raise MissionFileError(f"{where}: has no place, expected longitude,latitude in deg")
         case _:
             places = []
     return Shape(where, mark.name, type(geometry).__name__, places)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
+from xml.etree import ElementTree
 from xml.parsers import expat
 
 from harness.station.draft import MissionFileError
@@ -12,17 +14,22 @@ MAX_DEPTH = 32  # elements within elements; those of KML's folders need 10
 MAX_ELEMENTS = 5000  # of a mission; a track of a thousand points beside it has 3000
 
 
-def check_xml(
+def plain_xml(
     data: bytes,
     root: str,
     most: float = MAX_ELEMENTS,
     see: Callable[[int, str, dict[str, str]], None] = lambda *_: None,
-) -> None:
-    """Refuse what is no such XML, and what could do harm, before a library reads it.
+) -> bytes:
+    """Such XML without what is harmful, or misread; UTF-8.
+
+    Comments are left out: libraries take what stands before one for all of a text.
 
     Args:
         most: elements that it may have; a library takes up to a millisecond for each.
         see: is given line, name and attributes of each element.
+
+    Raises:
+        MissionFileError: it is no such XML, or could do harm.
     """
     parser = expat.ParserCreate()
     depth = count = 0
@@ -56,6 +63,9 @@ def check_xml(
     parser.StartDoctypeDeclHandler = refuse
     try:
         parser.Parse(data, True)
+        return ElementTree.canonicalize(from_file=io.BytesIO(data)).encode()
+    except ElementTree.ParseError as reason:  # a prefix that is not declared
+        raise MissionFileError(f"is no XML ({reason}); save it again") from None
     except expat.ExpatError as reason:
         raise MissionFileError(
             f"line {reason.lineno}: is no XML ({expat.errors.messages[reason.code]}); save it again"

@@ -160,6 +160,11 @@ def test_a_crs_that_names_wgs_84_is_taken(tmp_path: Path) -> None:
         ("map.geojson", json.dumps({"type": "Feature", "geometry": None}), "expected a geometry with a type"),
         ("map.kml", "<gpx></gpx>", "its first element is <gpx>, expected <kml>"),
         ("map.kml", '<!DOCTYPE x [<!ENTITY a "b">]><kml/>', "has a document type"),
+        (
+            "map.kml",
+            KML.replace("\n-85.488", "\n0,0,0 -85.488"),
+            "placemark 2 (hall): has no place, expected longitude,latitude",
+        ),
         ("map.gpx", "", 'the ending is "gpx", expected one of geojson, json, kml'),
     ],
 )

@@ -158,7 +158,13 @@ def test_a_scenario_gives_its_start_as_home() -> None:
         ("a.kml", b'<kml xmlns="http://www.opengis.net/kml/2.2"><Placemark><name>p</name><Point><coordinates>1'
                   b"</coordinates></Point></Placemark></kml>", "placemark 1 (p): has no place, expected"),
         ("a.kml", b'<kml xmlns="http://www.opengis.net/kml/2.2"><Placemark><Point><coordinates>a,b'
-                  b"</coordinates></Point></Placemark></kml>", "a.kml: is no KML: Invalid coordinates"),
+                  b"</coordinates></Point></Placemark></kml>", 'a.kml: a place has "a", expected'),
+        ("a.gpx", b'<gpx>\n<wpt lat="4_5" lon="0"/></gpx>', "line 2: latitude is 4_5, expected"),
+        ("a.gpx", '<gpx>\n<wpt lat="\u0664" lon="0"/></gpx>'.encode(), "latitude is \u0664, expected"),
+        ("a.gpx", b'<gpx xmlns="x" xmlns:g="x">\n<g:wpt lat="nan" lon="0"/></gpx>', "2: latitude is nan"),
+        ("a.gpx", b"<gpx><g:trk/></gpx>", "is no XML (unbound prefix"),
+        ("a.json", b'{"type": "Point", "coordinates": ["1_0", 5]}', "feature 1: longitude is 1_0, expected"),
+        ("a.csv", b"lat,lon\n1_0,2\n", "line 2: latitude is 1_0, expected"),
         ("a.json", b'{"type":\n}', "line 2: is no JSON (Expecting value)"),
         ("a.json", b"[1]", "is [1], expected a FeatureCollection"),
         ("a.json", b'{"type": "Point", "coordinates": [0, 95]}', "feature 1: latitude is 95, expected"),
@@ -263,6 +269,37 @@ def test_what_is_no_mission_but_a_map_is_refused_before_a_library_reads_it(
 def test_what_there_is_too_much_of_is_told_in_few_words(name: str, data: bytes, words: str) -> None:
     assert words in fault(name, data)
     assert len(fault(name, data)) < 250
+
+
+@pytest.mark.parametrize("place", ["nan,2", "1_0,2", "1,\u0662", "inf,2"])
+@pytest.mark.parametrize(
+    "shape",
+    [
+        "<Point><coordinates>{}</coordinates></Point>",
+        "<LineString><coordinates>3,4 {} 5,6</coordinates></LineString>",
+        "<Polygon><outerBoundaryIs><LinearRing><k:coordinates xmlns:k='http://www.opengis.net/kml/2.2'>"
+        "0,0 0,1 {} 1,0 0,0</k:coordinates></LinearRing></outerBoundaryIs></Polygon>",
+    ],
+    ids=["point", "line", "polygon"],
+)
+def test_no_place_of_a_kml_is_left_out_or_misread(shape: str, place: str) -> None:
+    data = KML % (MARK + f"<Placemark>{shape.format(place)}</Placemark>".encode())
+    assert "a place has" in fault("a.kml", data)
+
+
+@pytest.mark.parametrize("aside", [b"<!-- the gate -->", b"<![CDATA[ ]]>"])
+def test_a_text_goes_on_behind_a_comment(aside: bytes) -> None:
+    line = b"<LineString><coordinates>1,1 %b 1,2 1,3</coordinates></LineString>" % aside
+    way = b'<gpx><wpt lat="0" lon="0"><name>%bhome</name></wpt><wpt lat="1" lon="1"/></gpx>' % aside.strip()
+    assert len(read("a.kml", KML % (b"<Placemark>%b</Placemark>" % line)).waypoints) == 3
+    assert read("a.gpx", way).home == Position(0, 0)
+
+
+def test_a_fence_and_home_are_known_however_they_are_spelt() -> None:
+    corners = b'<rtept lat="0" lon="0"/><rtept lat="0" lon="5"/><rtept lat="5" lon="5"/>'
+    draft = read("a.gpx", b'<gpx><wpt lat="1" lon="1"/><rte><name>Fence</name>%b</rte></gpx>' % corners)
+    assert draft.fence == (Position(0, 0), Position(0, 5), Position(5, 5))
+    assert draft.waypoints == (Position(1, 1),)
 
 
 def test_a_file_name_from_a_browser_is_no_path() -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.station.ports import PortError, TcpPort, open_port
+from harness.station.ports import MOST_READ, PortError, TcpPort, open_port
 from models.errors import UsageError
 
 UNTIL_LOST = (socket.TCP_USER_TIMEOUT, socket.TCP_KEEPIDLE, socket.TCP_KEEPINTVL, socket.TCP_KEEPCNT)
@@ -61,6 +61,24 @@ def test_a_vest_that_takes_nothing_loses_bytes_and_holds_nobody_up(listener: soc
     with vest:
         for _ in range(2000):
             port.write(bytes(65536))
+    port.close()
+
+
+def test_a_flood_comes_in_small_pieces_and_whole(listener: socket.socket) -> None:
+    port = open_port(name_of(listener))
+    vest, _ = listener.accept()
+    sent = bytes(range(256)) * 64
+    sizes = []
+
+    def read() -> bytes:
+        data = port.read()
+        sizes.append(len(data))
+        return data
+
+    with vest:
+        vest.sendall(sent)
+        assert until(read, len(sent)) == sent
+    assert max(sizes) <= MOST_READ
     port.close()
 
 

@@ -66,6 +66,10 @@ def test_a_state_that_a_station_shows_is_one(tmp_path: Path, state: dict[str, An
         (lambda state: b'{"is"', r"/station/state at 1.5 s is no JSON"),
         (lambda state: b"[" * 10000, r"/station/state at 1.5 s is no JSON"),
         (lambda state: b"{}", "lacks time; expected a number"),
+        (
+            lambda state: orjson.dumps(state)[:-1] + b',"x":' + b"[" * 300 + b"]" * 300 + b"}",
+            "/station/state at 1.5 s cannot be shown",
+        ),
         (lambda state: state | {"alarms": 5}, "alarms is 5; expected a list of keys, levels and texts"),
         (lambda state: state | {"alarms": [{"key": 5}]}, "expected a list of keys, levels and texts"),
         (lambda state: state | {"missing": None}, "missing is None; expected a list of bits and words"),

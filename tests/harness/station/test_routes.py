@@ -72,6 +72,7 @@ def test_routes_are_those_of_a_plan_in_degrees() -> None:
     [
         (map_of(HUT), "yard.gpx", 'yard.gpx: the ending is "gpx", expected one of geojson, json, kml'),
         (b"{", "yard.json", "yard.json: line 1: is no JSON"),
+        (b"{", "\U00010330" * 70 + ".json", ".json: line 1: is no JSON"),
         (map_of([(-5, -5), (5, -5), (5, 5), (-5, 5)]), "../yard.geojson", "yard: --from "),
         (
             map_of(HUT, units="metres"),
@@ -101,6 +102,12 @@ def test_a_map_in_metres_is_refused() -> None:
     for origin in (content["origin"], None):
         with pytest.raises(MissionFileError, match="yard: is in metres"):
             proposals._shaped({**content, "origin": origin}, "yard", Position(*HOME))
+
+
+def test_a_machine_without_room_for_a_plan_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "none"))
+    with pytest.raises(CanineError, match=r"^yard.geojson: cannot be planned here \(No such file"):
+        ask(map_of(HUT))
 
 
 def test_one_plan_runs_at_a_time_and_one_that_takes_too_long_is_killed(

@@ -15,7 +15,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from websockets.exceptions import ConnectionClosedError, InvalidStatus
+from websockets.exceptions import ConnectionClosed, ConnectionClosedError, InvalidStatus
+from websockets.frames import Frame, Opcode
 from websockets.sync.client import connect
 
 from codegen.firmware.key import Key
@@ -240,6 +241,23 @@ def test_a_message_that_is_too_large_and_too_many_messages_close_the_socket(sile
         assert many.value.rcvd.code == 1008
 
 
+@pytest.mark.parametrize("kind", [Opcode.PING, Opcode.PONG, Opcode.TEXT, Opcode.CONT])
+def test_a_flood_of_empty_frames_closes_the_socket_and_holds_up_nobody(silent: Served, kind: Opcode) -> None:
+    frame = Frame(kind, b"", fin=kind is not Opcode.CONT).serialize(mask=True)
+    begin = Frame(Opcode.TEXT, b"", fin=False).serialize(mask=True) if kind is Opcode.CONT else b""
+    with silent.browser() as watcher, silent.browser() as browser:
+        # when all of them come at once
+        browser.socket.socket.sendall(begin + 20_000 * frame)
+        # then the socket is closed, with the reason
+        with pytest.raises(ConnectionClosed) as many:
+            browser.until(lambda: False, 10)
+        assert many.value.rcvd is not None
+        assert (many.value.rcvd.code, many.value.rcvd.reason) == (1008, "more than 50 messages a second")
+        # and the station goes on
+        begun = watcher.state["time"]
+        watcher.until(lambda: watcher.state["time"] > begun + 0.5 and len(watcher.state["operators"]) == 1)
+
+
 def _shout(browser: Browser) -> None:
     for _ in range(400):
         browser.do("alive")
@@ -309,6 +327,26 @@ def test_missions_are_imported_and_exported_and_names_are_no_paths(silent: Serve
         status, _, answer = request(silent, "POST", path, data)
         assert status == 400, path
         assert json.loads(answer)["error"]
+
+
+def test_a_file_that_is_cut_or_comes_too_slowly_is_told_and_its_connection_given_back(
+    silent: Served, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(server, "BODY_S", 0.3)
+    host, _, port = silent.address.rpartition(":")
+    head = f"POST /import?name=a.csv HTTP/1.1\r\nHost: {silent.address}\r\nContent-Length: 9"
+    begun = f"{head}\r\n\r\nlat".encode()
+    with socket.create_connection((host, int(port)), timeout=30) as slow:
+        slow.sendall(begun)
+        answer = b""
+        while b"}" not in answer:
+            answer += slow.recv(65536)
+    assert answer.startswith(b"HTTP/1.1 400 ")
+    assert b"the file did not come within 0.3 s; send it again" in answer
+    with socket.create_connection((host, int(port))) as cut:
+        cut.sendall(begun)
+    assert request(silent, "GET", "/")[0] == 200
+    assert capfd.readouterr().err == ""
 
 
 def test_files_are_read_one_at_a_time_and_never_on_the_loop(
