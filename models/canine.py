@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from models.commands import Command
 from models.kit import casadi as ca
-from models.kit.block import triggered
+from models.kit.block import before, triggered
 from models.kit.declaration import SX, Boolean, Integer, Parameter, State, Stream
 from models.kit.geometry import all_of, any_of, where, wrap
 from models.kit.random import MAX_SEED, normals, uniform
@@ -112,8 +112,11 @@ class Behaviour(Guided):
         m.trial_slowing_down = _redrawn(m.slowing_down, m.slowing_down_deviation, downs)
 
     @triggered(
-        lambda m: any_of(m.command != m.past_command, m.command != m.obeyed),
-        "the command is new, or not obeyed yet",
+        lambda m: any_of(
+            m.command != m.past_command,
+            all_of(m.command != m.obeyed, any_of(m.command != Command.RECALL, m.wait <= 0)),
+        ),
+        "the command is new, or not obeyed yet, but not while a RECALL waits",
         seldom=True,
     )
     def hear(m) -> None:
@@ -123,7 +126,8 @@ class Behaviour(Guided):
         the first command.
         """
         new = m.command != m.past_command
-        searching = all_of(new, m.command == Command.RECALL, ca.logic_not(m.recalled))
+        recall = m.command == Command.RECALL
+        searching = all_of(new, recall, ca.logic_not(m.recalled))
         draw, stream = uniform(m.search_stream)
         m.search_stream = where(searching, stream, m.search_stream)
         longest = where(m.bumper_search_max < m.bumper_search_min, m.bumper_search_min, m.bumper_search_max)
@@ -132,7 +136,13 @@ class Behaviour(Guided):
         wait = where(new, ticks_until(time, m.sample_time), m.wait)
         m.commanded, m.recalled = 1, any_of(m.recalled, searching)
         m.obeyed = where(wait > 0, m.obeyed, m.command)
-        m.wait = where(wait > 0, wait - 1, 0)
+        m.wait = where(recall, wait, wait - (wait > 0))
+
+    @before("turn_home")
+    @triggered(lambda m: m.command == Command.RECALL, "on RECALL")
+    def search(m) -> None:
+        """Count down RECALL's delay: a search lasts seconds, so that this is not seldom, as `hear` is."""
+        m.wait = m.wait - (m.wait > 0)
 
     @triggered(
         lambda m: all_of(m.command == Command.RIGHT, m.past_command != Command.RIGHT),

@@ -26,7 +26,9 @@ NUMPY_TRIALS = 20_000
 LOOP_TICKS = 800
 FULL_TRIALS = 8  # at each point of the sweep with sensors and estimator
 EVERY = "every equation on every tick"
-BY_HAND, BOTH_CORES, FULL = 4.0, 1.8, 3e6  # expected: two ratios, and ticks/s on one core
+ALL_ON_TRIALS = 200  # at each point of the sweep with all that a scenario can switch on
+# expected: two ratios, and ticks/s on one core of the full system and with all on
+BY_HAND, BOTH_CORES, FULL, ALL_ON = 4.0, 1.8, 3e6, 15e6
 
 Row = tuple[str, str, str, str]
 
@@ -79,9 +81,7 @@ def rows() -> tuple[list[Row], list[str]]:
     table.append(("sweep three on two cores, against one", f"{two:.2f} s", f"{one:.2f} s", f"{both:.2f}"))
     if both < BOTH_CORES:
         short.append(f"two cores are {both:.2f} times as fast as one; expected {BOTH_CORES}")
-    job = plan_sweep("three", system="full", trials=FULL_TRIALS).job
-    full_ticks = ticks_of(job)
-    full_rate = full_ticks / min(core_seconds_of(lambda: run_alone(job)) for _ in range(ROUNDS))
+    full_rate = rate_alone(plan_sweep("three", system="full", trials=FULL_TRIALS).job)
     loop_rate = ticks_by_fmus("full")
     table.append(
         (
@@ -93,6 +93,25 @@ def rows() -> tuple[list[Row], list[str]]:
     )
     if full_rate < FULL:
         short.append(f"the full system does {million(full_rate)} on a core; expected {million(FULL)}")
+    all_on = rate_alone(
+        plan_sweep(
+            "downtown_two",
+            trials=ALL_ON_TRIALS,
+            reading="guarded",
+            plant="canine_all_day",
+            settings=["cmec=aim_off", "canine.habituation_gain=0.3", "canine.start_fatigue=0.2"],
+        ).job
+    )
+    table.append(
+        (
+            "streets, poles, fatigue, safety rules and aiming off, on one core, against sweep two + three",
+            million(all_on),
+            million(rate),
+            f"{all_on / rate:.2f}",
+        )
+    )
+    if all_on < ALL_ON:
+        short.append(f"with all on a core does {million(all_on)}; expected {million(ALL_ON)}")
     return table, short
 
 
@@ -120,6 +139,12 @@ def run_alone(*jobs: Job) -> None:
     for job in jobs:
         for start, stop in cut([(0, job.total)], LARGEST[job.system]):
             run_chunk(job.part(start, stop), start, stop, this_program(has_fmus=False))
+
+
+def rate_alone(job: Job) -> float:
+    """Ticks per second on one core."""
+    ticks = ticks_of(job)
+    return ticks / min(core_seconds_of(lambda: run_alone(job)) for _ in range(ROUNDS))
 
 
 def ticks_of(job: Job) -> int:
