@@ -14,6 +14,9 @@ from models.modes import Mode
 
 FASTEST_DRIFT = 1.0  # rad/s, that is believed
 LEAST_TURN = 3  # ticks from which a turn rate is known: 0.12 s
+TURNED = 4  # standard deviations of a heading from which an animal is known to turn
+LONGEST_RESPONSE = 10.0  # s
+NOT_YET = SHORT_COUNT_MAX  # behind any tick of a mode
 
 
 class AimingOff(Block):
@@ -22,9 +25,12 @@ class AimingOff(Block):
     *Drift.* The heading of an animal under FORWARD turns by d, so it runs an arc, whose chord leads to the
     target if the run begins b = d t / 2 to the other side; t is the time to the target. Turns end at h = b,
     which is found where a turn may be told. d is the parameter `drift`; with `drift_sd` it is learnt in the
-    trial by a scalar Kalman filter, from the change of the heading over each run.
-    *Lead.* An animal turns on for `response_time` after its turn has ended. So a turn ends where its rate so
-    far will have brought it to b by then, or past b.
+    trial by a scalar Kalman filter, from the change of the heading over each run. From run to run it keeps
+    `drift_persistence` of its difference from the mean; what it loses is drawn anew (Gauss-Markov).
+    *Lead.* An animal turns on for its response time after its turn has ended. So a turn ends where its rate
+    so far will have brought it to b by then, or past b. The time is the parameter `response_time`; with
+    `response_sd` it is learnt by another such filter. An animal that is told to turn stands, and its heading
+    stays until it obeys: that was when the line through two of the headings behind it began.
     *Braking point.* With `braking`, STOP is told where the animal will come to rest at the waypoint, within
     d'; d' alone stops it d' less its braking distance before.
     """
@@ -54,9 +60,16 @@ class AimingOff(Block):
         min=0,
         max=FASTEST_DRIFT,
     )
+    drift_persistence = Parameter(
+        "1",
+        "correlation of the drift of a run with that of the run before; 1: it stays",
+        start=1,
+        min=0,
+        max=1,
+    )
     heading_sd = Parameter(
         "rad",
-        "standard deviation of a heading, for learning the drift",
+        "standard deviation of a heading, for learning",
         start=3 * DEG,
         min=0.1 * DEG,
         max=4,
@@ -69,18 +82,28 @@ class AimingOff(Block):
         "rad", "largest b; h' less `turn_end_deviation` bounds it too", start=45 * DEG, min=0, max=1.5
     )
     response_time = Parameter(
-        "s", "time from a command to the animal's obedience, for the lead", start=0, min=0, max=10
+        "s", "time from a command to the animal's obedience, its mean", start=0, min=0, max=LONGEST_RESPONSE
+    )
+    response_sd = Parameter(
+        "s",
+        "standard deviation of that time from animal to animal; above 0 it is learnt",
+        start=0,
+        min=0,
+        max=LONGEST_RESPONSE,
     )
     braking = Parameter(
         "m/s2", "the animal's deceleration on STOP, for the braking point; 0: stop at d'", start=0, min=0
     )
 
     learnt_drift = State("rad/s", "drift as it is known", min=-FASTEST_DRIFT, max=FASTEST_DRIFT)
-    learnt_drift_sd = State("rad/s", "its standard deviation", min=0, max=FASTEST_DRIFT)
-    settling = State(
-        Integer, "tick of a mode on which the animal obeys, -1: nobody asks", start=-1, min=-1, max=300
-    )
-    noted_heading = State("rad", "heading on that tick")
+    drift_variance = State("1", "its variance, in rad2/s2")
+    learnt_response = State("s", "response time as it is known", min=0, max=LONGEST_RESPONSE)
+    response_variance = State("1", "its variance, in s2")
+    settling = State(Integer, "tick of a mode on which the animal obeys, 0: nobody asks", min=0, max=300)
+    issue_heading = State("rad", "heading where a command was issued")
+    noted_heading = State("rad", "heading from which a drift or a turn is measured")
+    noted_tick = State(Integer, "tick of the mode on which it was noted", min=0, max=NOT_YET)
+    timed = State(Boolean, "the response to this turn is timed")
     ran = State(Integer, "ticks of the run that has just ended", min=0, max=SHORT_COUNT_MAX)
     offset = State("rad", "b: deviation at which the turn is to end", min=-1.5, max=1.5)
     lead = State("rad", "how far the animal will turn before it obeys")
@@ -92,29 +115,64 @@ class AimingOff(Block):
         "in a stop behind a run, `drift_sd` is above 0",
         seldom=True,
     )
-    def learn(m) -> None:
-        """Correct the drift by the change of the heading over a run, whose ends are as sure as a heading."""
+    def learn_drift(m) -> None:
+        """Correct the drift by the change of the heading over a run, whose ends are as sure as a heading.
+
+        Then predict that of the next run.
+        """
         known = all_of(m.ran > m.settling, ca.logic_not(m._blocked()))
         time = at_least(m.ran + 1 - m.settling, 1) * m.sample_time
-        predicted = (m.learnt_drift_sd * time) ** 2
-        gain = predicted / (predicted + 2 * m.heading_sd**2)
+        gain = m.drift_variance / (m.drift_variance + 2 * (m.heading_sd / time) ** 2)
+        gain = where(known, gain, 0)
         innovation = wrap(m.heading - m.noted_heading) / time - m.learnt_drift
-        learnt = m.learnt_drift + where(known, gain * innovation, 0)
-        m.learnt_drift = clip(learnt, -FASTEST_DRIFT, FASTEST_DRIFT)
-        m.learnt_drift_sd = m.learnt_drift_sd * ca.sqrt(at_least(1 - where(known, gain, 0), 0))
+        learnt = clip(m.learnt_drift + gain * innovation, -FASTEST_DRIFT, FASTEST_DRIFT)
+        variance = m.drift_variance - gain * m.drift_variance
+        m.learnt_drift = learnt - (1 - m.drift_persistence) * (learnt - m.drift)
+        m.drift_variance = variance + (1 - m.drift_persistence**2) * (m.drift_sd**2 - variance)
         m.ran = 0
 
     @before("decide")
     @triggered(
         lambda m: all_of(
-            any_of(m.now == Mode.FORWARD, m._turns()), m.ticks == m.settling, ca.logic_not(m._blocked())
+            m.ticks == m.settling,
+            m._leads(),
+            any_of(m.now == Mode.FORWARD, m.response_sd <= 0),
         ),
-        "FORWARD, RIGHT or LEFT has lasted `response_time`, not blocked, `drift_sd` or the time is above 0",
+        "FORWARD, or RIGHT or LEFT where `response_sd` is 0, has lasted the response time",
         seldom=True,
     )
     def note(m) -> None:
         """Note the heading from which a drift and a turn are measured."""
-        m.noted_heading = m.heading
+        m.noted_heading, m.noted_tick = m.heading, m.ticks
+
+    @before("decide")
+    @triggered(
+        lambda m: all_of(m._turns(), m.response_sd > 0, ca.logic_not(m.timed)),
+        "in RIGHT and LEFT, `response_sd` is above 0, not yet `timed`",
+        seldom=True,
+    )
+    def learn_response(m) -> None:
+        """Correct the response time by when the heading began to change.
+
+        It does so in a line; the animal is noted as turning at TURNED deviations of a heading, and timed at
+        twice as many. So it began as long before the first as the second comes behind it, less half a tick
+        by which ticks are late. Errors of the three headings of a deviation each make one of
+        sqrt(6) / TURNED of that time.
+        """
+        turned = ca.fabs(wrap(m.heading - m.issue_heading)) / m.heading_sd
+        is_timed = all_of(m.ticks > m.noted_tick, turned >= 2 * TURNED)
+        time = (m.ticks - m.noted_tick) * m.sample_time
+        measured = (m.noted_tick - 0.5) * m.sample_time - time
+        gain = m.response_variance / (m.response_variance + 6 / TURNED**2 * time**2)
+        gain = where(is_timed, gain, 0)
+        learnt = m.learnt_response + gain * (measured - m.learnt_response)
+        m.learnt_response = clip(learnt, 0, LONGEST_RESPONSE)
+        m.response_variance = m.response_variance - gain * m.response_variance
+        m.settling = m._settling()
+        m.timed = is_timed
+        is_noted = all_of(m.ticks < m.noted_tick, turned >= TURNED)
+        m.noted_heading = where(is_noted, m.heading, m.noted_heading)
+        m.noted_tick = where(is_noted, m.ticks, m.noted_tick)
 
     @before("decide")
     @triggered(
@@ -136,15 +194,15 @@ class AimingOff(Block):
 
     @before("decide")
     @triggered(
-        lambda m: all_of(m._turns(), m.response_time > 0, ca.logic_not(m._blocked())),
-        "in RIGHT and LEFT, `response_time` is above 0, not blocked",
+        lambda m: all_of(m._turns(), m._responds()),
+        "in RIGHT and LEFT, `response_time` or `response_sd` is above 0",
         seldom=True,
     )
     def lead_turn(m) -> None:
         """Find how far the animal will turn before it obeys FORWARD, at its rate since it obeyed the turn."""
-        turning = m.ticks - m.settling
+        turning = m.ticks - m.noted_tick
         turned = wrap(m.heading - m.noted_heading)
-        lead = turned * (m.response_time / (at_least(turning, 1) * m.sample_time))
+        lead = turned * (m.learnt_response / (at_least(turning, 1) * m.sample_time))
         m.lead = where(turning >= LEAST_TURN, lead, 0)
 
     @before("decide")
@@ -155,20 +213,36 @@ class AimingOff(Block):
     )
     def brake(m) -> None:
         """Is the braking point ahead, of an animal that still looks at the waypoint?"""
-        left = m.distance - ca.fabs(m.speed) * m.response_time  # when it obeys
+        left = m.distance - ca.fabs(m.speed) * m.learnt_response  # when it obeys
         is_far = 2 * m.braking * left > m.speed**2  # no division: firmware may have `braking` 0 as a constant
         m.early = all_of(is_far, ca.fabs(m.deviation) < m.moving_deviation)
 
     def _aim_anew(m) -> None:
         """Begin a trial with what is known of all animals."""
-        m.learnt_drift, m.learnt_drift_sd = m.drift, m.drift_sd
-        asked = any_of(m.drift_sd > 0, m.response_time > 0)
-        m.settling = where(asked, ticks_within(m.response_time, m.sample_time) + 1, -1)
+        m.learnt_drift, m.drift_variance = m.drift, m.drift_sd**2
+        m.learnt_response, m.response_variance = m.response_time, m.response_sd**2
+        m.settling = where(any_of(m.drift_sd > 0, m._responds()), m._settling(), 0)
         m.ran = m.offset = m.lead = m.early = 0
+
+    def _begin_mode(m) -> None:
+        """Begin to watch what the animal makes of another command."""
+        m.issue_heading, m.noted_tick, m.timed = m.heading, NOT_YET, 0
+
+    def _responds(m) -> SX:
+        """Does the animal take time to obey, as far as is known?"""
+        return any_of(m.response_time > 0, m.response_sd > 0)
+
+    def _settling(m) -> SX:
+        """The tick of a mode on which the animal obeys, or the one behind it."""
+        return ticks_within(m.learnt_response, m.sample_time) + 1
 
     def _halts(m) -> SX:
         """Is the animal told to stop, for a turn or at a waypoint?"""
         return any_of(m.now == Mode.STOP_TO_TURN, m.now == Mode.STOP_AT_WAYPOINT)
+
+    def _leads(m) -> SX:
+        """Is the animal told to run or to turn?"""
+        return any_of(m.now == Mode.FORWARD, m._turns())
 
     def _turns(m) -> SX:
         """Is a turn told?"""

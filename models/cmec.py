@@ -124,8 +124,8 @@ class Cmec(AimingOff, Fenced):
     issued = State(Integer, "directional commands issued")
     planned = State(Command, "command to follow the no-command period")
     uncounted = State(Boolean, "the next turn does not count towards MAXTURN")
-    issue_north = State("m", "where the forward command was issued")
-    issue_east = State("m", "where the forward command was issued")
+    issue_north = State("m", "where a command was issued")
+    issue_east = State("m", "where a command was issued")
     target_north = State("m", "waypoint aimed at, or home")
     target_east = State("m", "waypoint aimed at, or home")
     count = State(Integer, "waypoints in use, latched", start=1, min=1, max=MAX_WAYPOINTS)
@@ -156,7 +156,6 @@ class Cmec(AimingOff, Fenced):
         """Latch the mission; the first command is forward."""
         m._latch()
         m.anomalies = ca.SX.zeros(len(Anomaly) - 1)
-        m.issue_north, m.issue_east = m.north, m.east
         m._aim_anew()
 
     @triggered(
@@ -226,14 +225,13 @@ class Cmec(AimingOff, Fenced):
         # with b, an animal may be near the heading that is aimed at and yet beyond h'
         goes_on = Condition(any_of(m.offset == 0, roughly_aligned.holds), "b = 0 or |h| < h'")
         aligned = Condition(ca.fabs(astray) < limit, "|h - b| < h''") & goes_on
-        at_waypoint = {"ticks": 0}
-        forward = {"ticks": 0, "issue_north": m.north, "issue_east": m.east}
+        begun = {"ticks": 0}
 
         due = Condition(ca.logic_not(m.early), "no braking point is ahead")
-        yield Row(Mode.FORWARD, won & due, Mode.STOP_AT_WAYPOINT, at_waypoint | {"ran": m.ticks})
+        yield Row(Mode.FORWARD, won & due, Mode.STOP_AT_WAYPOINT, begun | {"ran": m.ticks})
         misaligned = Condition(off >= m.moving_deviation, "|h| >= h'")
         obeys = Condition(m.ticks >= m.settling, "it has had time to obey")
-        yield Row(Mode.FORWARD, misaligned & obeys, Mode.STOP_TO_TURN, {"ticks": 0, "ran": m.ticks})
+        yield Row(Mode.FORWARD, misaligned & obeys, Mode.STOP_TO_TURN, begun | {"ran": m.ticks})
         yield Row(
             Mode.FORWARD,
             Condition(m._stuck(), "moved less than DISTTHRESH in DELTHRESH3"),
@@ -243,7 +241,7 @@ class Cmec(AimingOff, Fenced):
         )
 
         yield Row(Mode.STOP_TO_TURN, won, Mode.STOP_AT_WAYPOINT)  # the stop command is on already
-        yield Row(Mode.STOP_TO_TURN, at_rest & aligned, Mode.FORWARD, forward)
+        yield Row(Mode.STOP_TO_TURN, at_rest & aligned, Mode.FORWARD, begun)
         yield from m._turn(Mode.STOP_TO_TURN, at_rest)
 
         remaining = astray - m.lead  # of the turn, once the animal obeys FORWARD
@@ -252,17 +250,17 @@ class Cmec(AimingOff, Fenced):
             (Mode.LEFT, Command.LEFT, ">", remaining > 0),
         ):
             opposite = Command.LEFT if same is Command.RIGHT else Command.RIGHT
-            yield Row(mode, won, Mode.STOP_AT_WAYPOINT, at_waypoint)
+            yield Row(mode, won, Mode.STOP_AT_WAYPOINT, begun)
             turned = Condition(
                 ca.fabs(remaining) < m.turn_end_deviation, "|h - b - lead| < `turn_end_deviation`"
             )
-            yield Row(mode, turned, Mode.FORWARD, forward)
+            yield Row(mode, turned, Mode.FORWARD, begun)
             beyond = Condition(past, f"h - b - lead {sign} 0")
             short = Condition(astray >= 0 if mode is Mode.RIGHT else astray <= 0, f"not h - b {sign} 0")
             carried = (
                 beyond & short & Condition(ca.fabs(remaining) < m.moving_deviation, "|h - b - lead| < h'")
             )
-            yield Row(mode, carried, Mode.FORWARD, forward)
+            yield Row(mode, carried, Mode.FORWARD, begun)
             yield Row(
                 mode,
                 beyond & Condition(ca.fabs(remaining) >= limit, "|h - b - lead| >= h''"),
@@ -282,21 +280,32 @@ class Cmec(AimingOff, Fenced):
         over = Condition(m._lasted(m.dead_time), "HEADCOUNTTHRESH is over")
         go_on = Condition(m.planned == Command.FORWARD, "FORWARD is planned")
         changed = Anomaly.NO_COMMAND
-        yield Row(Mode.DEAD, won, Mode.STOP_AT_WAYPOINT, at_waypoint, changed)
-        yield Row(Mode.DEAD, over & go_on & roughly_aligned, Mode.FORWARD, forward)
-        yield Row(Mode.DEAD, over & go_on, Mode.STOP_TO_TURN, {"ticks": 0}, changed)
-        yield Row(Mode.DEAD, over & aligned, Mode.FORWARD, forward, changed)
+        yield Row(Mode.DEAD, won, Mode.STOP_AT_WAYPOINT, begun, changed)
+        yield Row(Mode.DEAD, over & go_on & roughly_aligned, Mode.FORWARD, begun)
+        yield Row(Mode.DEAD, over & go_on, Mode.STOP_TO_TURN, begun, changed)
+        yield Row(Mode.DEAD, over & aligned, Mode.FORWARD, begun, changed)
         reissued = m.planned == where(astray >= 0, Command.RIGHT, Command.LEFT)
         counts = Condition(ca.logic_not(all_of(m.uncounted, reissued)), "the turn counts")
         yield from m._turn(Mode.DEAD, over, counts)
 
         reached = Condition(m.reached >= m.count, "all waypoints are reached")
-        yield Row(Mode.STOP_AT_WAYPOINT, at_rest & reached, Mode.RECALL, {"ticks": 0})
-        yield Row(Mode.STOP_AT_WAYPOINT, at_rest & aligned, Mode.FORWARD, forward)
+        yield Row(Mode.STOP_AT_WAYPOINT, at_rest & reached, Mode.RECALL, begun)
+        yield Row(Mode.STOP_AT_WAYPOINT, at_rest & aligned, Mode.FORWARD, begun)
         yield from m._turn(Mode.STOP_AT_WAYPOINT, at_rest)
 
-        yield Row(Mode.RECALL, won, Mode.SUCCESS, {"ticks": 0})
-        yield Row(Mode.FAILURE_RECALL, won, Mode.FAILED, {"ticks": 0})
+        yield Row(Mode.RECALL, won, Mode.SUCCESS, begun)
+        yield Row(Mode.FAILURE_RECALL, won, Mode.FAILED, begun)
+
+    @triggered(
+        lambda m: all_of(m.ticks == 0, m._leads()),
+        "FORWARD, RIGHT or LEFT has begun on this tick",
+        seldom=True,
+    )
+    def issue(m) -> None:
+        """Note where the animal is told to run or to turn, and count its turns."""
+        m.issue_north, m.issue_east = m.north, m.east
+        m.issued = m.issued + m._turns()
+        m._begin_mode()
 
     def answer(m) -> None:
         """The mode's command, unless something beats it."""
@@ -354,7 +363,7 @@ class Cmec(AimingOff, Fenced):
             (Mode.RIGHT, Command.RIGHT, Condition(astray >= 0, f"{name} >= 0")),
             (Mode.LEFT, Command.LEFT, Condition(astray < 0, f"{name} < 0")),
         ):
-            issue = {"ticks": 0, "issued": m.issued + 1, "turns": m.turns + (counts.holds if counts else 1)}
+            issue = {"ticks": 0, "turns": m.turns + (counts.holds if counts else 1)}
             if mode is Mode.DEAD:
                 planned = Condition(m.planned == command, f"{command.name} is planned")
                 yield Row(mode, when & side & planned, next, issue)

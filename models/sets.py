@@ -89,9 +89,18 @@ DOGS: dict[str, Set] = {
     },
 }
 
-LEADERS: dict[str, Set] = {  # with what Table 5.1 says of the drift
+# with what Table 5.1 says of the drift; it says nothing of response times, of which the last assumes little
+LEADERS: dict[str, Set] = {
     "aim_off": {"controller": {"drift": 2.62 * DEG, "drift_sd": 1.62 * DEG}},
     "aim_off_mean": {"controller": {"drift": 2.62 * DEG}},
+    "aim_off_lead": {
+        "controller": {
+            "drift": 2.62 * DEG,
+            "drift_sd": 1.62 * DEG,
+            "response_time": 0.1,
+            "response_sd": 0.2,
+        }
+    },
 }
 
 

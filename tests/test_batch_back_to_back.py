@@ -75,7 +75,9 @@ DOG = {  # as users write them, angles in degrees
 AIMING = {
     "cmec.drift": (-5, 5),
     "cmec.drift_sd": (0, 3),
+    "cmec.drift_persistence": (0, 1),
     "cmec.response_time": (0, 1),
+    "cmec.response_sd": (0, 0.5),
     "cmec.braking": (0, 4),
 }
 WEARABLE = {

@@ -112,7 +112,8 @@ class Writer:
     ) -> None:
         self.precision = precision
         self.constants = constants
-        self.enum_name = enum_name
+        self._enum_name = enum_name
+        self.named: dict[str, int] = {}  # the named values that were written
         self.binary = BINARY | {ca.OP_AND: "&", ca.OP_OR: "|"} if branchless else BINARY
         self.lines: list[str] = []
         self._named: list[Node] = []
@@ -123,6 +124,12 @@ class Writer:
     def real(self) -> str:
         """The C type of a Real."""
         return self.precision
+
+    def enum_name(self, variable: Variable, value: int) -> str:
+        """The C of a value of an enumeration."""
+        name = self._enum_name(variable, value)
+        self.named[name] = value
+        return name
 
     @contextmanager
     def braces(self) -> Iterator[None]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -48,10 +48,13 @@ class Store:
         _, bracket, index = self.field.partition("[")
         return int(index[:-1]) if bracket else None
 
-    def in_loop(self) -> str:
-        """The statement for any element, if it is the same for all of them."""
+    def in_loop(self, named: Mapping[str, int]) -> tuple[str, ...]:
+        """The statement for any element, if it is the same for all; also with named values that count on."""
         text = self.text.replace(f"[{self.index}]", "[i]")
-        return f"{self.vector}[i] = {text};"
+        counting = text
+        for name, value in named.items():
+            counting = re.sub(rf"\b{name}\b", f"(i + {value - (self.index or 0)})", counting)
+        return tuple(f"{self.vector}[i] = {each};" for each in dict.fromkeys((text, counting)))
 
 
 def statements(
@@ -131,12 +134,13 @@ def assign(writes: Sequence[str], results: Sequence[Node], block: type[Block], w
                 writer.name(node, ctype)
             text = writer.write_whole(node, ctype)
         if len(writer.lines) > written:
-            writer.lines[written:written] = store_lines(_in_order(at_once))
+            writer.lines[written:written] = store_lines(_in_order(at_once), writer.named)
             at_once = []
         (at_the_end if late[k] else at_once).append(Store(target, text, ctype == "real"))
     for node, _ in hinted:
         node.hint = ""
-    writer.lines += store_lines(_in_order(at_once)) + store_lines(_in_order(at_the_end))
+    for stores in (at_once, at_the_end):
+        writer.lines += store_lines(_in_order(stores), writer.named)
 
 
 def _range(node: Node) -> str:
@@ -163,20 +167,25 @@ def _vector(field: str) -> str:
     return field.partition("[")[0]
 
 
-def store_lines(stores: Iterable[Store]) -> list[str]:
-    """The stores as C, in their order; those that differ by their index alone as loops."""
+def store_lines(stores: Iterable[Store], named: Mapping[str, int] | None = None) -> list[str]:
+    """The stores as C, in their order; those that differ by their index alone as loops.
+
+    Args:
+        named: the named values that may stand in their texts.
+    """
     runs: list[list[Store]] = []
+    bodies: list[list[str]] = []  # of each run: the statements that do all of it
     for store in stores:
-        last = runs[-1][-1] if runs else None
-        if (
-            last is not None
-            and last.index is not None
-            and store.index == last.index + 1
-            and store.in_loop() == last.in_loop()
-        ):
-            runs[-1].append(store)
-        else:
-            runs.append([store])
+        last, ways = runs[-1][-1] if runs else None, store.in_loop(named or {})
+        if last is not None and last.index is not None and store.index == last.index + 1:
+            common = [way for way in bodies[-1] if way in ways]
+            if common:
+                runs[-1].append(store)
+                bodies[-1] = common
+                continue
+        runs.append([store])
+        bodies.append(list(ways))
+    in_loop = {run[0]: body[0] for run, body in zip(runs, bodies, strict=True)}
     loops: list[tuple[range, list[list[Store]]]] = []  # of each: which elements, and the runs that it does
     for run in runs:
         first = run[0].index
@@ -194,7 +203,7 @@ def store_lines(stores: Iterable[Store]) -> list[str]:
             lines += [f"{store.field} = {store.text};" for run in repeated for store in run]
             continue
         lines.append(f"for (int i = {elements.start}; i < {elements.stop}; i++) {{")
-        lines += [f"    {run[0].in_loop()}" for run in repeated]
+        lines += [f"    {in_loop[run[0]]}" for run in repeated]
         lines.append("}")
     return lines
 

@@ -33,7 +33,8 @@ TIMES = (
     "longest_stop",
 )  # of two ticks at least
 FAR = 1e5  # m: of a mission's places from the origin
-AIMS = ("aim", "learn", "aim_off", "lead_turn", "brake")  # updates that may have any results in proofs
+# updates that may have any results in proofs
+AIMS = ("aim", "learn_drift", "learn_response", "aim_off", "lead_turn", "brake")
 HALF_TURN = Fraction(3141592653589793, 10**15)  # rad
 DEPTH = 4  # ticks from the start to the modes that are farthest from it; before the first survey
 SHOWN = ("now", "command", "mode", "anomaly")
@@ -70,7 +71,7 @@ def is_one_of(f: Formulas, value: Value, members: Any) -> Value:
 
 
 def any_aim(f: Formulas) -> Instead:
-    """Any distance, deviation, drift, offset, lead and braking point, in place of those computed."""
+    """Any distance and deviation, and any results of what aims off, in place of those computed."""
     return {update: partial(_given, _aimed(f, names)) for update, names in _results_of_aims(f).items()}
 
 

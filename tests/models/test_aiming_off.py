@@ -1,4 +1,4 @@
-"""Aiming off: the offset, the drift that is learnt, the lead and the braking point, by hand."""
+"""Aiming off: the offset, the drift and response time that are learnt, lead and braking point, by hand."""
 
 from __future__ import annotations
 
@@ -106,12 +106,24 @@ def test_the_drift_is_learnt_by_a_scalar_kalman_filter() -> None:
     noise = 2 * 2**2 / time**2
     gain = 1 / (1 + noise)
     assert trial.model["learnt_drift"] / DEG == pytest.approx(2 + gain * (50 / time - 2), rel=1e-3)
-    assert trial.model["learnt_drift_sd"] / DEG == pytest.approx(math.sqrt(1 - gain), rel=1e-3)
+    assert trial.model["drift_variance"] / DEG**2 == pytest.approx(1 - gain, rel=1e-3)
+
+
+@pytest.mark.parametrize("persistence", [0.6, 0.0])
+def test_a_drift_that_does_not_persist_goes_back_to_its_mean(persistence: float) -> None:
+    # given a run as above, and a drift of which so much is left in the next run
+    stays = learnt(10, 50, moving_deviation=55 * DEG)
+    trial = learnt(10, 50, moving_deviation=55 * DEG, drift_persistence=persistence)
+    # then so much of what was learnt is expected of that, and the rest of its variance is new
+    more = persistence * (stays.model["learnt_drift"] / DEG - 2)
+    assert trial.model["learnt_drift"] / DEG == pytest.approx(2 + more)
+    left = persistence**2 * stays.model["drift_variance"] / DEG**2
+    assert trial.model["drift_variance"] / DEG**2 == pytest.approx(left + 1 - persistence**2)
 
 
 def test_a_mean_drift_is_not_learnt() -> None:
     trial = learnt(10, 50, drift_sd=0.0, moving_deviation=55 * DEG)
-    assert (trial.model["learnt_drift"], trial.model["learnt_drift_sd"]) == (2 * DEG, 0)
+    assert (trial.model["learnt_drift"], trial.model["drift_variance"]) == (2 * DEG, 0)
     assert trial.model["offset"] == 0  # no turn was due yet
 
 
@@ -126,7 +138,7 @@ def test_nothing_is_learnt_from_a_run_whose_end_is_not_seen(blocked: dict[str, f
     trial.tick(h=-60)
     trial.tick(**blocked)
     trial.tick(heading=0, valid=1, override=Command.NONE, link_ok=1)
-    assert (trial.model["learnt_drift"], trial.model["learnt_drift_sd"]) == (2 * DEG, 1 * DEG)
+    assert (trial.model["learnt_drift"], trial.model["drift_variance"]) == (2 * DEG, (1 * DEG) ** 2)
 
 
 def test_a_run_is_measured_from_when_the_animal_obeys() -> None:
@@ -148,7 +160,7 @@ def test_a_new_trial_begins_with_what_is_known_of_all_animals() -> None:
     trial.tick(3, h=0)
     assert trial.mode == Mode.IDLE
     assert trial.tick(start=1) == Command.FORWARD
-    assert (trial.model["learnt_drift"], trial.model["learnt_drift_sd"]) == (2 * DEG, 1 * DEG)
+    assert (trial.model["learnt_drift"], trial.model["drift_variance"]) == (2 * DEG, (1 * DEG) ** 2)
 
 
 def turned(rate: float, ticks: int, response: float = 0.4, **parameters: Any) -> Trial:
@@ -190,6 +202,77 @@ def test_an_animal_that_turns_the_wrong_way_is_not_taken_for_one_that_goes_past(
     assert trial.anomalies[-1][1] == Anomaly.DIRECTION_SWITCH
 
 
+UNKNOWN = {"response_time": 0.1, "response_sd": 0.2, "heading_sd": 1.99 * DEG}
+
+
+def turning(rate: float, response: float, ticks: int, **parameters: Any) -> Trial:
+    """A trial whose animal stands at 90 deg, and turns at a rate [deg/s] so long after RIGHT, in ticks."""
+    trial = stopped(90, **(UNKNOWN | parameters))
+    turn_on(trial, rate, response, ticks)
+    return trial
+
+
+def turn_on(trial: Trial, rate: float, response: float, ticks: int) -> None:
+    """Turn on from 90 deg for so many ticks, or until the turn ends."""
+    for k in range(1, ticks + 1):
+        if trial.tick(h=90 - rate * max(0.0, TICK * k - response)) != Command.RIGHT:
+            break
+
+
+@pytest.mark.parametrize("response", [0.0, 0.08, 0.32, 0.8])
+def test_a_response_time_is_learnt_by_a_scalar_kalman_filter(response: float) -> None:
+    # given 0.1 +- 0.2 s, headings good to just under 2 deg, and 50 deg/s: 8 deg in 4 ticks, 16 deg in 8
+    late = round(response / TICK)
+    before, trial = (turning(50, response, late + ticks) for ticks in (7, 8))
+    assert before.model["learnt_response"] == 0.1
+    # then it is timed at 16 deg, half a tick early, to sqrt(6) / 4 of the 4 ticks from 8 deg to there
+    noise = 6 / 16 * (4 * TICK) ** 2
+    gain = 0.2**2 / (0.2**2 + noise)
+    assert trial.model["learnt_response"] == pytest.approx(
+        0.1 + gain * (response - 0.5 * TICK - 0.1), abs=1e-6
+    )
+    assert trial.model["response_variance"] == pytest.approx((1 - gain) * 0.2**2)
+    # and once a turn
+    later = turning(50, response, late + 9)
+    assert later.model["response_variance"] == trial.model["response_variance"]
+    assert later.model["settling"] == 1 + math.floor(later.model["learnt_response"] / TICK + 0.1)
+
+
+def test_a_turn_to_the_wrong_side_is_timed_too_and_one_that_is_not_obeyed_is_not() -> None:
+    wrong, deaf = turning(-50, 0.32, 16), turning(0, 0.32, 60)
+    assert wrong.model["learnt_response"] == turning(50, 0.32, 16).model["learnt_response"]
+    assert (deaf.model["learnt_response"], deaf.model["response_variance"]) == (0.1, 0.2**2)
+
+
+def test_the_next_turn_is_timed_anew_and_a_new_trial_begins_with_what_is_known_of_all_animals() -> None:
+    trial = turning(50, 0.32, 100)
+    once = trial.model["response_variance"]
+    assert trial.mode == Mode.FORWARD
+    trial.tick(20, h=0, speed=5)
+    trial.tick(h=90, speed=0)
+    trial.until(Command.RIGHT)
+    assert trial.model["response_variance"] == once
+    turn_on(trial, 50, 0.32, 20)
+    # then errors that are independent have a variance as one of two measurements
+    noise = 6 / 16 * (4 * TICK) ** 2
+    assert trial.model["response_variance"] == pytest.approx(1 / (1 / 0.2**2 + 2 / noise))
+    trial.tick(start=0)
+    trial.tick(60)
+    trial.tick(start=1)
+    assert (trial.model["learnt_response"], trial.model["response_variance"]) == (0.1, 0.2**2)
+
+
+def test_a_turn_whose_response_is_learnt_ends_as_much_earlier_as_the_animal_will_turn_on() -> None:
+    # given nothing but 0.3 +- 5 s, an animal that takes 0.4 s, and a turn of 60 deg/s
+    trial = turning(60, 0.4, 60, response_time=0.3, response_sd=5.0)
+    assert trial.model["learnt_response"] == pytest.approx(0.4, abs=TICK)
+    # then FORWARD is told where about 5 deg will be left
+    told = next(k for k, c in enumerate(trial.commands) if c == Command.FORWARD and k > 10)
+    asked = next(k for k, c in enumerate(trial.commands) if c == Command.RIGHT)
+    h = 90 - 60 * (TICK * (told - asked) - 0.4)
+    assert h - 60 * 0.4 == pytest.approx(5, abs=60 * TICK)
+
+
 @pytest.mark.parametrize(("speed", "way"), [(5, 5.0), (3, 1.8), (-5, 5.0)])
 def test_stop_is_told_a_braking_way_before_the_waypoint(speed: float, way: float) -> None:
     # given 2.5 m/s2, so v^2 / 5 m
@@ -219,9 +302,10 @@ def test_an_animal_that_looks_away_within_the_capture_radius_has_come_to_its_way
     assert trial.mode == Mode.STOP_AT_WAYPOINT
 
 
-def test_off_by_default_nothing_is_learnt_noted_or_led() -> None:
+def test_off_by_default_nothing_is_learnt_or_led() -> None:
     trial = stopped(80)
     trial.tick(h=3)
     trial.tick(50, h=0, speed=5)
-    states = ("learnt_drift", "learnt_drift_sd", "settling", "noted_heading", "offset", "lead", "early")
-    assert [trial.model[name] for name in states] == [0, 0, -1, 0, 0, 0, 0]
+    learnt = ("learnt_drift", "drift_variance", "learnt_response", "response_variance")
+    states = (*learnt, "settling", "offset", "lead", "early")
+    assert [trial.model[name] for name in states] == [0] * len(states)

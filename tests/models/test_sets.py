@@ -53,11 +53,13 @@ def test_a_component_has_the_sets_that_state_something_of_it() -> None:
     assert sets_of("command_module") == {}
 
 
-def test_a_controller_that_aims_off_knows_the_drift_of_table_5_1() -> None:
+def test_a_controller_that_aims_off_knows_the_drift_of_table_5_1_and_hardly_any_response_time() -> None:
     dog = {variable.name: variable.start[0] for variable in Canine.group("parameter")}
     drift, deviation = dog["drift"], dog["drift_deviation"]
     assert LEADERS["aim_off"]["controller"] == {"drift": drift, "drift_sd": deviation}
     assert LEADERS["aim_off_mean"]["controller"] == {"drift": drift}
+    response = {"response_time": 0.1, "response_sd": 0.2}
+    assert LEADERS["aim_off_lead"]["controller"] == LEADERS["aim_off"]["controller"] | response
 
 
 @pytest.mark.parametrize(

@@ -9,17 +9,20 @@
 #include <math.h>
 
 /* The call of cmec_aim gives any distance and deviation within the ranges that prove_aim (prove_cmec.c) shows, that
- * of cmec_cross any answer, those of what aims off any drift, offset, lead and braking point. The pasted name tells the call, whose argument is `m`, from the definition, whose
- * argument is `cmec *m`. */
+ * of cmec_cross any answer, those of what aims off any drift, response time, offset, lead and braking point. The
+ * pasted name tells the call, whose argument is `m`, from the definition, whose argument is `cmec *m`. */
 #define cmec_aim(argument) AIM_OF_##argument)
 #define AIM_OF_cmec shipped_aim(cmec
 #define AIM_OF_m any_aim(m
 #define cmec_cross(argument) CROSS_OF_##argument)
 #define CROSS_OF_cmec shipped_cross(cmec
 #define CROSS_OF_m any_cross(m
-#define cmec_learn(argument) LEARN_OF_##argument)
-#define LEARN_OF_cmec shipped_learn(cmec
-#define LEARN_OF_m any_allowance(m
+#define cmec_learn_drift(argument) DRIFT_OF_##argument)
+#define DRIFT_OF_cmec shipped_learn_drift(cmec
+#define DRIFT_OF_m any_allowance(m
+#define cmec_learn_response(argument) RESPONSE_OF_##argument)
+#define RESPONSE_OF_cmec shipped_learn_response(cmec
+#define RESPONSE_OF_m any_allowance(m
 #define cmec_aim_off(argument) OFFSET_OF_##argument)
 #define OFFSET_OF_cmec shipped_aim_off(cmec
 #define OFFSET_OF_m any_allowance(m
@@ -36,7 +39,8 @@ static void any_cross(cmec *m);
 #include "cmec.c"
 #undef cmec_aim
 #undef cmec_cross
-#undef cmec_learn
+#undef cmec_learn_drift
+#undef cmec_learn_response
 #undef cmec_aim_off
 #undef cmec_lead_turn
 #undef cmec_brake
@@ -64,7 +68,13 @@ static void any_aim(cmec *m)
 static void any_allowance(cmec *m)
 {
     m->state.learnt_drift = nondet_float();
-    m->state.learnt_drift_sd = nondet_float();
+    m->state.drift_variance = nondet_float();
+    m->state.learnt_response = nondet_float();
+    m->state.response_variance = nondet_float();
+    m->state.settling = short_in(0, 300);
+    m->state.noted_heading = nondet_float();
+    m->state.noted_tick = short_in(0, 30000);
+    m->state.timed = nondet_bool();
     m->state.ran = short_in(0, 30000);
     m->state.offset = nondet_float();
     m->state.lead = nondet_float();
@@ -212,7 +222,9 @@ static cmec any_controller(bool guarded)
     m.par.guarded = guarded;
     m.par.drift = float_in(-1.0F, 1.0F);
     m.par.drift_sd = float_in(0.0F, 1.0F);
+    m.par.drift_persistence = float_in(0.0F, 1.0F);
     m.par.response_time = float_in(0.0F, 10.0F);
+    m.par.response_sd = float_in(0.0F, 10.0F);
     m.par.braking = float_in(0.0F, 1.0e3F);
     m.mission.waypoint_count = int_in(1, 16);
     m.mission.home_north = float_in(-1.0e5F, 1.0e5F);
@@ -237,6 +249,7 @@ static cmec any_controller(bool guarded)
     m.state.surveyed = nondet_bool();
     m.state.recalling = nondet_bool();
     m.state.early = nondet_bool();
+    m.state.timed = nondet_bool();
     m.in.valid = nondet_bool();
     m.in.start = nondet_bool();
     m.in.link_ok = nondet_bool();

@@ -79,9 +79,12 @@ static cmec any_cmec(void)
     m.par.turn_timeout = float_in(0.0F, 1.0e3F);
     m.par.max_turns = short_in(0, 1000);
     m.state.early = nondet_bool();
+    m.state.timed = nondet_bool();
     m.state.ran = short_in(0, 30000);
-    m.state.settling = short_in(-1, 300);
+    m.state.settling = short_in(0, 300);
+    m.state.noted_tick = short_in(0, 30000);
     m.par.response_time = float_in(0.0F, 10.0F);
+    m.par.response_sd = float_in(0.0F, 10.0F);
     __CPROVER_assume(on_a_leg(&m) ? (m.state.reached < m.state.count) : (m.state.reached <= m.state.count));
     return m;
 }

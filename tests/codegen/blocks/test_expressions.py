@@ -307,6 +307,37 @@ def test_loops_are_not_joined_if_one_reads_what_the_other_stores() -> None:
     )
 
 
+class Fruit(enum.IntEnum):
+    """What it bears."""
+
+    NOTHING = 0
+    APPLES = 1
+    PEARS = 2
+    PLUMS = 3
+    QUINCES = 4
+
+
+class Orchard(Block):
+    """Counts by named values."""
+
+    fruit = Input(Fruit, "what is picked", start=0)
+    trees = State(Integer, "of each kind", size=4)
+    odd = State(Integer, "in another order", size=4)
+
+    def pick(m) -> None:
+        m.trees = ca.vertcat(*(m.trees[f - 1] + (m.fruit == f) for f in list(Fruit)[1:]))
+
+    def shuffle(m) -> None:
+        m.odd = ca.vertcat(*(m.odd[i] + (m.fruit == f) for i, f in enumerate((1, 3, 2, 4))))
+
+
+def test_named_values_that_count_on_with_the_elements_are_counted_in_a_loop() -> None:
+    text = generate(Orchard)["orchard.c"]
+    assert "m->state.trees[i] = m->state.trees[i] + (int32_t)(m->in.fruit == (i + 1));" in text
+    # and others are not
+    assert "m->state.odd[1] = m->state.odd[1] + (int32_t)(m->in.fruit == ORCHARD_FRUIT_PLUMS);" in text
+
+
 def test_an_element_is_chosen_by_a_checked_index() -> None:
     assert body("choose") == (
         "m->state.chosen = "

@@ -158,7 +158,9 @@ TRIALS: dict[str, tuple[System, dict[str, dict[str, float]]]] = {
     "aiming-off": (
         trial_simulator(),
         {
-            "controller": LEFT | {"drift": 0.05, "drift_sd": 0.03, "response_time": 0.2, "braking": 2.7},
+            "controller": LEFT
+            | {"drift": 0.05, "drift_sd": 0.03, "drift_persistence": 0.8, "braking": 2.7}
+            | {"response_time": 0.1, "response_sd": 0.2},
             "plant": {"seed": 6, "response_delay": 0.2, "drift_redrawn": 1},
         },
     ),

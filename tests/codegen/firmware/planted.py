@@ -23,10 +23,7 @@ class Fault:
 
 
 # a turn to the left ends early, since the animal will turn on
-CARRIED = (
-    "(t0 <= 0.0f) && (t2 < m->par.moving_deviation)) {\n            m->state.issue_north = m->in.north;\n"
-    "            m->state.issue_east = m->in.east;\n            m->state.now = CMEC_MODE_"
-)
+CARRIED = "(t0 <= 0.0f) && (t2 < m->par.moving_deviation)) {\n            m->state.now = CMEC_MODE_"
 
 
 class FaultError(CanineError):

@@ -43,7 +43,9 @@ def test_a_literal_behind_a_read_is_stale_unless_it_is_loaded_anew(then: str, st
     assert stale_literals(READ + then + "\n") == stale
 
 
-@pytest.mark.parametrize(("other", "stale"), [("place.c", False), ("5", True), ("-1", True)])
+@pytest.mark.parametrize(
+    ("other", "stale"), [("place.c", False), ("(i + 1)", False), ("5", True), ("-1", True)]
+)
 def test_a_comparison_of_variables_takes_what_was_read(other: str, stale: bool) -> None:
     line = f"stale.c:9: t3 = place.x != {other};"
     text = READ.replace("stale.c:9: place.b = 0;", line).replace(
