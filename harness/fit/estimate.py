@@ -33,6 +33,7 @@ from harness.fit.tracks import (
 )
 from harness.log.channel import Array
 from harness.log.log import Log, LogError, read_log
+from harness.trial.parameters import MISSION
 from models.commands import Status
 from models.errors import CanineError, UsageError
 from models.kit.units import DEG
@@ -265,11 +266,16 @@ def read_track(log: Log, source: MotionSource) -> Track:
         {
             name.removeprefix("plant."): value
             for name, value in log.metadata.get("parameters", {}).items()
-            if name.startswith("plant.") and name.removeprefix("plant.") not in OF_A_TRIAL
+            if name.startswith("plant.") and not _is_of_a_trial(name.removeprefix("plant."))
         },
         bool("controller.status" in log and log["controller.status"][-1] == Status.SUCCESS), way_home,
         log.path,
     )  # fmt: skip
+
+
+def _is_of_a_trial(name: str) -> bool:
+    """Is a plant's parameter not the animal's, but of its mission or of where it runs?"""
+    return name in OF_A_TRIAL or name.startswith(MISSION)
 
 
 def find_logs(paths: Sequence[Path]) -> list[Path]:

@@ -6,7 +6,7 @@
 | `/map/gps` | foxglove.LocationFix | the sensors' `gps_fix gps_north gps_east`, as they arrived | every fix |
 | `/map/estimate` | foxglove.LocationFix | the estimator's `north east` | at 5 Hz |
 | `/3d/frames` | foxglove.FrameTransforms | `map` (axes east, north, up) to `dog`, `estimate` | at 5 Hz |
-| `/3d/scene` | foxglove.SceneUpdate | waypoints, capture circles, the fence, an arrow for each frame | once |
+| `/3d/scene` | foxglove.SceneUpdate | waypoints, fence, streets, poles, an arrow for each frame | once |
 | `/log/events` | foxglove.Log | commands, waypoints reached, anomalies, outcome | as they happen |
 
 A topic is there only if the signals that it is made from are. Times are trial time.
@@ -23,6 +23,7 @@ import numpy as np
 import numpy.typing as npt
 from foxglove_schemas_protobuf.ArrowPrimitive_pb2 import ArrowPrimitive
 from foxglove_schemas_protobuf.Color_pb2 import Color
+from foxglove_schemas_protobuf.CylinderPrimitive_pb2 import CylinderPrimitive
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
@@ -34,6 +35,7 @@ from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
 from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.TextPrimitive_pb2 import TextPrimitive
+from foxglove_schemas_protobuf.TriangleListPrimitive_pb2 import TriangleListPrimitive
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.timestamp_pb2 import Timestamp
 from mcap.well_known import MessageEncoding, SchemaEncoding
@@ -43,15 +45,19 @@ from harness.log.channel import SECOND, Array
 from harness.log.container import Container
 from harness.log.events import OUTPUTS, in_words
 from harness.log.geodesy import TangentPlane
+from harness.log.ground import Ground
 from harness.log.route import Route
 from models.commands import Status
 
 PERIOD = SECOND // 5  # ns: a dog moves two metres in it at most
 CIRCLE_POINTS = 48
+POLE = Vector3(x=0.2, y=0.2, z=1.5)  # m
+BELOW = -0.05  # m: streets lie under what is drawn on the ground
 
 GREEN, ORANGE = Color(r=0.0, g=0.62, b=0.45, a=1.0), Color(r=0.90, g=0.62, b=0.0, a=1.0)
 MAGENTA, YELLOW = Color(r=0.80, g=0.20, b=0.60, a=1.0), Color(r=0.94, g=0.78, b=0.10, a=1.0)
 RED = Color(r=0.80, g=0.15, b=0.10, a=1.0)
+GREY, BROWN = Color(r=0.60, g=0.64, b=0.68, a=1.0), Color(r=0.48, g=0.29, b=0.0, a=1.0)
 
 Times = npt.NDArray[np.int64]
 Ticks = npt.NDArray[np.intp]  # (n,) rows of a batch
@@ -180,7 +186,8 @@ class Views:
     """The topics above, for what a log's components provide.
 
     `signals` are the names of each component's signals in the order of its rows, `origin` the latitude and
-    longitude of north = east = 0 in degrees, `route` the waypoints, `receiver` whose GPS fixes there are.
+    longitude of north = east = 0 in degrees, `route` the waypoints, `receiver` whose GPS fixes there are,
+    `ground` the streets and poles of a simulated dog.
     """
 
     def __init__(
@@ -189,7 +196,9 @@ class Views:
         signals: Mapping[str, Sequence[str]],
         origin: tuple[float, float],
         route: Route | None,
+        *,
         receiver: str = "sensors",
+        ground: Ground | None = None,
     ) -> None:
         plane = TangentPlane(*map(math.radians, origin))
         columns = {role: {name: i for i, name in enumerate(names)} for role, names in signals.items()}
@@ -209,8 +218,9 @@ class Views:
         if frames:
             self.regular.append(_Frames(_topic(container, "/3d/frames", FrameTransforms), frames))
         self.scene = _topic(container, "/3d/scene", SceneUpdate) if frames or route else None
-        self._scene, self._arrows = self.scene, [_arrow(frame) for frame in frames]
-        self.drawing = _drawing(self._arrows, route)
+        self._scene = self.scene
+        self._lasting = [_arrow(frame) for frame in frames] + (_entities(ground) if ground else [])
+        self.drawing = _drawing(self._lasting, route)
 
         self.gps: _Fixes | None = None
         if position := find(receiver, "gps_north", "gps_east"):
@@ -232,7 +242,7 @@ class Views:
             if isinstance(view, _Fixes):
                 view.plane = plane
         self.scene = self._scene
-        self.drawing = _drawing(self._arrows, route)
+        self.drawing = _drawing(self._lasting, route)
 
     def encode(self, times: Times, values: Mapping[str, Array]) -> list[Message]:
         """What is due in a batch of ticks.
@@ -281,11 +291,43 @@ def _arrow(frame: str) -> SceneEntity:
     return SceneEntity(id=frame, frame_id=frame, frame_locked=True, arrows=[arrow])
 
 
-def _drawing(arrows: list[SceneEntity], route: Route | None) -> bytes:
-    """The scene: an arrow for each frame, waypoints, fence."""
-    entities = arrows + (_circles(route) + _fence(route) if route else [])
+def _drawing(lasting: list[SceneEntity], route: Route | None) -> bytes:
+    """The scene: what stays whatever the mission is, waypoints, fence."""
+    entities = lasting + (_circles(route) + _fence(route) if route else [])
     data: bytes = SceneUpdate(entities=entities).SerializeToString()
     return data
+
+
+def _entities(ground: Ground) -> list[SceneEntity]:
+    """The world of a simulated dog, which nothing on board knows: streets as flat pieces, and poles."""
+    streets = [
+        SceneEntity(id=f"street {i} of the simulated dog", frame_id="map", triangles=[_piece(outline)])
+        for i, outline in enumerate(ground.outlines(), start=1)
+    ]
+    poles = [
+        SceneEntity(
+            id=f"pole {i} of the simulated dog",
+            frame_id="map",
+            cylinders=[
+                CylinderPrimitive(
+                    pose=_pose(north, east, POLE.z / 2), size=POLE, bottom_scale=1, top_scale=1, color=BROWN
+                )
+            ],
+        )
+        for i, (north, east) in enumerate(ground.poles, start=1)
+    ]
+    return streets + poles
+
+
+def _piece(outline: Sequence[tuple[float, float]]) -> TriangleListPrimitive:
+    """What a convex outline encloses, as a fan of triangles."""
+    corners = range(1, len(outline) - 1)
+    return TriangleListPrimitive(
+        pose=_pose(0, 0, BELOW),
+        points=[Point3(x=east, y=north) for north, east in outline],
+        color=GREY,
+        indices=[corner for i in corners for corner in (0, i + 1, i)],  # counterclockwise from above
+    )
 
 
 def _circles(route: Route) -> list[SceneEntity]:
@@ -322,5 +364,5 @@ def _fence(route: Route) -> list[SceneEntity]:
     return [SceneEntity(id="fence", frame_id="map", lines=[line])]
 
 
-def _pose(north: float, east: float) -> Pose:
-    return Pose(position=Vector3(x=east, y=north), orientation=Quaternion(w=1.0))
+def _pose(north: float, east: float, up: float = 0.0) -> Pose:
+    return Pose(position=Vector3(x=east, y=north, z=up), orientation=Quaternion(w=1.0))

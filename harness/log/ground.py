@@ -27,7 +27,10 @@ class Ground:
         """From a log's `parameters` record; None without streets and poles."""
 
         def value(name: str) -> float:
-            return float(parameters[f"plant.{name}"])
+            number = float(parameters[f"plant.{name}"])
+            if not math.isfinite(number):
+                raise ValueError
+            return number
 
         try:
             ground = cls(

@@ -20,6 +20,7 @@ from harness.interrupts import held_interrupts
 from harness.log.arrived import receiver
 from harness.log.channel import SECOND, Array, Channel
 from harness.log.container import Container, Times
+from harness.log.ground import Ground
 from harness.log.log import (
     CHECK_RECORD,
     END_RECORD,
@@ -48,6 +49,7 @@ class LogWriter:
         origin: latitude and longitude of north = east = 0, in degrees.
         metadata: records by name (`scenario`, `parameters`, `roles`, `versions`): text to text. The waypoints
             that are drawn come from `parameters`: `controller.waypoint_north[1]` and so on, in SI units.
+            So do streets and poles: `plant.street_north[1]`.
         attachments: files by name, the .ssp.
         viewers: who are sent what is written, too.
 
@@ -101,8 +103,9 @@ class LogWriter:
         self._channels = [self._add(channel) for channel in channels]
         self._rows = Rows(channels)
         signals = {channel.component: channel.names for channel in channels}
-        route, gps = Route.of(metadata.get("parameters", {})), receiver(channels, metadata)
-        self._views = Views(self._container, signals, origin, route, gps)
+        parameters, gps = metadata.get("parameters", {}), receiver(channels, metadata)
+        route, ground = Route.of(parameters), Ground.of(parameters)
+        self._views = Views(self._container, signals, origin, route, receiver=gps, ground=ground)
         self._file.flush()
 
     def _add(self, channel: Channel) -> int:

@@ -12,16 +12,18 @@ from typing import Any
 
 from codegen.firmware.bundle import settable
 from codegen.firmware.key import Key
+from harness.log.ground import Ground
 from harness.log.live import Viewers
 from harness.log.log import FILE, LogError, read_log
 from harness.station.formats.scenario import of_scenario
 from harness.station.ports import Port, PortError, open_port
 from harness.station.session import About, Session
+from harness.station.shown import world_of
 from harness.station.sink import Sink
 from harness.trial.firmware import firmware_values, interfaces_on_board, navigation_of
 from harness.trial.missions import start_of_last
 from harness.trial.page import write_page
-from harness.trial.plan import Interface, interfaces_of_system, plan, values_of
+from harness.trial.plan import Interface, ground_values, interfaces_of_system, plan, values_of
 from harness.trial.scenario import Scenario, load
 from harness.trial.summary import summarize, write_summary
 from harness.trial.trial import PAGE, SUMMARY, alone_in
@@ -144,13 +146,24 @@ def _about(request: Request, scenario: Scenario | None) -> About:
     """What is known of the vest."""
     if scenario is None:
         return About(request.port, vest_parameters(Scenario(request.port, reading=ON_BOARD)))
-    return About(f"simulation of {scenario.name}", vest_parameters(scenario), of_scenario(scenario))
+    ground = Ground.of(_animals_world(scenario))
+    return About(
+        f"simulation of {scenario.name}",
+        vest_parameters(scenario),
+        of_scenario(scenario),
+        world_of(ground, scenario.origin),
+    )
+
+
+def _animals_world(scenario: Scenario) -> dict[str, str]:
+    """The streets and poles as a log's parameters state them: the vest has no such parameters."""
+    return {f"plant.{name}": repr(float(value)) for name, value in ground_values(scenario).items()}
 
 
 def vest_parameters(scenario: Scenario) -> dict[str, str]:
     """The parameters of a vest with the firmware of a scenario, `component.name` to its value (SI)."""
     name = "full_ahrs" if scenario.system == "full_ahrs" else "full"
-    system = find_system(name, scenario.estimator)
+    system = find_system(name, scenario.estimator, scenario.plant)
     navigation = navigation_of(system)
     written = replace(scenario, system=name, waypoints=(), fence=(), sets=(), faults=())
     values = plan(written, interfaces_of_system(system) | interfaces_on_board()).values
@@ -162,10 +175,11 @@ def vest_parameters(scenario: Scenario) -> dict[str, str]:
 
 
 def _metadata(about: About, scenario: Scenario | None) -> dict[str, dict[str, str]]:
-    named = {"name": "station", "seed": ""}
+    named, parameters = {"name": "station", "seed": ""}, dict(about.parameters)
     if scenario:
         named = {"name": scenario.name, "seed": str(scenario.seed), "toml": scenario.text()}
-    return {"scenario": named, "parameters": dict(about.parameters), "run": {"station": about.source}}
+        parameters |= _animals_world(scenario)
+    return {"scenario": named, "parameters": parameters, "run": {"station": about.source}}
 
 
 def report(folder: Path) -> Mapping[str, Any] | None:

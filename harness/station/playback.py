@@ -22,7 +22,7 @@ from harness.station.events import Event, Level
 from harness.station.history import History
 from harness.station.readings import telemetry_of
 from harness.station.recorded import read_recorded
-from harness.station.shown import TRACK, News, Refresh, add_to, finite, told, welcome
+from harness.station.shown import TRACK, News, Refresh, add_to, finite, told, welcome, world_of
 from models.modes import ENDED
 
 SPEEDS = 0.1, 100.0
@@ -96,6 +96,7 @@ class Playback:
             replay={"from": self._begin, "until": self._end},
             source=f"replay of {self._log.path.name}",
             scenario=None,
+            world=world_of(self._log.ground, self._log.origin),
         )
 
     def leave(self, operator: int) -> None:

@@ -24,7 +24,7 @@ from harness.station.draft import Draft, as_json
 from harness.station.events import Event, Level
 from harness.station.history import History
 from harness.station.ports import Port, PortError
-from harness.station.shown import EVENTS, SHOW_S, TRACK, News, Refresh, add_to, told, welcome
+from harness.station.shown import EVENTS, SHOW_S, TRACK, News, Refresh, World, add_to, told, welcome
 from harness.station.sink import JUMP_S, Sink
 from models.commands import Command
 from models.errors import UsageError, printable
@@ -49,11 +49,13 @@ class About:
         source: where its bytes come from, in words.
         parameters: `component.name` to its value (SI), as text.
         mission: the scenario's own, of a simulated vest.
+        world: streets and poles of a simulated animal, in deg; they are not on board. None without any.
     """
 
     source: str
     parameters: Mapping[str, str]
     mission: Draft = field(default_factory=Draft)
+    world: World | None = None
 
 
 class Session:
@@ -115,6 +117,7 @@ class Session:
             replay=None,
             source=self.about.source,
             scenario=as_json(self.about.mission) if self.about.mission.home else None,
+            world=self.about.world,
         )
 
     def leave(self, operator: int) -> None:

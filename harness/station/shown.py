@@ -13,6 +13,8 @@ from typing import Any, Protocol
 import orjson
 
 from codegen.firmware.telemetry import Telemetry
+from harness.log.geodesy import TangentPlane
+from harness.log.ground import Ground
 from harness.onboard.tones import commands
 from harness.station.conduct import HOLD_S, NOTE_CHARS
 from harness.station.desk import ALIVE_S
@@ -57,6 +59,7 @@ TRACK = (
     "time", "latitude", "longitude", "speed", "heading", "position_sd", "deviation", "distance", "command",
     "mode", "waypoint",
 )  # fmt: skip
+World = dict[str, list[Any]]
 
 
 @dataclass(frozen=True)
@@ -161,6 +164,19 @@ def _cues(parameters: Mapping[str, str]) -> dict[str, dict[str, float | bool]]:
         command.name: {"tone_hz": tone, "vibrate_left": left, "vibrate_right": right}
         for (tone, left, right), command in commands(stated).items()
     }
+
+
+def world_of(ground: Ground | None, origin: tuple[float, float]) -> World | None:
+    """The world of a simulated animal as a browser draws it: `streets`, their outlines, and `poles`, in deg.
+
+    Args:
+        origin: latitude and longitude of north = east = 0, deg.
+    """
+    if ground is None:
+        return None
+    plane = TangentPlane(*map(math.radians, origin))
+    streets = [[plane.place(*corner) for corner in outline] for outline in ground.outlines()]
+    return {"streets": streets, "poles": [plane.place(*pole) for pole in ground.poles]}
 
 
 def add_to(track: History, time: float, telemetry: Telemetry) -> None:

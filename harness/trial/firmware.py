@@ -51,7 +51,7 @@ def firmware_of(
         estimator: its name; None for the scenario's.
         ahrs: with the AHRS before it, even if the scenario has none.
         note: is told what of the scenario is not built in: the mission and orders, which the operator sends
-            by radio, and faults.
+            by radio, faults, and the streets and poles of the simulated dog.
 
     Raises:
         ScenarioError: it cannot be read, or a parameter does not exist or is out of its range.
@@ -65,9 +65,14 @@ def firmware_of(
         note(f"{scenario}: its [[set]] are not built in; the operator orders by radio")
     if written.faults:
         note(f"{scenario}: its [[fault]] are not built in; a trial has them, `canine run --onboard`")
+    if ground := [f"[[{name}]]" for name in ("street", "pole") if getattr(written, f"{name}s")]:
+        note(
+            f"{scenario}: its {' and '.join(ground)} are not built in: they are the simulated dog's world, "
+            "of which the vest knows nothing; a trial has them, `canine run --onboard`"
+        )
     written = replace(written, reading=written.reading or ON_BOARD)
     name = "full_ahrs" if ahrs or written.system == "full_ahrs" else "full"
-    system = find_system(name, estimator or written.estimator)
+    system = find_system(name, estimator or written.estimator, written.plant)
     written = replace(written, system=name, estimator=estimator or written.estimator).override(settings)
     navigation = navigation_of(system)
     values = plan(written, interfaces_of_system(system) | interfaces_on_board()).values

@@ -289,7 +289,7 @@ class _Planner:
                 "start_east": east,
                 "start_heading": math.radians(heading),
                 "start_heading_deviation": spread,
-                **_ground(scenario),
+                **ground_values(scenario),
             },
             "sensors": {"seed": scenario.seed},
             "controller": controller,
@@ -401,8 +401,8 @@ class _Planner:
                 yield Event(time, component, own, spans[max(active)[1]][2] if active else unset)
 
 
-def _ground(scenario: Scenario) -> dict[str, float]:
-    """The parameters that a scenario's streets and poles state, none without them."""
+def ground_values(scenario: Scenario) -> dict[str, float]:
+    """The parameters of the plant (SI) that a scenario's streets and poles state, none without them."""
     values: dict[str, float] = {}
     if scenario.streets:
         values["street_count"] = len(scenario.streets)

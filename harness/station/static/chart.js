@@ -134,6 +134,11 @@
         onBoard = mission;
         draw();
       },
+      // Streets and poles of a simulated animal, which are not on board: under all else.
+      set world({ streets, poles }) {
+        streets.forEach((outline) => L.polygon(outline, { className: "street", pane: "trails", interactive: false, color: null, fillColor: null }).addTo(content));
+        poles.forEach((place) => map.mark(place, "\u25b2", "pole of the simulated dog"));
+      },
       setTrack(points, commands) {
         track.set(points, commands);
         open = last = null;

@@ -73,6 +73,8 @@
     chart.limits = limits;
     link.patience = limits.silent_s;
     if (first && isReplay()) buildPlayback();
+    if (first && hello.world) chart.world = hello.world;
+    id("world").hidden = !hello.world;
     id("playback").hidden = !isReplay();
     id("scenario").hidden = !hello.scenario;
   }

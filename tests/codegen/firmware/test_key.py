@@ -205,13 +205,19 @@ def test_a_bundle_of_a_reading_without_limits_says_so(
             '[[fault]]\nsignal = "radio"\nkind = "lost"\nat = 1',
             "its [[fault]] are not built in; a trial has them, `canine run --onboard`",
         ),
+        (
+            '[parameters]\n"canine_in_streets.drift" = 2\n[[pole]]\nat = [9, 9]\n'
+            "[[street]]\nfrom = [0, 0]\nto = [9, 0]\nhalf_width = 1",
+            "its [[street]] and [[pole]] are not built in: they are the simulated dog's world, of which the "
+            "vest knows nothing; a trial has them, `canine run --onboard`",
+        ),
         ("", None),
     ],
 )
 def test_what_of_a_scenario_is_not_built_in_is_noted(
     mission: str, what: str | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    # given a scenario with a mission, with a fault, or with neither
+    # given a scenario with a mission, with a fault, with a street, or with none of them
     scenario = tmp_path / "park.toml"
     scenario.write_text(f"{mission}\n")
     # when its parameters are built in

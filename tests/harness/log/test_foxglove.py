@@ -7,11 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from harness.log.container import Container
 from harness.log.foxglove import Views
+from harness.log.ground import Ground
 from harness.log.route import Route
 
 PLANT = ("command", "north", "east", "heading")
@@ -45,11 +47,12 @@ def shown(
     batch: int = 25,
     step: int = TICK,
     receiver: str = "sensors",
+    ground: Ground | None = None,
 ) -> Shown:
     """What a viewer gets of ticks from t = 0: by topic the time in ns and the message."""
     file = io.BytesIO()
     container = Container(file, "test")
-    views = Views(container, signals, origin, route, receiver)
+    views = Views(container, signals, origin, route, receiver=receiver, ground=ground)
     values = {name: np.array(ticks, dtype=float) for name, ticks in rows.items()}
     times = np.arange(len(next(iter(values.values()))), dtype=np.int64) * step
     for start in range(0, len(times), batch):
@@ -248,6 +251,56 @@ def test_rule_7_the_scene_has_the_fence_that_held() -> None:
 def test_a_route_whose_fence_does_not_act_has_none(lacking: dict[str, str]) -> None:
     route = Route.of(FENCED | {f"controller.{name}": value for name, value in lacking.items()})
     assert route == Route.of(MISSION)
+
+
+CROSSING = {
+    "plant.street_count": "2",
+    "plant.street_north[1]": "0.0", "plant.street_east[1]": "0.0",
+    "plant.street_end_north[1]": "30.0", "plant.street_end_east[1]": "0.0",
+    "plant.street_half_width[1]": "2.0",
+    "plant.street_north[2]": "20.0", "plant.street_east[2]": "-10.0",
+    "plant.street_end_north[2]": "20.0", "plant.street_end_east[2]": "15.0",
+    "plant.street_half_width[2]": "1.0",
+    "plant.pole_count": "1", "plant.pole_north[1]": "25.0", "plant.pole_east[1]": "-3.0",
+}  # fmt: skip
+
+
+def test_the_scene_has_the_streets_and_poles_of_the_simulated_dog() -> None:
+    # given two streets of 30 and 25 m with round ends, 2 and 1 m from their middles to the walls, and a pole
+    ground = Ground.of(CROSSING)
+    rows = [[0.0, 0.0, 0.0, 0.0]] * 30
+    [(_, scene)] = shown({"plant": PLANT}, {"plant": rows}, ground=ground)["/3d/scene"]
+    entities = {entity.id: entity for entity in scene.entities}
+    things = [f"{thing} of the simulated dog" for thing in ("street 1", "street 2", "pole 1")]
+    assert list(entities) == ["dog", *things]
+    # then each is drawn whole: its triangles, seen from above, have its area
+    for number, length, half_width in ((1, 30, 2), (2, 25, 1)):
+        [piece] = entities[f"street {number} of the simulated dog"].triangles
+        corners = np.array([(p.x, p.y) for p in piece.points])[list(piece.indices)].reshape(-1, 3, 2)
+        one, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        areas = 0.5 * (one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])
+        assert (areas > 0).all()
+        assert areas.sum() == pytest.approx(2 * length * half_width + math.pi * half_width**2, rel=0.01)
+        assert piece.pose.position.z < 0, "under what is drawn on the ground"
+    [second] = entities["street 2 of the simulated dog"].triangles
+    east, north = zip(*((p.x, p.y) for p in second.points), strict=True)
+    assert (min(east), max(east), min(north), max(north)) == pytest.approx((-11, 16, 19, 21))
+    [pole] = entities["pole 1 of the simulated dog"].cylinders
+    assert (pole.pose.position.x, pole.pose.position.y) == (-3.0, 25.0)
+    assert pole.pose.position.z == pole.size.z / 2, "it stands on the ground"
+
+
+def test_a_mission_that_becomes_known_leaves_the_streets_in_the_scene() -> None:
+    container = Container(io.BytesIO(), "test")
+    views = Views(container, {"plant": PLANT}, (0.0, 0.0), None, ground=Ground.of(CROSSING))
+    views.settle((0.0, 0.0), Route.of(MISSION))
+    scene = SceneUpdate.FromString(views.drawing)
+    assert {"waypoint 1", "street 2 of the simulated dog"} <= {entity.id for entity in scene.entities}
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-1", "1e9", "?"])
+def test_a_log_that_tells_no_number_of_streets_has_none(value: str) -> None:
+    assert Ground.of(CROSSING | {"plant.street_count": value, "plant.pole_count": "0"}) is None
 
 
 # events

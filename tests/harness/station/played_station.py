@@ -50,6 +50,7 @@ GREETING, HISTORY = (
         replay=None,
         source="a test",
         scenario=MISSION,
+        world=None,
     )
 )
 HELLO: dict[str, Any] = GREETING | {"limits": GREETING["limits"] | {"silent_s": 120}}

@@ -83,6 +83,30 @@ def test_without_start_the_mission_is_on_board_and_waits(
     assert not log["controller.start"].any()
 
 
+def test_streets_and_poles_of_the_simulated_dog_are_shown_and_not_given_to_the_vest(tmp_path: Path) -> None:
+    # given a dog in a street to the east, and a pole 20 m north of the origin, in degrees
+    scenario = tmp_path / "lane.toml"
+    scenario.write_text(
+        "waypoints = [[0, 30]]\norigin = { latitude = 60.0, longitude = 10.0 }\n"
+        "[[street]]\nfrom = [0, 0]\nto = [0, 30]\nhalf_width = 2\n[[pole]]\nat = [20, 0]\n"
+    )
+    # when a station simulates it, and its log is played
+    with opened(Request(simulate=str(scenario), out=tmp_path / "out"), lambda text: None) as session:
+        live = json.loads(session.join(1)[0])
+        assert not any("street" in name for name in session.about.parameters), "the vest has no street"
+    path = tmp_path / "out" / "trial.mcap"
+    played = json.loads(Playback(path).join(1)[0])
+    # then both show the street's outline, to its round ends, and the pole
+    for hello in (live, played):
+        [outline], [pole] = hello["world"]["streets"], hello["world"]["poles"]
+        metres = [((lat - 60) * 111_412, (lon - 10) * 55_800) for lat, lon in [*outline, pole]]
+        north, east = zip(*metres, strict=True)
+        assert (min(north), max(north)) == pytest.approx((-2, 20), abs=0.01)
+        assert (min(east), max(east)) == pytest.approx((-2, 32), abs=0.01)
+    # and so does the page of the log
+    assert read_log(path).ground
+
+
 def test_a_station_that_ends_aborts_what_is_under_way(tmp_path: Path) -> None:
     with opened(Request(simulate="three_waypoint", speed=5.0, out=tmp_path), lambda text: None) as session:
         headless = Headless(session)

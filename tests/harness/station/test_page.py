@@ -595,6 +595,22 @@ def test_an_archive_of_pictures_lies_under_the_map_and_one_of_unknown_tiles_is_r
     assert visit.errors == []
 
 
+def test_streets_and_poles_are_named_as_the_simulated_dogs(open_page: OpenPage) -> None:
+    latitude, longitude = HOME
+    corners = [(-1, -1), (-1, 9), (1, 9), (1, -1)]  # 1e-5 deg
+    street = [[latitude + 1e-5 * north, longitude + 1e-5 * east] for north, east in corners]
+    world = {"streets": [street], "poles": [[latitude + 1e-4, longitude]]}
+    page = opened(PlayedStation(hello=HELLO | {"world": world}), open_page).page
+    assert page.locator("#map path.street").count() == 1
+    assert page.get_by_title("pole of the simulated dog").count() == 1
+    assert page.get_by_text("poles of the simulated dog, not on board").is_visible()
+
+
+def test_a_real_dogs_map_says_nothing_of_streets(page: Page) -> None:
+    assert page.locator("#map path.street").count() == 0
+    assert not page.locator("#world").is_visible()
+
+
 # a lake in the west of the tile, a building and a street in its east
 VECTORS = {
     "earth": [Feature(POLYGON, [(0, 0), (4096, 0), (4096, 4096), (0, 4096)], {"kind": "earth"})],

@@ -122,6 +122,7 @@ def test_parameters_that_are_no_finite_numbers_are_left_out_and_counted(tmp_path
     )
     assert hello["thresholds"] == {"capture_radius": 7.0}
     assert hello["cues"]["STOP"]["tone_hz"] > 0, "what is usual"
+    assert hello["world"] is None
     assert [event["text"] for event in events] == ["2 parameters are no finite numbers, and are left out"]
 
 
