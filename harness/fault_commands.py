@@ -29,7 +29,6 @@ from harness.options import (
     Seed,
     Settings,
 )
-from models.errors import UsageError
 
 
 def try_faults(
@@ -65,8 +64,7 @@ def try_faults(
     faults.json and faults.csv.
     """
     from harness.trial import lone_faults
-    from harness.trial.prepare import prepared
-    from harness.trial.request import Changes, build_missing, requested
+    from harness.trial.request import Changes, requested
 
     swaps = {"plant": plant, "controller": controller}
     limits = Limits(call=call_limit, memory=int(memory_limit * GIB))
@@ -75,18 +73,8 @@ def try_faults(
         limits=limits,
     )  # fmt: skip
     with requested(target, changes) as request:
-        own = lone_faults.own_cases(request.scenario.faults)
-        cases = own or lone_faults.shipped_cases(at, at + lasting)
         with build_status("building the FMUs") as done:
-            every = tuple(fault for case in cases for fault in case.faults)
-            build_missing(lone_faults.with_faults(request, every), done)
-        with prepared(request) as ready:
-            for note in (*request.notes, *ready.notes):
-                print_note(note)
-        if not own:
-            cases = lone_faults.fitting(request, cases)
-        if not cases:
-            raise UsageError(f"faults {target}: no fault of the catalogue fits; state some as [[fault]]")
+            cases = lone_faults.chosen(request, at, at + lasting, built=done, note=print_note)
         place = folder or lone_faults.default_folder(request)
         results = []
         with (

@@ -10,7 +10,7 @@ import typer
 
 from harness.console import json_of, out, print_note, progress_bar, say_where
 from harness.options import Controller, Plant, Settings, listed, number
-from harness.routes import CLEARANCES, LONGEST, SPACINGS, TRIALS, WAYS, Along
+from harness.routes import CLEARANCES, LONGEST, SPACINGS, TRIALS, WAYS, Along, require_packages
 from models.errors import UsageError
 from models.kit.random import MAX_SEED
 
@@ -86,7 +86,7 @@ def plan_route(
     success, time, stimuli and chance of entering an area at once. route.toml is for `canine run`,
     mission.geojson for the station.
     """
-    _require_extra()
+    require_packages()
     from harness.routes import halving, report
     from harness.routes.problem import Asked, prepare
 
@@ -123,15 +123,6 @@ def plan_route(
     else:
         report.show(result, out())
         say_where(place)
-
-
-def _require_extra() -> None:
-    """Are the packages there that a plan needs?"""
-    from importlib.util import find_spec
-
-    lacks = [name for name in ("networkx", "shapely", "fastkml") if not find_spec(name)]
-    if lacks:
-        raise UsageError(f'canine plan needs {", ".join(lacks)}; pip install "guided-canine[routes]"')
 
 
 def _origin(text: str) -> tuple[float, float] | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -12,7 +11,6 @@ import typer
 
 from harness.console import build_status, end_interrupted, json_of, out, print_note, progress_bar, say_where
 from harness.cosim.stepping import GIB, Limits
-from harness.files import remove_folder
 from harness.options import (
     Ahrs,
     CallLimit,
@@ -29,7 +27,6 @@ from models.errors import CanineError
 from models.kit.random import MAX_SEED
 
 if TYPE_CHECKING:
-    from harness.day.missions import Result as DaysResult
     from harness.sweep.run import Asked
 
 Reading = Annotated[
@@ -255,6 +252,7 @@ def run_days(
     """
     from harness.day import missions as day_of_missions
     from harness.day import report
+    from harness.front_door.series import log_days
 
     asked = day_of_missions.Asked(
         scenario, listed(controllers), numbers("--rest", rest, "s"), missions, days, system, estimator,
@@ -265,43 +263,14 @@ def run_days(
         result = day_of_missions.run(planned, progress)
     place = folder or report.default_folder(result)
     report.write(result, place, print_note)
-    _log_days(result, min(logs, days), place, quiet=as_json)
+    logged = min(logs, days)
+    with progress_bar("logs", logged * len(result.curves) * missions, quiet=as_json) as progress:
+        log_days(result, logged, place, print_note, progress)
     if as_json:
         typer.echo(json_of(report.facts(result)))
     else:
         report.show(result, out())
         say_where(place)
-
-
-def _log_days(result: DaysResult, days: int, place: Path, *, quiet: bool) -> None:
-    """Run the missions of the first days alone: `<controller>-rest<s>/day-<i>/mission-<k>` below `place`.
-
-    Logs that an earlier run left in these folders are removed: a fit would take them for missions of it.
-    """
-    from harness.day.missions import PLANT
-    from harness.front_door import run_trial
-
-    if not days:
-        return
-    asked = result.planned.asked
-    logs_before = [
-        log
-        for curve in result.curves
-        for log in (place / f"{curve.controller}-rest{curve.rest:g}").glob("day-*/mission-*/trial.mcap")
-    ]
-    for log in logs_before:
-        remove_folder(log.parent)
-    if logs_before:
-        print_note(f"{place}: had {len(logs_before)} logged missions of an earlier run, which these replace")
-    with progress_bar("logs", days * len(result.curves) * asked.missions, quiet=quiet) as progress:
-        done = 0
-        for curve, day in product(result.curves, range(days)):
-            for number, mission in enumerate(result.missions_of(curve, day), start=1):
-                below = f"{curve.controller}-rest{curve.rest:g}/day-{day + 1}/mission-{number}"
-                run_trial(mission, plant=PLANT, controller=curve.controller, out=place / below)
-                done += 1
-                if progress:
-                    progress(done)
 
 
 @contextmanager

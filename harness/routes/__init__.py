@@ -10,7 +10,10 @@ many simulated trials, in which the batch runner watches the areas. `problem` re
 for, `halving` has the candidates tried and chooses, `report` writes the results, `picture` draws them.
 """
 
+import importlib.util
 from typing import Literal
+
+from models.errors import UsageError
 
 MAPS = ("geojson", "json", "kml")  # endings of files
 Along = Literal["open", "streets", "both"]
@@ -19,3 +22,14 @@ SPACINGS = (None, 12.0, 15.0, 20.0, 25.0)  # m
 WAYS = 4
 LONGEST = 2.0  # times the shortest way
 TRIALS = 4096  # of each candidate that is left at the end
+
+
+def require_packages() -> None:
+    """Are the packages there that a plan needs?
+
+    Raises:
+        UsageError: they are not.
+    """
+    lacks = [name for name in ("networkx", "shapely", "fastkml") if not importlib.util.find_spec(name)]
+    if lacks:
+        raise UsageError(f'canine plan needs {", ".join(lacks)}; pip install "guided-canine[routes]"')

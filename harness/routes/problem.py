@@ -40,7 +40,7 @@ HABITUATION = (
 
 @dataclass(frozen=True)
 class Asked:
-    """What `canine plan` is asked; the attributes are its options."""
+    """What `canine plan` is asked; the attributes are its options. A scenario may also be made in Python."""
 
     target: str
     begin: str
@@ -53,7 +53,7 @@ class Asked:
     longest: float = LONGEST
     preference: float = 0.0
     spacings: Sequence[float | None] = SPACINGS
-    scenario: str | None = None
+    scenario: str | Scenario | None = None
     system: str = "cts"
     reading: str | None = None
     settings: Sequence[str] = ()
@@ -183,12 +183,11 @@ def _ways(asked: Asked, site: Site, begin: Place, end: Place) -> list[Way]:
 
 def _scenarios(asked: Asked, site: Site, begin: Place, end: Place) -> tuple[Scenario, Scenario, Components]:
     """The scenario of the result, the same in the system of the trials, and what is in it."""
-    if asked.scenario is None:
-        own = Scenario(name=site.name, duration=DURATION)
-    else:
-        own = scenarios.load(asked.scenario, mission=False)
+    own = Scenario(name=site.name, duration=DURATION) if asked.scenario is None else asked.scenario
+    if isinstance(own, str):
+        own = scenarios.load(own, mission=False)
     if own.package is not None:
-        raise RouteError(f"--scenario {asked.scenario}: runs a package; expected one of a system of ours")
+        raise RouteError(f"--scenario {own.name}: runs a package; expected one of a system of ours")
     components = find_components(plant=asked.plant, controller=asked.controller)
     if components.foreign:
         raise RouteError(

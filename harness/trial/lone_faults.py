@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,9 +19,10 @@ from harness.log.log import Log, named, read_log
 from harness.terminal import new_table, print_table
 from harness.trial import trial
 from harness.trial.prepare import prepared
-from harness.trial.request import Request
+from harness.trial.request import Request, build_missing
 from harness.trial.scenario import ARROW, Disturbance, ScenarioError
 from models.commands import Command, Status
+from models.errors import UsageError
 from models.modes import Anomaly, Mode
 
 REFERENCE = "no fault"
@@ -94,11 +95,6 @@ class Case:
         return self.faults[0].at, self.faults[0].until
 
 
-def own_cases(faults: Iterable[Disturbance]) -> list[Case]:
-    """A scenario's own faults, each alone."""
-    return [Case((fault,)) for fault in faults]
-
-
 def shipped_cases(at: float, until: float) -> list[Case]:
     """The catalogue, each case from and until [s]; what a system lacks is left out later."""
     return [
@@ -106,6 +102,40 @@ def shipped_cases(at: float, until: float) -> list[Case]:
         for signals, kinds in CATALOGUE
         for kind, value in kinds.items()
     ]
+
+
+def chosen(
+    request: Request,
+    at: float,
+    until: float,
+    *,
+    built: Callable[[Path], None] = lambda path: None,
+    note: Callable[[str], None] = lambda text: None,
+) -> list[Case]:
+    """What is tried: the scenario's own faults, or those of the catalogue that fit; their FMUs are built.
+
+    Args:
+        at, until: s, of the catalogue's.
+        built: is told of each FMU that had to be built.
+        note: called with a line for the user.
+
+    Raises:
+        UsageError: none of the catalogue fits.
+        CanineError: what is asked for cannot be run.
+    """
+    own = [Case((fault,)) for fault in request.scenario.faults]
+    cases = own or shipped_cases(at, until)
+    build_missing(with_faults(request, tuple(fault for case in cases for fault in case.faults)), built)
+    with prepared(request) as ready:
+        for text in (*request.notes, *ready.notes):
+            note(text)
+    if not own:
+        cases = fitting(request, cases)
+    if not cases:
+        raise UsageError(
+            f"faults {request.scenario.name}: no fault of the catalogue fits; state some as [[fault]]"
+        )
+    return cases
 
 
 def fitting(request: Request, cases: Iterable[Case]) -> list[Case]:

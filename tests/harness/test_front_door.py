@@ -22,6 +22,7 @@ from models.readings import READINGS
 from tests.harness.command import canine
 from tests.harness.cosim.tiny_fmu import V, tiny_fmu
 
+PLAN = {"target": "five_buildings", "begin": "home", "end": "goal"}
 FINDER = doctest.DocTestFinder(exclude_empty=True)
 EXAMPLES = {
     name: test
@@ -43,7 +44,7 @@ def test_the_example_of_a_function_prints_what_it_says(
 
 def test_the_example_of_the_page_runs_as_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    page = (Path(front_door.__file__).parent / "README.md").read_text()
+    page = (Path(front_door.__file__).parents[1] / "README.md").read_text()
     example, *_ = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     names: dict[str, Any] = {}
     exec(example, names)
@@ -59,7 +60,12 @@ def test_every_function_has_an_example() -> None:
         "load_scenario",
         "open_log",
         "recover_log",
+        "run_day",
+        "run_faults",
+        "run_fit",
+        "run_plan",
         "run_replay",
+        "run_tune",
         "run_study",
         "run_matrix",
         "run_sweep",
@@ -201,6 +207,34 @@ def test_a_trial_that_does_not_exist_or_does_not_fit_is_refused(tmp_path: Path) 
         ("run_sweep", {"thresholds": [20, 30]}, "thresholds is [20, 30]; expected a text"),
         ("run_sweep", {"vary": "x"}, "vary is 'x'; expected a mapping"),
         ("run_sweep", {"seed": 2**40}, "seed is 1099511627776; expected a whole number from 0 to 2147483647"),
+        ("run_day", {"missions": 1.5}, "missions is 1.5; expected a whole number"),
+        ("run_day", {"rest": "60"}, "rest is '60'; expected a number or a list of them, in s"),
+        ("run_day", {"rest": [60, "x"]}, "rest has 'x'; expected a number, in s"),
+        ("run_day", {"controllers": "cmec"}, "controllers is 'cmec'; expected a list, [\"cmec\","),
+        ("run_day", {"controllers": ["cmic"]}, 'there is no controller "cmic"; expected the path'),
+        ("run_day", {"days": 0}, "--days 0: expected 1 to"),
+        ("run_plan", PLAN | {"begin": 3}, 'begin is 3; expected a name, "home", or a pair of numbers'),
+        ("run_plan", PLAN | {"end": "gaol"}, '--to "gaol": expected latitude,longitude in deg, or a mark of'),
+        ("run_plan", PLAN | {"clearances": [None]}, "clearances has None; expected a number, in m"),
+        ("run_plan", PLAN | {"trials": "5"}, "trials is '5'; expected a whole number"),
+        ("run_plan", PLAN | {"longest": "2"}, "longest is '2'; expected a number"),
+        ("run_plan", PLAN | {"reading": "calibrated"}, "five_buildings: the reading calibrated counts turns"),
+        ("run_fit", {"logs": "nowhere"}, 'there is no log "nowhere"'),
+        ("run_fit", {"logs": 5}, "logs is 5; expected a list"),
+        (
+            "run_fit",
+            {"logs": "x", "turned": 0},
+            "turned is 0 deg/s; expected a number from 0.001 to 90",
+        ),
+        ("run_fit", {"logs": "x", "source": "sensors"}, "source is 'sensors'; expected one of 'plant', 'est"),
+        (
+            "run_fit",
+            {"logs": "x", "parameters": {"canine.fatigue_time": 9}},
+            "parameters is {'canine",
+        ),
+        ("run_faults", {"scenario": "x", "at": -1}, "at is -1 s; expected a number from 0 to 86400 s"),
+        ("run_tune", {"recording": "x", "estimator": "four"}, 'there is no estimator "four"'),
+        ("run_tune", {"recording": "x", "hold": "sigma_bias"}, "hold is 'sigma_bias'; expected a list"),
         ("run_replay", {"recording": "x", "outage": -1}, "outage is -1 s; expected a number from 1 to 600 s"),
         ("run_replay", {"recording": "x", "outage": "5"}, "outage is '5'; expected a number from 1"),
         ("run_replay", {"recording": "x", "every": 0}, "every is 0 s; expected a number from 0.25 to 3600 s"),
@@ -247,6 +281,119 @@ def test_a_sweep_from_python_has_the_rows_of_its_file(tmp_path: Path) -> None:
     assert json.loads(sweep.recommendation_path.read_text()) == sweep.recommendation
     assert len(sweep.table_path.read_text().splitlines()) == 3
     assert sweep.picture_path.is_file()
+
+
+def test_a_day_from_python_has_the_rows_of_its_command_and_logs_that_a_fit_takes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # given days by the command
+    options = ("--missions", 3, "--rest", "60,600", "--days", 20, "--reading", "field", "--seed", 4)
+    setting = ("--set", "canine.fatigue_slows=0.5")
+    canine(capsys, "day", "two_waypoint", *options, *setting, "--out", tmp_path / "command")
+    # when
+    done: list[float] = []
+    day = harness.run_day(
+        "two_waypoint", missions=3, rest=(60, 600.0), days=20, reading="field", seed=4,
+        parameters={"canine.fatigue_slows": 0.5}, logs=1, out=tmp_path / "python", progress=done.append,
+    )  # fmt: skip
+    # then
+    for name in ("day.csv", "day.json"):
+        assert (day.folder / name).read_bytes() == (tmp_path / "command" / name).read_bytes()
+    assert json.loads(day.report_path.read_text()) == day.report
+    assert [row["mission"] for row in day.rows] == [1, 2, 3, 1, 2, 3]
+    assert any("are assumed" in note for note in day.notes)
+    assert max(done) == 2 * 3 * 20
+    assert all(path.is_file() for path in (day.table_path, day.page_path, day.picture_path))
+    # and its logs are a day
+    logged = day.folder / "cmec-rest60" / "day-1"
+    fit = harness.run_fit(logged, rest=60, parameters={"canine.fatigue_time": 3600}, out=tmp_path / "fit")
+    assert fit.report["day"]["missions"] == 3
+    assert fit.report["day"]["given"]["fatigue_time"] == 3600
+    assert set(fit.effects) == {
+        "fatigue_slows", "fatigue_delays", "fatigue_disobeys", "habituation_gain"
+    }  # fmt: skip
+
+
+def test_a_fit_from_python_has_the_files_of_its_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # given a trial with a turn
+    log = harness.run_trial("right_90", out=tmp_path / "trial").log_path
+    canine(capsys, "fit", log, "--source", "estimator", "--turned", 8, "--out", tmp_path / "command")
+    # when
+    read: list[int] = []
+    fit = harness.run_fit([log], source="estimator", turned=8, out=tmp_path / "python", progress=read.append)
+    # then
+    for name in ("fit.json", "fit.toml"):
+        assert (fit.folder / name).read_bytes() == (tmp_path / "command" / name).read_bytes()
+    assert json.loads(fit.report_path.read_text())["parameters"] == fit.parameters
+    assert fit.responses["right_success"]["n"] >= 1
+    assert fit.effects == {}
+    assert read == [1]
+    assert all(path.is_file() for path in (fit.parameters_path, fit.page_path, fit.picture_path))
+
+
+def test_a_plan_from_python_takes_a_scenario_and_places_by_numbers(tmp_path: Path) -> None:
+    # given a dog that drifts to the left, and 120 m of open ground beside a hut on a map in metres
+    corners = [[40, 0], [50, 0], [50, 9], [40, 9], [40, 0]]
+    hut = {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [corners]}}
+    yard = tmp_path / "yard.geojson"
+    yard.write_text(json.dumps({"type": "FeatureCollection", "units": "metres", "features": [hut]}))
+    dog = harness.Scenario("left", waypoints=[(9.0, 0.0)], parameters={"canine.drift": -2.0}, reading="field")
+    # when
+    shares: list[float] = []
+    plan = harness.run_plan(
+        yard, (0, 0), (120, 0), along="open", clearances=[3], spacings=[None, 30], scenario=dog, trials=512,
+        seed=7, out=tmp_path / "plan", progress=shares.append,
+    )  # fmt: skip
+    # then
+    assert json.loads(plan.report_path.read_text()) == plan.report
+    assert plan.report["parameters"] == {"canine.drift": -2.0}
+    assert plan.report["seed"] == 7
+    assert plan.assumes
+    recommended = plan.recommended
+    assert recommended
+    assert recommended["waypoints"] == [[30, 0], [60, 0], [90, 0], [120, 0]]
+    assert plan.shortest["waypoints"] == [[120, 0]]
+    assert shares == [1.0]
+    assert plan.picture_path.is_file()
+    assert harness.load_scenario(plan.scenario_path).parameters == {"canine.drift": -2.0}
+    # and without the place of the map on the earth there is no mission
+    assert not plan.mission_path.exists()
+    assert any("no mission is written" in note for note in plan.notes)
+
+
+def test_faults_from_python_have_the_files_of_the_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # given a scenario with two faults of its own
+    own = tmp_path / "mine.toml"
+    own.write_text(
+        'waypoints = [[20, 0]]\n[[fault]]\nsignal = "radio"\nkind = "lost"\nat = 2\nuntil = 4\n'
+        '[[fault]]\nsignal = "sensors.gps_north"\nkind = "offset"\nat = 2\nvalue = 5.0\n'
+    )
+    canine(capsys, "faults", own, "--seed", 2, "--out", tmp_path / "command")
+    # when
+    done: list[float] = []
+    faults = harness.run_faults(own, seed=2, out=tmp_path / "python", progress=done.append)
+    # then
+    assert faults.report_path.read_bytes() == (tmp_path / "command" / "faults.json").read_bytes()
+    assert faults.table_path.is_file()
+    assert [row["fault"] for row in faults.rows][:2] == ["no fault", "lost radio"]
+    assert faults.rows[1]["verdict"] == "stopped"
+    assert done == [1, 2, 3]
+
+
+def test_a_tuning_from_python_has_the_files_of_its_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = harness.run_trial("three_waypoint", out=tmp_path / "trial").log_path
+    canine(capsys, "tune", log, "--hold", "sigma_bias", "--out", tmp_path / "command")
+    tuned = harness.run_tune(log, hold=["sigma_bias"], out=tmp_path / "python")
+    for name in ("tune.json", "tune.toml"):
+        assert (tuned.folder / name).read_bytes() == (tmp_path / "command" / name).read_bytes()
+    assert tuned.noises == json.loads(tuned.report_path.read_text())["noises"]
+    assert all(path.is_file() for path in (tuned.parameters_path, tuned.page_path, tuned.picture_path))
 
 
 def test_progress_and_notes_come_back_to_the_caller(tmp_path: Path) -> None:

@@ -119,7 +119,7 @@ def test_what_all_faults_need_is_built_though_the_first_needs_nothing(
         asked.append(fault_fmus(request.scenario, tmp_path))
         raise UsageError("enough")
 
-    monkeypatch.setattr("harness.trial.request.build_missing", build)
+    monkeypatch.setattr("harness.trial.lone_faults.build_missing", build)
     # when
     canine(capsys, "faults", tmp_path / "two.toml", "--out", tmp_path / "out")
     # then
