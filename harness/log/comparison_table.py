@@ -38,17 +38,16 @@ def show(comparison: LogComparison, console: Console) -> None:
     if comparison.statements:
         _show_statements(comparison, console)
     only_stated = not (comparison.agree or comparison.signals or others)
-    line(sentence(comparison) + "; --values-only compares the rows alone" * only_stated)
+    verdict = "agree" if comparison.agree else "differ"
+    hint = "; --values-only compares the rows alone" * only_stated
+    line(f"{comparison.a} and {comparison.b} {verdict}: {sentence(comparison)}{hint}")
 
 
 def sentence(comparison: LogComparison) -> str:
-    """Do the logs agree, and in how much?"""
+    """In how much the logs differ."""
     until = "" if comparison.until_s is None else f" up to {comparison.until_s:g} s"
     differing = f"{len(comparison.signals)} of {comparison.signals_compared} signals differ"
-    return (
-        f"{comparison.a} and {comparison.b} {'agree' if comparison.agree else 'differ'}: "
-        f"{differing} in {comparison.rows} rows{until}"
-    )
+    return f"{differing} in {comparison.rows} rows{until}"
 
 
 def _show_signals(comparison: LogComparison, console: Console) -> None:

@@ -35,6 +35,11 @@ ENDS_A_TRIAL = frozenset(a for a in Anomaly if a >= Anomaly.BUDGET_SPENT or a is
 OPERATOR = "the operator"
 
 
+def because(why: str | None) -> str:
+    """What ended a trial, as it follows "stopped after 9 s"; "" for None."""
+    return "" if why is None else f" by {why}" if why == OPERATOR else f": {why}"
+
+
 def cause_of_stop(anomaly: float) -> str:
     """What stopped a trial, in words, by the anomaly that came with its end.
 

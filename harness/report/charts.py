@@ -27,8 +27,8 @@ def charts_page(
         TypeError: a figure draws what no chart has.
     """
     drawn: list[dict[str, Any]] = [
-        {"title": title_of(figure), "legend": legend_of(figure), "grids": charts_of(figure)}
-        for figure in figures.values()
+        {"title": own if own != title else "", "legend": legend_of(figure), "grids": charts_of(figure)}
+        for own, figure in ((title_of(figure), figure) for figure in figures.values())
     ]
     marks = [mark for figure in drawn for grid in figure["grids"] for c in grid for mark in c["marks"]]
     return render(

@@ -116,6 +116,7 @@ def _scale(axis: Axis, limits: tuple[float, float], label: str, kind: str) -> Ch
         "range": _numbers(sorted(limits)),
         "turned": bool(limits[0] > limits[1]),
         "log": kind == "log",
+        "whole": bool(getattr(axis.get_major_locator(), "_integer", False)),  # told nowhere else
         "names": names,
     }
 

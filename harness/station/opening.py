@@ -21,7 +21,6 @@ from harness.station.session import About, Session
 from harness.station.shown import world_of
 from harness.station.sink import Sink
 from harness.trial.firmware import firmware_values, interfaces_on_board, navigation_of
-from harness.trial.missions import start_of_last
 from harness.trial.page import write_page
 from harness.trial.plan import Interface, ground_values, interfaces_of_system, plan, values_of
 from harness.trial.scenario import Scenario, load
@@ -192,7 +191,7 @@ def report(folder: Path) -> Mapping[str, Any] | None:
         log = read_log(folder / FILE)
     except LogError:
         return None
-    summary = summarize(log) | {"started_s": start_of_last(log)}
+    summary = summarize(log)
     write_summary(summary, folder / SUMMARY)
     write_page(log, summary, folder / PAGE)
     return summary

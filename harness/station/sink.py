@@ -187,6 +187,8 @@ class Sink:
         if origin:
             self._plane_at(origin)
         self._before: Telemetry | None = None
+        self._mission: Mission | None = None  # on board, and not stated yet
+        self._is_led = False  # a mission was begun
         self._last = 0.0  # s, of the last row
         self._row = self._values(None, Command.NONE)
         self._write_row(0.0, self._row)
@@ -228,13 +230,15 @@ class Sink:
         self._write_row(time, self._row)
         self._row["controller"][-1] = 0.0  # an anomaly is reported once
         self._before = telemetry
+        if Flag.STARTED in Flag(telemetry.flags):
+            self._is_led = True
+            self._state_mission()
 
     def take_mission(self, mission: Mission) -> None:
-        """A mission is on board: waypoints, home and fence as parameters of the controller."""
-        plane = self._plane_at((mission.home.latitude, mission.home.longitude))
-        self._parameters |= mission_parameters(mission, plane)
-        self._flush_rows()
-        self._settle()
+        """A mission is on board. Once one was begun, another is stated when it begins."""
+        self._mission = mission
+        if not self._is_led:
+            self._state_mission()
 
     def step(self, now: float) -> None:
         """Repeat the last row while the vest is silent; flush each second."""
@@ -262,6 +266,16 @@ class Sink:
         if self._plane is None:
             self.origin, self._plane = place, TangentPlane(*map(math.radians, place))
         return self._plane
+
+    def _state_mission(self) -> None:
+        """State waypoints, home and fence as parameters of the controller, unless they are stated."""
+        if self._mission is None:
+            return
+        plane = self._plane_at((self._mission.home.latitude, self._mission.home.longitude))
+        self._parameters |= mission_parameters(self._mission, plane)
+        self._mission = None
+        self._flush_rows()
+        self._settle()
 
     def _settle(self) -> None:
         """State the origin and the mission, which became known on the way."""

@@ -9,7 +9,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from harness.log.events import OUTPUTS, in_words
+from harness.log.events import OUTPUTS, because, in_words
 from harness.log.log import Log
 from harness.report.times import clock
 from harness.trial.disturbances import disturbances
@@ -58,8 +58,7 @@ def _of_controller(log: Log) -> Iterator[Event]:
             if output == "anomaly" and after > row + 1:
                 text += f" for {log.time[min(after, len(values) - 1)] - log.time[row]:.2f} s"
             elif output == "status" and values[row] in (Status.FAILED, Status.STOPPED):
-                level, why = "warning", ended_by(log, row)
-                text += f": {why}" if why else ""
+                level, text = "warning", text + because(ended_by(log, row))
             yield Event(float(log.time[row]), level, text, MARKS.get(output))
 
 

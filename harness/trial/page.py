@@ -51,6 +51,8 @@ def write_page(log: Log, summary: Mapping[str, Any], path: Path) -> None:
         FileError: it cannot be written.
     """
     happened = events(log)
+    if summary["outcome"] == "timeout":
+        happened.append(Event(float(log.time[-1]), "caution", "the time was over"))
     data = trial_data(log) | {
         "marks": marks(happened),
         "events": [event.time for event in happened[:MOST_EVENTS]],

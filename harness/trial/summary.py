@@ -16,11 +16,11 @@ from rich.markup import escape
 from codegen.firmware.telemetry import Refusal
 from harness.files import write_whole
 from harness.log.channel import Array
-from harness.log.events import ANOMALIES, cause_of_stop
+from harness.log.events import ANOMALIES, because, cause_of_stop
 from harness.log.log import Log, named
 from harness.terminal import console_of, new_table, print_table
 from harness.trial.disturbances import faults_of
-from harness.trial.missions import is_of_station, last_mission
+from harness.trial.missions import is_of_station, last_mission, start_of_last
 from models.commands import Status
 from models.modes import Anomaly
 from models.system import ESTIMATOR
@@ -63,7 +63,8 @@ def summarize(log: Log, real_time_factor: float | None = None, notes: Sequence[s
       else ended the run, why the trial failed, or why the vest let none begin; None after a success, and if
       the time was over.
     - `estimator` names what estimated, with what gave it its attitude; None without an estimator.
-    - `time_s` is when the controller took that status, or the end of the run.
+    - `time_s` is when the controller took that status, or the end of the run; in the log of a station
+      `started_s` is when that mission began, None if none did.
     - `anomalies` counts the ticks that reported each kind, by name: the controller's, then the estimator's.
     - `position_error_m` is the horizontal distance of the estimate from the truth over all ticks on which
       both are finite (all but the last, where an output that is not ended the run); None without an
@@ -74,8 +75,9 @@ def summarize(log: Log, real_time_factor: float | None = None, notes: Sequence[s
         real_time_factor: trial time over elapsed time; a log has no wall-clock time.
         notes: what the user should know; a log has none.
     """
+    begun: dict[str, Any] = {}
     if is_of_station(log):
-        log = last_mission(log)
+        begun, log = {"started_s": start_of_last(log)}, last_mission(log)
     scenario = log.metadata.get("scenario", {})
     outcome, time = _outcome(log)
     return {
@@ -94,6 +96,7 @@ def summarize(log: Log, real_time_factor: float | None = None, notes: Sequence[s
         "real_time_factor": real_time_factor,
         "log": log.path.name,
         "notes": list(notes),
+        **begun,
     }
 
 
@@ -192,7 +195,8 @@ def write_summary(summary: Mapping[str, Any], path: Path) -> None:
 def words(summary: Mapping[str, Any]) -> dict[str, str]:
     """The summary as text, by label."""
     text = {key: str(summary[key]) for key in LABELS}
-    text["time_s"] = f"{summary['time_s']:.2f} s"
+    begun = f", {_since_start(summary):.2f} s after its begin" if summary.get("started_s") is not None else ""
+    text["time_s"] = f"{summary['time_s']:.2f} s{begun}"
     counts = (f"{name.lower().replace('_', ' ')} {n}" for name, n in summary["anomalies"].items())
     text["anomalies"] = ", ".join(counts) or "none"
     error = summary["position_error_m"]
@@ -205,21 +209,26 @@ def words(summary: Mapping[str, Any]) -> dict[str, str]:
         del text["estimator"]
     if summary["stopped_by"] is None:
         del text["stopped_by"]
+    if summary["seed"] == "":  # nobody drew anything
+        del text["seed"]
     return {LABELS[key]: value for key, value in text.items()}
 
 
 def in_a_sentence(summary: Mapping[str, Any]) -> str:
     """How the trial ended, and why."""
-    time = (
-        f"{summary['time_s']:.1f}".removesuffix(".0") if summary["time_s"] >= 1 else f"{summary['time_s']:g}"
-    )
+    lasted = _since_start(summary)
+    time = f"{lasted:.1f}".removesuffix(".0") if lasted >= 1 else f"{lasted:g}"
     waypoints, commands = summary["waypoints_reached"], summary["directional_commands"]
-    why = f": {summary['stopped_by']}" if summary["stopped_by"] else ""
     return (
-        f"{summary['outcome'].capitalize()} after {time} s{why}. "
+        f"{summary['outcome'].capitalize()} after {time} s{because(summary['stopped_by'])}. "
         f"{waypoints or 'No'} waypoint{'s' * (waypoints != 1)} reached, with "
         f"{commands or 'no'} directional command{'s' * (commands != 1)}."
     )
+
+
+def _since_start(summary: Mapping[str, Any]) -> float:
+    """How long a trial lasted, or the last mission of a station's log, s."""
+    return float(summary["time_s"] - (summary.get("started_s") or 0.0))
 
 
 def show(summary: Mapping[str, Any], console: Console | None = None) -> None:

@@ -7,6 +7,12 @@
   const NEAR = 40; // px from a point at which it answers
   const INCH = 92; // px for an inch of the picture
   const LETTER = 6.3; // px, of the axes' names
+  const SPACE = { x: 40, y: 16 }; // px that a number on an axis takes
+  const DIGITS = [ // of a decade that may have numbers, and how close they then are, as a share of the decade
+    { of: [1, 2, 3, 4, 5, 6, 7, 8, 9], closest: Math.log10(10 / 9) }, { of: [1, 2, 3, 5, 7], closest: Math.log10(7 / 5) },
+    { of: [1, 2, 5], closest: Math.log10(2) }, { of: [1, 3], closest: Math.log10(3) },
+  ];
+  const WHOLE = Array.from({ length: 10 }, (_, power) => [1, 2, 5].map((digit) => digit * 10 ** power)).flat(); // steps
   const number = (value, digits = 5) => String(Number(Number(value).toPrecision(digits)));
   const colour = (name) => (name && name[0] !== "#" && name !== "none" ? canine.colour(name) : name);
 
@@ -109,13 +115,7 @@
         context.font = `${11 * dpr}px system-ui, sans-serif`;
         context.textAlign = mark.kind === "words" ? "center" : "left";
         const x = mark.kind === "words" ? left + width / 2 : at(mark.x, "x"), y = mark.kind === "words" ? top + height / 2 : at(mark.y, "y") - 3 * dpr;
-        context.strokeStyle = canine.colour("paper"); // a border, so that lines under the words do not strike them out
-        context.lineWidth = 4 * dpr;
-        context.setLineDash([]);
-        mark.text.split("\n").forEach((line, i) => {
-          context.strokeText(line, x, y + i * 14 * dpr);
-          context.fillText(line, x, y + i * 14 * dpr);
-        });
+        mark.text.split("\n").forEach((line, i) => canine.write(context, line, x, y + i * 14 * dpr));
       }
     }
     context.restore();
@@ -128,6 +128,15 @@
       for (let digit = 1; digit < 10; digit++) all.push(Number((digit * power).toPrecision(12)));
     }
     return all.filter((place) => place >= least && place <= most);
+  }
+  // Of these places those with a number, by the digits for which a decade has room: uPlot looks at upright axes alone.
+  function numbered(u, places, index) {
+    const name = index ? "y" : "x", decade = Math.abs(u.valToPos(10, name) - u.valToPos(1, name));
+    const digits = DIGITS.find(({ closest }) => closest * decade > SPACE[name]), every = Math.ceil(SPACE[name] / decade);
+    return places.map((place) => {
+      const power = Math.floor(Math.log10(place) + 1e-9), digit = Math.round(place / 10 ** power);
+      return (digits ? digits.of.includes(digit) : digit === 1 && power % every === 0) ? place : null;
+    });
   }
 
   // The ranges of both axes with one scale: a metre north is as long as one east.
@@ -154,14 +163,16 @@
       ...lines, label: scale.label || undefined,
       splits: (u, i, least, most) => scale.names.map(([place]) => place).filter((place) => place >= least && place <= most),
       values: (u, places) => places.map((place) => spoken(scale, place)),
-    } : { ...lines, ...(scale.log ? { splits: decades } : {}), label: scale.label || undefined, values: (u, places) => places.map((place) => (place === null ? "" : number(place, 3))) });
+    } : { ...lines, ...(scale.log ? { splits: decades, filter: numbered } : scale.whole ? { incrs: WHOLE } : {}), label: scale.label || undefined,
+      values: (u, places) => places.map((place) => (place === null ? "" : number(place, 3))) });
+    const last = of.x.names ? of.x.names.at(-1)[1] : number(of.x.range[1], 3); // stands half beyond the axis
     const longest = Math.max(0, ...(of.y.names || []).map(([, text]) => text.length));
     const names = of.y.names ? 20 * of.y.names.length : 0;
     const height = () => Math.max(INCH * of.height, 220, names + 60);
     const scale = (side) => ({ time: false, distr: side.log ? 3 : 1, dir: side.turned ? -1 : 1, range: (u, least, most) => [least, most] });
     const whole = () => [of.x.range, of.y.range];
     const u = new uPlot({
-      width: Math.max(body.clientWidth, 150), height: height(), legend: { show: false }, padding: [8, 12, 0, 0],
+      width: Math.max(body.clientWidth, 150), height: height(), legend: { show: false }, padding: [8, Math.max(12, (LETTER / 2) * last.length), 0, 0],
       scales: { x: scale(of.x), y: scale(of.y) }, series: [{}, { show: true, stroke: "transparent", points: { show: false } }],
       axes: [{ ...axis(of.x), size: 30, labelSize: 18, gap: 2 },
         { ...axis(of.y), size: of.y.names ? Math.min(LETTER * longest, 190) + 14 : 56, labelSize: 18, gap: 4 }],

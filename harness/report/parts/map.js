@@ -49,7 +49,7 @@
         const group = L.featureGroup().addTo(content);
         const draw = function (name, points) {
           const colour = name === null ? "" : " command-" + name;
-          L.polyline(points, path("track " + (className || "") + colour, { smoothFactor: 0.7 })).addTo(group);
+          L.polyline(points, path("track " + (className || "") + colour)).addTo(group);
         };
         const track = {
           layer: group,

@@ -23,6 +23,14 @@
   // Angles that pass from one end to the other leave a gap instead of a line across.
   const unwrapped = (values, turn) =>
     values.map((value, row) => (row && canine.isNumber(value) && Math.abs(value - values[row - 1]) > turn / 2 ? null : value));
+  // Words over lines: a border keeps what lies under them from striking them out.
+  canine.write = function (context, text, x, y) {
+    context.strokeStyle = canine.colour("paper");
+    context.lineWidth = 4 * devicePixelRatio;
+    context.setLineDash([]);
+    context.strokeText(text, x, y);
+    context.fillText(text, x, y);
+  };
   const shownValues = (values, unit) => values.map((value) => canine.toShown(value, unit));
 
   // Panels in an element: add(panel), setBands(bands), setMarks(marks), resize by themselves.
@@ -58,7 +66,6 @@
     function drawLevels(u, levels, unit) {
       const { left, top, width, height } = u.bbox, context = u.ctx;
       context.save();
-      context.lineWidth = devicePixelRatio;
       context.font = `${11 * devicePixelRatio}px system-ui, sans-serif`;
       context.textAlign = "right";
       let labels = 0; // side by side, since levels lie near one another
@@ -66,12 +73,13 @@
         const y = u.valToPos(canine.toShown(value, unit), "y", true);
         if (y < top || y > top + height) continue;
         context.strokeStyle = context.fillStyle = canine.colour(colour);
+        context.lineWidth = devicePixelRatio;
         context.setLineDash(dash.map((part) => part * devicePixelRatio));
         context.beginPath();
         context.moveTo(left, y);
         context.lineTo(left + width, y);
         context.stroke();
-        if (label) context.fillText(label, left + width - (4 + 90 * labels++) * devicePixelRatio, y - 3 * devicePixelRatio);
+        if (label) canine.write(context, label, left + width - (4 + 90 * labels++) * devicePixelRatio, y - 3 * devicePixelRatio);
       }
       context.restore();
     }
@@ -88,6 +96,8 @@
       const readings = series.map((one) => {
         const swatch = canine.element("span", { class: "swatch", "aria-hidden": "true" });
         swatch.style.background = `var(--${one.colour})`;
+        const [on, off] = one.dash || [];
+        if (on) swatch.style.maskImage = `repeating-linear-gradient(90deg, #000 0 ${on}px, #0000 0 ${on + off}px)`;
         const value = canine.element("span", { class: "number" }, "");
         head.append(canine.element("span", { class: "reading" }, swatch, one.label + " ", value));
         return value;

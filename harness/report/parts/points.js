@@ -66,7 +66,7 @@
       series: [{}, ...colours.map((colour, i) => ({ stroke: () => canine.colour(colour), width: i ? 1 : 2, dash: i ? [4, 3] : undefined,
         points: { show: !i, size: 7, fill: () => canine.colour(colour) } }))],
       bands: columns.length > 2 ? [{ series: [2, 3], fill: () => canine.colour("sigma") }] : [],
-      axes: [{ ...lines, label: axis.label, labelSize: 22, stroke: () => canine.colour("soft") }, { ...lines, size: 60 }],
+      axes: [{ ...lines, label: axis.label, size: 30, labelSize: 22, stroke: () => canine.colour("soft") }, { ...lines, size: 60 }],
       cursor: { x: false, y: false, points: { show: false } },
       hooks: { draw: [place], setCursor: [(self) => self.cursor.event && self.cursor.idx !== null && show(self.cursor.idx)] },
     }, [axis.values, ...columns], body);

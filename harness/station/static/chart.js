@@ -148,7 +148,7 @@
         if (!point) return void (open = last = null);
         if (!turned && Math.hypot(...canine.plane(last[0]).toMetres(point)) <= NEAR) return;
         if (turned) {
-          open = line(last ? [last[0], point] : [point], "track path command-" + command, { smoothFactor: 0.7 }).addTo(track.layer);
+          open = line(last ? [last[0], point] : [point], "track path command-" + command).addTo(track.layer);
           track.turn(command, point);
         } else open.addLatLng(point);
         last = [point, command];

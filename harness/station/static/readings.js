@@ -30,6 +30,7 @@
   canine.gauge = function (element) {
     const needle = canine.element("span", { class: "needle" }), zone = canine.element("span", { class: "zone" });
     const inner = canine.element("span", { class: "zone inner" }), words = canine.element("span", { class: "words number" }, "");
+    zone.hidden = inner.hidden = needle.hidden = true; // until they are known
     element.append(zone, inner, canine.element("span", { class: "middle" }), needle, words);
     let moving = null; // the deviation at which a turn begins
     const percent = (angle) => 50 + (50 * Math.max(-RANGE, Math.min(RANGE, angle))) / RANGE + "%";

@@ -10,7 +10,7 @@
   const ENDED = ["SUCCESS", "FAILED", "STOPPED"];
   const STEPS = ["disconnected", "connected", "loaded", "ready", "running"];
 
-  let hello = null, state = null, begun = null, playback = null, isCentred = false, isFitted = true;
+  let hello = null, state = null, refused = "", failures = 0, begun = null, playback = null, isCentred = false, isFitted = true;
   const draft = canine.draft(), sound = canine.sound();
   const alarms = canine.alarms({ warnings: id("warnings"), cautions: id("cautions"), calm: id("calm") }, sound);
   const numbers = canine.numbers(id("numbers")), vest = canine.numbers(id("vest"));
@@ -43,9 +43,21 @@
   // what the server tells
 
   function changed(open) {
-    if (!open) canine.leave();
+    if (open) [refused, failures] = ["", 0];
+    else {
+      canine.leave();
+      failures += 1;
+      if (!hello || failures > 2) askWhy();
+    }
     drawSoon();
   }
+  // A browser does not say why a socket was not opened: a request tells, if the station refuses this page.
+  async function askWhy() {
+    const answer = await fetch("/export?to=gpx", { method: "POST", headers: headers() }).catch(() => null);
+    refused = answer && answer.status === 403 && !link.isOpen() ? (await answer.json()).error : "";
+    drawSoon();
+  }
+  const silence = () => (refused ? `the station refuses this page: ${refused}` : "the station does not answer");
   function react(message) {
     if (message.is === "hello") begin(message);
     else if (message.is === "state") take(message);
@@ -356,7 +368,7 @@
       if (item.dataset.step === step) item.setAttribute("aria-current", "step");
       else item.removeAttribute("aria-current");
     }
-    let words = "the station does not answer";
+    let words = silence();
     if (link.isOpen() && isReplay()) words = "replay of a log";
     else if (link.isOpen() && state) {
       const who = state.commander;
@@ -410,7 +422,7 @@
   // Why START cannot be given now, in words.
   function whyNot() {
     if (isReplay()) return ["this is a log"];
-    if (!link.isOpen() || !state) return ["the station does not answer"];
+    if (!link.isOpen() || !state) return [silence()];
     if (isRunning()) return [];
     const reasons = state.missing.map(({ words }) => words);
     if (state.refusal) reasons.push("the last START was refused: " + state.refusal);
@@ -421,8 +433,8 @@
 
   function drawAlarms() {
     const told = state && link.isOpen() ? state.alarms : [];
-    const own = link.isOpen() || !hello ? [] : [{ key: "station", level: "warning", since: null,
-      text: "the station does not answer: nothing can be sent, not even STOP; the vest stops by itself when it hears nobody" }];
+    const own = link.isOpen() || !(hello || refused) ? [] : [{ key: "station", level: "warning", since: null,
+      text: silence() + (hello ? ": nothing can be sent, not even STOP; the vest stops by itself when it hears nobody" : "") }];
     alarms.show([...own, ...told], state && state.time);
   }
   function drawMission() {

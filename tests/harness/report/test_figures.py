@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 from rich.console import Console
 
 from harness.drawing import ESTIMATES, GPS, TRUTH
@@ -85,6 +86,7 @@ def test_axes_keep_ranges_logarithms_names_and_their_turn() -> None:
         "range": [0.1, 100],
         "turned": False,
         "log": True,
+        "whole": False,
         "names": None,
     }
     assert (chart["y"]["range"], chart["y"]["turned"]) == ([-1, 3], True)
@@ -247,3 +249,55 @@ def test_the_page_keeps_nobody_out(
     assert visit.harm() == []
     assert visit.page.evaluate("document.documentElement.scrollWidth") <= size[0]
     assert visit.errors == []
+
+
+DRAWN = """const draw = CanvasRenderingContext2D.prototype.fillText;
+window.drawn = [];
+CanvasRenderingContext2D.prototype.fillText = function (text, ...place) {
+  drawn.push(text);
+  return draw.call(this, text, ...place);
+};"""
+
+
+def numbers_across(figure: Figure, folder: Path, open_page: OpenPage, width: int = 1366) -> set[str]:
+    """The numbers at the lower axis of a figure's page; the other one has none."""
+    figure.axes[0].set_yticks([1], ["one"])
+    page = folder / "page.html"
+    page.write_bytes(charts_page("axes", "", {"axes": figure}, lambda console: None))
+    visit = open_page(page.as_uri(), (width, 768), prepare=lambda opened: opened.add_init_script(DRAWN))
+    return set(visit.page.evaluate("drawn")) - {"", "one"}
+
+
+def test_a_logarithmic_axis_across_has_numbers_within_a_decade(tmp_path: Path, open_page: OpenPage) -> None:
+    figure = Figure()
+    axes = figure.subplots()
+    axes.plot([0.3, 2], [0, 0])
+    axes.set(xscale="log", xlim=(0.3, 2))
+    assert {"0.3", "0.5", "1", "2"} <= numbers_across(figure, tmp_path, open_page)
+
+
+def test_a_logarithmic_axis_of_many_decades_leaves_numbers_out(tmp_path: Path, open_page: OpenPage) -> None:
+    figure = Figure()
+    axes = figure.subplots()
+    axes.plot([1e-9, 1e9], [0, 0])
+    axes.set(xscale="log", xlim=(1e-9, 1e9))
+    drawn = numbers_across(figure, tmp_path, open_page, width=400)
+    assert 4 <= len(drawn) <= 10
+    assert all(float(text) == pytest.approx(10.0 ** round(np.log10(float(text)))) for text in drawn)
+
+
+def test_counts_have_whole_numbers_alone(tmp_path: Path, open_page: OpenPage) -> None:
+    figure = Figure()
+    axes = figure.subplots()
+    axes.plot([1, 4], [1, 4])
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set(xlim=(0.5, 4.5))
+    assert numbers_across(figure, tmp_path, open_page) == {"1", "2", "3", "4"}
+
+
+def test_a_figure_with_the_title_of_its_page_does_not_say_it_twice(tmp_path: Path) -> None:
+    figure = Figure()
+    figure.suptitle("axes")
+    figure.subplots().plot([0, 1], [0, 1])
+    assert b'"figures":[{"title":"",' in charts_page("axes", "", {"axes": figure}, lambda console: None)
+    assert b'"figures":[{"title":"axes",' in charts_page("all", "", {"axes": figure}, lambda console: None)

@@ -27,6 +27,7 @@ from harness.station.guard import Guard
 from harness.station.server import BURST, HEADERS, WAITING, Outbox, Rate
 from harness.station.shown import News
 from models.commands import Command, Status
+from tests.browser import OpenPage
 from tests.harness.station.browser import Browser, Served, served, simulated, unheard
 from tests.harness.station.rig import Hands
 from tests.harness.station.slow import SlowWatcher
@@ -293,6 +294,13 @@ def test_elsewhere_a_token_is_needed_for_all_that_changes_something(silent: Serv
         csv = b"latitude,longitude\n1,2\n"
         status, _, _ = request(open_to_all, "POST", "/import?name=a.csv", csv, {"X-Token": "right-token"})
         assert status == 200
+
+
+def test_a_page_without_the_token_says_which_address_to_take(silent: Served, open_page: OpenPage) -> None:
+    with served(silent.shown, Guard("0.0.0.0", "right-token")) as open_to_all:
+        page = open_page(f"http://{open_to_all.address}/#token=wrong").page
+        page.locator("#warnings").get_by_text("take the whole address that it printed").wait_for()
+        assert "the station refuses this page" in page.inner_text("#who")
 
 
 def request(

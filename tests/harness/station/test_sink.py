@@ -19,8 +19,7 @@ from harness.station.playback import Playback
 from harness.station.recorded import read_recorded
 from harness.station.sink import Clock, Sink
 from harness.trial.events import events
-from harness.trial.missions import start_of_last
-from harness.trial.summary import summarize
+from harness.trial.summary import in_a_sentence, summarize, words
 from models.commands import Command, Status
 from models.modes import Anomaly
 
@@ -154,6 +153,31 @@ def test_the_mission_becomes_the_route_once_it_is_on_board_the_last_one_holds(si
     assert route.radius == 7.0
 
 
+def test_the_route_is_that_of_the_mission_which_was_led_until_another_is_begun(sink: Sink) -> None:
+    # given a mission that was led, and another that was uploaded thereafter
+    nowhere = replace(MISSION, waypoints=(HOME,))
+    started = int(FIXED | Flag.STARTED)
+    tell(sink, 0.4, 1.0)
+    sink.take_mission(MISSION)
+    tell(sink, 1.0, 2.0, flags=started, status=Status.RUNNING)
+    tell(sink, 2.0, 3.0, status=Status.SUCCESS)
+    sink.take_mission(nowhere)
+    tell(sink, 3.0, 4.0)
+    sink.flush()
+
+    def north() -> float:
+        route = read_log(sink.path).route
+        assert route is not None
+        return route.places[0][1]
+
+    # then the route is that of the first
+    assert north() == pytest.approx(99.8, abs=0.2)
+    # when the other one is begun, it is that
+    tell(sink, 4.0, 5.0, flags=started, status=Status.RUNNING)
+    sink.flush()
+    assert north() == pytest.approx(0, abs=0.2)
+
+
 def test_an_anomaly_is_reported_on_one_row_and_ends_a_trial_in_words(sink: Sink) -> None:
     started = FIXED | Flag.STARTED
     tell(sink, 0.4, 2.0, flags=started, status=Status.RUNNING)
@@ -184,13 +208,13 @@ def test_a_mission_that_abort_ended_was_stopped_by_the_operator_whatever_ended_t
     # then the summary is about the second, and each event has its own reason
     summary = summarize(log)
     assert (summary["outcome"], summary["stopped_by"]) == ("stopped", "the operator")
-    assert summary["time_s"] == pytest.approx(8.0)
+    assert (summary["started_s"], summary["time_s"]) == pytest.approx((6.0, 8.0))
+    assert words(summary)["time"] == "8.00 s, 2.00 s after its begin"
+    assert in_a_sentence(summary).startswith("Stopped after 2 s by the operator.")
     assert summary["anomalies"] == {}, "those of the first are not its own"
-    assert start_of_last(log) == pytest.approx(6.0)
-    stops = [event.text for event in events(log) if event.text.startswith("the trial was stopped")]
-    assert [text.partition(": ")[2] for text in stops] == [
-        "the animal was outside the fence (rule 7)",
-        "the operator",
+    assert [event.text for event in events(log) if event.text.startswith("the trial was stopped")] == [
+        "the trial was stopped: the animal was outside the fence (rule 7)",
+        "the trial was stopped by the operator",
     ]
 
 

@@ -68,7 +68,7 @@ def test_the_page_shows_both_in_a_browser(tmp_path: Path, open_page: OpenPage) -
     visit = open_page(path.as_uri())
     assert (visit.errors, visit.requests) == ([], [path.as_uri()])
     text = visit.page.inner_text("body")
-    assert "differ: " in text
+    assert "Differ 1 of " in text
     assert "plant.east" in text
     assert "B: command FORWARD" in text
     # when time is moved to a command of B

@@ -104,6 +104,13 @@ def test_the_events_are_in_their_order_and_words(tmp_path: Path) -> None:
     assert page.text.index("lost radio begins") < page.text.index(TURN_FAILURE)
 
 
+def test_a_trial_whose_time_was_over_says_so_at_its_end(tmp_path: Path) -> None:
+    running = Page(with_signal(trial(), "controller.status", np.ones(TICKS)), tmp_path)
+    assert running.data["events"][-1] == running.data["time"][-1]
+    assert "the time was over" in running.text
+    assert "the time was over" not in Page(trial(), tmp_path).text
+
+
 def test_the_page_refers_to_no_other_file(tmp_path: Path) -> None:
     log = replace(trial(), broken="the file ends early")
     page = Page(log, tmp_path, notes=["so < far"])
