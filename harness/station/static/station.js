@@ -479,7 +479,7 @@
       "Reached": [telemetry ? `${shown.waypoint}${total === null ? "" : " of " + total}` : "\u2013", dim],
       "Mode": [inWords("mode", shown.mode), dim],
       "Trial": [begun === null ? "\u2013" : canine.clock(state.time - begun, 0), dim],
-      "GPS 2-sigma": [format(2 * shown.position_sd, "m", 1), dim],
+      "Place 2-sigma": [format(2 * shown.position_sd, "m", 1), dim],
       "GPS age": [telemetry ? format(gps, "s", 1) : "\u2013", stale(gps)],
       "IMU": [telemetry ? (imu > 1 ? `silent ${format(imu, "s", 0)}` : "ok") : "\u2013", stale(imu)],
       "Turns in all": [count(shown.directional_commands), dim],

@@ -494,7 +494,7 @@ def test_readings_are_those_of_the_vest(page: Page, station: PlayedStation) -> N
     assert numbers["Heading"] == "11 deg"
     assert numbers["To target"] == "25.3 m"
     assert numbers["Reached"] == "1 of 2"
-    assert numbers["GPS 2-sigma"] == "1.6 m"
+    assert numbers["Place 2-sigma"] == "1.6 m"
     assert (numbers["Turns in all"], numbers["Turn budget"]) == ("1", "5 more")
     assert page.locator("#gauge .words").inner_text() == "17 deg left"
     assert page.locator("#cue").inner_text().split("\n") == ["↑", "FORWARD", "the dog feels: tone of 1500 Hz"]

@@ -72,6 +72,7 @@ def test_a_tab_that_dies_stops_the_vest_and_the_screen_of_another_says_why(stati
     with station.browser() as commander, station.browser() as watcher:
         commander.begin()
         watcher.dead = True  # it has nothing to keep alive
+        watcher.until(lambda: watcher.state["telemetry"] is not None)  # its first state may be older
         watcher.until(lambda: watcher.state["telemetry"]["status"] == Status.STOPPED)
         assert any("the heartbeat to the vest ends" in text for text in watcher.events)
         assert any("the radio link was lost (rule 9)" in alarm["text"] for alarm in watcher.state["alarms"])
