@@ -244,7 +244,6 @@ class Conduct:
         self._upload = self._start = self._release = None
         if self._abort:  # it stays: who plays an old session must not make us forget it
             self._abort.counters.clear()
-        self._sent_ms = 0
         self._urgent = self._was_silent = True  # it is greeted at once
         self._greeted_at = -math.inf if self._sessions == 1 else self._greeted_at
 
