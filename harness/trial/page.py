@@ -73,6 +73,7 @@ def write_page(log: Log, summary: Mapping[str, Any], path: Path) -> None:
         thinned=data["thinned"],
         changed=changed(log),
         records=log.metadata,
+        runs_again=bool(log.attachments),
         channels=log.channels,
     )
     write_whole(path, page)

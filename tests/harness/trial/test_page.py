@@ -111,6 +111,11 @@ def test_a_trial_whose_time_was_over_says_so_at_its_end(tmp_path: Path) -> None:
     assert "the time was over" not in Page(trial(), tmp_path).text
 
 
+def test_only_a_log_with_what_it_ran_runs_again(tmp_path: Path) -> None:
+    assert "Running the log again" not in Page(trial(), tmp_path).text
+    assert "Running the log again" in Page(replace(trial(), attachments={"a.ssp": b""}), tmp_path).text
+
+
 def test_the_page_refers_to_no_other_file(tmp_path: Path) -> None:
     log = replace(trial(), broken="the file ends early")
     page = Page(log, tmp_path, notes=["so < far"])
