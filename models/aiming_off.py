@@ -135,8 +135,7 @@ class AimingOff(Block):
     @triggered(
         lambda m: all_of(
             m.ticks == m.settling,
-            m._leads(),
-            any_of(m.now == Mode.FORWARD, m.response_sd <= 0),
+            any_of(m.now == Mode.FORWARD, all_of(m._turns(), m.response_sd <= 0)),
         ),
         "FORWARD, or RIGHT or LEFT where `response_sd` is 0, has lasted the response time",
         seldom=True,
@@ -160,8 +159,9 @@ class AimingOff(Block):
         sqrt(6) / TURNED of that time.
         """
         turned = ca.fabs(wrap(m.heading - m.issue_heading)) / m.heading_sd
-        is_timed = all_of(m.ticks > m.noted_tick, turned >= 2 * TURNED)
-        time = (m.ticks - m.noted_tick) * m.sample_time
+        ticks = m.ticks - m.noted_tick
+        is_timed = all_of(ticks > 0, turned >= 2 * TURNED)
+        time = ticks * m.sample_time
         measured = (m.noted_tick - 0.5) * m.sample_time - time
         gain = m.response_variance / (m.response_variance + 6 / TURNED**2 * time**2)
         gain = where(is_timed, gain, 0)
@@ -169,8 +169,8 @@ class AimingOff(Block):
         m.learnt_response = clip(learnt, 0, LONGEST_RESPONSE)
         m.response_variance = m.response_variance - gain * m.response_variance
         m.settling = m._settling()
-        m.timed = is_timed
-        is_noted = all_of(m.ticks < m.noted_tick, turned >= TURNED)
+        m.lead, m.timed = 0, is_timed  # no lead is found for an animal that obeys at once
+        is_noted = all_of(ticks < 0, turned >= TURNED)
         m.noted_heading = where(is_noted, m.heading, m.noted_heading)
         m.noted_tick = where(is_noted, m.ticks, m.noted_tick)
 
@@ -194,8 +194,8 @@ class AimingOff(Block):
 
     @before("decide")
     @triggered(
-        lambda m: all_of(m._turns(), m._responds()),
-        "in RIGHT and LEFT, `response_time` or `response_sd` is above 0",
+        lambda m: all_of(m._turns(), m.learnt_response > 0),
+        "in RIGHT and LEFT, the response time as it is known is above 0",
         seldom=True,
     )
     def lead_turn(m) -> None:
@@ -221,16 +221,14 @@ class AimingOff(Block):
         """Begin a trial with what is known of all animals."""
         m.learnt_drift, m.drift_variance = m.drift, m.drift_sd**2
         m.learnt_response, m.response_variance = m.response_time, m.response_sd**2
-        m.settling = where(any_of(m.drift_sd > 0, m._responds()), m._settling(), 0)
-        m.ran = m.offset = m.lead = m.early = 0
+        asked = any_of(m.drift_sd > 0, m.response_time > 0, m.response_sd > 0)
+        m.settling = where(asked, m._settling(), 0)
+        m.ran = m.offset = m.early = 0
 
     def _begin_mode(m) -> None:
         """Begin to watch what the animal makes of another command."""
-        m.issue_heading, m.noted_tick, m.timed = m.heading, NOT_YET, 0
-
-    def _responds(m) -> SX:
-        """Does the animal take time to obey, as far as is known?"""
-        return any_of(m.response_time > 0, m.response_sd > 0)
+        m.issue_heading, m.noted_tick = m.heading, NOT_YET
+        m.lead = m.timed = 0
 
     def _settling(m) -> SX:
         """The tick of a mode on which the animal obeys, or the one behind it."""

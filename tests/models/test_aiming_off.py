@@ -188,8 +188,8 @@ def test_a_turn_ends_as_much_earlier_as_the_animal_will_turn_on() -> None:
 def test_a_turn_that_will_go_past_ends_at_once() -> None:
     # given 200 deg/s, known 0.12 s after the turn was obeyed, when 80 deg more will come
     trial = turned(200, 100)
-    assert trial.model["lead"] / DEG == pytest.approx(80)
     assert trial.mode == Mode.FORWARD
+    assert trial.model["deviation"] / DEG == pytest.approx(90 - 200 * 4 * TICK)
     # and an animal that is still turning is not stopped for its deviation
     assert trial.model["deviation"] > 49 * DEG
     assert trial.tick(9) == Command.FORWARD
