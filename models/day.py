@@ -44,7 +44,7 @@ BOUNDS = {
     "fatigue_disobeys": Bound(
         0.76, FULL.format("the obedience of Table 5.1") + " and the rested dog obeys always"
     ),
-    # our sweeps over the gain, held against the counts of Table 4.4 (harness/day/README.md)
+    # our sweeps over the gain, held against the counts of Table 4.4 (harness/results/habituation.md)
     "habituation_gain": Bound(0.35, "by our own sweeps, a larger one would not fit the counts of Table 4.4"),
 }
 

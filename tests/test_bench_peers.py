@@ -227,6 +227,19 @@ def test_with_chance_numpy_does_as_by_hand(scenario: str, name: str, scalar: Run
     assert_alike(simulate(values, route, 4000, 1, 1500), scalar(values, route, 20_000, 2, 1500))
 
 
+def test_by_hand_leads_along_a_straight_way_the_better_the_nearer_its_waypoints_are(scalar: Run) -> None:
+    # given 200 m in equal parts, 8000 trials each; ours with 10,000 (harness/routes/README.md)
+    ours = {4: 0.806, 10: 0.976, 16: 0.990}
+    routes = {parts: [(200 * k / parts, 0.0) for k in range(1, parts + 1)] for parts in ours}
+    for parts, route in routes.items():
+        # when the hand-written C leads along it, with its own random numbers
+        outcomes = scalar(reading("field", route, 49), route, 8000, 10**6, 15_000)
+        # then it succeeds as often, up to chance: an interval of 99.9 %
+        rate = np.mean(outcomes["status"] == Status.SUCCESS)
+        half = Z * math.sqrt(ours[parts] * (1 - ours[parts]) * (1 / 8000 + 1 / 10_000))
+        assert rate == pytest.approx(ours[parts], abs=half + 0.0005), parts
+
+
 # success [%] and mean time of the successful [s] by an independent implementation, 40,000 trials (CHOICES.md)
 @pytest.mark.parametrize(
     ("name", "scenarios", "degrees", "published"),

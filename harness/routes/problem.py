@@ -34,8 +34,10 @@ MEAN_DOG = (
     "it from logs (`canine fit`), and give --scenario or --set"
 )
 HABITUATION = (
-    "the dog heeds the last vibration as it heeds the first: if yours does not, fewer waypoints are better"
+    "the dog heeds the last vibration as it heeds the first: if yours does not, fewer waypoints are better, "
+    "every 40 to 50 m along a straight way"
 )
+HABITUATING = "the dog gets used to vibrations by a law and with a gain that nobody measured, {:g}"
 
 
 @dataclass(frozen=True)
@@ -110,10 +112,11 @@ def prepare(asked: Asked, note: Callable[[str], None] = lambda text: None) -> Pr
     system = components.system(in_trials)
     scorer = Scorer(in_trials, system, site.areas, begin)
     ways = _ways(asked, site, begin, end)
-    controller = interfaces_of_system(system)["controller"]
-    values = scorer.trial_type(Candidate(ways[0], None, (end,))).values["controller"]
-    _check_count(controller, values, in_trials)
-    least = controller.start("capture_radius", values)
+    interfaces = interfaces_of_system(system)
+    controller = interfaces["controller"]
+    values = scorer.trial_type(Candidate(ways[0], None, (end,))).values
+    _check_count(controller, values["controller"], in_trials)
+    least = controller.start("capture_radius", values["controller"])
     if math.dist(begin, end) <= least:
         raise RouteError(
             f"--to {asked.end}: is {math.dist(begin, end):.1f} m from --from {asked.begin}; expected more "
@@ -128,7 +131,8 @@ def prepare(asked: Asked, note: Callable[[str], None] = lambda text: None) -> Pr
     notes = [*site.notes, *(f"no way keeps {c:g} m clear of the areas" for c in closed), *notes]
     for text in notes:
         note(text)
-    return Problem(asked, site, begin, end, base, scorer, candidates, notes, _assumptions(in_trials))
+    assumes = _assumptions(in_trials, interfaces["plant"], values["plant"])
+    return Problem(asked, site, begin, end, base, scorer, candidates, notes, assumes)
 
 
 def _check(asked: Asked) -> None:
@@ -221,9 +225,14 @@ def _check_count(controller: Interface, values: Mapping[str, float], scenario: S
         )
 
 
-def _assumptions(scenario: Scenario) -> list[str]:
+def _assumptions(scenario: Scenario, plant: Interface, values: Mapping[str, float]) -> list[str]:
     """What of the dog is not known to be so: a route is recommended on it."""
-    own = {name.partition(".")[2] for name in scenario.parameters if name.startswith(("canine.", "plant."))}
-    assumes = [] if own & FITTED else [MEAN_DOG]
-    assumes.append(HABITUATION)
-    return assumes
+    dogs = {"canine", "plant", plant.block}
+    stated = [address.partition(".") for address in scenario.parameters]
+    is_fitted = any(owner in dogs and name in FITTED for owner, _, name in stated)
+    gain = "habituation_gain"
+    habituates = plant.start(gain, values) if gain in plant.parameters else 0.0
+    return [
+        *([] if is_fitted else [MEAN_DOG]),
+        HABITUATING.format(habituates) if habituates else HABITUATION,
+    ]

@@ -39,6 +39,8 @@ class Size:
         long: over each distance.
         street: of each type on each map of streets.
         shipped: of each scenario with streets.
+        gain: at each gain of habituation, for each count of the field.
+        straight: along a straight way, for each distance of waypoints and each gain.
         seeds: among which the trial of Figure 5.2 is sought.
     """
 
@@ -48,6 +50,8 @@ class Size:
     long: int = 10_000
     street: int = 8000
     shipped: int = 2000
+    gain: int = 8000
+    straight: int = 5000
     seeds: int = 1000
 
 

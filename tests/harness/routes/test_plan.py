@@ -117,6 +117,25 @@ def test_a_straight_way_needs_waypoints_every_20_m(tmp_path: Path) -> None:
     assert rates == sorted(rates)
 
 
+def test_a_dog_that_habituates_is_led_best_with_waypoints_every_40_to_50_m(tmp_path: Path) -> None:
+    # given the same straight way, and a dog of which only habituation is left of a day
+    alone = [f"canine.fatigue_{effect}=0" for effect in ("slows", "delays", "disobeys")]
+    settings = ("canine.habituation_gain=0.1", *alone)
+    yard = write(tmp_path, polygon("hut", box(500, 500, 510, 510)))
+    problem = prepare(Asked(yard, "0,0", "200,0", plant="canine_all_day", settings=settings))
+    way = Way(((0.0, 0.0), (200.0, 0.0)), "open")
+    candidates, _ = candidates_of([way], [100.0, 50.0, 40.0, 25.0, 12.5], Site("straight"), 7.0)
+    # when each is tried 1500 times
+    rates = [score.success_rate for score in problem.scorer.run(candidates, 0, 1500)]
+    # then (5,000 trials: 32.8, 71.5, 69.8, 58.0, 62.8 %) a narrower or a wider spacing is worse
+    assert rates == pytest.approx([0.328, 0.715, 0.698, 0.580, 0.628], abs=0.04)
+    hundred, fifty, forty, *narrower = rates
+    assert min(fifty, forty) > max(hundred, *narrower) + 0.03
+    # and the plan says that this rests on what nobody measured
+    assert any("nobody measured, 0.1" in text for text in problem.assumes)
+    assert not any("heeds the last vibration" in text for text in problem.assumes)
+
+
 def test_scores_do_not_depend_on_how_trials_are_cut(tmp_path: Path) -> None:
     # given
     problem = prepare(Asked("five_buildings", "home", "goal"))
