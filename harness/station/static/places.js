@@ -22,7 +22,7 @@
       const led = legs.reduce((sum, leg) => sum + leg.length, 0);
       total.textContent = waypoints.length
         ? `${waypoints.length} ${waypoints.length > 1 ? "waypoints" : "waypoint"}, ${canine.format(led, "m", 1)} in all` +
-          (home ? " with the way home" : "; home is not marked") + (fence.length ? `, fence of ${fence.length} corners` : ", no fence")
+          (home ? " with the way home" : "; home is not marked") + (fence.length ? `, fence of ${fence.length} ${fence.length > 1 ? "corners" : "corner"}` : ", no fence")
         : "No waypoint yet: choose Waypoint and click on the map";
       const again = focus && body.querySelector(`[data-key="${focus}"]`);
       if (again) again.focus();

@@ -72,6 +72,7 @@
       show(best < 0 ? null : best);
       const bounds = areas.getBounds().extend(lines.getBounds());
       if (bounds.isValid()) leaflet.fitBounds(bounds.pad(0.1));
+      list.scrollIntoView({ block: "nearest" }); // it may be below what the panel shows
       said.textContent = [best < 0 ? "No route is recommended" : `Route ${best + 1} of ${routes.length} is recommended`, ...answer.notes,
         ...answer.assumes.map((text) => "it is assumed that " + text)].join("; ");
     }

@@ -211,6 +211,12 @@ def test_routes_are_compared_on_the_map_and_one_becomes_the_mission(
         "> 99.9 % get there, 0.0 % enter an area, 30 s, 3.1 stimuli: 60 m, 3 m clear, unsplit",
         "95.1 % get there, < 0.1 % enter an area, 28 s, 2.0 stimuli: 62 m, 6 m clear, unsplit",
     ]
+    # in sight
+    panel, route = (page.locator(what).first.bounding_box() for what in ("#desk-panels", "#routes button"))
+    assert panel
+    assert route
+    assert panel["y"] <= route["y"]
+    assert route["y"] + route["height"] <= panel["y"] + panel["height"]
     # and the one that is looked at last is used; undo takes it back
     page.locator("#routes button").first.click()
     assert page.locator("#routes [aria-pressed=true]").count() == 1
