@@ -57,6 +57,9 @@
       }
       entries.push(...Object.keys(WORDS).filter((kind) => data.bands.some((band) => band.kind === kind))
         .map((kind) => explained("band", kind, WORDS[kind])));
+      const { streets = [], poles = [] } = data.route || {};
+      if (streets.length) entries.push(explained("band", "line", "street"));
+      if (poles.length) entries.push(canine.element("span", {}, "\u25b2 pole"));
       if (data.marks.some(({ kind }) => kind === "anomaly")) entries.push(canine.element("span", {}, "\u26a0 anomaly"));
       of("legend").replaceChildren(...entries);
     }

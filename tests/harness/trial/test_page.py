@@ -151,6 +151,21 @@ def test_parameters_that_differ_are_in_the_units_of_scenarios(tmp_path: Path) ->
     assert "cmec.stop_deviation" not in text
 
 
+def test_streets_and_poles_are_on_the_map_and_in_its_legend(tmp_path: Path, open_page: OpenPage) -> None:
+    # given a trial in a street of 20 m to the north, beside a pole
+    log, street = trial(), {"street_count": 1, "street_end_north[1]": 20, "street_half_width[1]": 2}
+    street |= {"street_north[1]": 0, "street_east[1]": 0, "street_end_east[1]": 0}
+    poles = {"pole_count": 1, "pole_north[1]": 5, "pole_east[1]": 9}
+    parameters = {f"plant.{name}": str(value) for name, value in (street | poles).items()}
+    inside = replace(log, metadata=log.metadata | {"parameters": log.metadata["parameters"] | parameters})
+    for one, count in ((inside, 1), (log, 0)):
+        page = open_page(Page(one, tmp_path).path.as_uri()).page
+        assert page.locator("#map path.street").count() == count
+        assert page.locator("#map [title=pole]").count() == count
+        legend = page.locator("#legend").inner_text()
+        assert ("street" in legend, "\u25b2 pole" in legend) == (count > 0, count > 0)
+
+
 @pytest.mark.parametrize("lacking", ["plant", "controller", "estimator", "sensors"])
 def test_a_log_without_a_component_has_a_page(lacking: str, tmp_path: Path, open_page: OpenPage) -> None:
     log = trial()
