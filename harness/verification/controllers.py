@@ -67,6 +67,7 @@ CONTROLLERS = {
     "CMEC, calibrated": Leading("calibrated"),
     "CMEC, field": Leading("field"),
     **{f"field, {name}": Leading("field", aim) for name, aim in AIMS.items() if aim},
+    "field, learnt drift and lead": Leading("field", ("cmec=aim_off_lead",)),
 }
 DOGS = {
     "Table 5.1, means": Led(),

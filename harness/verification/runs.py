@@ -107,13 +107,18 @@ DRAWS = {  # what of the dog's speed is drawn for each trial
     "all, and the search: `table_5_1`": DRAWN,
 }
 AIMS = {"the CMEC": (), "mean drift": ("cmec=aim_off_mean",), "learnt drift": ("cmec=aim_off",)}
+REDRAWN = ("canine.drift_redrawn=true",)
+FORGETFUL = ("cmec.drift_persistence=0.9",)
 LATE = ("canine.response_delay=0.3",)
 AIMED_DOGS = {
     "Table 5.1, means": (),
     "`table_5_1`": DRAWN,
-    "its drift drawn at each FORWARD": ("canine.drift_redrawn=true",),
+    "its drift drawn at each FORWARD": REDRAWN,
+    "means, `cmec.drift_persistence=0.9`": FORGETFUL,
+    "drawn at each FORWARD, `cmec.drift_persistence=0.9`": (*REDRAWN, *FORGETFUL),
     "0.3 s late": LATE,
     "0.3 s late, `cmec.response_time=0.3`": (*LATE, "cmec.response_time=0.3"),
+    "0.3 s late, learnt from 0.1 ± 0.2 s": (*LATE, "cmec.response_time=0.1", "cmec.response_sd=0.2"),
     "means, `cmec.braking=2.72`": ("cmec.braking=2.72",),
     "means, `cmec.starting_time=2.74`": ("cmec.starting_time=2.74",),
 }

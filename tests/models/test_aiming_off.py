@@ -238,6 +238,15 @@ def test_a_response_time_is_learnt_by_a_scalar_kalman_filter(response: float) ->
     assert later.model["settling"] == 1 + math.floor(later.model["learnt_response"] / TICK + 0.1)
 
 
+def test_an_animal_that_passes_both_headings_at_once_is_timed_a_tick_later() -> None:
+    # given 2 deg a tick, where 0.8 deg tell that it turns, and 1.6 deg time it
+    before, trial = (turning(50, 0.32, ticks, heading_sd=0.2 * DEG) for ticks in (9, 10))
+    assert (before.model["noted_tick"], before.model["learnt_response"]) == (9, 0.1)
+    # then that makes 9 - 1/2 - 1 ticks, to sqrt(6) / 4 of a tick
+    gain = 0.2**2 / (0.2**2 + 6 / 16 * TICK**2)
+    assert trial.model["learnt_response"] == pytest.approx(0.1 + gain * (7.5 * TICK - 0.1))
+
+
 def test_a_turn_to_the_wrong_side_is_timed_too_and_one_that_is_not_obeyed_is_not() -> None:
     wrong, deaf = turning(-50, 0.32, 16), turning(0, 0.32, 60)
     assert wrong.model["learnt_response"] == turning(50, 0.32, 16).model["learnt_response"]
@@ -271,6 +280,16 @@ def test_a_turn_whose_response_is_learnt_ends_as_much_earlier_as_the_animal_will
     asked = next(k for k, c in enumerate(trial.commands) if c == Command.RIGHT)
     h = 90 - 60 * (TICK * (told - asked) - 0.4)
     assert h - 60 * 0.4 == pytest.approx(5, abs=60 * TICK)
+
+
+def test_a_lead_that_was_thought_right_is_dropped_once_an_animal_is_known_to_obey_at_once() -> None:
+    # given 0.1 +- 5 s, by which a turn of 50 deg/s would end 5 deg earlier
+    before, trial = (turning(50, 0.0, ticks, response_sd=5.0) for ticks in (7, 100))
+    assert before.model["lead"] / DEG == pytest.approx(5)
+    # then it ends where it does without
+    assert trial.mode == Mode.FORWARD
+    assert trial.model["learnt_response"] == 0
+    assert 3 <= trial.model["deviation"] / DEG < 5
 
 
 @pytest.mark.parametrize(("speed", "way"), [(5, 5.0), (3, 1.8), (-5, 5.0)])
