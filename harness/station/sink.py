@@ -16,6 +16,7 @@ rows would fill them, and a reader takes a hole for the end.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
@@ -30,7 +31,7 @@ from harness.log.channel import SECOND, Channel
 from harness.log.events import ENDS_A_TRIAL
 from harness.log.geodesy import TangentPlane
 from harness.log.live import Viewers
-from harness.log.log import FILE
+from harness.log.log import FILE, LogError
 from harness.log.writer import LogWriter
 from harness.onboard.radio import Mission
 from harness.onboard.stand_in import Onboard
@@ -179,6 +180,7 @@ class Sink:
             attachments={},
             viewers=viewers,
         )
+        self._file = self.path.stat()
         self._topics = {topic: self._writer.add_topic(topic, *stated) for topic, stated in SCHEMAS.items()}
         self._messages: list[tuple[int, float, bytes]] = []
         self._rows: list[tuple[float, dict[str, list[float]]]] = []
@@ -255,6 +257,15 @@ class Sink:
         self._writer.write_messages(self._messages)
         self._messages = []
         self._writer.flush()
+        if not self._is_there():
+            raise LogError(f"log {self.path}: was moved, removed or replaced; start the station again")
+
+    def _is_there(self) -> bool:
+        """Is the file of this name still the one that is written?"""
+        try:
+            return os.path.samestat(self._file, self.path.stat())
+        except OSError:
+            return False
 
     def close(self) -> None:
         """Write what is left, and the log's end."""

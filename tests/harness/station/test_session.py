@@ -12,9 +12,9 @@ import pytest
 from mcap.reader import make_reader
 
 from codegen.firmware.key import SIMULATION_KEY, Key
-from codegen.firmware.telemetry import FIELDS, Telemetry
+from codegen.firmware.telemetry import FIELDS, Flag, Telemetry
 from harness.log.log import LogError, read_log
-from harness.onboard.radio import Seal, encode
+from harness.onboard.radio import Abort, Mission, Position, Seal, encode
 from harness.station.desk import OrderError
 from harness.station.events import Level
 from harness.station.opening import vest_parameters
@@ -22,20 +22,29 @@ from harness.station.ports import PortError
 from harness.station.recorded import read_recorded
 from harness.station.session import OLD_HOLD_S, OLD_S, REOPEN_S, About, Session
 from harness.station.shown import Refresh
-from harness.station.sink import ORDERS, Sink
+from harness.station.sink import JUMP_S, ORDERS, Sink
 from harness.trial.scenario import Scenario
+from models.commands import Command
 from models.errors import UsageError
 from models.kit.timing import TICK
+from models.modes import Mode
 from tests.harness.onboard.vest import Vest, program
 from tests.harness.station.browser import Silence
-from tests.harness.station.rig import Hands, Tapped
+from tests.harness.station.rig import Hands, Tapped, frames
+
+MISSION = Mission(Position(32.6, -85.4), (Position(32.6009, -85.4),))
 
 
 class Pulled(Silence):
     """A port that is pulled."""
 
+    is_closed = False
+
     def read(self) -> bytes:
         raise PortError("port x: is gone")
+
+    def close(self) -> None:
+        self.is_closed = True
 
 
 class OnDesk(Silence):
@@ -97,8 +106,10 @@ def test_a_port_that_is_pulled_is_told_and_opened_again_as_soon_as_it_can_be(tmp
 
 def test_a_port_that_cannot_be_opened_again_leaves_a_station_that_answers(tmp_path: Path) -> None:
     hands = Hands()
-    station = session(tmp_path, Pulled(), hands)
+    port = Pulled()
+    station = session(tmp_path, port, hands)
     assert texts(station, hands, "port x: is gone") == ["port x: is gone"]
+    assert port.is_closed
     station.order(1, {"do": "stop"})
     assert station.state(station.now)["stop_latched"]
     station.close()
@@ -155,9 +166,9 @@ class Forged(Silence):
     def __init__(self) -> None:
         self._coming, self._count = b"", 0
 
-    def put(self, time_ms: int) -> None:
+    def put(self, time_ms: int, **told: int) -> None:
         self._count += 1
-        fields = dict.fromkeys(FIELDS, 0)
+        fields = dict.fromkeys(FIELDS, 0) | told
         fields |= {"session": 7, "nonce": self.station.conduct.link.nonce, "time_ms": time_ms}
         self._coming += encode(Telemetry(**fields), self._count, Seal(None, 7))
 
@@ -210,6 +221,15 @@ def test_an_hour_for_which_a_station_stood_still_is_told_and_left_out(tmp_path: 
     assert 62 < log.time[-1] < 64
 
 
+def test_a_stand_still_is_told_from_that_length_on_that_a_log_leaves_out(tmp_path: Path) -> None:
+    hands = Hands()
+    station = session(tmp_path, Silence(), hands)
+    for stood, is_told in ((0.0, False), (JUMP_S, False), (JUMP_S + 1, True)):
+        hands.now += stood
+        assert bool(station.poll().events) is is_told
+    station.close()
+
+
 def test_a_hold_is_recorded_once_and_again_if_it_is_ordered_after_it_lapsed(tmp_path: Path) -> None:
     hands = Hands()
     station = session(tmp_path, OnDesk(), hands, key=SIMULATION_KEY)
@@ -241,10 +261,18 @@ def test_what_is_recorded_of_an_order_is_who_gave_it_and_what_is_known_of_orders
     station.order(1, {"do": "note", "text": "hi", "operator": 99, "more": 1})
     station.order(2, {"do": "stop", "text": nested, "seen": nested})
     assert station.conduct.latched
+    station.order(1, {"do": "take"})
+    for _ in range(2):  # which comes with each stroke, and would fill the log
+        station.order(1, {"do": "draft", "mission": {"home": None}})
+        station.order(1, {"do": "alive"})
     station.close()
     with (tmp_path / "trial.mcap").open("rb") as file:
         found = [json.loads(message.data) for *_, message in make_reader(file).iter_messages(topics=[ORDERS])]
-    assert found == [{"operator": 1, "do": "note", "text": "hi"}, {"operator": 2, "do": "stop"}]
+    assert found == [
+        {"operator": 1, "do": "note", "text": "hi"},
+        {"operator": 2, "do": "stop"},
+        {"operator": 1, "do": "take"},
+    ]
 
 
 def shown(station: Session) -> float:
@@ -310,16 +338,105 @@ def test_a_port_that_is_gone_is_left_alone_for_a_while(tmp_path: Path) -> None:
     station.close()
 
 
-def test_an_order_and_a_leave_are_sent_at_once(tmp_path: Path) -> None:
-    # given a vest that is heard, and nothing to be sent
-    hands, vest = Hands(), Forged()
-    vest.station = station = session(tmp_path, vest, hands)
+def heard(folder: Path, vest: Forged, hands: Hands, **told: int) -> Session:
+    """A station at which operator 1 commands a vest that tells this."""
+    vest.station = station = session(folder, vest, hands)
     station.join(1)
     station.order(1, {"do": "take"})
     for k in range(3):
-        vest.put(1000 + 200 * k)
+        vest.put(1000 + 200 * k, **told)
         hands.now += 0.2
         station.poll()
+    return station
+
+
+class Broken(Forged):
+    """A vest that is heard at a port that breaks when something is sent."""
+
+    is_broken = False
+
+    def write(self, data: bytes) -> None:
+        super().write(data)
+        if self.is_broken:
+            raise PortError("port x: broke")
+
+
+def test_a_port_that_breaks_with_what_is_sent_is_told_once(tmp_path: Path) -> None:
+    hands, vest = Hands(), Broken()
+    station = heard(tmp_path, vest, hands)
+    vest.is_broken = True
+    for _ in range(2):
+        station.order(1, {"do": "stop"})
+    assert [event.text for event in station.poll().events].count("port x: broke") == 1
+    station.close()
+
+
+@pytest.mark.parametrize(
+    ("mode", "flags", "types"),
+    [(Mode.FORWARD, Flag.STARTED, [Abort.type] * 2), (Mode.STOPPED, Flag.STARTED, []), (Mode.IDLE, 0, [])],
+)
+def test_a_station_that_ends_aborts_what_is_under_way_and_nothing_else(
+    tmp_path: Path, mode: Mode, flags: int, types: list[int]
+) -> None:
+    vest = Forged()
+    station = heard(tmp_path, vest, Hands(), mode=mode, flags=flags)
+    vest.sent = b""
+    station.close()
+    assert [frame[2] for frame in frames(vest.sent)] == types
+
+
+def test_a_vest_holds_a_mission_once_it_says_so(tmp_path: Path) -> None:
+    for flags, on_board in ((0, None), (Flag.LOADED, {"id": 9, "mission": None})):
+        station = heard(tmp_path / str(int(flags)), Forged(), Hands(), mission_id=9, flags=flags)
+        assert station.state(station.now)["on_board"] == on_board
+        station.close()
+
+
+def test_what_the_operator_orders_is_in_each_row(tmp_path: Path) -> None:
+    hands, vest = Hands(), Forged()
+    station = heard(tmp_path, vest, hands)
+    for k, order in enumerate(({"do": "hold", "command": "LEFT"}, {"do": "stop"})):
+        station.order(1, order)
+        vest.put(1600 + 200 * k)
+        hands.now += 0.2
+        station.poll()
+    station.close()
+    rows = read_log(tmp_path / "trial.mcap")["controller.override"]
+    assert rows[-2:].tolist() == [Command.LEFT, Command.STOP]
+    assert set(rows[:-2].tolist()) == {Command.NONE}
+
+
+def test_a_mission_on_board_is_recorded_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    hands = Hands()
+    station = session(tmp_path, Silence(), hands)
+    taken: list[object] = []
+    monkeypatch.setattr(station._sink, "take_mission", taken.append)
+    station.conduct._given = MISSION
+    for _ in range(3):
+        hands.now += 0.1
+        station.poll()
+    assert taken == [MISSION]
+    station.close()
+
+
+@pytest.mark.parametrize(
+    ("key", "flags", "insecure"),
+    [(None, 0, True), (SIMULATION_KEY, 0, False), (SIMULATION_KEY, Flag.INSECURE, True)],
+)
+def test_frames_are_verified_if_both_ends_have_the_key(
+    tmp_path: Path, key: Key | None, flags: int, insecure: bool
+) -> None:
+    station = session(tmp_path, Silence(), Hands(), key=key)
+    assert station.is_insecure is (key is None)
+    station.conduct.telemetry = Telemetry(**dict.fromkeys(FIELDS, 0) | {"flags": flags})
+    assert station.is_insecure is insecure
+    station.close()
+
+
+def test_an_order_and_a_leave_are_sent_at_once(tmp_path: Path) -> None:
+    # given a vest that is heard, and nothing to be sent
+    hands, vest = Hands(), Forged()
+    station = heard(tmp_path, vest, hands)
     for act in (
         lambda: station.order(1, {"do": "hold", "command": "LEFT"}),
         lambda: station.leave(1),

@@ -312,3 +312,13 @@ def test_bytes_orders_and_events_are_kept_with_their_times(sink: Sink) -> None:
             "line": 0,
         },
     )
+
+
+@pytest.mark.parametrize("instead", [None, b"another log"])
+def test_a_log_that_is_taken_away_is_told(sink: Sink, instead: bytes | None) -> None:
+    sink.flush()
+    sink.path.unlink()
+    if instead is not None:
+        sink.path.write_bytes(instead)
+    with pytest.raises(LogError, match=r"trial.mcap: was moved, removed or replaced"):
+        sink.flush()
