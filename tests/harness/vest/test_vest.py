@@ -168,6 +168,9 @@ def test_a_reset_ends_the_mission_and_begins_another_session(opened: Open) -> No
     assert after.status == Status.IDLE
     assert vest.state.command in (Command.NONE, Command.STOP)
     assert vest.state.time > moved.time  # the animal's time goes on
+    vest.reset()
+    steps.ticks(vest, 2)
+    assert vest.state.resets == 2
 
 
 def test_every_vest_begins_a_session_of_its_own(opened: Open) -> None:
