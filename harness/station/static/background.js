@@ -4,6 +4,7 @@
   "use strict";
   const canine = (window.canine = window.canine || {});
   const MOST_BYTES = 60e6; // of a picture
+  const WORLD_BYTES = 1000; // of a world file, which has some 100
   const PICTURE = /\.(png|jpe?g|webp|gif)$/i, WORLD = /\.(pgw|jgw|wld|tfw|gfw|pngw|jpgw)$/i, TILES = /\.pmtiles$/i;
   const RASTER = { 2: "PNG", 3: "JPEG", 4: "WebP", 5: "AVIF" }; // PMTiles' types of tiles that are pictures
   const VECTOR = 1;
@@ -23,17 +24,15 @@
   // The corners of a picture of so many pixels, [[south, west], [north, east]] in deg.
   canine.corners = function ({ width, height, x, y }, [columns, rows], crs, home) {
     const west = x - width / 2, north = y - height / 2, east = west + columns * width, south = north + rows * height;
-    if (crs === "metres") {
-      if (!home) throw new Error("home is not marked, and the world file counts metres from it");
-      const plane = canine.plane(home);
-      return [plane.toDegrees([south, west]), plane.toDegrees([north, east])];
-    }
-    const place = crs === "mercator"
-      ? ([e, n]) => { const { lat, lng } = L.CRS.EPSG3857.unproject(L.point(e, n)); return [lat, lng]; }
-      : ([e, n]) => [n, e];
+    if (crs === "metres" && !home) throw new Error("home is not marked, and the world file counts metres from it");
+    const place = {
+      metres: ([e, n]) => canine.plane(home).toDegrees([n, e]),
+      mercator: ([e, n]) => { const { lat, lng } = L.CRS.EPSG3857.unproject(L.point(e, n)); return [lat, lng]; },
+      degrees: ([e, n]) => [n, e],
+    }[crs];
     const corners = [place([west, south]), place([east, north])];
     if (!corners.every(([latitude, longitude]) => Math.abs(latitude) <= 90 && Math.abs(longitude) <= 180)) {
-      throw new Error(`the picture reaches to ${corners[1].map((value) => value.toFixed(1))}, expected degrees; is the world file in metres?`);
+      throw new Error(`the picture reaches to ${corners[1].map((value) => value.toFixed(1))}, expected latitude and longitude; does the world file count otherwise?`);
     }
     return corners;
   };
@@ -52,6 +51,7 @@
     async function picture(image, world) {
       if (!world) throw new Error(`${image.name} has no world file; choose both together, such as map.png and map.pgw`);
       if (image.size > MOST_BYTES) throw new Error(`${image.name} has ${image.size} bytes, expected ${MOST_BYTES} at most`);
+      if (world.size > WORLD_BYTES) throw new Error(`${world.name} has ${world.size} bytes, expected ${WORLD_BYTES} at most`);
       const corners = canine.readWorld(await world.text()), drawn = await createImageBitmap(image);
       const bounds = canine.corners(corners, [drawn.width, drawn.height], crs.value, homeOf());
       drawn.close();

@@ -20,12 +20,14 @@ from harness.station.draft import Draft
 from harness.station.headless import Headless, HeadlessError
 from harness.station.opening import Request, opened
 from harness.station.playback import Playback
+from harness.station.sink import SILENT_S
 from harness.trial.scenario import SHIPPED
 from models.commands import Command, Status
 from tests.harness.command import canine
 from tests.harness.station.browser import served, vest_of
 from tests.harness.station.rig import Hands
 
+SPEED = 8
 LEAD = ("station", "--simulate", "three_waypoint", "--headless", "--mission", "three_waypoint")
 
 
@@ -35,7 +37,7 @@ def led(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from harness import main  # noqa: PLC0415
 
     out = tmp_path_factory.mktemp("led")
-    assert main.run([*LEAD, "--speed", "8", "--start", "--out", str(out), "--json"]) == 0
+    assert main.run([*LEAD, "--speed", str(SPEED), "--start", "--out", str(out), "--json"]) == 0
     return out
 
 
@@ -225,7 +227,8 @@ def test_a_log_is_played_from_any_time_at_any_speed_and_paused(led: Path) -> Non
     hello, history = (json.loads(message) for message in playback.join(1))
     until = hello["replay"]["until"]
     assert hello["source"] == "replay of trial.mcap"
-    assert history["columns"]["time"][-1] == pytest.approx(until, abs=0.5)
+    last = history["columns"]["time"][-1]
+    assert until - SPEED * SILENT_S <= last <= until, "on a busy machine the last telemetry is late"
     assert "the trial has succeeded" in {event["text"] for event in history["events"]}
     first = shown(playback)
     assert first["telemetry"], "it begins where the vest was heard"

@@ -565,6 +565,8 @@ def test_a_picture_with_a_world_file_lies_under_the_map(page: Page, visit: Visit
     assert page.locator("#map img").count() == 1
     page.set_input_files("#ground", [picture, file("field.pgw", b"1\n0.5\n0.5\n-1\n0\n0\n")])
     page.get_by_text("Not drawn: the picture is rotated").wait_for()
+    page.set_input_files("#ground", [picture, file("field.pgw", b"1\n0\n0\n-1\n0\n0" + b" " * 1000)])
+    page.get_by_text("Not drawn: field.pgw has 1012 bytes, expected 1000 at most").wait_for()
     page.set_input_files("#ground", [file("a.pmtiles", b"no tiles")])
     page.get_by_text("Not drawn: ").last.wait_for()
     page.click("#ground-remove")
@@ -687,6 +689,11 @@ def test_corners_of_a_picture_follow_its_world_file(page: Page) -> None:
         "canine.corners({width: 0.1, height: -0.1, x: 8.05, y: 46.95}, [10, 20], 'degrees')"
     )
     assert degrees == [pytest.approx([45, 8]), pytest.approx([47, 9])]
+    far = "canine.readWorld('1e7\\n0\\n0\\n-1e7\\n1e308\\n-1e308')"
+    for crs in ("metres", "mercator", "degrees"):
+        asked = f"canine.corners({far}, [50, 25], '{crs}', {HOME})"
+        told = page.evaluate(f"(() => {{ try {{ {asked}; }} catch (error) {{ return error.message; }} }})()")
+        assert "expected latitude and longitude" in told, crs
 
 
 def test_a_replay_is_led_by_its_slider_and_orders_nothing(open_page: OpenPage) -> None:

@@ -154,7 +154,7 @@ def test_a_reset_ends_the_mission_and_begins_another_session(opened: Open) -> No
     operator = Leading(vest.port, mission_of(SCENARIO))
     steps.ticks(vest, RAN, operator)
     assert operator.status == Status.RUNNING
-    before = operator.told[-1].session
+    before, origin = operator.told[-1].session, vest._worn._origin()
     moved = vest.state
 
     vest.reset()
@@ -168,6 +168,7 @@ def test_a_reset_ends_the_mission_and_begins_another_session(opened: Open) -> No
     assert after.status == Status.IDLE
     assert vest.state.command in (Command.NONE, Command.STOP)
     assert vest.state.time > moved.time  # the animal's time goes on
+    assert vest._worn._origin() != origin  # that of its first fix since
     vest.reset()
     steps.ticks(vest, 2)
     assert vest.state.resets == 2
