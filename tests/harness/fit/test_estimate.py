@@ -306,9 +306,10 @@ def test_as_many_logs_of_one_plant_as_of_another_are_refused(tmp_path: Path) -> 
 
 
 def test_plants_with_different_parameters_are_noted_by_log(tmp_path: Path) -> None:
-    # given dogs at other starts, of which one is faster by its parameters
+    # given dogs at other starts and in other streets, of which one is faster by its parameters
     for number, speed in enumerate(("4.86", "4.86", "3.0")):
-        parameters = {"plant.cruise_speed": speed, "plant.start_north": str(number)}
+        places = {"plant.start_north": str(number), "plant.street_end_north[1]": str(number)}
+        parameters = {"plant.cruise_speed": speed, **places}
         write(tmp_path / f"{number}.mcap", columns(), seed=str(number), parameters=parameters)
     notes = read_tracks(find_logs([tmp_path])).notes
     assert list(notes) == [

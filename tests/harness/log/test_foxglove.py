@@ -3,6 +3,7 @@
 import io
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,10 +12,12 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
+from harness.log.channel import Channel
 from harness.log.container import Container
 from harness.log.foxglove import Views
 from harness.log.ground import Ground
 from harness.log.route import Route
+from harness.log.writer import LogWriter
 
 PLANT = ("command", "north", "east", "heading")
 SENSORS = ("gps_fix", "gps_north", "gps_east", "gps_h_acc")
@@ -296,6 +299,19 @@ def test_a_mission_that_becomes_known_leaves_the_streets_in_the_scene() -> None:
     views.settle((0.0, 0.0), Route.of(MISSION))
     scene = SceneUpdate.FromString(views.drawing)
     assert {"waypoint 1", "street 2 of the simulated dog"} <= {entity.id for entity in scene.entities}
+
+
+def test_a_log_has_the_streets_of_its_parameters_in_its_scene(tmp_path: Path) -> None:
+    # given a log that is written tick by tick
+    blank = ("",) * len(PLANT)
+    plant = Channel("plant", "canine_in_streets", PLANT, blank, ("Real",) * len(PLANT), blank)
+    path, metadata = tmp_path / "trial.mcap", {"parameters": CROSSING}
+    with LogWriter(path, [plant], origin=(0.0, 0.0), metadata=metadata, attachments={}) as log:
+        log.write_rows(np.array([0.0]), {"plant": np.zeros((1, len(PLANT)))})
+    with path.open("rb") as file:
+        messages = make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages("/3d/scene")
+        [(_, _, _, scene)] = messages
+    assert "street 2 of the simulated dog" in {entity.id for entity in scene.entities}
 
 
 @pytest.mark.parametrize("value", ["nan", "inf", "-1", "1e9", "?"])
