@@ -30,7 +30,13 @@ CASES: dict[
     },
     "right_45": {"reading": "literal", "seed": 3},
     "two_waypoint": {"system": "cts", "seed": 11, "parameters": {"cmec.moving_deviation": 15}},
-    "downtown_three": {"seed": 2},
+    "downtown_three": {
+        "seed": 2,
+        "parameters": {
+            **{"cmec.drift": 2.62, "cmec.drift_sd": 1.62, "cmec.drift_persistence": 0.8, "cmec.braking": 2.7},
+            **{"cmec.response_time": 0.1, "cmec.response_sd": 0.2, "canine_in_streets.response_delay": 0.3},
+        },
+    },
     "right_90": {"swaps": {"controller": "quarter_turn", "plant": "differential_drive"}},
     "left_45": {"swaps": {"controller": "proportional", "plant": "differential_drive"}, "seed": 2},
 }
