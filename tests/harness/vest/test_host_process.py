@@ -119,6 +119,13 @@ def test_bytes_that_the_program_cannot_take_harm_nobody(program: HostProcess) ->
     assert told(program, 50, lambda tick: flood if tick < 10 else Received())
 
 
+def test_a_program_that_is_reset_begins_its_time_anew(program: HostProcess) -> None:
+    told(program, 20, lambda tick: Received())
+    program.reset(0)
+    assert program._clock.now == 0
+    assert told(program, 20, lambda tick: Received())[0] < 20 * 40
+
+
 def test_a_program_that_ends_by_itself_is_named(program: HostProcess) -> None:
     program.reset(0)
     assert program._process

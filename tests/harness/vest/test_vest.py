@@ -257,9 +257,12 @@ def test_what_waits_while_the_radio_is_lost_is_lost(opened: Open, monkeypatch: p
     brought = carried(vest, monkeypatch)
 
     vest.port.write(bytes(1000))
-    steps.ticks(vest, 30)
+    steps.ticks(vest, 7)
+    vest.port.write(bytes(100))  # while it is lost
+    steps.ticks(vest, 23)
 
     assert 0 < sum(brought) < 1000
+    assert brought == [230] * len(brought)
 
 
 def test_the_account_tells_what_became_of_the_ticks() -> None:
