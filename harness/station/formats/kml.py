@@ -6,6 +6,7 @@ import io
 import math
 import re
 from typing import Any
+from xml.etree import ElementTree
 
 import fastkml
 from fastkml.exceptions import FastKMLError
@@ -19,6 +20,7 @@ from harness.station.formats.xml import MAX_ELEMENTS, plain_xml
 from models.errors import printable
 
 COORDINATES = re.compile(rb"<(?:[\w.-]+:)?coordinates\b[^>]*>([^<]*)")
+GEOMETRIES = {"Point", "LineString", "LinearRing", "Polygon", "MultiGeometry", "Model", "Track", "MultiTrack"}
 
 
 def read(data: bytes) -> Draft:
@@ -38,6 +40,7 @@ def placemarks(data: bytes, most: float = math.inf) -> list[tuple[str, Any]]:
     """
     plain = plain_xml(data, "kml", most)
     _check_numbers(plain)
+    _check_geometries(plain)
     try:
         document = fastkml.KML.parse(io.BytesIO(plain), strict=True, validate=False)
         marks: list[Any] = list(find_all(document, of_type=fastkml.Placemark))
@@ -63,6 +66,17 @@ def _check_numbers(plain: bytes) -> None:
                 raise MissionFileError(
                     f'a place has "{printable(in_words(number))}", expected longitude,latitude in deg'
                 )
+
+
+def _check_geometries(plain: bytes) -> None:
+    """Has each placemark one geometry at most? Of several the library reads the first alone."""
+    elements = ElementTree.fromstring(plain).iterfind(".//{*}Placemark")
+    for number, mark in enumerate(elements, start=1):
+        names = [name for child in mark if (name := child.tag.rpartition("}")[2]) in GEOMETRIES]
+        if len(names) > 1:
+            raise MissionFileError(
+                f"placemark {number}: has {' and '.join(names)}, expected one; give each a placemark"
+            )
 
 
 def _shape(where: str, mark: Any) -> Shape:

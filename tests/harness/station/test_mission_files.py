@@ -159,6 +159,9 @@ def test_a_scenario_gives_its_start_as_home() -> None:
                   b"</coordinates></Point></Placemark></kml>", "placemark 1 (p): has no place, expected"),
         ("a.kml", b'<kml xmlns="http://www.opengis.net/kml/2.2"><Placemark><Point><coordinates>a,b'
                   b"</coordinates></Point></Placemark></kml>", 'a.kml: a place has "a", expected'),
+        ("a.kml", b'<kml xmlns="http://www.opengis.net/kml/2.2"><Placemark/><Placemark><Point>'
+                  b"<coordinates>1,2</coordinates></Point><Polygon/></Placemark></kml>",
+                  "placemark 2: has Point and Polygon, expected one; give each a placemark"),
         ("a.gpx", b'<gpx>\n<wpt lat="4_5" lon="0"/></gpx>', "line 2: latitude is 4_5, expected"),
         ("a.gpx", '<gpx>\n<wpt lat="\u0664" lon="0"/></gpx>'.encode(), "latitude is \u0664, expected"),
         ("a.gpx", b'<gpx xmlns="x" xmlns:g="x">\n<g:wpt lat="nan" lon="0"/></gpx>', "2: latitude is nan"),
