@@ -30,7 +30,7 @@ class AimingOff(Block):
     *Lead.* An animal turns on for its response time after its turn has ended. So a turn ends where its rate
     so far will have brought it to b by then, or past b. The time is the parameter `response_time`; with
     `response_sd` it is learnt by another such filter. An animal that is told to turn stands, and its heading
-    stays until it obeys: that was when the line through two of the headings behind it began.
+    stays until it obeys. The line through two later headings gives the time at which it obeyed.
     *Braking point.* With `braking`, STOP is told where the animal will come to rest at the waypoint, within
     d'; d' alone stops it d' less its braking distance before.
     """
@@ -86,7 +86,7 @@ class AimingOff(Block):
     )
     response_sd = Parameter(
         "s",
-        "standard deviation of that time from animal to animal; above 0 it is learnt",
+        "its standard deviation from animal to animal; above 0 it is learnt, from turns of 8 `heading_sd`",
         start=0,
         min=0,
         max=LONGEST_RESPONSE,
@@ -96,11 +96,11 @@ class AimingOff(Block):
     )
 
     learnt_drift = State("rad/s", "drift as it is known", min=-FASTEST_DRIFT, max=FASTEST_DRIFT)
-    drift_variance = State("1", "its variance, in rad2/s2")
+    drift_variance = State("rad2/s2", "its variance")
     learnt_response = State("s", "response time as it is known", min=0, max=LONGEST_RESPONSE)
-    response_variance = State("1", "its variance, in s2")
-    settling = State(Integer, "tick of a mode on which the animal obeys, 0: nobody asks", min=0, max=300)
-    issue_heading = State("rad", "heading where a command was issued")
+    response_variance = State("s2", "its variance")
+    settling = State(Integer, "tick of a mode on which the animal obeys, 0: not needed", min=0, max=300)
+    issue_heading = State("rad", "heading where FORWARD, RIGHT or LEFT was issued")
     noted_heading = State("rad", "heading from which a drift or a turn is measured")
     noted_tick = State(Integer, "tick of the mode on which it was noted", min=0, max=NOT_YET)
     timed = State(Boolean, "the response to this turn is timed")
@@ -123,10 +123,10 @@ class AimingOff(Block):
         known = all_of(m.ran > m.settling, ca.logic_not(m._blocked()))
         time = at_least(m.ran + 1 - m.settling, 1) * m.sample_time
         gain = m.drift_variance / (m.drift_variance + 2 * (m.heading_sd / time) ** 2)
-        gain = where(known, gain, 0)
         innovation = wrap(m.heading - m.noted_heading) / time - m.learnt_drift
-        learnt = clip(m.learnt_drift + gain * innovation, -FASTEST_DRIFT, FASTEST_DRIFT)
-        variance = m.drift_variance - gain * m.drift_variance
+        learnt = m.learnt_drift + where(known, gain * innovation, 0)
+        learnt = clip(learnt, -FASTEST_DRIFT, FASTEST_DRIFT)
+        variance = m.drift_variance - where(known, gain * m.drift_variance, 0)
         m.learnt_drift = learnt - (1 - m.drift_persistence) * (learnt - m.drift)
         m.drift_variance = variance + (1 - m.drift_persistence**2) * (m.drift_sd**2 - variance)
         m.ran = 0
@@ -151,12 +151,11 @@ class AimingOff(Block):
         seldom=True,
     )
     def learn_response(m) -> None:
-        """Correct the response time by when the heading began to change.
+        """Correct the response time by the time at which the heading began to change.
 
-        It does so in a line; the animal is noted as turning at TURNED deviations of a heading, and timed at
-        twice as many. So it began as long before the first as the second comes behind it, less half a tick
-        by which ticks are late. Errors of the three headings of a deviation each make one of
-        sqrt(6) / TURNED of that time.
+        The heading changes in a line. It has changed by TURNED `heading_sd` at time t1, by twice as much at
+        t2. So the change began at 2 t1 - t2, and half a tick earlier, since ticks see it late. Three headings
+        with independent errors give that time a variance of 6 ((t2 - t1) / TURNED)^2.
         """
         turned = ca.fabs(wrap(m.heading - m.issue_heading)) / m.heading_sd
         ticks = m.ticks - m.noted_tick

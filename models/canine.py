@@ -140,8 +140,8 @@ class Behaviour(Guided):
 
     @before("turn_home")
     @triggered(lambda m: m.command == Command.RECALL, "on RECALL")
-    def search(m) -> None:
-        """Count down RECALL's delay: a search lasts seconds, so that this is not seldom, as `hear` is."""
+    def await_recall(m) -> None:
+        """Count down RECALL's delay. It may last seconds, so it is not part of `hear`, a rare update."""
         m.wait = m.wait - (m.wait > 0)
 
     @triggered(

@@ -113,7 +113,7 @@ class Writer:
         self.precision = precision
         self.constants = constants
         self._enum_name = enum_name
-        self.named: dict[str, int] = {}  # the named values that were written
+        self.enum_values: dict[str, int] = {}  # by the names that were written
         self.binary = BINARY | {ca.OP_AND: "&", ca.OP_OR: "|"} if branchless else BINARY
         self.lines: list[str] = []
         self._named: list[Node] = []
@@ -128,7 +128,8 @@ class Writer:
     def enum_name(self, variable: Variable, value: int) -> str:
         """The C of a value of an enumeration."""
         name = self._enum_name(variable, value)
-        self.named[name] = value
+        if name.isidentifier():
+            self.enum_values[name] = value
         return name
 
     @contextmanager

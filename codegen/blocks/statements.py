@@ -53,7 +53,9 @@ class Store:
         text = self.text.replace(f"[{self.index}]", "[i]")
         counting = text
         for name, value in named.items():
-            counting = re.sub(rf"\b{name}\b", f"(i + {value - (self.index or 0)})", counting)
+            ahead = value - (self.index or 0)
+            other = f"(i {'+' if ahead > 0 else '-'} {abs(ahead)})" if ahead else "i"
+            counting = re.sub(rf"\b{name}\b", other, counting)
         return tuple(f"{self.vector}[i] = {each};" for each in dict.fromkeys((text, counting)))
 
 
@@ -134,13 +136,13 @@ def assign(writes: Sequence[str], results: Sequence[Node], block: type[Block], w
                 writer.name(node, ctype)
             text = writer.write_whole(node, ctype)
         if len(writer.lines) > written:
-            writer.lines[written:written] = store_lines(_in_order(at_once), writer.named)
+            writer.lines[written:written] = store_lines(_in_order(at_once), writer.enum_values)
             at_once = []
         (at_the_end if late[k] else at_once).append(Store(target, text, ctype == "real"))
     for node, _ in hinted:
         node.hint = ""
     for stores in (at_once, at_the_end):
-        writer.lines += store_lines(_in_order(stores), writer.named)
+        writer.lines += store_lines(_in_order(stores), writer.enum_values)
 
 
 def _range(node: Node) -> str:

@@ -148,7 +148,7 @@ def stale_literals(assembly: str) -> list[str]:
         elif match := re.match(r";\s*(gen\w+)", line):
             step = match[1]
         elif line.startswith(";fetchPairLong") and changed:
-            compared = re.sub(r"\(i \+ \d+\)", "i", source.partition(": ")[2])  # a sum is no literal
+            compared = re.sub(r"\(i [+-] \d+\)", "i", source.partition(": ")[2])  # a sum is no literal
             if step == "genCmpEq" and not re.search(r"(?<![\w.])\d", compared):
                 continue
             code = next(text for text in lines[i + 1 :] if not text.startswith(";"))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from harness.cosim.stepping import first_tick
 from harness.trial.pairs import windows
 from harness.trial.scenario import Disturbance, Scenario
+from models.aiming_off import TURNED
 from models.canine import Canine
 from models.canine_ahrs import CanineAhrs
 from models.cmec import Cmec
@@ -56,6 +57,7 @@ def idle_notes(
         if block == Cmec.title() and not moving and interface.parameters.keys() >= CONTROLLER:
             yield from _waypoints(scenario, interface, own)
             yield from _fence(scenario, interface, own)
+            yield from _response(interface, own)
         if "capture_radius" in interface.parameters and scenario.streets and not moving:
             yield from _off_streets(scenario, interface, own)
     yield from (
@@ -138,6 +140,16 @@ def _search(values: Mapping[str, float]) -> Iterator[str]:
         yield (
             f"canine.bumper_search_max is {longest:g} s, below bumper_search_min: each search lasts "
             f"{shortest:g} s"
+        )
+
+
+def _response(interface: Interface, values: Mapping[str, float]) -> Iterator[str]:
+    """A response time that is to be learnt from larger turns than there are."""
+    least = 2 * TURNED * interface.start("heading_sd", values)
+    if interface.start("response_sd", values) and least >= math.pi:
+        yield (
+            f"cmec.response_sd has no effect: a response is learnt from a turn of {2 * TURNED} heading_sd, "
+            f"which is {math.degrees(least):g} deg; expected below 180 deg"
         )
 
 

@@ -323,9 +323,13 @@ class Orchard(Block):
     fruit = Input(Fruit, "what is picked", start=0)
     trees = State(Integer, "of each kind", size=4)
     odd = State(Integer, "in another order", size=4)
+    kinds = State(Integer, "of each kind, of none first", size=5)
 
     def pick(m) -> None:
         m.trees = ca.vertcat(*(m.trees[f - 1] + (m.fruit == f) for f in list(Fruit)[1:]))
+
+    def pick_any(m) -> None:
+        m.kinds = ca.vertcat(*(m.kinds[f] + (m.fruit == f) for f in Fruit))
 
     def shuffle(m) -> None:
         m.odd = ca.vertcat(*(m.odd[i] + (m.fruit == f) for i, f in enumerate((1, 3, 2, 4))))
@@ -334,6 +338,7 @@ class Orchard(Block):
 def test_named_values_that_count_on_with_the_elements_are_counted_in_a_loop() -> None:
     text = generate(Orchard)["orchard.c"]
     assert "m->state.trees[i] = m->state.trees[i] + (int32_t)(m->in.fruit == (i + 1));" in text
+    assert "m->state.kinds[i] = m->state.kinds[i] + (int32_t)(m->in.fruit == i);" in text
     # and others are not
     assert "m->state.odd[1] = m->state.odd[1] + (int32_t)(m->in.fruit == ORCHARD_FRUIT_PLUMS);" in text
 

@@ -103,6 +103,15 @@ TURNED = Disturbance("plant.heading", "jump", 10.0, 20.0, 90.0)
             LEG.override(["canine.bumper_search_min=3", "canine.bumper_search_max=2"]),
             ["canine.bumper_search_max is 2 s, below bumper_search_min: each search lasts 3 s"],
         ),
+        (LEG.override(["cmec=aim_off_lead", "cmec.heading_sd=22"]), []),
+        (
+            LEG.override(["cmec=aim_off_lead", "cmec.heading_sd=23"]),
+            [
+                "cmec.response_sd has no effect: a response is learnt from a turn of 8 heading_sd, which is "
+                "184 deg; expected below 180 deg"
+            ],
+        ),
+        (LEG.override(["cmec.heading_sd=23"]), []),
         (
             replace(LEG, system="full_ahrs", estimator="six_state"),
             ["six_state takes no attitude: canine_ahrs changes nothing"],
