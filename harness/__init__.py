@@ -85,7 +85,7 @@ __all__ = [
 
 def _drop_missing_backend() -> None:
     """Unset MPLBACKEND if it names a module that is not here: it ends every import of matplotlib."""
-    import os  # noqa: PLC0415 - as above
+    import os  # noqa: PLC0415 - on first use
     from importlib.util import find_spec  # noqa: PLC0415
 
     scheme, _, module = os.environ.get("MPLBACKEND", "").partition("://")

@@ -74,7 +74,7 @@ def try_faults(
     )  # fmt: skip
     with requested(target, changes) as request:
         with build_status("building the FMUs") as done:
-            cases = lone_faults.chosen(request, at, at + lasting, built=done, note=print_note)
+            cases = lone_faults.build_cases(request, at, at + lasting, built=done, note=print_note)
         place = folder or lone_faults.default_folder(request)
         results = []
         with (

@@ -174,14 +174,14 @@ def faded(time_constant: float, seconds: Any) -> Any:
     return left_over(time_constant, TICK) ** (seconds / TICK)
 
 
-def check_rest(rest: float, option: str) -> None:
+def check_rest(rest: float) -> None:
     """Refuse a rest that no dog has [s].
 
     Raises:
         UsageError: it is negative, too long or no number.
     """
     if not 0 <= rest <= LONGEST_REST:
-        raise UsageError(f"{option} {rest:g}: expected 0 to {LONGEST_REST:g} s")
+        raise UsageError(f"rest is {rest:g} s; expected 0 to {LONGEST_REST:g} s")
 
 
 def rested(

@@ -235,32 +235,29 @@ def plan_days(asked: Asked, note: Callable[[str], None] = lambda text: None) -> 
     last = planned.seed(asked.missions - 1, asked.days - 1)
     if last > MAX_SEED:
         raise SweepError(
-            f"--days {asked.days}: the last mission would have seed {last}; expected at most {MAX_SEED}"
+            f"days is {asked.days}: the last mission would have seed {last}; expected at most {MAX_SEED}"
         )
     if planned.total > MAX_TRIALS:
         raise SweepError(
             f"{len(planned.jobs)} controllers, {len(asked.rests)} rests, {asked.missions} missions and "
-            f"{asked.days} days are {planned.total} trials; expected at most {MAX_TRIALS}: take fewer --days"
+            f"{asked.days} days are {planned.total} trials; expected at most {MAX_TRIALS}: take fewer days"
         )
     return planned
 
 
 def _check(asked: Asked) -> None:
     """Refuse numbers and lists that no day has."""
-    for option, count, most in (
-        ("--missions", asked.missions, MOST_MISSIONS),
-        ("--days", asked.days, MAX_TRIALS),
-    ):
+    for name, count, most in (("missions", asked.missions, MOST_MISSIONS), ("days", asked.days, MAX_TRIALS)):
         if not 1 <= count <= most:
-            raise SweepError(f"{option} {count}: expected 1 to {most}")
-    for option, listed in (("--controllers", asked.controllers), ("--rest", asked.rests)):
+            raise SweepError(f"{name} is {count}; expected 1 to {most}")
+    for name, listed in (("controllers", asked.controllers), ("rest", asked.rests)):
         if not listed:
-            raise SweepError(f"{option}: is empty; expected at least one, with commas between them")
+            raise SweepError(f"{name} is empty; expected at least one")
         for i, value in enumerate(listed):
             if value in listed[:i]:
-                raise SweepError(f"{option}: {value} is named twice")
+                raise SweepError(f"{name}: {value} is named twice")
     for rest in asked.rests:
-        check_rest(rest, "--rest")
+        check_rest(rest)
 
 
 def run(planned: Days, progress: Callable[[float], None] | None = None) -> Result:

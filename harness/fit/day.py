@@ -125,11 +125,11 @@ class Days:
             UsageError: there are.
         """
         for rest in self.rests:
-            check_rest(rest, "--rest")
+            check_rest(rest)
         for day in self.paths:
             if len(self.rests) not in (1, len(day) - 1):
                 raise UsageError(
-                    f"--rest: {len(self.rests)} rests, and the day of {day[0]} has {len(day)} missions; "
+                    f"rest: {len(self.rests)} rests, and the day of {day[0]} has {len(day)} missions; "
                     f"expected one for all, or {len(day) - 1}"
                 )
 
@@ -171,13 +171,13 @@ def laws_given(settings: Sequence[str]) -> dict[str, float]:
         if name not in laws:
             known = [f"canine.{one}" for one in GIVEN]
             raise UsageError(
-                f"--set {setting}: a fit takes only what it does not estimate{nearest(address, known)}"
+                f"{setting}: a fit takes only what it does not estimate{nearest(address, known)}"
             )
         try:
             laws[name] = float(text)
         except ValueError:
-            raise UsageError(f"--set {setting}: expected {declared[name].expected()}") from None
-        declared[name].check(laws[name], f"--set canine.{name}")
+            raise UsageError(f"{setting}: expected {declared[name].expected()}") from None
+        declared[name].check(laws[name], f"canine.{name}")
     return laws
 
 

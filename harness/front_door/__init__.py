@@ -4,7 +4,7 @@ Each function does what the command of its name does, and leaves the same files.
 scenarios; logs and results are in SI. Errors that a user can cause are `models.errors.CanineError`.
 
 `trials` runs them one by one, `series` many, `logs` reads what they leave, `routes` plans their ways,
-`studies` carries out the dissertation's. `arguments` checks what they are all given.
+`studies` repeats the dissertation's studies. `arguments` checks what they are all given.
 """
 
 from harness.front_door.logs import (

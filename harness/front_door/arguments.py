@@ -6,7 +6,7 @@ Raises: each function a UsageError that names the argument, what it is, and what
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from numbers import Real
+from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -38,6 +38,18 @@ def check_type(name: str, value: object, kind: type, expected: str) -> None:
         raise UsageError(f"{name} is {value!r}; expected {expected}")
 
 
+def check_count(name: str, value: object, least: int = 1) -> None:
+    """Refuse what is no whole number from `least` on."""
+    if not isinstance(value, Integral) or int(value) < least:
+        raise UsageError(f"{name} is {value!r}; expected a whole number from {least} on")
+
+
+def check_list(name: str, value: object, expected: str) -> None:
+    """Refuse what is no list."""
+    if isinstance(value, str) or not isinstance(value, Sequence):
+        raise UsageError(f"{name} is {value!r}; expected a list, {expected}")
+
+
 def check_range(name: str, value: object, unit: str, bounds: tuple[float, float]) -> None:
     """Refuse what is no number within bounds."""
     low, high = bounds
@@ -57,6 +69,13 @@ def text_of(name: StrPath | None) -> str | None:
     return None if name is None else str(name)
 
 
+def name_of(name: str, value: StrPath, expected: str) -> str:
+    """A name or a path as text, where there must be one."""
+    if not isinstance(value, str | Path):
+        raise UsageError(f"{name} is {value!r}; expected {expected}")
+    return str(value)
+
+
 def limits_of(call: float, memory: float) -> Limits:
     """The limits for FMUs of others, checked."""
     check_range("call_limit", call, "s", CALL_LIMIT_S)
@@ -69,6 +88,12 @@ def certificates_of(*paths: StrPath | None) -> Certificates:
     from harness.sweep.tls import Certificates  # noqa: PLC0415 - trials need not wait
 
     return Certificates(*(None if path is None else Path(path) for path in paths))
+
+
+def check_number(name: str, value: object) -> None:
+    """Refuse what is no number."""
+    if not isinstance(value, Real):
+        raise UsageError(f"{name} is {value!r}; expected a number")
 
 
 def number_of(name: str, value: float, unit: str) -> float:
@@ -89,6 +114,5 @@ def numbers_of(name: str, values: float | Sequence[float], unit: str) -> list[fl
 
 def names_of(name: str, values: Sequence[StrPath], example: str) -> list[str]:
     """Several names or paths as texts."""
-    if isinstance(values, str) or not isinstance(values, Sequence):
-        raise UsageError(f"{name} is {values!r}; expected a list, {example}")
+    check_list(name, values, example)
     return [str(value) for value in values]

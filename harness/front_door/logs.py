@@ -13,6 +13,7 @@ from harness.front_door.arguments import (
     StrPath,
     check_choice,
     check_range,
+    name_of,
     names_of,
     numbers_of,
     settings_of,
@@ -298,7 +299,9 @@ def run_replay(
     from harness.replay.comparison import compare  # noqa: PLC0415
     from harness.replay.source import open_source  # noqa: PLC0415
 
-    comparison = compare(estimator, settings_of(parameters))
+    comparison = compare(
+        name_of("estimator", estimator, 'a text, "four_state,mine.fmu"'), settings_of(parameters)
+    )
     require_attitude(attitude)
     check_range("outage", outage, "s", OUTAGE_S)
     check_range("every", every, "s", EVERY_S)
@@ -355,7 +358,9 @@ def run_fit(
     if rest is not None:
         days = day.Days(statistics.days_of(paths), numbers_of("rest", rest, "s"), day.laws_given(settings))
     elif settings:
-        raise UsageError(f"parameters is {parameters!r}; expected none without rest, of whose laws they are")
+        raise UsageError(
+            f"parameters is {parameters!r}; expected rest with them: they are of the laws of a day"
+        )
     reading = statistics.read_tracks(statistics.find_logs(paths), source, progress)
     result = statistics.estimate(reading, None if turned is None else math.radians(turned), days)
     folder = report.FOLDER if out is None else Path(out)
@@ -396,7 +401,7 @@ def run_tune(
     from harness.tune.tune import tune  # noqa: PLC0415
     from models.system import find_estimator  # noqa: PLC0415
 
-    block = find_estimator(estimator)
+    block = find_estimator(name_of("estimator", estimator, 'a name, "four_state"'))
     held = names_of("hold", hold, '["sigma_bias"]')
     source = open_source(Path(recording))
     result = tune(source, block, held, progress)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,7 +11,9 @@ from harness.front_door.arguments import (
     Progress,
     StrPath,
     check_choice,
-    check_type,
+    check_count,
+    check_list,
+    check_number,
     number_of,
     numbers_of,
     settings_of,
@@ -150,9 +151,10 @@ def run_plan(
     from harness.routes.problem import Asked, prepare  # noqa: PLC0415
 
     for name, count in (("ways", ways), ("trials", trials)):
-        check_type(name, count, Integral, "a whole number")
+        check_count(name, count)
     for name, number in (("longest", longest), ("prefer_turns", prefer_turns)):
-        check_type(name, number, Real, "a number")
+        check_number(name, number)
+    check_list("spacings", spacings, "in m, [None, 20.0]")
     check_choice("system", system, ("cts", "full"))
     check_choice("reading", reading, tuple(READINGS))
     notes: list[str] = []
@@ -162,7 +164,7 @@ def run_plan(
             _point("begin", begin),
             _point("end", end),
             metres=metres,
-            origin=origin,
+            origin=None if origin is None else _pair("origin", origin, "latitude and longitude in deg"),
             along=along,
             clearances=numbers_of("clearances", clearances, "m"),
             ways=ways,
@@ -190,8 +192,14 @@ def _point(name: str, point: Point) -> str:
     """A place as the command has it."""
     if isinstance(point, str):
         return point
-    try:
-        one, other = map(float, point)
-    except (TypeError, ValueError):
-        raise UsageError(f'{name} is {point!r}; expected a name, "home", or a pair of numbers') from None
+    one, other = _pair(name, point, 'a name, "home", or a pair of numbers')
     return f"{one!r},{other!r}"
+
+
+def _pair(name: str, value: Sequence[float], expected: str) -> tuple[float, float]:
+    """Two numbers."""
+    try:
+        one, other = map(float, value)
+    except (TypeError, ValueError):
+        raise UsageError(f"{name} is {value!r}; expected {expected}") from None
+    return one, other

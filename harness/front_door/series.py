@@ -6,7 +6,6 @@ import csv
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -17,6 +16,8 @@ from harness.front_door.arguments import (
     StrPath,
     certificates_of,
     check_choice,
+    check_count,
+    check_list,
     check_type,
     limits_of,
     names_of,
@@ -28,7 +29,6 @@ from harness.front_door.arguments import (
 from harness.front_door.trials import run_trial
 from harness.trial import DEFAULT, ReadingName
 from harness.trial.scenario import Scenario, Written
-from models.errors import UsageError
 from models.readings import READINGS
 from models.system import CONTROLLER
 
@@ -228,7 +228,7 @@ def run_sweep(
 
     check_type("thresholds", thresholds, str, 'a text, "15:90" or "15:90:5"')
     check_type("vary", vary, Mapping, 'a mapping, {"cmec.capture_radius": "3:10:0.5"}')
-    check_type("trials", trials, Integral, "a whole number")
+    check_count("trials", trials)
     check_choice("reading", reading, tuple(READINGS))
     limits = limits_of(call_limit, memory_limit)
     notes: list[str] = []
@@ -320,16 +320,14 @@ def run_matrix(
     """
     from harness.sweep import matrix  # noqa: PLC0415 - compilers and pictures: trials need not wait
 
-    for what, names in (("controllers", controllers), ("plants", plants), ("scenarios", scenarios)):
-        if names is not None and (isinstance(names, str) or not isinstance(names, Sequence)):
-            raise UsageError(f'{what} is {names!r}; expected a list, ["cmec", "mine.fmu"]')
-    check_type("trials", trials, Integral, "a whole number")
+    check_list("scenarios", scenarios, '["two_waypoint", "mine.toml"]')
+    check_count("trials", trials)
     check_choice("reading", reading, tuple(READINGS))
     limits = limits_of(call_limit, memory_limit)
     notes: list[str] = []
     planned = matrix.plan_matrix(
-        None if controllers is None else [str(name) for name in controllers],
-        None if plants is None else [str(name) for name in plants],
+        None if controllers is None else names_of("controllers", controllers, '["cmec", "mine.fmu"]'),
+        None if plants is None else names_of("plants", plants, '["canine", "dog.fmu"]'),
         [target_of(one) for one in scenarios],
         trials=trials,
         system=system,
@@ -404,8 +402,8 @@ def run_day(
     from harness.day import missions as day_of_missions  # noqa: PLC0415 - compilers and pictures
     from harness.day import report  # noqa: PLC0415
 
-    for name, count in (("missions", missions), ("days", days), ("logs", logs)):
-        check_type(name, count, Integral, "a whole number")
+    for name, count, least in (("missions", missions, 1), ("days", days, 1), ("logs", logs, 0)):
+        check_count(name, count, least)
     check_choice("reading", reading, tuple(READINGS))
     notes: list[str] = []
     planned = day_of_missions.plan_days(
@@ -416,7 +414,7 @@ def run_day(
             missions,
             days,
             system,
-            estimator,
+            text_of(estimator),
             reading,
             seed,
             settings_of(parameters),
@@ -447,7 +445,7 @@ def log_days(
     """
     from harness.day.missions import PLANT  # noqa: PLC0415
 
-    if not days:
+    if days <= 0:
         return
     logs_before = [
         log

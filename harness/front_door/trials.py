@@ -27,7 +27,7 @@ from harness.trial.request import Changes, build_missing, requested
 from harness.trial.scenario import Scenario, Written, load, shipped
 from models.kit.timing import TICK
 
-LONGEST_S = 86_400.0  # s, until or for which a fault of the catalogue lasts
+LATEST_S = 86_400.0  # s, at which a fault of the catalogue may begin; it may last as long
 
 
 @dataclass(frozen=True)
@@ -251,8 +251,8 @@ def run_faults(
     """
     from harness.trial import lone_faults  # noqa: PLC0415 - tables: trials need not wait
 
-    check_range("at", at, "s", (0.0, LONGEST_S))
-    check_range("lasting", lasting, "s", (TICK, LONGEST_S))
+    check_range("at", at, "s", (0.0, LATEST_S))
+    check_range("lasting", lasting, "s", (TICK, LATEST_S))
     changes = Changes(
         swaps={"plant": plant, "controller": controller},
         settings=settings_of(parameters),
@@ -264,7 +264,7 @@ def run_faults(
     )
     notes: list[str] = []
     with requested(target_of(scenario), changes) as request:
-        cases = lone_faults.chosen(request, at, at + lasting, note=notes.append)
+        cases = lone_faults.build_cases(request, at, at + lasting, note=notes.append)
         folder = lone_faults.default_folder(request) if out is None else Path(out)
         rows: list[dict[str, Any]] = []
         with closing(lone_faults.run_cases(request, cases, folder)) as results:

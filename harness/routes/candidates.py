@@ -50,8 +50,8 @@ def candidates_of(
         RouteError: a spacing is too short, or none is left.
     """
     for spacing in spacings:
-        if spacing is not None and spacing <= least:
-            raise RouteError(f"--spacing {spacing:g}: expected more than d', {least:g} m, or none")
+        if spacing is not None and not spacing > least:  # nor is it a number
+            raise RouteError(f"spacing {spacing:g}: expected more than d', {least:g} m, or none")
     by_waypoints: dict[tuple[Place, ...], Candidate] = {}
     left_out: Counter[str] = Counter()
     for way in ways:
@@ -70,7 +70,7 @@ def candidates_of(
         for why, count in left_out.items()
     ]
     if not by_waypoints:
-        raise RouteError(f"{site.name}: no candidate is left ({'; '.join(notes)}); take wider --spacing")
+        raise RouteError(f"{site.name}: no candidate is left ({'; '.join(notes)}); take a wider spacing")
     return list(by_waypoints.values()), notes
 
 

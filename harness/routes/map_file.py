@@ -65,7 +65,7 @@ class Map:
     origin: tuple[float, float] | None = None
     notes: list[str] = field(default_factory=list)
 
-    def point_of(self, option: str, text: str) -> Point:
+    def point_of(self, name: str, text: str) -> Point:
         """A place as a user names it: a mark, or latitude,longitude or north,east.
 
         Raises:
@@ -79,8 +79,8 @@ class Map:
             y, x = map(float, text.split(","))
         except ValueError:
             hint = nearest(text, marks) if marks else ""
-            raise RouteError(f'{option} "{text}": expected {pair}, or a mark of {self.label}{hint}') from None
-        _check_numbers(f'{option} "{text}"', np.array([[x, y]]), self.units)
+            raise RouteError(f'{name} "{text}": expected {pair}, or a mark of {self.label}{hint}') from None
+        _check_numbers(f'{name} "{text}"', np.array([[x, y]]), self.units)
         return x, y
 
     def site(self, begin: Point, origin: tuple[float, float] | None = None) -> Site:
@@ -94,7 +94,7 @@ class Map:
             RouteError: a feature is none that can be used, or lies too far away.
         """
         if self.units == DEGREES and origin is not None:
-            raise RouteError(f"--origin: {self.label} is in degrees; expected it with a map in metres")
+            raise RouteError(f"origin: {self.label} is in degrees; expected it with a map in metres")
         at = self.origin if origin is None else origin
         if self.units == DEGREES:
             at = begin[1], begin[0]

@@ -99,14 +99,14 @@ def prepare(asked: Asked, note: Callable[[str], None] = lambda text: None) -> Pr
     """
     _check(asked)
     map_file = load(asked.target, metres=asked.metres)
-    points = map_file.point_of("--from", asked.begin), map_file.point_of("--to", asked.end)
+    points = map_file.point_of("begin", asked.begin), map_file.point_of("end", asked.end)
     site = map_file.site(points[0], asked.origin)
     begin, end = (map_file.place_at(point, points[0]) for point in points)
-    for option, text, place in (("--from", asked.begin, begin), ("--to", asked.end, end)):
+    for name, text, place in (("begin", asked.begin, begin), ("end", asked.end, end)):
         area = site.area_at(place)
         if area is not None:
             raise RouteError(
-                f"{site.name}: {option} {text} is in {area.where}; expected a place outside all areas"
+                f"{site.name}: {name} {text} is in {area.where}; expected a place outside all areas"
             )
     base, in_trials, components = _scenarios(asked, site, begin, end)
     system = components.system(in_trials)
@@ -119,7 +119,7 @@ def prepare(asked: Asked, note: Callable[[str], None] = lambda text: None) -> Pr
     least = controller.start("capture_radius", values["controller"])
     if math.dist(begin, end) <= least:
         raise RouteError(
-            f"--to {asked.end}: is {math.dist(begin, end):.1f} m from --from {asked.begin}; expected more "
+            f"end {asked.end}: is {math.dist(begin, end):.1f} m from begin {asked.begin}; expected more "
             f"than d', {least:g} m"
         )
     by_length = sorted(ways, key=lambda way: way.length)
@@ -137,25 +137,25 @@ def prepare(asked: Asked, note: Callable[[str], None] = lambda text: None) -> Pr
 
 def _check(asked: Asked) -> None:
     """Refuse numbers that make no sense."""
-    for option, values in (("--clearance", asked.clearances), ("--spacing", asked.spacings)):
+    for name, values in (("clearance", asked.clearances), ("spacing", asked.spacings)):
         if not values:
-            raise RouteError(f"{option}: expected one number at least")
+            raise RouteError(f"{name} is empty; expected one number at least")
     for clearance in asked.clearances:
         if not 0 < clearance <= 100:
-            raise RouteError(f"--clearance {clearance:g}: expected more than 0, up to 100 m")
+            raise RouteError(f"clearance {clearance:g}: expected more than 0, up to 100 m")
     if asked.along not in get_args(Along):
-        raise RouteError(f"--along {asked.along}: expected one of {', '.join(get_args(Along))}")
-    for option, value, low, high in (
-        ("--ways", asked.ways, 1, 50),
-        ("--longest", asked.longest, 1, 10),
-        ("--prefer-turns", asked.preference, 0, 1000),
-        ("--trials", asked.trials, 1, 1_000_000),
+        raise RouteError(f"along {asked.along}: expected one of {', '.join(get_args(Along))}")
+    for name, value, low, high in (
+        ("ways", asked.ways, 1, 50),
+        ("longest", asked.longest, 1, 10),
+        ("prefer_turns", asked.preference, 0, 1000),
+        ("trials", asked.trials, 1, 1_000_000),
     ):
         if not low <= value <= high:
-            raise RouteError(f"{option} {value:g}: expected {low} to {high}")
+            raise RouteError(f"{name} is {value:g}; expected {low} to {high}")
     if asked.reading is not None and asked.reading not in READINGS:
         raise RouteError(
-            f"--reading {asked.reading}: there is no such reading{nearest(asked.reading, READINGS)}"
+            f"reading {asked.reading}: there is no such reading{nearest(asked.reading, READINGS)}"
         )
 
 
@@ -173,14 +173,16 @@ def _ways(asked: Asked, site: Site, begin: Place, end: Place) -> list[Way]:
             chosen += best(ways, asked.ways, asked.preference)
     if asked.along != OPEN:
         if asked.along == STREETS and not site.streets:
-            raise RouteError(f"{site.name}: has no line; expected streets, or take --along open")
+            raise RouteError(
+                f"{site.name}: has no line; expected streets, or take the ways round the areas (open)"
+            )
         ways = street_ways(site, begin, end, count=count, longest=asked.longest)
         chosen += best(ways, asked.ways, asked.preference)
     if not chosen:
         gap = f" with {min(asked.clearances):g} m clear of them" if asked.along != STREETS else ""
         raise RouteError(
             f"{site.name}: no way leads from {asked.begin} to {asked.end}: none round the areas{gap}, none "
-            "along streets; take a smaller --clearance, or mend the map"
+            "along streets; take a smaller clearance, or mend the map"
         )
     return chosen
 
@@ -191,12 +193,15 @@ def _scenarios(asked: Asked, site: Site, begin: Place, end: Place) -> tuple[Scen
     if isinstance(own, str):
         own = scenarios.load(own, mission=False)
     if own.package is not None:
-        raise RouteError(f"--scenario {own.name}: runs a package; expected one of a system of ours")
+        raise RouteError(
+            f"scenario {asked.scenario if isinstance(asked.scenario, str) else own.name}: runs a package; "
+            "expected one of a system of ours"
+        )
     components = find_components(plant=asked.plant, controller=asked.controller)
     if components.foreign:
         raise RouteError(
             f"{', '.join(components.fmus.values())}: an FMU takes hundreds of times as long as a block of "
-            "ours; expected --plant and --controller by name"
+            "ours; expected a plant and a controller by name"
         )
     own = replace(
         route_scenario(own, begin, (end,)),
@@ -205,7 +210,7 @@ def _scenarios(asked: Asked, site: Site, begin: Place, end: Place) -> tuple[Scen
     )
     in_trials = adapted(own, Options(asked.system, seed=asked.seed), asked.settings, components)
     if in_trials.seed + asked.trials - 1 > MAX_SEED:
-        raise RouteError(f"--seed {in_trials.seed}: expected {MAX_SEED - asked.trials + 1} at most")
+        raise RouteError(f"seed is {in_trials.seed}; expected {MAX_SEED - asked.trials + 1} at most")
     base = replace(
         in_trials, system=own.system, estimator=own.estimator if own.system != "cts" else ESTIMATOR
     )

@@ -146,7 +146,7 @@ def plan_matrix(
     controllers = list(CONTROLLERS) if controllers is None else controllers
     plants = OBEYING if plants is None else plants
     targets = [one for target in scenarios for one in _expanded(target)]
-    for what, listed in (("--controllers", controllers), ("--plants", plants), ("--scenarios", targets)):
+    for what, listed in (("controllers", controllers), ("plants", plants), ("scenarios", targets)):
         _check_list(what, [one.name if isinstance(one, Scenario) else one for one in listed])
     by_role = {
         "controller": {name: find_components(controller=name) for name in controllers},
@@ -155,7 +155,7 @@ def plan_matrix(
     own = find_components(estimator=estimator)
     options = Options(system, estimator, ahrs, reading, seed)
     base = [adapted(target, options, (), own) for target in targets]
-    _check_list("--scenarios", [scenario.name for scenario in base])
+    _check_list("scenarios", [scenario.name for scenario in base])
     first_seed = base[0].seed
     base = [replace(scenario, seed=first_seed) for scenario in base]
     names: list[Name] = list(product(controllers, plants, [scenario.name for scenario in base]))
@@ -213,8 +213,10 @@ def _expanded(target: str | Scenario) -> tuple[str | Scenario, ...]:
 
 
 def _check_list(what: str, names: Sequence[str]) -> None:
-    if not names or not all(names):
-        raise SweepError(f"{what}: has an empty name; expected names with commas between them")
+    if not names:
+        raise SweepError(f"{what} is empty; expected one name at least")
+    if not all(names):
+        raise SweepError(f"{what}: has an empty name; leave it out")
     twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
     if twice is not None:
         raise SweepError(f"{what}: {twice} is named twice")

@@ -47,9 +47,7 @@ class Options:
 
     def __post_init__(self) -> None:
         if self.system is not None and self.system not in SYSTEMS:
-            raise SweepError(
-                f"--system {self.system}: there is no such system{nearest(self.system, SYSTEMS)}"
-            )
+            raise SweepError(f"system {self.system}: there is no such system{nearest(self.system, SYSTEMS)}")
         if self.system is not None:
             self.system_of(self.system)
 

@@ -104,7 +104,7 @@ def shipped_cases(at: float, until: float) -> list[Case]:
     ]
 
 
-def chosen(
+def build_cases(
     request: Request,
     at: float,
     until: float,
@@ -112,7 +112,7 @@ def chosen(
     built: Callable[[Path], None] = lambda path: None,
     note: Callable[[str], None] = lambda text: None,
 ) -> list[Case]:
-    """What is tried: the scenario's own faults, or those of the catalogue that fit; their FMUs are built.
+    """What is tried, with its FMUs built: the scenario's own faults, or those of the catalogue that fit.
 
     Args:
         at, until: s, of the catalogue's.

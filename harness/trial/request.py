@@ -323,7 +323,7 @@ def _processor(onboard: str) -> str:
     """
     choices = ["fmu", *(f"pil:{name}" for name in IN_THE_LOOP)]
     if onboard not in choices:
-        raise UsageError(f'--onboard "{onboard}": expected one of {", ".join(choices)}')
+        raise UsageError(f'onboard "{onboard}": expected one of {", ".join(choices)}')
     return onboard.removeprefix("pil:").removeprefix("fmu")
 
 

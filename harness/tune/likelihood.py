@@ -86,12 +86,12 @@ class Tuned:
         for name in held:
             if name not in names:
                 raise UsageError(
-                    f"--hold {name}: no such noise of {block.title()} is tuned here; "
+                    f"hold {name}: no such noise of {block.title()} is tuned here; "
                     f"expected {', '.join(names)}{nearest(name, names)}"
                 )
         self.noises = [noise for noise in self.noises if noise.name not in held]
         if not self.noises:
-            raise UsageError("--hold: all noises are held; leave one that can be tuned")
+            raise UsageError("hold: all noises are held; leave one that can be tuned")
 
     @property
     def fixed(self) -> dict[str, float]:

@@ -212,9 +212,31 @@ def test_a_trial_that_does_not_exist_or_does_not_fit_is_refused(tmp_path: Path) 
         ("run_day", {"rest": [60, "x"]}, "rest has 'x'; expected a number, in s"),
         ("run_day", {"controllers": "cmec"}, "controllers is 'cmec'; expected a list, [\"cmec\","),
         ("run_day", {"controllers": ["cmic"]}, 'there is no controller "cmic"; expected the path'),
-        ("run_day", {"days": 0}, "--days 0: expected 1 to"),
+        ("run_day", {"days": 0}, "days is 0; expected a whole number from 1 on"),
+        ("run_day", {"missions": None}, "missions is None; expected a whole number from 1 on"),
+        ("run_day", {"logs": -1}, "logs is -1; expected a whole number from 0 on"),
+        ("run_day", {"days": 10**9}, "days is 1000000000; expected 1 to 100000000"),
+        ("run_day", {"rest": []}, "rest is empty; expected at least one"),
+        ("run_day", {"rest": -1}, "rest is -1 s; expected 0 to"),
+        ("run_day", {"system": "ful"}, "system ful: there is no such system"),
+        ("run_day", {"estimator": 5, "system": "full"}, 'there is no estimator "5"'),
+        ("run_matrix", {"scenarios": None}, "scenarios is None; expected a list"),
+        ("run_matrix", {"plants": []}, "plants is empty; expected one name at least"),
+        (
+            "run_faults",
+            {"scenario": "two_waypoint", "onboard": "x"},
+            'onboard "x": expected one of fmu, pil:',
+        ),
+        ("run_plan", PLAN | {"spacings": 20}, "spacings is 20; expected a list, in m"),
+        ("run_plan", PLAN | {"spacings": None}, "spacings is None; expected a list, in m"),
+        ("run_plan", PLAN | {"spacings": [float("nan")]}, "spacing nan: expected more than d', 7 m, or none"),
+        ("run_plan", PLAN | {"spacings": ["x"]}, "spacings has 'x'; expected a number, in m"),
+        ("run_plan", PLAN | {"longest": None}, "longest is None; expected a number"),
+        ("run_plan", PLAN | {"longest": float("nan")}, "longest is nan; expected 1 to 10"),
+        ("run_plan", PLAN | {"ways": None}, "ways is None; expected a whole number from 1 on"),
+        ("run_plan", PLAN | {"origin": 5}, "origin is 5; expected latitude and longitude in deg"),
         ("run_plan", PLAN | {"begin": 3}, 'begin is 3; expected a name, "home", or a pair of numbers'),
-        ("run_plan", PLAN | {"end": "gaol"}, '--to "gaol": expected latitude,longitude in deg, or a mark of'),
+        ("run_plan", PLAN | {"end": "gaol"}, 'end "gaol": expected latitude,longitude in deg, or a mark of'),
         ("run_plan", PLAN | {"clearances": [None]}, "clearances has None; expected a number, in m"),
         ("run_plan", PLAN | {"trials": "5"}, "trials is '5'; expected a whole number"),
         ("run_plan", PLAN | {"longest": "2"}, "longest is '2'; expected a number"),
@@ -230,10 +252,12 @@ def test_a_trial_that_does_not_exist_or_does_not_fit_is_refused(tmp_path: Path) 
         (
             "run_fit",
             {"logs": "x", "parameters": {"canine.fatigue_time": 9}},
-            "parameters is {'canine",
+            "parameters is {'canine.fatigue_time': 9}; expected rest with them",
         ),
         ("run_faults", {"scenario": "x", "at": -1}, "at is -1 s; expected a number from 0 to 86400 s"),
         ("run_tune", {"recording": "x", "estimator": "four"}, 'there is no estimator "four"'),
+        ("run_tune", {"recording": "x", "estimator": 5}, "estimator is 5; expected a name"),
+        ("run_replay", {"recording": "x", "estimator": 5}, "estimator is 5; expected a text"),
         ("run_tune", {"recording": "x", "hold": "sigma_bias"}, "hold is 'sigma_bias'; expected a list"),
         ("run_replay", {"recording": "x", "outage": -1}, "outage is -1 s; expected a number from 1 to 600 s"),
         ("run_replay", {"recording": "x", "outage": "5"}, "outage is '5'; expected a number from 1"),
@@ -247,6 +271,18 @@ def test_wrong_arguments_of_the_front_door_are_named(
         getattr(harness, function)(**keywords, out=tmp_path / "out")
     assert str(caught.value).startswith(error)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_day_with_a_wrong_number_of_logs_removes_none(tmp_path: Path) -> None:
+    # given a log of an earlier day
+    log = tmp_path / "cmec-rest600" / "day-1" / "mission-1" / "trial.mcap"
+    log.parent.mkdir(parents=True)
+    log.write_bytes(b"an earlier mission")
+    # when
+    with pytest.raises(UsageError, match="logs is -1"):
+        harness.run_day("two_waypoint", missions=1, days=1, logs=-1, out=tmp_path)
+    # then
+    assert log.read_bytes() == b"an earlier mission"
 
 
 def test_limits_from_python_end_an_fmu_that_hangs_with_a_summary_up_to_there(tmp_path: Path) -> None:

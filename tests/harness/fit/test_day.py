@@ -342,9 +342,9 @@ def test_each_folder_is_a_day_and_so_are_logs_in_a_row(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("rests", "words"),
     [
-        ([-1.0], "--rest -1: expected 0 to 1e+06 s"),
-        ([1.0, 2.0, 3.0], "--rest: 3 rests, and the day of a has 3 missions; expected one for all, or 2"),
-        ([math.nan], "--rest nan: expected 0 to 1e+06 s"),
+        ([-1.0], "rest is -1 s; expected 0 to 1e+06 s"),
+        ([1.0, 2.0, 3.0], "rest: 3 rests, and the day of a has 3 missions; expected one for all, or 2"),
+        ([math.nan], "rest is nan s; expected 0 to 1e+06 s"),
     ],
 )
 def test_rests_that_are_not_between_missions_are_refused(rests: list[float], words: str) -> None:
@@ -365,9 +365,9 @@ def test_a_day_whose_mission_was_left_out_is_refused() -> None:
 @pytest.mark.parametrize(
     ("setting", "words"),
     [
-        ("canine.fatigue_slows=0.3", "--set canine.fatigue_slows=0.3: a fit takes only what it does not"),
+        ("canine.fatigue_slows=0.3", "canine.fatigue_slows=0.3: a fit takes only what it does not"),
         ("canine.fatigue_time=long", "expected a number from 1 up to 10000000 s"),
-        ("canine.fatigue_time=0", "--set canine.fatigue_time is 0; expected a number from 1"),
+        ("canine.fatigue_time=0", "canine.fatigue_time is 0; expected a number from 1"),
         ("canine.free_vibrations=1.5", "expected a whole number"),
     ],
 )

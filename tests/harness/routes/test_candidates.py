@@ -41,7 +41,7 @@ def test_what_needs_more_than_16_waypoints_is_left_out_with_a_note() -> None:
     found, notes = candidates_of([way], [12.5, 10.0], EMPTY, 7.0)
     assert [len(candidate.waypoints) for candidate in found] == [16]
     assert notes == ["1 candidate left out: it needs more than 16 waypoints"]
-    with pytest.raises(RouteError, match=r"no candidate is left .*16 waypoints.*; take wider --spacing"):
+    with pytest.raises(RouteError, match=r"no candidate is left .*16 waypoints.*; take a wider spacing"):
         candidates_of([way], [10.0], EMPTY, 7.0)
 
 
@@ -75,5 +75,5 @@ def test_an_end_too_near_to_the_last_corner_takes_its_place() -> None:
 
 
 def test_a_spacing_within_the_capture_radius_is_refused() -> None:
-    with pytest.raises(RouteError, match=r"--spacing 6: expected more than d', 7 m, or none"):
+    with pytest.raises(RouteError, match=r"spacing 6: expected more than d', 7 m, or none"):
         candidates_of([Way((BEGIN, (30, 0)), "open")], [6.0], EMPTY, 7.0)

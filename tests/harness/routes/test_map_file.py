@@ -27,7 +27,7 @@ KML = """<?xml version="1.0" encoding="UTF-8"?>
 
 def read(path: str, begin: str = "0,0", **options: Any) -> Site:
     found = load(path, **options)
-    return found.site(found.point_of("--from", begin))
+    return found.site(found.point_of("begin", begin))
 
 
 def test_a_map_in_metres_has_east_before_north_and_places_north_before_east(tmp_path: Path) -> None:
@@ -40,8 +40,8 @@ def test_a_map_in_metres_has_east_before_north_and_places_north_before_east(tmp_
     assert (hall.name, hall.where, hall.shape.bounds) == ("hall", "feature 1 (hall)", (20, 10, 60, 40))
     assert [list(street.coords) for street in site.streets] == [[(0, 0), (0, 50)]]
     assert site.origin == (32.6, -85.5)
-    pond = load(path).point_of("--to", "pond")
-    assert load(path).point_of("--to", "9,7") == pond
+    pond = load(path).point_of("end", "pond")
+    assert load(path).point_of("end", "9,7") == pond
     assert load(path).place_at(pond, (0, 0)) == (9, 7)
 
 
@@ -193,6 +193,6 @@ def test_a_missing_map_names_the_one_that_is_meant(tmp_path: Path) -> None:
 )
 def test_a_place_that_is_none_is_refused(text: str, words: str, tmp_path: Path) -> None:
     path = write(tmp_path, HALL, mark("pond", 1, 1))
-    with pytest.raises(RouteError, match="--to") as refusal:
-        load(path).point_of("--to", text)
+    with pytest.raises(RouteError, match=r"^end ") as refusal:
+        load(path).point_of("end", text)
     assert words in str(refusal.value)

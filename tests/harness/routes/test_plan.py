@@ -13,7 +13,7 @@ import pytest
 
 from harness.routes.candidates import candidates_of
 from harness.routes.problem import Asked, prepare
-from harness.routes.site import Site
+from harness.routes.site import RouteError, Site
 from harness.routes.way import Way
 from harness.station import mission_files
 from harness.trial import scenario as scenarios
@@ -189,16 +189,16 @@ ROOM = polygon("room", box(-50, -50, 50, 50), box(-40, -40, 40, 40))
 @pytest.mark.parametrize(
     ("features", "options", "text"),
     [
-        ([HALL], ["--from", "30,20"], "map: --from 30,20 is in feature 1 (hall); expected a place outside"),
-        ([HALL], ["--to", "20,40"], "map: --to 20,40 is in feature 1 (hall)"),
+        ([HALL], ["--from", "30,20"], "map: begin 30,20 is in feature 1 (hall); expected a place outside"),
+        ([HALL], ["--to", "20,40"], "map: end 20,40 is in feature 1 (hall)"),
         ([ROOM], ["--to", "100,0"], "map: no way leads from 0,0 to 100,0: none round the areas with 3 m"),
-        ([HALL], ["--to", "5,0"], "--to 5,0: is 5.0 m from --from 0,0; expected more than d', 7 m"),
-        ([HALL], ["--clearance", "0"], "--clearance 0: expected more than 0, up to 100 m"),
+        ([HALL], ["--to", "5,0"], "end 5,0: is 5.0 m from begin 0,0; expected more than d', 7 m"),
+        ([HALL], ["--clearance", "0"], "clearance 0: expected more than 0, up to 100 m"),
         ([HALL], ["--clearance", "2,"], '--clearance "": expected a number, in m'),
         ([HALL], ["--clearance", "wide"], '--clearance "wide": expected a number, in m'),
-        ([HALL], ["--spacing", "5"], "--spacing 5: expected more than d', 7 m, or none"),
-        ([HALL], ["--along", "streets"], "map: has no line; expected streets, or take --along open"),
-        ([HALL], ["--ways", "0"], "--ways 0: expected 1 to 50"),
+        ([HALL], ["--spacing", "5"], "spacing 5: expected more than d', 7 m, or none"),
+        ([HALL], ["--along", "streets"], "map: has no line; expected streets, or take the ways round"),
+        ([HALL], ["--ways", "0"], "ways is 0; expected 1 to 50"),
         ([HALL], ["--origin", "32"], '--origin "32": expected latitude,longitude in deg'),
         ([HALL], ["--reading", "gaurded"], 'there is no such reading; did you mean "guarded"?'),
         ([HALL], ["--plant", "differential"], 'differential'),
@@ -207,7 +207,7 @@ ROOM = polygon("room", box(-50, -50, 50, 50), box(-40, -40, 40, 40))
             ["--scenario", "three_waypoint"],
             "three_waypoint: the reading calibrated counts turns over the whole trial (cmec.reset_turns is",
         ),
-        ([HALL], ["--seed", 2**31 - 1], "--seed"),
+        ([HALL], ["--seed", 2**31 - 1], "seed is 2147483647; expected "),
     ],
 )  # fmt: skip
 def test_what_cannot_be_planned_is_refused(
@@ -219,6 +219,18 @@ def test_what_cannot_be_planned_is_refused(
     assert status == 2
     assert text in errors
     assert errors.count("\n") == 1
+
+
+def test_a_scenario_that_runs_a_package_is_named_as_it_was_given(tmp_path: Path) -> None:
+    # given
+    (tmp_path / "robot.ssp").touch()
+    given = tmp_path / "mine.toml"
+    given.write_text('system = "robot.ssp"\n')
+    # when
+    with pytest.raises(RouteError) as refusal:
+        prepare(Asked("five_buildings", "home", "goal", scenario=str(given)))
+    # then
+    assert str(refusal.value).startswith(f"scenario {given}: runs a package; expected")
 
 
 def test_a_scenario_that_counts_per_waypoint_gives_dog_and_controller(tmp_path: Path) -> None:

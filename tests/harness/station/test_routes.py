@@ -73,7 +73,7 @@ def test_routes_are_those_of_a_plan_in_degrees() -> None:
         (map_of(HUT), "yard.gpx", 'yard.gpx: the ending is "gpx", expected one of geojson, json, kml'),
         (b"{", "yard.json", "yard.json: line 1: is no JSON"),
         (b"{", "\U00010330" * 70 + ".json", ".json: line 1: is no JSON"),
-        (map_of([(-5, -5), (5, -5), (5, 5), (-5, 5)]), "../yard.geojson", "yard: --from "),
+        (map_of([(-5, -5), (5, -5), (5, 5), (-5, 5)]), "../yard.geojson", "yard: begin "),
         (
             map_of(HUT, units="metres"),
             "yard.geojson",

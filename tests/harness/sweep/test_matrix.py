@@ -105,9 +105,9 @@ def test_a_setting_of_a_block_acts_in_the_cells_that_have_it() -> None:
     [
         ((["cmce"], ["canine"]), 'there is no controller "cmce".*did you mean "cmec"'),
         ((["cmec"], ["dog.fmu"]), 'there is no FMU "dog.fmu"'),
-        ((["cmec", "cmec"], ["canine"]), "--controllers: cmec is named twice"),
-        ((["cmec"], [""]), "--plants: has an empty name"),
-        ((["cmec"], ["canine"], [LEG, LEG]), "--scenarios: leg is named twice"),
+        ((["cmec", "cmec"], ["canine"]), "controllers: cmec is named twice"),
+        ((["cmec"], [""]), "plants: has an empty name"),
+        ((["cmec"], ["canine"], [LEG, LEG]), "scenarios: leg is named twice"),
     ],
 )
 def test_lists_that_do_not_fit_are_refused(arguments: tuple[list[str], ...], text: str) -> None:

@@ -171,7 +171,7 @@ def test_a_noise_that_does_not_exist_cannot_be_held() -> None:
     with pytest.raises(UsageError) as refusal:
         Tuned(FourState, signals(20.0), ["sigma_bia"])
     assert str(refusal.value) == (
-        "--hold sigma_bia: no such noise of four_state is tuned here; expected sigma_constant, sigma_bias, "
+        "hold sigma_bia: no such noise of four_state is tuned here; expected sigma_constant, sigma_bias, "
         'position_sd, speed_sd; did you mean "sigma_bias"?'
     )
 
