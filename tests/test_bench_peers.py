@@ -19,6 +19,7 @@ from scipy.stats import norm
 from codegen.blocks.block_c import generate, write_files
 from codegen.toolchains.compiler import NUMERICS, build_library
 from harness.sweep.sweep import plan_sweep
+from harness.verification.habituation import straight_points
 from models.canine import Canine
 from models.cmec import Cmec
 from models.commands import Status
@@ -228,16 +229,19 @@ def test_with_chance_numpy_does_as_by_hand(scenario: str, name: str, scalar: Run
 
 
 def test_by_hand_leads_along_a_straight_way_the_better_the_nearer_its_waypoints_are(scalar: Run) -> None:
-    # given 200 m in equal parts, 8000 trials each; ours with 10,000 (harness/routes/README.md)
-    ours = {4: 0.806, 10: 0.976, 16: 0.990}
-    routes = {parts: [(200 * k / parts, 0.0) for k in range(1, parts + 1)] for parts in ours}
-    for parts, route in routes.items():
+    trials, rates = 8000, []
+    for parts in (4, 10, 16):
+        # given 200 m in equal parts, and how often ours leads a dog along it that does not habituate
+        (ours,) = straight_points(parts, (), trials, gains="0:0")
         # when the hand-written C leads along it, with its own random numbers
-        outcomes = scalar(reading("field", route, 49), route, 8000, 10**6, 15_000)
+        route = [(200 * k / parts, 0.0) for k in range(1, parts + 1)]
+        outcomes = scalar(reading("field", route, 49), route, trials, 10**6, 15_000)
         # then it succeeds as often, up to chance: an interval of 99.9 %
-        rate = np.mean(outcomes["status"] == Status.SUCCESS)
-        half = Z * math.sqrt(ours[parts] * (1 - ours[parts]) * (1 / 8000 + 1 / 10_000))
-        assert rate == pytest.approx(ours[parts], abs=half + 0.0005), parts
+        rates.append(np.mean(outcomes["status"] == Status.SUCCESS))
+        half = Z * math.sqrt(2 * ours.success_rate * (1 - ours.success_rate) / trials)
+        assert rates[-1] == pytest.approx(ours.success_rate, abs=half), parts
+    # and the better the nearer
+    assert rates == sorted(rates)
 
 
 # success [%] and mean time of the successful [s] by an independent implementation, 40,000 trials (CHOICES.md)

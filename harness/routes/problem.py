@@ -35,9 +35,9 @@ MEAN_DOG = (
 )
 HABITUATION = (
     "the dog heeds the last vibration as it heeds the first: if yours does not, fewer waypoints are better, "
-    "every 40 to 50 m along a straight way"
+    "along a straight way every 40 to 50 m at a gain of 0.1, every 50 to 67 m at 0.2 and 0.3"
 )
-HABITUATING = "the dog gets used to vibrations by a law and with a gain that nobody measured, {:g}"
+HABITUATING = "the dog gets used to vibrations with a gain of {:g}; nobody measured that gain, nor the law"
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -36,7 +36,7 @@ FINE = 1e-3  # between two gains at which the likelihood is looked up
 LEVEL = 0.95
 
 LENGTH = 200.0  # m, of a straight way
-PARTS = (1, 2, 4, 5, 6, 8, 10, 12, 16)  # of equal length
+PARTS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16)  # of equal length
 ON_THE_WAY = "0:0.3:0.1"  # gains
 
 
@@ -118,9 +118,9 @@ def straight(parts: int) -> Scenario:
     return Scenario(name="straight", system="cts", waypoints=waypoints, duration=600.0)
 
 
-def straight_rates(parts: int, settings: Sequence[str], trials: int) -> list[float]:
-    """How often a dog is led along it, for each gain of ON_THE_WAY."""
-    return [point.success_rate for point in _over(ON_THE_WAY, straight(parts), settings, trials)]
+def straight_points(parts: int, settings: Sequence[str], trials: int, gains: str = ON_THE_WAY) -> list[Point]:
+    """How often a dog is led along it: a point for each gain."""
+    return _over(gains, straight(parts), settings, trials)
 
 
 def write(folder: Path = RESULTS, size: Size = FULL) -> str:
@@ -129,47 +129,49 @@ def write(folder: Path = RESULTS, size: Size = FULL) -> str:
     Raises:
         FileError: it cannot be written.
     """
-    found = {dog: allowed(settings, size.gain) for dog, settings in DOGS.items()}
+    allowed_by_dog = {dog: allowed(settings, size.gain) for dog, settings in DOGS.items()}
     page = TEMPLATES.get_template(f"{PAGE}.jinja").render(
         size=size,
-        likelihoods=likelihood_table(found),
-        verdicts=verdict_table(found),
+        likelihoods=likelihood_table(allowed_by_dog),
+        verdicts=verdict_table(allowed_by_dog),
         straight={dog: straight_table(settings, size) for dog, settings in DOGS.items()},
         half=math.ceil(1000 * Z_95 * 0.5 / math.sqrt(size.straight)) / 10,  # of a rate of 50 %
         bound=BOUNDS["habituation_gain"].most,
     )
     write_whole(folder / PAGE, page.encode())
-    return verdict_table(found)
+    return verdict_table(allowed_by_dog)
 
 
-def likelihood_table(found: Mapping[str, Allowed]) -> str:
+def likelihood_table(allowed_by_dog: Mapping[str, Allowed]) -> str:
     """How likely each gain makes the field's counts, for each dog."""
     conditions = [f"{field.waypoints}, {field.threshold} deg" for field in OPEN]
     counts = [f"{f.successes}/{f.trials} = {percent(f.successes / f.trials)}" for f in OPEN]
     rows = [["the field", "", *counts, "0"]]
-    for dog, each in found.items():
+    for dog, each in allowed_by_dog.items():
         for gain, rates, likelihood in zip(each.gains, each.rates, each.log_likelihoods, strict=True):
             rows.append([dog, f"{gain:g}", *map(percent, rates), f"{likelihood:.2f}"])
     return markdown(["dog", "gain", *conditions, "ln L"], rows)
 
 
-def verdict_table(found: Mapping[str, Allowed]) -> str:
+def verdict_table(allowed_by_dog: Mapping[str, Allowed]) -> str:
     """The likeliest gain of each dog, its interval and its bound."""
     return markdown(
         ["dog", "likeliest gain", "95 % interval", "at most (95 %, to one side)"],
         [
             [dog, f"{each.likeliest:.2f}", "{:.2f} to {:.2f}".format(*each.interval), f"{each.bound:.2f}"]
-            for dog, each in found.items()
+            for dog, each in allowed_by_dog.items()
         ],
     )
 
 
 def straight_table(settings: Sequence[str], size: Size) -> str:
     """Success along the straight way, by the distance of waypoints and by the gain."""
-    return markdown(["waypoints every", "0", "0.1", "0.2", "0.3"], _straight_rows(settings, size))
-
-
-def _straight_rows(settings: Sequence[str], size: Size) -> Iterator[list[str]]:
-    for parts in PARTS:
-        rates = straight_rates(parts, settings, size.straight)
-        yield [f"{LENGTH / parts:.3g} m", *map(percent, rates)]
+    tables = {parts: straight_points(parts, settings, size.straight) for parts in PARTS}
+    gains = [f"{float(point.written[0]):g}" for point in tables[PARTS[0]]]
+    return markdown(
+        ["waypoints every", *gains],
+        [
+            [f"{LENGTH / parts:.3g} m", *(percent(point.success_rate) for point in table)]
+            for parts, table in tables.items()
+        ],
+    )

@@ -132,7 +132,7 @@ def test_a_dog_that_habituates_is_led_best_with_waypoints_every_40_to_50_m(tmp_p
     hundred, fifty, forty, *narrower = rates
     assert min(fifty, forty) > max(hundred, *narrower) + 0.03
     # and the plan says that this rests on what nobody measured
-    assert any("nobody measured, 0.1" in text for text in problem.assumes)
+    assert any("with a gain of 0.1; nobody measured" in text for text in problem.assumes)
     assert not any("heeds the last vibration" in text for text in problem.assumes)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
+from harness.routes.problem import HABITUATION
 from harness.verification import __main__ as command
 from harness.verification import habituation
 from harness.verification.habituation import OPEN, PAGE, Allowed
@@ -72,9 +73,26 @@ def test_what_is_called_unlikely_is_what_the_page_says() -> None:
     page = (RESULTS / PAGE).read_text()
     bounds = [float(bound) for bound in re.findall(r"\| .* to .* \| ([\d.]+) \|", page)]
     assert len(bounds) == 2
-    # then `canine day` warns from the larger one on; another implementation had at most about 0.4
+    # then `canine day` warns from the larger one on
     assert BOUNDS["habituation_gain"].most == pytest.approx(max(bounds), abs=0.01)
-    assert max(bounds) < 0.4
+
+
+def test_the_best_distances_are_those_that_a_plan_states() -> None:
+    # given the page's tables of the straight way: distances, and the rates at each gain
+    tables = [
+        np.array(
+            [[float(cell.split()[0]) for cell in row.strip("| ").split(" | ")] for row in table.splitlines()]
+        )
+        for table in re.findall(r"(?:^\| [\d.]+ m \|.*\n)+", (RESULTS / PAGE).read_text(), re.MULTILINE)
+    ]
+    assert len(tables) == len(habituation.DOGS)
+    for distances, *rates in (table.T for table in tables):
+        # then the nearest is best for a dog that does not habituate, and for the others what a plan says
+        none, *others = (distances[column.argmax()] for column in rates)
+        assert none == distances.min()
+        for best, (least, most) in zip(others, ((40, 50), (50, 67), (50, 67)), strict=True):
+            assert least <= best <= most
+            assert f"every {least} to {most} m" in HABITUATION
 
 
 def test_a_page_is_made_by_its_name_and_its_verdict_is_printed(
