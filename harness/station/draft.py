@@ -18,7 +18,8 @@ from models.fence import MAX_CORNERS
 
 DIGITS = 7  # of a degree: 1 cm, as the radio sends
 HOME, WAYPOINT, FENCE = "home", "waypoint", "fence"
-PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)  # `float` reads 1_0 as 10
+# `float` reads 1_0 as 10. Each digit is read once, and no long text, which would hold up the station.
+NUMBER = re.compile(r"(?!.{41})[+-]?(\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 NAMED = 5  # of what there is too much of
 
 
@@ -108,7 +109,7 @@ def _number(what: str, name: str, value: object, limit: float) -> float:
     """A number of degrees, or the text of one."""
     number = math.nan
     if isinstance(value, str):
-        number = float(value) if PLAIN.fullmatch(value.strip()) else math.nan
+        number = float(value) if NUMBER.fullmatch(value.strip()) else math.nan
     elif isinstance(value, int | float) and not isinstance(value, bool):
         with suppress(OverflowError):
             number = float(value)

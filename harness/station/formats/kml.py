@@ -14,7 +14,7 @@ from fastkml.utils import find_all
 from pygeoif import LineString, Point, Polygon
 
 from harness.files import in_words
-from harness.station.draft import DIGITS, FENCE, PLAIN, Draft, MissionFileError, pair
+from harness.station.draft import DIGITS, FENCE, NUMBER, Draft, MissionFileError, pair
 from harness.station.formats.shapes import Shape, labelled, of_shapes, ring
 from harness.station.formats.xml import MAX_ELEMENTS, plain_xml
 from models.errors import printable
@@ -62,7 +62,7 @@ def _check_numbers(plain: bytes) -> None:
     """Are all places numbers? The library leaves out those that are NaN, and reads 1_0 as 10."""
     for coordinates in COORDINATES.findall(plain):
         for number in coordinates.decode().replace(",", " ").split():
-            if not PLAIN.fullmatch(number):
+            if not NUMBER.fullmatch(number):
                 raise MissionFileError(
                     f'a place has "{printable(in_words(number))}", expected longitude,latitude in deg'
                 )

@@ -290,6 +290,12 @@ def test_no_place_of_a_kml_is_left_out_or_misread(shape: str, place: str) -> Non
     assert "a place has" in fault("a.kml", data)
 
 
+@pytest.mark.parametrize("number", ["1" * 60_000 + "x", "0" * 60_000 + "1"])
+def test_a_number_of_many_digits_is_refused(number: str) -> None:
+    with pytest.raises(MissionFileError, match=r"home: latitude is [01]+\.\.\., expected -90 to 90 deg"):
+        from_json({"home": [number, "2"]})
+
+
 @pytest.mark.parametrize("aside", [b"<!-- the gate -->", b"<![CDATA[ ]]>"])
 def test_a_text_goes_on_behind_a_comment(aside: bytes) -> None:
     line = b"<LineString><coordinates>1,1 %b 1,2 1,3</coordinates></LineString>" % aside
