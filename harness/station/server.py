@@ -53,7 +53,8 @@ AHEAD = 4096  # bytes that a browser's socket takes before the network does
 SEND_S = 10.0  # s after which a browser that takes nothing is left
 MOST_IDLE = 4 * MOST_OPERATORS  # connections that ask for nothing; half of those that may be open
 HEAD_S = 5.0  # s in which a connection states what it asks for
-BODY_S = 20.0  # s in which a file comes: as many as may be open would else keep everybody out
+BODY_S = 20.0  # s in which a file comes, and more by its bytes; slow ones would else take all connections
+LEAST_RATE = 16_000  # bytes of a file that come in each further second
 FAREWELL_S = 1.0  # s for which a socket that is turned out stays open
 PIECE = 4096  # bytes of a socket that are looked at before its frames are counted
 BURST = 2 * MESSAGES_PER_S
@@ -136,7 +137,7 @@ class _Http(H11Protocol):
         self.loop.call_later(HEAD_S, self._leave, answered)
 
     def _leave(self, answered: object) -> None:
-        """Close, if no request came since; a connection that became a browser's socket is none of ours."""
+        """Close, if no request came since. A browser's socket has left the `connections`, and stays."""
         if self.cycle is answered and self in self.connections:
             self.transport.close()
 
@@ -180,6 +181,7 @@ class _Socket(WebSocketsSansIOProtocol):
         if all(self._rate.allows() for _ in self.conn.events):
             super().handle_events()
         else:
+            self.conn.events_received()  # which are thrown away, not counted again with the next piece
             self._turn_out(f"more than {MESSAGES_PER_S} messages a second")
 
     def handle_text(self, event: Frame) -> None:
@@ -287,7 +289,9 @@ class Station:
         carries = SUBPROTOCOL in browser.scope["subprotocols"]
         await browser.accept(SUBPROTOCOL if carries else None)
         if len(self._outboxes) >= MOST_OPERATORS:
-            await browser.close(TRY_LATER, f"{MOST_OPERATORS} browsers are connected, the most there may be")
+            text = f"{MOST_OPERATORS} browsers are connected, the most there may be"
+            with suppress(RuntimeError, WebSocketDisconnect):  # it is closed already
+                await browser.close(TRY_LATER, text)
             return
         self._operators += 1
         operator, outbox = self._operators, Outbox()
@@ -324,7 +328,7 @@ def _order(message: bytes) -> dict[str, Any]:
     """A browser's order.
 
     Raises:
-        OrderError: it is none.
+        OrderError: the message is no JSON object.
     """
     expected = 'expected a JSON object such as {"do": "alive"}'
     try:
@@ -351,17 +355,23 @@ async def _body(request: Request, what: str, most: int) -> bytes:
     """The body of a request.
 
     Raises:
-        UsageError: it has more bytes than `most`, or does not come whole within BODY_S.
+        UsageError: it has more bytes than `most`, or comes slower than BODY_S and LEAST_RATE allow.
     """
     data = bytearray()
+    begun = asyncio.get_running_loop().time()
     try:
-        async with asyncio.timeout(BODY_S):
+        async with asyncio.timeout(BODY_S) as limit:
             async for part in request.stream():
                 data += part
                 if len(data) > most:
                     raise UsageError(f"the {what} has more than {most} bytes")
+                limit.reschedule(begun + BODY_S + len(data) / LEAST_RATE)
     except TimeoutError:
-        raise UsageError(f"the {what} did not come within {BODY_S:g} s; send it again") from None
+        took = BODY_S + len(data) / LEAST_RATE
+        raise UsageError(
+            f"the {what} did not come within {took:.3g} s: the link is too slow, expected "
+            f"{LEAST_RATE / 1000:g} kB a second at least; send it again over a faster one"
+        ) from None
     except ClientDisconnect:
         raise UsageError(f"the {what} was cut; send it again") from None
     return bytes(data)

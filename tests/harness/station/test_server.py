@@ -6,15 +6,16 @@ import asyncio
 import json
 import socket
 import time
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from http.client import HTTPConnection
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from starlette.websockets import WebSocket
 from websockets.exceptions import ConnectionClosed, ConnectionClosedError, InvalidStatus
 from websockets.frames import Frame, Opcode
 from websockets.sync.client import connect
@@ -27,6 +28,7 @@ from harness.station.guard import Guard
 from harness.station.server import BURST, HEADERS, WAITING, Outbox, Rate
 from harness.station.shown import News
 from models.commands import Command, Status
+from models.errors import UsageError
 from tests.browser import OpenPage
 from tests.harness.station.browser import Browser, Served, served, simulated, unheard
 from tests.harness.station.rig import Hands
@@ -211,6 +213,21 @@ def test_a_browser_that_takes_nothing_for_long_is_left(monkeypatch: pytest.Monke
     asyncio.run(send())
 
 
+def test_a_large_file_has_the_more_time_the_more_has_come(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def parts() -> AsyncIterator[bytes]:
+        yield b"x" * 40_000
+        await asyncio.sleep(0.2)  # longer than it would have without these
+        yield b"x"
+
+    monkeypatch.setattr(server, "BODY_S", 0.1)
+    request: Any = SimpleNamespace(stream=parts)
+    monkeypatch.setattr(server, "LEAST_RATE", 1000)
+    assert len(asyncio.run(server._body(request, "map", 50_000))) == 40_001
+    monkeypatch.setattr(server, "LEAST_RATE", 1_000_000_000)
+    with pytest.raises(UsageError, match=r"the map did not come within 0\.1 s: the link is too slow"):
+        asyncio.run(server._body(request, "map", 50_000))
+
+
 def test_who_was_silent_for_long_may_send_no_more_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     hands = Hands()
     monkeypatch.setattr(server, "time", SimpleNamespace(monotonic=hands))
@@ -258,6 +275,49 @@ def test_a_flood_of_empty_frames_closes_the_socket_and_holds_up_nobody(silent: S
         # and the station goes on
         begun = watcher.state["time"]
         watcher.until(lambda: watcher.state["time"] > begun + 0.5 and len(watcher.state["operators"]) == 1)
+
+
+def test_a_socket_that_is_turned_out_is_turned_out_once(
+    silent: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    turned_out: list[str] = []
+    turn_out = server._Socket._turn_out
+
+    def counted(socket: server._Socket, why: str) -> None:
+        turned_out.append(why)
+        turn_out(socket, why)
+
+    monkeypatch.setattr(server._Socket, "_turn_out", counted)
+    with silent.browser() as browser:
+        browser.socket.socket.sendall(20_000 * Frame(Opcode.PING, b"").serialize(mask=True))
+        with pytest.raises(ConnectionClosed):
+            browser.until(lambda: False, 10)
+        with suppress(OSError):
+            while browser.socket.socket.recv(65536):  # until the station closes
+                pass
+    assert len(turned_out) == 1
+
+
+@pytest.mark.parametrize("fault", [RuntimeError("websocket.close was sent"), OSError("is gone")])
+def test_a_socket_that_is_gone_before_a_full_station_refuses_it_is_no_fault(
+    monkeypatch: pytest.MonkeyPatch, fault: Exception
+) -> None:
+    refused: list[str] = []
+
+    async def receive() -> dict[str, Any]:
+        return {"type": "websocket.connect"}
+
+    async def send(message: Any) -> None:
+        if message["type"] == "websocket.close":
+            refused.append(message["reason"])
+            raise fault
+
+    monkeypatch.setattr(server, "MOST_OPERATORS", 0)
+    station = server.Station(Talkative(), Guard.of("127.0.0.1"))
+    headers = [(b"host", b"127.0.0.1"), (b"origin", b"http://127.0.0.1")]
+    scope = {"type": "websocket", "headers": headers, "subprotocols": ["canine"]}
+    asyncio.run(station._socket(WebSocket(scope, receive, send)))
+    assert refused == ["0 browsers are connected, the most there may be"]
 
 
 def _shout(browser: Browser) -> None:
@@ -351,7 +411,7 @@ def test_a_file_that_is_cut_or_comes_too_slowly_is_told_and_its_connection_given
         while b"}" not in answer:
             answer += slow.recv(65536)
     assert answer.startswith(b"HTTP/1.1 400 ")
-    assert b"the file did not come within 0.3 s; send it again" in answer
+    assert b"the file did not come within 0.3 s: the link is too slow" in answer
     with socket.create_connection((host, int(port))) as cut:
         cut.sendall(begun)
     assert request(silent, "GET", "/")[0] == 200
