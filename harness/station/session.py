@@ -25,7 +25,7 @@ from harness.station.events import Event, Level
 from harness.station.history import History
 from harness.station.ports import Port, PortError
 from harness.station.shown import EVENTS, SHOW_S, TRACK, News, Refresh, World, add_to, told, welcome
-from harness.station.sink import JUMP_S, Sink
+from harness.station.sink import JUMP_S, MovedLogError, Sink
 from models.commands import Command
 from models.errors import UsageError, printable
 
@@ -96,7 +96,7 @@ class Session:
         self._pool = ThreadPoolExecutor(1, "station-port")
         self._opening: Future[Port] | None = None
         self._failed_at, self._looked = 0.0, math.inf  # before the first look nothing stood still
-        self._lost = ""  # why nothing is recorded any more
+        self._log_fault = ""  # what is wrong with the log
 
     @property
     def now(self) -> float:
@@ -170,6 +170,8 @@ class Session:
     def _show(self, now: float) -> bytes:
         self._refresh.done(now)
         content = self.state(now)
+        if self._seen:  # the log's time may stand, and `seen` names a state by its time
+            content["time"] = max(content["time"], math.nextafter(self._seen[-1][0], math.inf))
         self._seen.append((content["time"], now))
         state = orjson.dumps(content)
         self._record(lambda sink: sink.show(now, state))
@@ -180,6 +182,9 @@ class Session:
         self._record(lambda sink: sink.tell(now, telemetry, override))
         if self._sink and (jump := self._log_clock.jump):
             self._tell(now, Level.CAUTION, f"the vest's clock jumped by {jump:+.1f} s: time goes on by ours")
+        if self._sink and self._sink.unknown is not None:
+            text = f"mission {self._sink.unknown:04x} is under way, which this station did not give"
+            self._tell(now, Level.CAUTION, f"{text}: the log does not have its places")
         add_to(self._track, self._log_clock.at(now), telemetry)
         self._refresh.stale = True
 
@@ -215,14 +220,20 @@ class Session:
             return
         try:
             write(self._sink)
+        except MovedLogError as reason:
+            self._warn_of_log(str(reason))
         except LogError as reason:
             self._lose_log(str(reason))
         except Exception as fault:  # a fault of ours, too, must not cost the vest its operator
             self._lose_log(f"{self._sink.path}: {type(fault).__name__}: {printable(str(fault))}")
 
     def _lose_log(self, reason: str) -> None:
-        self._sink, self._lost = None, reason
-        self._tell(self.now, Level.WARNING, f"nothing is recorded any more: {reason}")
+        self._sink = None
+        self._warn_of_log(f"nothing is recorded any more: {reason}")
+
+    def _warn_of_log(self, fault: str) -> None:
+        self._log_fault = fault
+        self._tell(self.now, Level.WARNING, fault)
 
     def _read(self, now: float) -> bytes:
         if self._port is None:
@@ -265,8 +276,8 @@ class Session:
     def alarms(self, now: float) -> list[Alarm]:
         """What is wrong now."""
         alarms = self._alarms.at(now, self.conduct, self._log_clock.at(now))
-        if self._lost:
-            alarms.insert(0, Alarm("log", Level.WARNING, f"nothing is recorded: {self._lost}", 0.0))
+        if self._log_fault:
+            alarms.insert(0, Alarm("log", Level.WARNING, self._log_fault, 0.0))
         return alarms
 
     def state(self, now: float) -> dict[str, Any]:

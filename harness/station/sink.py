@@ -102,6 +102,10 @@ def _channel(component: str, block: str, signals: list[tuple[str, str, str, str]
     return Channel(component, block, names, units, types, meanings)
 
 
+class MovedLogError(LogError):
+    """The log has no longer its name; it is written nevertheless."""
+
+
 class Clock:
     """The time of the log: the vest's clock while the vest is heard, and else this machine's.
 
@@ -115,14 +119,14 @@ class Clock:
     def __init__(self, speed: float = 1.0) -> None:
         self._speed, self.jump = speed, 0.0
         self._log = self._now = 0.0  # the same moment by both clocks
-        self._told = 0.0  # s, the latest time that was told: a telemetry may show that ours ran ahead
+        self._latest = 0.0  # s, of the times that were given: a telemetry may show that ours ran ahead
         self._session: int | None = None
         self._shift = 0.0  # s, of the log's time over the vest's
 
     def at(self, now: float) -> float:
         """The log's time at a time of this machine; it never goes back."""
-        self._told = max(self._told, self._ours(now))
-        return self._told
+        self._latest = max(self._latest, self._ours(now))
+        return self._latest
 
     def _ours(self, now: float) -> float:
         return self._log + max(0.0, now - self._now) * self._speed
@@ -153,8 +157,12 @@ class Sink:
         origin: latitude and longitude of north = east = 0 in degrees; None for the first fix.
         viewers: who are shown what is logged.
 
+    Attributes:
+        unknown: id of the mission that was begun with the last telemetry, if its places are not known here.
+
     Raises:
         UsageError: the folder cannot be made.
+        MovedLogError: once, if the log was moved, removed or replaced; all is written nevertheless.
         LogError: from every method, if the log cannot be written.
     """
 
@@ -180,7 +188,7 @@ class Sink:
             attachments={},
             viewers=viewers,
         )
-        self._file = self.path.stat()
+        self._file, self._is_moved = self.path.stat(), False
         self._topics = {topic: self._writer.add_topic(topic, *stated) for topic, stated in SCHEMAS.items()}
         self._messages: list[tuple[int, float, bytes]] = []
         self._rows: list[tuple[float, dict[str, list[float]]]] = []
@@ -190,6 +198,8 @@ class Sink:
             self._plane_at(origin)
         self._before: Telemetry | None = None
         self._mission: Mission | None = None  # on board, and not stated yet
+        self._stated: int | None = None  # id of the mission that is stated
+        self.unknown: int | None = None
         self._is_led = False  # a mission was begun
         self._last = 0.0  # s, of the last row
         self._row = self._values(None, Command.NONE)
@@ -231,16 +241,14 @@ class Sink:
         self._row = self._values(telemetry, override)
         self._write_row(time, self._row)
         self._row["controller"][-1] = 0.0  # an anomaly is reported once
+        self._lead(telemetry)
         self._before = telemetry
-        if Flag.STARTED in Flag(telemetry.flags):
-            self._is_led = True
-            self._state_mission()
 
     def take_mission(self, mission: Mission) -> None:
         """A mission is on board. Once one was begun, another is stated when it begins."""
         self._mission = mission
         if not self._is_led:
-            self._state_mission()
+            self._state_mission(mission)
 
     def step(self, now: float) -> None:
         """Repeat the last row while the vest is silent; flush each second."""
@@ -257,20 +265,28 @@ class Sink:
         self._writer.write_messages(self._messages)
         self._messages = []
         self._writer.flush()
-        if not self._is_there():
-            raise LogError(f"log {self.path}: was moved, removed or replaced; start the station again")
+        if not self._is_moved and not self._is_there():
+            self._is_moved = True
+            raise MovedLogError(
+                f"log {self.path}: was moved, removed or replaced; what was moved is written on. "
+                "Start the station again when the mission has ended"
+            )
 
     def _is_there(self) -> bool:
         """Is the file of this name still the one that is written?"""
         try:
             return os.path.samestat(self._file, self.path.stat())
-        except OSError:
+        except FileNotFoundError:
             return False
+        except OSError:  # a share that does not answer now says nothing of it
+            return True
 
     def close(self) -> None:
         """Write what is left, and the log's end."""
-        self.flush()
-        self._writer.close()
+        try:
+            self.flush()
+        finally:
+            self._writer.close()
 
     def _plane_at(self, place: tuple[float, float]) -> TangentPlane:
         """The plane of north and east; this place, deg, becomes its origin if there is none yet."""
@@ -278,13 +294,24 @@ class Sink:
             self.origin, self._plane = place, TangentPlane(*map(math.radians, place))
         return self._plane
 
-    def _state_mission(self) -> None:
-        """State waypoints, home and fence as parameters of the controller, unless they are stated."""
-        if self._mission is None:
+    def _lead(self, telemetry: Telemetry) -> None:
+        """State the mission that is under way, if it is the one on board; it may be another station's."""
+        self.unknown = None
+        if Flag.STARTED not in Flag(telemetry.flags):
             return
-        plane = self._plane_at((self._mission.home.latitude, self._mission.home.longitude))
-        self._parameters |= mission_parameters(self._mission, plane)
-        self._mission = None
+        self._is_led = True
+        led, before = telemetry.mission_id, self._before
+        if self._mission and self._mission.id == led:
+            self._state_mission(self._mission)
+        was_led = before and Flag.STARTED in Flag(before.flags) and before.mission_id == led
+        if not was_led and self._stated != led:
+            self.unknown = led
+
+    def _state_mission(self, mission: Mission) -> None:
+        """State waypoints, home and fence as parameters of the controller."""
+        plane = self._plane_at((mission.home.latitude, mission.home.longitude))
+        self._parameters |= mission_parameters(mission, plane)
+        self._mission, self._stated = None, mission.id
         self._flush_rows()
         self._settle()
 

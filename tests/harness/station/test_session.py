@@ -22,7 +22,7 @@ from harness.station.ports import PortError
 from harness.station.recorded import read_recorded
 from harness.station.session import OLD_HOLD_S, OLD_S, REOPEN_S, About, Session
 from harness.station.shown import Refresh
-from harness.station.sink import JUMP_S, ORDERS, Sink
+from harness.station.sink import FLUSH_S, JUMP_S, ORDERS, Sink
 from harness.trial.scenario import Scenario
 from models.commands import Command
 from models.errors import UsageError
@@ -150,6 +150,28 @@ def test_a_fault_in_what_records_stops_no_station_and_is_told_once(tmp_path: Pat
     station.order(1, {"do": "stop"})
     assert station.conduct.latched
     station.close()
+
+
+def test_a_log_that_was_moved_is_told_once_and_goes_on(tmp_path: Path) -> None:
+    # given a station at work
+    hands = Hands()
+    station = session(tmp_path, Silence(), hands)
+    # when its log is moved
+    moved = (tmp_path / "trial.mcap").rename(tmp_path / "moved.mcap")
+    found: list[str] = []
+    for _ in range(3):
+        hands.now += FLUSH_S
+        found += [event.text for event in station.poll().events]
+    # then that is told, and stays an alarm
+    assert len(found) == 1
+    assert "was moved, removed or replaced" in found[0]
+    assert [alarm.text for alarm in station.alarms(station.now) if alarm.key == "log"] == found
+    # and the log has what comes thereafter
+    station.order(1, {"do": "note", "text": "wet"})
+    station.close()
+    recorded = read_recorded(moved)
+    assert any("wet" in event.text for event in recorded.events)
+    assert not read_log(moved).broken
 
 
 class Forged(Silence):
@@ -392,6 +414,16 @@ def test_a_vest_holds_a_mission_once_it_says_so(tmp_path: Path) -> None:
         station.close()
 
 
+def test_a_mission_that_another_station_began_is_told_as_unknown(tmp_path: Path) -> None:
+    hands, vest = Hands(), Forged()
+    station = heard(tmp_path, vest, hands, mission_id=0x1A2B, flags=Flag.STARTED | Flag.LOADED)
+    station.close()
+    told = [event.text for event in read_recorded(tmp_path / "trial.mcap").events if "1a2b" in event.text]
+    assert told == [
+        "mission 1a2b is under way, which this station did not give: the log does not have its places"
+    ]
+
+
 def test_what_the_operator_orders_is_in_each_row(tmp_path: Path) -> None:
     hands, vest = Hands(), Forged()
     station = heard(tmp_path, vest, hands)
@@ -477,4 +509,34 @@ def test_a_hold_over_a_slow_link_is_carried_out_and_one_that_was_held_back_is_no
     hands.now += 0.02
     with pytest.raises(OrderError, match=r"hold: came 0\.7 s or more after what it answers was shown"):
         station.order(1, {"do": "hold", "command": "LEFT", "seen": seen})
+    station.close()
+
+
+def test_a_hold_that_was_held_back_moves_no_animal_while_the_logs_time_stands(tmp_path: Path) -> None:
+    # given a vest that is late by more than a second, for which the log's time waits
+    hands, vest = Hands(), Forged()
+    station = heard(tmp_path, vest, hands)
+    hands.now += 1.8
+    shown(station)
+    times: list[float] = []
+
+    def look() -> float:
+        vest.put(1600 + 200 * len(times))
+        times.append(shown(station))
+        return times[-1]
+
+    seen, waited = look(), 0.0
+    stood = station._log_clock.at(station.now)
+    while waited <= OLD_HOLD_S:
+        hands.now += 0.2
+        waited += 0.2
+        look()
+    assert station._log_clock.at(station.now) == stood
+    # when a hold comes that answers the first of these states, then it is refused
+    with pytest.raises(OrderError, match=r"hold: came 0\.7 s or more after what it answers was shown"):
+        station.order(1, {"do": "hold", "command": "LEFT", "seen": seen})
+    assert station.conduct.holding is None
+    # and one that answers the last of them is carried out
+    station.order(1, {"do": "hold", "command": "LEFT", "seen": times[-1]})
+    assert station.conduct.holding is Command.LEFT
     station.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 from dataclasses import replace
@@ -17,7 +18,7 @@ from harness.onboard.radio import Mission, Position
 from harness.station.events import Event, Level
 from harness.station.playback import Playback
 from harness.station.recorded import read_recorded
-from harness.station.sink import Clock, Sink
+from harness.station.sink import Clock, MovedLogError, Sink
 from harness.trial.events import events
 from harness.trial.summary import in_a_sentence, summarize, words
 from models.commands import Command, Status
@@ -159,8 +160,8 @@ def test_the_route_is_that_of_the_mission_which_was_led_until_another_is_begun(s
     started = int(FIXED | Flag.STARTED)
     tell(sink, 0.4, 1.0)
     sink.take_mission(MISSION)
-    tell(sink, 1.0, 2.0, flags=started, status=Status.RUNNING)
-    tell(sink, 2.0, 3.0, status=Status.SUCCESS)
+    tell(sink, 1.0, 2.0, flags=started, status=Status.RUNNING, mission_id=MISSION.id)
+    tell(sink, 2.0, 3.0, status=Status.SUCCESS, mission_id=MISSION.id)
     sink.take_mission(nowhere)
     tell(sink, 3.0, 4.0)
     sink.flush()
@@ -172,9 +173,18 @@ def test_the_route_is_that_of_the_mission_which_was_led_until_another_is_begun(s
 
     # then the route is that of the first
     assert north() == pytest.approx(99.8, abs=0.2)
-    # when the other one is begun, it is that
-    tell(sink, 4.0, 5.0, flags=started, status=Status.RUNNING)
+    # and so it is if another station's is begun, which is told once
+    unknown = []
+    for k in range(20, 23):
+        sink.tell(0.2 * k, telemetry(100 + 0.2 * k, flags=started, mission_id=nowhere.id ^ 1), Command.NONE)
+        unknown.append(sink.unknown)
     sink.flush()
+    assert unknown == [nowhere.id ^ 1, None, None]
+    assert north() == pytest.approx(99.8, abs=0.2)
+    # when the other one is begun, it is that
+    tell(sink, 4.6, 5.0, flags=started, status=Status.RUNNING, mission_id=nowhere.id)
+    sink.flush()
+    assert sink.unknown is None
     assert north() == pytest.approx(0, abs=0.2)
 
 
@@ -315,10 +325,36 @@ def test_bytes_orders_and_events_are_kept_with_their_times(sink: Sink) -> None:
 
 
 @pytest.mark.parametrize("instead", [None, b"another log"])
-def test_a_log_that_is_taken_away_is_told(sink: Sink, instead: bytes | None) -> None:
+def test_a_log_that_is_taken_away_is_told_once_and_written_to_its_end(
+    sink: Sink, instead: bytes | None
+) -> None:
+    tell(sink, 0.4, 2.0)
     sink.flush()
-    sink.path.unlink()
+    moved = sink.path.rename(sink.path.with_name("moved.mcap"))
     if instead is not None:
         sink.path.write_bytes(instead)
-    with pytest.raises(LogError, match=r"trial.mcap: was moved, removed or replaced"):
+    with pytest.raises(MovedLogError, match=r"trial.mcap: was moved, .* when the mission has ended"):
         sink.flush()
+    tell(sink, 2.0, 4.0)
+    sink.close()
+    log = read_log(moved)
+    assert not log.broken
+    assert log.time[-1] == pytest.approx(3.8)
+
+
+def test_a_log_that_is_taken_away_just_before_its_end_has_an_end(sink: Sink) -> None:
+    tell(sink, 0.4, 2.0)
+    moved = sink.path.rename(sink.path.with_name("moved.mcap"))
+    with pytest.raises(MovedLogError):
+        sink.close()
+    assert not read_log(moved).broken
+
+
+def test_a_share_that_does_not_answer_has_taken_no_log_away(
+    sink: Sink, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stat(path: Path) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(sink.path.__class__, "stat", stat)
+    sink.flush()
