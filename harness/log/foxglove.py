@@ -219,8 +219,8 @@ class Views:
             self.regular.append(_Frames(_topic(container, "/3d/frames", FrameTransforms), frames))
         self.scene = _topic(container, "/3d/scene", SceneUpdate) if frames or route else None
         self._scene = self.scene
-        self._lasting = [_arrow(frame) for frame in frames] + (_entities(ground) if ground else [])
-        self.drawing = _drawing(self._lasting, route)
+        self._constant = [_arrow(frame) for frame in frames] + (_world(ground) if ground else [])
+        self.drawing = _drawing(self._constant, route)
 
         self.gps: _Fixes | None = None
         if position := find(receiver, "gps_north", "gps_east"):
@@ -242,7 +242,7 @@ class Views:
             if isinstance(view, _Fixes):
                 view.plane = plane
         self.scene = self._scene
-        self.drawing = _drawing(self._lasting, route)
+        self.drawing = _drawing(self._constant, route)
 
     def encode(self, times: Times, values: Mapping[str, Array]) -> list[Message]:
         """What is due in a batch of ticks.
@@ -291,14 +291,14 @@ def _arrow(frame: str) -> SceneEntity:
     return SceneEntity(id=frame, frame_id=frame, frame_locked=True, arrows=[arrow])
 
 
-def _drawing(lasting: list[SceneEntity], route: Route | None) -> bytes:
+def _drawing(constant: list[SceneEntity], route: Route | None) -> bytes:
     """The scene: what stays whatever the mission is, waypoints, fence."""
-    entities = lasting + (_circles(route) + _fence(route) if route else [])
+    entities = constant + (_circles(route) + _fence(route) if route else [])
     data: bytes = SceneUpdate(entities=entities).SerializeToString()
     return data
 
 
-def _entities(ground: Ground) -> list[SceneEntity]:
+def _world(ground: Ground) -> list[SceneEntity]:
     """The world of a simulated dog, which nothing on board knows: streets as flat pieces, and poles."""
     streets = [
         SceneEntity(id=f"street {i} of the simulated dog", frame_id="map", triangles=[_piece(outline)])

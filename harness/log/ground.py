@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 ROUND = 8  # corners of a street's round end in an outline
 Place = tuple[float, float]
 
@@ -24,7 +26,7 @@ class Ground:
 
     @classmethod
     def of(cls, parameters: Mapping[str, str]) -> Ground | None:
-        """From a log's `parameters` record; None without streets and poles."""
+        """From a log's `parameters` record; None without streets and poles, or where one is not finite."""
 
         def value(name: str) -> float:
             number = float(parameters[f"plant.{name}"])
@@ -47,6 +49,8 @@ class Ground:
                     for i in range(1, int(value("pole_count")) + 1)
                 ),
             )
+            if not np.isfinite(ground.outlines()).all():  # the sum of large numbers
+                raise ValueError
         except (KeyError, ValueError):
             return None
         return ground if ground.streets or ground.poles else None

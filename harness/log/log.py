@@ -9,6 +9,7 @@ and publish time are trial time in ns: nothing comes from a clock, and the same 
 from __future__ import annotations
 
 import json
+import math
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -250,9 +251,11 @@ def _origin(stated: Mapping[str, str]) -> tuple[float, float]:
     """Latitude and longitude of north = east = 0, in degrees.
 
     Raises:
-        ValueError: one is no number.
+        ValueError: one is not a finite number.
     """
     latitude, longitude = (float(stated.get(name, 0)) for name in _ORIGIN)
+    if not (math.isfinite(latitude) and math.isfinite(longitude)):
+        raise ValueError
     return latitude, longitude
 
 

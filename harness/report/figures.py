@@ -19,7 +19,7 @@ from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from matplotlib.text import Text
-from matplotlib.ticker import FixedFormatter, FuncFormatter
+from matplotlib.ticker import FixedFormatter, FuncFormatter, Locator, MaxNLocator
 
 from harness.drawing import ESTIMATE, ESTIMATES, GPS, ORDER, OUTAGE, TRUTH
 from harness.report.thin import rows_to_show
@@ -116,9 +116,14 @@ def _scale(axis: Axis, limits: tuple[float, float], label: str, kind: str) -> Ch
         "range": _numbers(sorted(limits)),
         "turned": bool(limits[0] > limits[1]),
         "log": kind == "log",
-        "whole": bool(getattr(axis.get_major_locator(), "_integer", False)),  # told nowhere else
+        "whole": _is_whole(axis.get_major_locator()),
         "names": names,
     }
+
+
+def _is_whole(locator: Locator) -> bool:
+    """Does an axis show whole numbers alone? No public field says so."""
+    return isinstance(locator, MaxNLocator) and bool(locator._integer)  # type: ignore[attr-defined]
 
 
 def _states(text: str, number: float) -> bool:

@@ -30,7 +30,7 @@ TRIALS = 1024  # of each candidate that is left at the end
 SHOWN = 8  # routes at most
 APART = 1e-6  # deg: a plan of a map in degrees begins at its origin
 ENDINGS = ("geojson", "json", "kml")
-PLAIN = re.compile(r"\w[\w .-]{0,80}", re.ASCII)  # names that a file here may have, by their bytes too
+FILE_NAME = re.compile(r"\w[\w .-]{0,80}", re.ASCII)  # which every file system takes, by its bytes too
 
 
 class Proposals:
@@ -54,11 +54,16 @@ class Proposals:
         async with self._one:
             try:
                 with Scratch() as folder:
-                    path = folder / (shown if PLAIN.fullmatch(shown) else f"map.{ending}")
+                    path = folder / (shown if FILE_NAME.fullmatch(shown) else f"map.{ending}")
                     path.write_bytes(data)
                     return _shaped(await _plan(path, shown, begin, end), shown, begin)
             except OSError as reason:
-                raise CanineError(f"{shown}: cannot be planned here ({reason.strerror})") from None
+                what = f"{reason.filename}: " if reason.filename else ""
+                what += reason.strerror or str(reason)
+                raise CanineError(
+                    f"{shown}: cannot be planned here ({printable(what)}); "
+                    "make room in the folder for temporary files, or install what is missing"
+                ) from None
 
 
 async def _plan(path: Path, shown: str, begin: Position, end: Position) -> dict[str, Any]:

@@ -73,7 +73,7 @@ def read(data: bytes) -> Draft:
 
 
 def _is(word: str, element: GPXWaypoint | GPXRoute) -> bool:
-    """Is it called so, by its name or its type?"""
+    """Has the element this name or type?"""
     return is_named(element.name, word) or is_named(element.type, word)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import math
-import re
 from typing import Any
 from xml.etree import ElementTree
 
@@ -19,7 +18,6 @@ from harness.station.formats.shapes import Shape, labelled, of_shapes, ring
 from harness.station.formats.xml import MAX_ELEMENTS, plain_xml
 from models.errors import printable
 
-COORDINATES = re.compile(rb"<(?:[\w.-]+:)?coordinates\b[^>]*>([^<]*)")
 GEOMETRIES = {"Point", "LineString", "LinearRing", "Polygon", "MultiGeometry", "Model", "Track", "MultiTrack"}
 
 
@@ -36,11 +34,11 @@ def placemarks(data: bytes, most: float = math.inf) -> list[tuple[str, Any]]:
     """The placemarks of such a file, of so many elements at most, each behind what errors call it.
 
     Raises:
-        MissionFileError: it is no such file, or has a place that is none.
+        MissionFileError: the data is not KML, or a place in it is not longitude,latitude.
     """
     plain = plain_xml(data, "kml", most)
-    _check_numbers(plain)
-    _check_geometries(plain)
+    for number, element in enumerate(ElementTree.fromstring(plain).iterfind(".//{*}Placemark"), start=1):
+        _check(_where(number, element.findtext("{*}name")), element)
     try:
         document = fastkml.KML.parse(io.BytesIO(plain), strict=True, validate=False)
         marks: list[Any] = list(find_all(document, of_type=fastkml.Placemark))
@@ -48,35 +46,31 @@ def placemarks(data: bytes, most: float = math.inf) -> list[tuple[str, Any]]:
             mark.geometry  # noqa: B018 - made here, of what the file holds
     except (FastKMLError, ValueError, TypeError, AttributeError) as reason:
         raise MissionFileError(f"is no KML: {printable(reason)}") from None
-    named = [
-        (f"placemark {number}" + (f" ({printable(in_words(mark.name))})" if mark.name else ""), mark)
-        for number, mark in enumerate(marks, start=1)
-    ]
+    named = [(_where(number, mark.name), mark) for number, mark in enumerate(marks, start=1)]
     for where, mark in named:
         if mark.geometry is None and mark.kml_geometry is not None:
             raise MissionFileError(f"{where}: has no place, expected longitude,latitude in deg")
     return named
 
 
-def _check_numbers(plain: bytes) -> None:
-    """Are all places numbers? The library leaves out those that are NaN, and reads 1_0 as 10."""
-    for coordinates in COORDINATES.findall(plain):
-        for number in coordinates.decode().replace(",", " ").split():
+def _where(number: int, name: str | None) -> str:
+    """What errors call a placemark."""
+    return f"placemark {number}" + (f" ({printable(in_words(name))})" if name else "")
+
+
+def _check(where: str, placemark: ElementTree.Element) -> None:
+    """Refuse what the library would leave out or misread.
+
+    It reads the first of several geometries alone, leaves out a place that is NaN, and takes 1_0 for 10.
+    """
+    names = [name for child in placemark if (name := child.tag.rpartition("}")[2]) in GEOMETRIES]
+    if len(names) > 1:
+        raise MissionFileError(f"{where}: has {' and '.join(names)}, expected one; give each a placemark")
+    for coordinates in placemark.iterfind(".//{*}coordinates"):
+        for number in (coordinates.text or "").replace(",", " ").split():
             if not NUMBER.fullmatch(number):
-                raise MissionFileError(
-                    f'a place has "{printable(in_words(number))}", expected longitude,latitude in deg'
-                )
-
-
-def _check_geometries(plain: bytes) -> None:
-    """Has each placemark one geometry at most? Of several the library reads the first alone."""
-    elements = ElementTree.fromstring(plain).iterfind(".//{*}Placemark")
-    for number, mark in enumerate(elements, start=1):
-        names = [name for child in mark if (name := child.tag.rpartition("}")[2]) in GEOMETRIES]
-        if len(names) > 1:
-            raise MissionFileError(
-                f"placemark {number}: has {' and '.join(names)}, expected one; give each a placemark"
-            )
+                shown = printable(in_words(number))
+                raise MissionFileError(f'{where}: a place has "{shown}", expected longitude,latitude in deg')
 
 
 def _shape(where: str, mark: Any) -> Shape:

@@ -12,6 +12,7 @@ from models.errors import printable
 
 MAX_DEPTH = 32  # elements within elements; those of KML's folders need 10
 MAX_ELEMENTS = 5000  # of a mission; a track of a thousand points beside it has 3000
+TEXTS = {"coordinates", "name", "type"}  # elements whose texts are read
 
 
 def plain_xml(
@@ -20,47 +21,53 @@ def plain_xml(
     most: float = MAX_ELEMENTS,
     see: Callable[[int, str, dict[str, str]], None] = lambda *_: None,
 ) -> bytes:
-    """Such XML without what is harmful, or misread; UTF-8.
+    """XML that a library may read, as UTF-8; an error where it could do harm or be misread.
 
-    Comments are left out: libraries take what stands before one for all of a text.
+    A library takes what stands before a comment, an instruction or an element for all of a text. Comments are
+    left out; the others are refused.
 
     Args:
+        root: the name of its first element.
         most: elements that it may have; a library takes up to a millisecond for each.
         see: is given line, name and attributes of each element.
 
     Raises:
-        MissionFileError: it is no such XML, or could do harm.
+        MissionFileError: the data is not XML, has another root, could do harm, or could be misread.
     """
     parser = expat.ParserCreate()
-    depth = count = 0
+    count = 0
+    outer: list[str] = []  # the elements that are open
+
+    def fault(words: str) -> MissionFileError:
+        return MissionFileError(f"line {parser.CurrentLineNumber}: {words}")
 
     def begin(name: str, attributes: dict[str, str]) -> None:
-        nonlocal depth, count
-        if not depth and name != root:
+        nonlocal count
+        if not outer and name != root:
             raise MissionFileError(f"its first element is <{printable(name)}>, expected <{root}>")
-        depth, count = depth + 1, count + 1
+        if outer and outer[-1].rpartition(":")[2] in TEXTS:
+            raise fault(f"<{printable(outer[-1])}> has an element <{printable(name)}>, expected text alone")
+        outer.append(name)
+        count += 1
         if count > most:
-            raise MissionFileError(
-                f"line {parser.CurrentLineNumber}: has more than {most} elements; leave the mission's alone"
-            )
-        if depth > MAX_DEPTH:
-            raise MissionFileError(
-                f"line {parser.CurrentLineNumber}: elements are nested deeper than {MAX_DEPTH}"
-            )
+            raise fault(f"has more than {most} elements; leave the mission's alone")
+        if len(outer) > MAX_DEPTH:
+            raise fault(f"elements are nested deeper than {MAX_DEPTH}")
         see(parser.CurrentLineNumber, name, attributes)
 
     def end(name: str) -> None:
-        nonlocal depth
-        depth -= 1
+        outer.pop()
 
-    def refuse(*doctype: object) -> None:
-        raise MissionFileError(
-            f"line {parser.CurrentLineNumber}: has a document type (<!DOCTYPE), which may define entities; "
-            "remove it"
-        )
+    def refuse_doctype(*doctype: object) -> None:
+        raise fault("has a document type (<!DOCTYPE), which may define entities; remove it")
+
+    def refuse_instruction(target: str, content: str) -> None:
+        if outer:
+            raise fault(f"has an instruction (<?{printable(target)}) among the elements; remove it")
 
     parser.StartElementHandler, parser.EndElementHandler = begin, end
-    parser.StartDoctypeDeclHandler = refuse
+    parser.StartDoctypeDeclHandler = refuse_doctype
+    parser.ProcessingInstructionHandler = refuse_instruction
     try:
         parser.Parse(data, True)
         return ElementTree.canonicalize(from_file=io.BytesIO(data)).encode()

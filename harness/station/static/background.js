@@ -31,8 +31,10 @@
       degrees: ([e, n]) => [n, e],
     }[crs];
     const corners = [place([west, south]), place([east, north])];
-    if (!corners.every(([latitude, longitude]) => Math.abs(latitude) <= 90 && Math.abs(longitude) <= 180)) {
-      throw new Error(`the picture reaches to ${corners[1].map((value) => value.toFixed(1))}, expected latitude and longitude; does the world file count otherwise?`);
+    const far = corners.find(([latitude, longitude]) => !(Math.abs(latitude) <= 90 && Math.abs(longitude) <= 180));
+    if (far) {
+      throw new Error(`a corner of the picture is ${far.map((value) => value.toFixed(1)).join(", ")}, expected latitude -90 to 90 and longitude -180 to 180 deg; ` +
+        "is the choice of metres, Mercator or degrees right?");
     }
     return corners;
   };

@@ -54,7 +54,7 @@
   // A browser does not say why a socket was not opened: a request tells, if the station refuses this page.
   async function askWhy() {
     const answer = await fetch("/export?to=gpx", { method: "POST", headers: headers() }).catch(() => null);
-    refused = answer && answer.status === 403 && !link.isOpen() ? (await answer.json()).error : "";
+    refused = answer && answer.status === 403 && !link.isOpen() ? await reasonOf(answer) : "";
     drawSoon();
   }
   const silence = () => (refused ? `the station refuses this page: ${refused}` : "the station does not answer");
@@ -69,7 +69,7 @@
     }
   }
   function begin(message) {
-    const first = hello === null, what = ({ version, source, replay }) => JSON.stringify([version, source, replay]);
+    const first = hello === null, what = ({ version, source, replay, world }) => JSON.stringify([version, source, replay, world]);
     if (!first && what(hello) !== what(message)) return location.reload(); // another station is at this address now
     hello = message;
     state = null;
@@ -229,11 +229,19 @@
     });
   }
   const headers = () => (canine.token() ? { "X-Token": canine.token() } : {});
+  // Why the station, or what stands before it, does not do what was asked: JSON of ours, or any text.
+  async function reasonOf(answer) {
+    const text = await answer.text().catch(() => "");
+    try {
+      return JSON.parse(text).error;
+    } catch {
+      return text || `${answer.status} ${answer.statusText}`;
+    }
+  }
   async function ask(path, body, what) {
     const answer = await fetch(path, { method: "POST", body, headers: headers() });
     if (answer.ok) return answer;
-    const reason = await answer.json().catch(() => ({ error: `${answer.status} ${answer.statusText}` }));
-    throw new Error(`${what}: ${reason.error}`);
+    throw new Error(`${what}: ${await reasonOf(answer)}`);
   }
   id("import").addEventListener("change", async () => {
     const [file] = id("import").files;

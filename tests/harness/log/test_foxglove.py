@@ -319,6 +319,18 @@ def test_a_log_that_tells_no_number_of_streets_has_none(value: str) -> None:
     assert Ground.of(CROSSING | {"plant.street_count": value, "plant.pole_count": "0"}) is None
 
 
+@pytest.mark.parametrize("name", ["street_end_north[1]", "pole_east[1]"])
+@pytest.mark.parametrize("value", ["nan", "inf"])
+def test_a_log_with_a_place_that_is_not_finite_has_no_streets(name: str, value: str) -> None:
+    assert Ground.of(CROSSING | {f"plant.{name}": value}) is None
+
+
+def test_a_log_with_a_street_that_reaches_beyond_all_numbers_has_no_streets() -> None:
+    # given a street whose end and half-width are finite, and whose round end is not
+    huge = {"plant.street_half_width[1]": "1.7e308", "plant.street_end_north[1]": "1.7e308"}
+    assert Ground.of(CROSSING | huge) is None
+
+
 # events
 
 

@@ -304,10 +304,12 @@ def test_a_message_that_is_not_a_row_is_an_error(row: bytes, chunks: bool, tmp_p
         read_log(tmp_path / "a.mcap")
 
 
-def test_an_origin_that_is_not_a_number_marks_the_log(tmp_path: Path) -> None:
-    other_writer(tmp_path / "a.mcap", [b'{"north":1.5}'], latitude="north")
+@pytest.mark.parametrize("latitude", ["north", "nan", "inf"])
+def test_an_origin_that_is_not_a_finite_number_marks_the_log(tmp_path: Path, latitude: str) -> None:
+    other_writer(tmp_path / "a.mcap", [b'{"north":1.5}'], latitude=latitude)
     log = read_log(tmp_path / "a.mcap")
     assert log["plant.north"].tolist() == [1.5]
+    assert log.origin == (0.0, 0.0)
     assert "damaged" in log.broken
 
 

@@ -166,12 +166,12 @@ class Silence:
 
 
 @contextmanager
-def unheard(folder: Path, key: Key | None = None) -> Iterator[Served]:
+def unheard(folder: Path, key: Key | None = None, guard: Guard | None = None) -> Iterator[Served]:
     """A station whose vest is silent."""
     about = About("nothing", vest_parameters(Scenario("nothing")))
     session = Session(Silence(), key, Sink(folder, {"parameters": about.parameters}), about)
     try:
-        with served(session) as station:
+        with served(session, guard) as station:
             yield station
     finally:
         session.close()

@@ -158,7 +158,7 @@ def test_a_scenario_gives_its_start_as_home() -> None:
         ("a.kml", b'<kml xmlns="http://www.opengis.net/kml/2.2"><Placemark><name>p</name><Point><coordinates>1'
                   b"</coordinates></Point></Placemark></kml>", "placemark 1 (p): has no place, expected"),
         ("a.kml", b'<kml xmlns="http://www.opengis.net/kml/2.2"><Placemark><Point><coordinates>a,b'
-                  b"</coordinates></Point></Placemark></kml>", 'a.kml: a place has "a", expected'),
+                  b"</coordinates></Point></Placemark></kml>", 'placemark 1: a place has "a", expected'),
         ("a.kml", b'<kml xmlns="http://www.opengis.net/kml/2.2"><Placemark/><Placemark><Point>'
                   b"<coordinates>1,2</coordinates></Point><Polygon/></Placemark></kml>",
                   "placemark 2: has Point and Polygon, expected one; give each a placemark"),
@@ -302,6 +302,36 @@ def test_a_text_goes_on_behind_a_comment(aside: bytes) -> None:
     way = b'<gpx><wpt lat="0" lon="0"><name>%bhome</name></wpt><wpt lat="1" lon="1"/></gpx>' % aside.strip()
     assert len(read("a.kml", KML % (b"<Placemark>%b</Placemark>" % line)).waypoints) == 3
     assert read("a.gpx", way).home == Position(0, 0)
+
+
+@pytest.mark.parametrize(
+    ("aside", "words"),
+    [
+        (b"<?pi x?>", "line 2: has an instruction (<?pi) among the elements; remove it"),
+        (b"<b/>", "has an element <b>, expected text alone"),
+        (b"<b>x</b>", "has an element <b>, expected text alone"),
+    ],
+)
+def test_no_text_is_cut_short_by_what_stands_within_it(aside: bytes, words: str) -> None:
+    line = b"<LineString>\n<coordinates>1,1 1,2 %b 1,3 nan,5</coordinates></LineString>" % aside
+    assert words in fault("a.kml", KML % (b"<Placemark>%b</Placemark>" % line))
+    for text in (b"<name>ho%bme</name>", b"<type>%bhome</type>"):
+        way = b'<gpx>\n<wpt lat="0" lon="0">%b</wpt><wpt lat="1" lon="1"/></gpx>' % (text % aside)
+        assert words in fault("a.gpx", way)
+
+
+def test_an_instruction_before_the_first_element_is_no_fault() -> None:
+    assert read("a.kml", b'<?xml-stylesheet href="a.css"?>' + KML % LINE).waypoints
+
+
+def test_a_place_that_is_wrong_is_named_with_its_placemark() -> None:
+    wrong = MARK.replace(b"<Point>", b'<name x="a&gt;b">gate</name><Point>').replace(b"1,1", b"1,x")
+    assert 'placemark 2 (gate): a place has "x", expected' in fault("a.kml", KML % (MARK + wrong))
+
+
+def test_an_attribute_of_a_place_may_hold_any_sign() -> None:
+    odd = LINE.replace(b"<coordinates>", b'<coordinates x="a>b">')
+    assert len(read("a.kml", KML % odd).waypoints) == 2
 
 
 def test_a_fence_and_home_are_known_however_they_are_spelt() -> None:

@@ -608,6 +608,29 @@ def test_streets_and_poles_are_named_as_the_simulated_dogs(open_page: OpenPage) 
     assert page.get_by_text("poles of the simulated dog, not on board").is_visible()
 
 
+def test_a_station_with_other_streets_loads_the_page_anew(page: Page, station: PlayedStation) -> None:
+    # given a page that shows the map of a real dog
+    assert page.locator("#map path.street").count() == 0
+    # when the station at its address has become one of a simulated dog
+    latitude, longitude = HOME
+    street = [[latitude, longitude], [latitude + 1e-4, longitude], [latitude, longitude + 1e-4]]
+    station.hello = HELLO | {"world": {"streets": [street], "poles": []}}
+    station.cut()
+    # then its streets alone are on the map
+    page.locator("#map path.street").wait_for(state="attached")
+    # and when it is that of a real dog again
+    station.hello = HELLO
+    station.cut()
+    page.locator("#map path.street").wait_for(state="detached")
+
+
+def test_a_refusal_that_is_plain_text_is_told_as_it_is(page: Page, station: PlayedStation) -> None:
+    station.state()
+    station.answers["/import"] = (403, b"Host: evil.example, expected localhost")
+    page.set_input_files("#import", [file("walk.gpx", b"<gpx/>")])
+    page.get_by_text("Import: Host: evil.example, expected localhost").wait_for()
+
+
 def test_a_real_dogs_map_says_nothing_of_streets(page: Page) -> None:
     assert page.locator("#map path.street").count() == 0
     assert not page.locator("#world").is_visible()
@@ -693,7 +716,12 @@ def test_corners_of_a_picture_follow_its_world_file(page: Page) -> None:
     for crs in ("metres", "mercator", "degrees"):
         asked = f"canine.corners({far}, [50, 25], '{crs}', {HOME})"
         told = page.evaluate(f"(() => {{ try {{ {asked}; }} catch (error) {{ return error.message; }} }})()")
-        assert "expected latitude and longitude" in told, crs
+        assert "expected latitude -90 to 90 and longitude -180 to 180 deg" in told, crs
+    # given a picture whose south-west corner alone is out of range
+    asked = "canine.corners({width: 1, height: -1, x: -190, y: 46}, [200, 25], 'degrees')"
+    told = page.evaluate(f"(() => {{ try {{ {asked}; }} catch (error) {{ return error.message; }} }})()")
+    # then that one is named
+    assert told.startswith("a corner of the picture is 21.5, -190.5, expected latitude")
 
 
 def test_a_replay_is_led_by_its_slider_and_orders_nothing(open_page: OpenPage) -> None:

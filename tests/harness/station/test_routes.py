@@ -106,7 +106,13 @@ def test_a_map_in_metres_is_refused() -> None:
 
 def test_a_machine_without_room_for_a_plan_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "none"))
-    with pytest.raises(CanineError, match=r"^yard.geojson: cannot be planned here \(No such file"):
+    with pytest.raises(CanineError, match=r"^yard.geojson: .* \(.*none.*: No such file.* make room"):
+        ask(map_of(HUT))
+
+
+def test_a_program_that_a_plan_lacks_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(CanineError, match=r"\(nice: No such file .* install what is missing"):
         ask(map_of(HUT))
 
 

@@ -15,6 +15,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from starlette.responses import Response
 from starlette.websockets import WebSocket
 from websockets.exceptions import ConnectionClosed, ConnectionClosedError, InvalidStatus
 from websockets.frames import Frame, Opcode
@@ -339,9 +340,8 @@ def test_a_page_from_elsewhere_cannot_connect(silent: Served, options: dict[str,
     assert refused.value.response.status_code == 403
 
 
-def test_elsewhere_a_token_is_needed_for_all_that_changes_something(silent: Served) -> None:
-    guard = Guard("0.0.0.0", "right-token")
-    with served(silent.shown, guard) as open_to_all:
+def test_elsewhere_a_token_is_needed_for_all_that_changes_something(tmp_path: Path) -> None:
+    with unheard(tmp_path, guard=Guard("0.0.0.0", "right-token")) as open_to_all:
         for names in (["canine"], ["canine", "token.wrong"]):
             with (
                 pytest.raises(InvalidStatus) as refused,
@@ -357,8 +357,8 @@ def test_elsewhere_a_token_is_needed_for_all_that_changes_something(silent: Serv
         assert status == 200
 
 
-def test_a_page_without_the_token_says_which_address_to_take(silent: Served, open_page: OpenPage) -> None:
-    with served(silent.shown, Guard("0.0.0.0", "right-token")) as open_to_all:
+def test_a_page_without_the_token_says_which_address_to_take(tmp_path: Path, open_page: OpenPage) -> None:
+    with unheard(tmp_path, guard=Guard("0.0.0.0", "right-token")) as open_to_all:
         page = open_page(f"http://{open_to_all.address}/#token=wrong").page
         page.locator("#warnings").get_by_text("take the whole address that it printed").wait_for()
         assert "the station refuses this page" in page.inner_text("#who")
@@ -402,18 +402,27 @@ def test_a_file_that_is_cut_or_comes_too_slowly_is_told_and_its_connection_given
     silent: Served, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(server, "BODY_S", 0.3)
+    answers, answered = [], server._error
+
+    def note(text: str) -> Response:
+        answers.append(text)
+        return answered(text)
+
+    monkeypatch.setattr(server, "_error", note)
     host, _, port = silent.address.rpartition(":")
     head = f"POST /import?name=a.csv HTTP/1.1\r\nHost: {silent.address}\r\nContent-Length: 9"
     begun = f"{head}\r\n\r\nlat".encode()
     with socket.create_connection((host, int(port)), timeout=30) as slow:
         slow.sendall(begun)
-        answer = b""
-        while b"}" not in answer:
-            answer += slow.recv(65536)
+        answer = b"".join(iter(lambda: slow.recv(65536), b""))  # up to the end: the connection is closed
     assert answer.startswith(b"HTTP/1.1 400 ")
     assert b"the file did not come within 0.3 s: the link is too slow" in answer
     with socket.create_connection((host, int(port))) as cut:
         cut.sendall(begun)
+    end = time.monotonic() + 60
+    while not any("was cut" in text for text in answers):
+        assert time.monotonic() < end
+        time.sleep(0.01)
     assert request(silent, "GET", "/")[0] == 200
     assert capfd.readouterr().err == ""
 
