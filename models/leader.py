@@ -68,8 +68,16 @@ class Leader(Block):
         m._latch()
         m.anomalies = ca.SX.zeros(len(Anomaly) - 1)
 
-    end, interrupt, advance, aim, answer = Cmec.end, Cmec.interrupt, Cmec.advance, Cmec.aim, Cmec.answer
-    report = Cmec.report
+    end, interrupt, advance, aim = Cmec.end, Cmec.interrupt, Cmec.advance, Cmec.aim
+
+    @triggered(
+        lambda m: all_of(m.ticks == 0, m._turns()), "RIGHT or LEFT has begun on this tick", seldom=True
+    )
+    def issue(m) -> None:
+        """Count a turn that is told."""
+        m.issued = m.issued + 1
+
+    answer, report = Cmec.answer, Cmec.report
 
     _latch: Callable[..., None] = Cmec._latch
     _begun: Callable[..., SX] = Cmec._begun
@@ -77,6 +85,7 @@ class Leader(Block):
     _lasted: Callable[..., SX] = Cmec._lasted
     _at_rest: Callable[..., SX] = Cmec._at_rest
     _turn: Callable[..., Iterator[Row]] = Cmec._turn
+    _turns: Callable[..., SX] = Cmec._turns
 
     def _astray(m) -> tuple[SX, str]:
         """The deviation from the heading that is aimed at, the target's [rad], and its name."""

@@ -52,13 +52,13 @@ class Proportional(Leader):
 
     turn_time = State("s", "time of the turn that h asks for; of the turn that is on")
 
-    @before("answer")
+    @before("issue")
     @triggered(lambda m: all_of(m.now != Mode.LEFT, m.now != Mode.RIGHT), "not in LEFT or RIGHT")
     def proportion(m) -> None:
         """The law: the time of a turn is proportional to |h| within the band."""
         m.turn_time = m.longest_turn * at_most(ca.fabs(m.deviation) / m.proportional_band, 1)
 
-    @before("answer")
+    @before("issue")
     @triggered(lambda m: all_of(m._begun(), m._free()), "not in IDLE, not blocked")
     @table("now")
     def decide(m) -> Iterator[Row]:

@@ -57,7 +57,7 @@ class QuarterTurn(Leader):
         Leader.begin(m)
         m.course = wrap(m.heading)
 
-    @before("answer")
+    @before("issue")
     def hold_course(m) -> None:
         """The deviation from the course, measured while the animal moves and no turn is told (4.2.3)."""
         placed = m.within("north", "east", "heading")
@@ -67,7 +67,7 @@ class QuarterTurn(Leader):
         m.course = where(known, wrap(m.heading), m.course)
         m.deviation = where(placed, wrap(m.deviation + m.heading - m.course), 0)  # eq. 4.4
 
-    @before("answer")
+    @before("issue")
     @triggered(lambda m: all_of(m._begun(), m._free()), "not in IDLE, not blocked")
     @table("now")
     def decide(m) -> Iterator[Row]:
