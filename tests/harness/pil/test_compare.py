@@ -392,9 +392,9 @@ def test_wrong_use_of_canine_pil_ends_with_2_and_says_what_is_expected(
     [
         (
             ["--onboard", "pil:x86"],
-            '--onboard "pil:x86": expected one of fmu, pil:host, pil:cortex-m4f, pil:rabbit4000',
+            'onboard "pil:x86": expected one of fmu, pil:host, pil:cortex-m4f, pil:rabbit4000',
         ),
-        (["--onboard", "host"], '--onboard "host": expected one of fmu, pil:host'),
+        (["--onboard", "host"], 'onboard "host": expected one of fmu, pil:host'),
         (["--onboard", ""], "--onboard is empty; expected a value"),
         (
             ["--onboard", "pil:host", "--order", "jacobi"],
