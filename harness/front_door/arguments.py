@@ -39,19 +39,19 @@ def check_type(name: str, value: object, kind: type, expected: str) -> None:
 
 
 def check_count(name: str, value: object, least: int = 1) -> None:
-    """Refuse what is no whole number from `least` on."""
+    """Refuse all but whole numbers from `least` on."""
     if not isinstance(value, Integral) or int(value) < least:
         raise UsageError(f"{name} is {value!r}; expected a whole number from {least} on")
 
 
 def check_list(name: str, value: object, expected: str) -> None:
-    """Refuse what is no list."""
+    """Refuse all but lists."""
     if isinstance(value, str) or not isinstance(value, Sequence):
         raise UsageError(f"{name} is {value!r}; expected a list, {expected}")
 
 
 def check_range(name: str, value: object, unit: str, bounds: tuple[float, float]) -> None:
-    """Refuse what is no number within bounds."""
+    """Refuse all but numbers within bounds."""
     low, high = bounds
     if not isinstance(value, Real) or not low <= float(value) <= high:
         shown = f"{float(value):g} {unit}" if isinstance(value, Real) else repr(value)
@@ -91,7 +91,7 @@ def certificates_of(*paths: StrPath | None) -> Certificates:
 
 
 def check_number(name: str, value: object) -> None:
-    """Refuse what is no number."""
+    """Refuse all but numbers."""
     if not isinstance(value, Real):
         raise UsageError(f"{name} is {value!r}; expected a number")
 

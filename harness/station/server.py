@@ -185,7 +185,7 @@ class _Socket(WebSocketsSansIOProtocol):
             self._turn_out(f"more than {MESSAGES_PER_S} messages a second")
 
     def handle_text(self, event: Frame) -> None:
-        """As bytes: what is no text is told where it is read."""
+        """As bytes: `_order` refuses what is not text."""
         self.handle_bytes(event)
 
     def _turn_out(self, why: str) -> None:
