@@ -29,7 +29,13 @@ class Fenced(Supervised):
     behind = True
 
     fence_count = Parameter(
-        Integer, "corners of the fence, 0 for none", start=0, min=0, max=MAX_CORNERS, latched=True
+        Integer,
+        "corners of the fence, 0 for none",
+        start=0,
+        min=0,
+        max=MAX_CORNERS,
+        latched=True,
+        structural=True,
     )
     fence_north = Parameter(
         "m",
@@ -76,7 +82,7 @@ class Fenced(Supervised):
     @triggered(
         lambda m: all_of(m.led, m.corners > 0, any_of(m.edge > 0, m._placed())),
         "`led`, with a fence, once the estimate tells a place",
-        seldom=True,
+        seldom="fence_count",
     )
     def patrol(m) -> None:
         """Take the next edge; at the first one note the place."""
@@ -90,7 +96,7 @@ class Fenced(Supervised):
         m.edge = m.edge + 1
 
     @before("halt")
-    @triggered("beside", seldom=True)
+    @triggered("beside", seldom="fence_count")
     def cross(m) -> None:
         """An edge that passes the place to the north is crossed; without a division."""
         along_north, along_east = m.edge_north[1] - m.edge_north[0], m.edge_east[1] - m.edge_east[0]
@@ -102,7 +108,9 @@ class Fenced(Supervised):
 
     @before("halt")
     @triggered(
-        lambda m: all_of(m.edge > 0, m.edge >= m.corners), "the place was held against all edges", seldom=True
+        lambda m: all_of(m.edge > 0, m.edge >= m.corners),
+        "the place was held against all edges",
+        seldom="fence_count",
     )
     def confine(m) -> None:
         """Outside the fence a trial ends, as from any breach."""

@@ -395,11 +395,14 @@ def test_a_tick_by_mode_takes_fewer_operations_than_the_tick_of_all_modes(ticks:
     assert ("plant", "past_command") in whole.writes
 
 
+FENCED = {"guarded": 1.0, "fence_count": 4.0}
+
+
 def test_what_a_structural_parameter_turns_on_is_in_the_ordinary_tick() -> None:
     # given the limits of leading, which are on in each tick of a trial
     batch = Batch(SYSTEMS["cts"], ["controller.moving_deviation"], ["controller.status"], STOP)
-    assert batch.structural == {("controller", "guarded"): 0.0}
-    ticks = batch.ticks((), RUNNING | STILL | {("controller", "guarded"): 1.0})
+    assert batch.structural == {("controller", "guarded"): 0.0, ("controller", "fence_count"): 0.0}
+    ticks = batch.ticks((), RUNNING | STILL | batch.structural | {("controller", "guarded"): 1.0})
     by_mode = {Mode(int(tick.held["controller", "now"])): tick for tick in ticks}
     for mode in (Mode.FORWARD, Mode.STOP_TO_TURN, Mode.LEFT, Mode.RIGHT, Mode.RECALL):
         tick = by_mode[mode]
@@ -408,7 +411,13 @@ def test_what_a_structural_parameter_turns_on_is_in_the_ordinary_tick() -> None:
         assert ("controller", "still_ticks") in tick.writes
         assert tick.held.get(("plant", "past_command"), COMMANDS[mode]) == COMMANDS[mode]
         assert ("controller", "guarded") not in tick.common
+        assert ("controller", "edge") not in tick.writes
         assert not tick.always_departs
+    # and with a fence the place is held against its edges there, which is on every tick
+    for tick in batch.ticks((), RUNNING | STILL | {("controller", n): v for n, v in FENCED.items()}):
+        if tick.held["controller", "now"] in (Mode.FORWARD, Mode.RECALL):
+            assert {("controller", "edge"), ("controller", "inside")} <= tick.writes
+            assert not tick.always_departs
     # and without them nothing of them is there
     for tick in batch.ticks((), RUNNING | STILL | batch.structural):
         assert not tick.writes & {("controller", "led"), ("controller", "cue_ticks")}
@@ -416,7 +425,8 @@ def test_what_a_structural_parameter_turns_on_is_in_the_ordinary_tick() -> None:
 
 
 def test_a_structural_parameter_that_is_varied_is_none() -> None:
-    assert Batch(SYSTEMS["cts"], ["controller.guarded"], ["controller.status"], STOP).structural == {}
+    batch = Batch(SYSTEMS["cts"], ["controller.guarded"], ["controller.status"], STOP)
+    assert batch.structural == {("controller", "fence_count"): 0.0}
 
 
 def test_a_trial_without_a_start_signal_has_ordinary_ticks_in_mode_idle() -> None:
