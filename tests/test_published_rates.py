@@ -20,6 +20,7 @@ from codegen.batch.batch import Batch
 from harness.sweep.trials import TRIAL_TYPES
 from harness.trial.plan import interfaces_of_system, plan
 from harness.trial.scenario import load
+from harness.verification.published import FIELD as FIELD_COUNTS
 from models.commands import Status
 from models.readings import PUBLISHED
 from models.system import SYSTEMS
@@ -27,6 +28,7 @@ from models.system import SYSTEMS
 TRIALS = 40_000
 LONGEST = 7500  # ticks: 300 s
 STEP = 0.04  # s
+OPEN = "non-structured"
 TABLES = {
     ("calibrated", "two"): {
         15: (86.8, "15.7"), 17: (92.8, "15.4"), 20: (97.4, "15.1"), 23: (98.9, "14.7"), 26: (99.5, "14.4"),
@@ -143,7 +145,7 @@ def test_all_numbers_agree_jointly(deviations: dict[str, Array], what: str) -> N
 
 def test_the_field_reading_agrees_jointly_with_the_dog_of_means_and_the_drawn_one(runner: Batch) -> None:
     # given trials that are cut at 300 s, with dogs of means, and with drawn speeds and a search
-    z = []
+    z, inside = [], 0
     for i, ((dog, target), rates) in enumerate(FIELD.items()):
         success, _ = outcomes(runner, ("field", target), rates, 1 + (40 + i * 10) * TRIALS, dog)
         # when their rates are held against those of the other implementation
@@ -152,7 +154,15 @@ def test_the_field_reading_agrees_jointly_with_the_dog_of_means_and_the_drawn_on
             print(
                 f"{dog or 'means'} {target} h' {h}: {100 * succeeded.mean():.2f} % ({percent}), z {z[-1]:.2f}"
             )
-    # then the differences are those of chance
+            # then none is off by a point
+            assert abs(100 * succeeded.mean() - percent) < 1
+            # and with drawn speeds the field's counts in the open have it in their intervals
+            for count in FIELD_COUNTS:
+                if dog and (count.waypoints, count.threshold, count.environment) == (target, h, OPEN):
+                    assert count.interval[0] < succeeded.mean() < count.interval[1]
+                    inside += 1
+    # and the differences are those of chance
     assert len(z) == 7
+    assert inside == 4
     assert chi2.sf(float(np.square(z).sum()), len(z)) > 0.001
     assert max(map(abs, z)) < 4

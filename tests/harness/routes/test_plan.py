@@ -16,6 +16,9 @@ from harness.routes.problem import Asked, prepare
 from harness.routes.site import RouteError, Site
 from harness.routes.way import Way
 from harness.station import mission_files
+from harness.sweep.chunks import Outcomes, pool_at, run_all
+from harness.sweep.sweep import plan_sweep
+from harness.sweep.table import table_of
 from harness.trial import scenario as scenarios
 from tests.harness.command import canine
 from tests.harness.pictures import size
@@ -93,6 +96,23 @@ def test_scenario_and_mission_lead_along_the_recommended_route(planned: Path, fa
         assert other is not None
         assert one.latitude == pytest.approx(other.latitude, abs=1e-7)
         assert one.longitude == pytest.approx(other.longitude, abs=1e-7)
+
+
+def test_a_count_of_turns_for_the_whole_way_leads_hardly_any_dog_along_it(planned: Path) -> None:
+    # given the recommended route, with two turns in all instead of two a waypoint
+    kept = plan_sweep(
+        str(planned / "route.toml"),
+        thresholds="49",
+        trials=2000,
+        system="cts",
+        settings=["cmec.reset_turns=false"],
+    )
+    results = Outcomes(kept.job)
+    with pool_at(None, kept.job) as pool:
+        run_all(results, pool, keep=lambda chunk: None, size=1000)
+    # then it fails in nine of ten trials, whatever is entered (another implementation: in 95 %)
+    (point,) = table_of(kept.points, results)
+    assert point.success_rate == pytest.approx(0.089, abs=0.025)
 
 
 def test_a_plan_says_on_what_it_rests(facts: Any, planned: Path) -> None:

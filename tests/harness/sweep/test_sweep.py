@@ -124,6 +124,29 @@ def test_any_parameter_can_be_varied_in_users_units() -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("target", "plant", "vary"),
+    [
+        ("three", None, "cmec.drift=0:4:2"),
+        ("three", None, "cmec.drift_sd=0:2:1"),
+        ("three", None, "cmec.drift_persistence=0:1:0.5"),
+        ("three", None, "cmec.response_time=0:0.4:0.2"),
+        ("three", None, "cmec.response_sd=0:0.2:0.1"),
+        ("three", None, "cmec.braking=0:4:2"),
+        ("three", None, "canine.cruise_speed_deviation=0:2:1"),
+        ("three", "canine_all_day", "canine.habituation_gain=0:0.4:0.2"),
+        ("three", "canine_all_day", "canine.start_fatigue=0:1:0.5"),
+        ("crossing", None, "canine.street_half_width[1]=1:2:0.5"),
+        ("downtown_two", None, "canine.pole_range=0:50:25"),
+    ],
+)
+def test_what_a_controller_aims_by_and_what_a_dog_meets_can_be_varied(
+    target: str, plant: str | None, vary: str
+) -> None:
+    planned = plan_sweep(target, vary=[vary], plant=plant, reading="field")
+    assert len(planned.job.points) == 3
+
+
 def test_thresholds_are_varied_beside_another_parameter_in_any_steps() -> None:
     planned = plan_sweep("two", thresholds="20:21:0.25", vary=["cmec.capture_radius=5:7:1"])
     assert [axis.column for axis in planned.axes] == ["threshold_deg", "cmec.capture_radius"]
