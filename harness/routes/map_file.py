@@ -9,6 +9,7 @@ GeoJSON (RFC 7946: longitude before latitude), unless it says `"units": "metres"
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -32,10 +33,16 @@ FARTHEST = 20_000.0  # m from where the route begins; a map in other units is fa
 SMALLEST = 0.25  # m2: an area smaller than this is no building; it is in other units, or damaged
 METRES, DEGREES = "metres", "degrees"
 HINT = ' A map in metres says "units": "metres" beside its features, or takes --metres'
+SWAPPED = (
+    ". Latitude and longitude look swapped: the coordinates of a file are longitude before latitude, places "
+    "that are given with it latitude before longitude"
+)
+EXPECTED = "expected polygons of no-go areas, or lines of streets"
+MAX_LATITUDE, MAX_LONGITUDE = 85.0, 180.0  # deg
 CRS84 = ("CRS84", "EPSG:4326", "EPSG::4326")  # names of what GeoJSON has been in before RFC 7946, and is in
+BROKEN = (ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError)  # of Shapely, by it
 LINES = ("LineString", "LinearRing", "MultiLineString")
 POLYGONS = ("Polygon", "MultiPolygon")
-
 
 Point = tuple[float, float]  # x and y, as the file has them: longitude or east, latitude or north
 
@@ -69,12 +76,21 @@ class Map:
         """A place as a user names it: a mark, or latitude,longitude or north,east.
 
         Raises:
-            RouteError: it is neither.
+            RouteError: it is neither, or several marks have this name.
         """
-        marks = {f.name: f.shape for f in self.figures if f.shape.geom_type == "Point" and f.name}
-        if text in marks:
-            return marks[text].x, marks[text].y
         pair = "latitude,longitude in deg" if self.units == DEGREES else "north,east in m"
+        marks: dict[str, dict[Point, str]] = {}  # by name and place, what each is called in errors
+        for figure in self.figures:
+            if figure.shape.geom_type == "Point" and figure.name:
+                marks.setdefault(figure.name, {})[figure.shape.x, figure.shape.y] = figure.where
+        if text in marks:
+            (point, where), *others = marks[text].items()
+            if others:
+                raise RouteError(
+                    f'{name} "{text}": {self.label} has {len(marks[text])} marks of this name, {where} and '
+                    f"{others[0][1]}; expected one: give another a name of its own, or take {pair}"
+                )
+            return point
         try:
             y, x = map(float, text.split(","))
         except ValueError:
@@ -93,23 +109,29 @@ class Map:
         Raises:
             RouteError: a feature is none that can be used, or lies too far away.
         """
-        if self.units == DEGREES and origin is not None:
-            raise RouteError(f"origin: {self.label} is in degrees; expected it with a map in metres")
+        if origin is not None:
+            if self.units == DEGREES:
+                raise RouteError(f"origin: {self.label} is in degrees; expected it with a map in metres")
+            _check_origin(origin)
         at = self.origin if origin is None else origin
         if self.units == DEGREES:
             at = begin[1], begin[0]
         areas: list[Area] = []
         streets: list[shapely.LineString] = []
         for figure in self.figures:
+            self.check_distance(
+                f"{self.label}: {figure.where} reaches", shapely.get_coordinates(figure.shape), begin
+            )
             laid = shapely.transform(figure.shape, lambda points: self._metres(points, begin))
-            self._check_distance(figure, laid, self._metres(np.array([begin]), begin)[0])
             parts = list(getattr(laid, "geoms", [laid]))
             if laid.geom_type in POLYGONS:
                 areas += [self._area(figure, part, len(areas) + 1) for part in parts]
             elif laid.geom_type in LINES:
                 streets += [shapely.LineString(part.coords) for part in parts]
         if not areas and not streets:
-            raise RouteError(f"{self.label}: has no polygon and no line; expected buildings or streets")
+            raise RouteError(
+                f"{self.label}: has points alone ({self.figures[0].where}), no polygon, no line; {EXPECTED}"
+            )
         return Site(self.name, areas, streets, at, self.notes)
 
     def place_at(self, point: Point, begin: Point) -> Place:
@@ -134,26 +156,47 @@ class Map:
             )
         return Area(figure.name or f"area {number}", figure.where, polygon)
 
-    def _check_distance(self, figure: Figure, laid: shapely.Geometry, begin: Any) -> None:
-        far = np.hypot(*(shapely.get_coordinates(laid) - begin).T).max(initial=0.0)
+    def check_distance(self, what: str, points: Any, begin: Point) -> None:
+        """Refuse places that are too far from where the route begins.
+
+        Args:
+            what: they are, with a verb, for the error.
+            points: (n, 2) x and y, as the file has them.
+
+        Raises:
+            RouteError: one is.
+        """
+
+        def farthest(points: Any) -> float:
+            away = self._metres(points, begin) - self._metres(np.array([begin]), begin)
+            return float(np.hypot(*away.T).max(initial=0.0))
+
+        far = farthest(points)
         if far > FARTHEST:
+            hint = HINT if self.units == DEGREES else ""
+            if self.units == DEGREES and farthest(points[:, ::-1]) <= FARTHEST:
+                hint = SWAPPED
             raise RouteError(
-                f"{self.label}: {figure.where} reaches {far / 1000:.0f} km from where the route begins, "
+                f"{what} {far / 1000:.0f} km from where the route begins ({begin[1]:.10g},{begin[0]:.10g}), "
                 f"expected {FARTHEST / 1000:g} km at most; the map is read in {self.units}: are its units "
-                f"mixed?{HINT if self.units == DEGREES else ''}"
+                f"mixed?{hint}"
             )
 
 
-def _check_numbers(where: str, places: Any, units: str) -> None:
+def _check_numbers(where: str, places: Any, units: str, hint: str = HINT) -> None:
     """Refuse coordinates, x before y, that are none of these units."""
     if not np.isfinite(places).all():
         raise RouteError(f"{where}: has a coordinate that is no finite number")
     if units == METRES:
         return
-    for axis, name, limit in ((0, "longitude", 180.0), (1, "latitude", 85.0)):
+    most = np.abs(places).max(axis=0)
+    swapped = SWAPPED if most[0] <= MAX_LATITUDE and most[1] <= MAX_LONGITUDE else ""
+    for axis, name, limit in ((0, "longitude", MAX_LONGITUDE), (1, "latitude", MAX_LATITUDE)):
         worst = places[np.abs(places[:, axis]).argmax(), axis]
         if abs(worst) > limit:
-            raise RouteError(f"{where}: {name} is {worst:.10g}, expected -{limit:g} to {limit:g} deg.{HINT}")
+            raise RouteError(
+                f"{where}: {name} is {worst:.10g}, expected -{limit:g} to {limit:g} deg{swapped}.{hint}"
+            )
 
 
 def load(target: str, *, metres: bool = False) -> Map:
@@ -234,13 +277,15 @@ def _origin_of(content: dict[str, Any]) -> tuple[float, float] | None:
     origin = content.get("origin")
     if origin is None:
         return None
-    try:
-        longitude, latitude = map(float, origin)
-    except (TypeError, ValueError):
-        raise RouteError(
-            f"origin is {printable(in_words(origin))}, expected [longitude, latitude] in deg"
-        ) from None
+    if not isinstance(origin, list) or len(origin) != 2 or not all(map(_is_number, origin)):
+        raise RouteError(f"origin is {printable(in_words(origin))}, expected [longitude, latitude] in deg")
+    longitude, latitude = map(float, origin)
+    _check_origin((latitude, longitude))
     return latitude, longitude
+
+
+def _check_origin(origin: tuple[float, float]) -> None:
+    _check_numbers("origin", np.array([origin[::-1]]), DEGREES, hint="")
 
 
 def _read_kml(name: str, label: str, data: bytes, metres: bool) -> Map:
@@ -256,6 +301,24 @@ def _read_kml(name: str, label: str, data: bytes, metres: bool) -> Map:
     return _map(name, label, DEGREES, raw, None)
 
 
+def _is_number(value: object) -> bool:
+    """Is it a number that a coordinate can be? A whole one may be larger than any float."""
+    return isinstance(value, float) or (type(value) is int and abs(value) <= sys.float_info.max)
+
+
+def _check_types(where: str, coordinates: object) -> None:
+    """Refuse coordinates that are not numbers: a text that reads as one is a sign of a damaged file."""
+    left = [coordinates]
+    while left:
+        each = left.pop()
+        if isinstance(each, list | tuple):
+            left += each
+        elif not _is_number(each):
+            raise RouteError(
+                f"{where}: has the coordinate {printable(in_words([each]))[1:-1]}, expected a number"
+            )
+
+
 def _map(
     name: str,
     label: str,
@@ -264,14 +327,15 @@ def _map(
     origin: tuple[float, float] | None,
 ) -> Map:
     """A map of features: what each is called, its name, its geometry."""
-    figures, left_out = [], 0
+    figures, others = [], []
     for where, named, geometry in raw:
         if geometry.get("type") not in ("Point", *LINES, *POLYGONS):
-            left_out += 1
+            others.append(f"{where}: {printable(in_words(geometry.get('type')))}")
             continue
+        _check_types(where, geometry.get("coordinates"))
         try:
             figure = shapely.force_2d(shape(geometry))
-        except (ValueError, TypeError, KeyError, IndexError, AttributeError, shapely.GEOSException) as reason:
+        except (*BROKEN, shapely.GEOSException) as reason:
             raise RouteError(f"{where}: is no {geometry['type']} ({printable(reason)})") from None
         if figure.is_empty:
             raise RouteError(f"{where}: has no coordinates")
@@ -283,9 +347,12 @@ def _map(
             )
         figures.append(Figure(where, printable(named) if isinstance(named, str) else "", figure))
     if not figures:
-        raise RouteError("has no feature; expected polygons of no-go areas, or lines of streets")
+        found = f"no polygon and no line ({others[0]})" if others else "no feature"
+        raise RouteError(f"has {found}; {EXPECTED}")
     notes = []
-    if left_out:
-        plural = "s" if left_out > 1 else ""
-        notes.append(f"{label}: {left_out} feature{plural} left out, no polygon, line or point")
+    if others:
+        plural = "s" if len(others) > 1 else ""
+        notes.append(
+            f"{label}: {len(others)} feature{plural} left out, no polygon, line or point: {others[0]}"
+        )
     return Map(name, label, units, figures, origin, notes)

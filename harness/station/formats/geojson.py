@@ -75,15 +75,18 @@ def features_of(content: dict[str, Any]) -> list[Feature]:
 def _feature(number: int, feature: Any) -> Feature:
     where = f"feature {number}"
     properties: Any = {}
-    geometry = feature
+    geometry, what = feature, "is"
     if isinstance(feature, dict) and feature.get("type") == "Feature":
-        geometry, properties = feature.get("geometry"), feature.get("properties")
-    if not isinstance(geometry, dict) or not isinstance(geometry.get("type"), str):
-        raise MissionFileError(f"{where} is {printable(in_words(geometry))}, expected a geometry with a type")
+        geometry, properties, what = feature.get("geometry"), feature.get("properties"), "has the geometry"
     properties = properties if isinstance(properties, dict) else {}
     name = properties.get("name")
     if isinstance(name, str) and name:
         where += f" ({printable(in_words(name))})"
+    if not isinstance(geometry, dict) or not isinstance(geometry.get("type"), str):
+        raise MissionFileError(
+            f"{where} {what} {printable(in_words(geometry))}, expected one with a type, such as Point; "
+            "leave out features without a place"
+        )
     return Feature(where, name, properties, geometry)
 
 

@@ -85,7 +85,10 @@ def test_parts_and_holes_are_kept_and_other_shapes_left_out_with_a_note(tmp_path
     site = read(write(tmp_path, halls, {"type": "Feature", "geometry": other}))
     # then
     assert [area.shape.area for area in site.areas] == [100 - 36, 100]
-    assert site.notes == [f"{tmp_path}/map.geojson: 1 feature left out, no polygon, line or point"]
+    assert site.notes == [
+        f"{tmp_path}/map.geojson: 1 feature left out, no polygon, line or point: "
+        "feature 2: GeometryCollection"
+    ]
 
 
 def test_the_option_says_metres_where_the_file_does_not(tmp_path: Path) -> None:
@@ -100,7 +103,24 @@ BOW = polygon("bow", [(0, 10), (10, 20), (10, 10), (0, 20), (0, 10)])
     ("features", "members", "text"),
     [
         ([], {}, "has no feature; expected polygons of no-go areas, or lines of streets"),
-        ([mark("pond", 1, 1)], {}, "has no polygon and no line; expected buildings or streets"),
+        ([mark("pond", 1, 1)], {}, "has points alone (feature 1 (pond)), no polygon, no line; expected"),
+        (
+            [{"type": "Feature", "geometry": {"type": "GeometryCollection", "geometries": []}}],
+            {},
+            "has no polygon and no line (feature 1: GeometryCollection); expected polygons of no-go areas",
+        ),
+        ([polygon("hall", [(0, 10), ("9", 10), (9, 20), (0, 10)])], {}, 'has the coordinate "9", expected a'),
+        ([polygon("hall", [(0, 10), (True, 10), (9, 20), (0, 10)])], {}, "has the coordinate true, expected"),
+        ([polygon("hall", [(0, 10), (10**400, 10), (9, 20), (0, 10)])], {}, "has the coordinate 1000"),
+        ([polygon("hall", [(0, 10), ([[[]]], 10), (9, 20), (0, 10)])], {}, "feature 1 (hall): is no Polygon"),
+        ([HALL], {"origin": [32.6, -85.5]}, "origin: latitude is -85.5, expected -85 to 85 deg. Latitude"),
+        ([HALL], {"origin": "12"}, "origin is 12, expected [longitude, latitude] in deg"),
+        ([HALL], {"origin": [math.nan, 3]}, "origin: has a coordinate that is no finite number"),
+        (
+            [polygon("hall", box(32.6, -85.5, 32.601, -85.499))],
+            {"units": None},
+            "feature 1 (hall): latitude is -85.5, expected -85 to 85 deg. Latitude and longitude look",
+        ),
         ([HALL, BOW], {}, "feature 2 (bow): the polygon crosses or touches itself (Self-intersection[5 15]"),
         (
             [HALL],
@@ -131,7 +151,7 @@ BOW = polygon("bow", [(0, 10), (10, 20), (10, 10), (0, 20), (0, 10)])
         ),
         ([HALL], {"origin": "Auburn"}, "origin is Auburn, expected [longitude, latitude] in deg"),
         ([polygon("dot", [(1, 1), (2, 2)])], {}, 'feature 1 (dot): is no Polygon'),
-        ([polygon("words", [("a", "b")] * 4)], {}, 'feature 1 (words): is no Polygon'),
+        ([polygon("words", [("a", "b")] * 4)], {}, 'feature 1 (words): has the coordinate "b", expected a'),
         ([polygon("empty")], {}, 'feature 1 (empty): has no coordinates'),
         ([polygon("far", box(0, 10, math.inf, 20))], {}, "feature 1 (far): has a coordinate that is no"),
     ],
@@ -157,7 +177,16 @@ def test_a_crs_that_names_wgs_84_is_taken(tmp_path: Path) -> None:
     [
         ("map.geojson", "{", "line 1: is no JSON"),
         ("map.geojson", "[1]", "expected a FeatureCollection or a Feature"),
-        ("map.geojson", json.dumps({"type": "Feature", "geometry": None}), "expected a geometry with a type"),
+        (
+            "map.geojson",
+            json.dumps({"type": "Feature", "properties": {"name": "lawn"}, "geometry": None}),
+            "feature 1 (lawn) has the geometry none, expected one with a type, such as Point; leave out",
+        ),
+        (
+            "map.geojson",
+            '{"type": "Polygon", "units": "metres", "coordinates": ' + 900 * "[" + 900 * "]" + "}",
+            "feature 1: is no Polygon",
+        ),
         ("map.kml", "<gpx></gpx>", "its first element is <gpx>, expected <kml>"),
         ("map.kml", '<!DOCTYPE x [<!ENTITY a "b">]><kml/>', "has a document type"),
         (
@@ -196,3 +225,29 @@ def test_a_place_that_is_none_is_refused(text: str, words: str, tmp_path: Path) 
     with pytest.raises(RouteError, match=r"^end ") as refusal:
         load(path).point_of("end", text)
     assert words in str(refusal.value)
+
+
+def test_a_mark_whose_name_another_place_has_is_refused_with_both(tmp_path: Path) -> None:
+    # given
+    marks = mark("gate", 1, 1), mark("gate", 90, 1), mark("pond", 7, 9), mark("pond", 7, 9)
+    found = load(write(tmp_path, HALL, *marks))
+    # then
+    with pytest.raises(
+        RouteError, match=r'end "gate": .* has 2 marks .*feature 2 \(gate\) and feature 3 \(gat'
+    ):
+        found.point_of("end", "gate")
+    # and a place that is in the file twice is one
+    assert found.point_of("end", "pond") == (7, 9)
+
+
+def test_latitude_and_longitude_that_look_swapped_are_told(tmp_path: Path) -> None:
+    # given a map in Alabama, and one in Germany, where both orders are places on earth
+    alabama = load(write(tmp_path, polygon("hut", box(-85.5, 32.6, -85.499, 32.601)), units=None))
+    germany = load(write(tmp_path, polygon("hut", box(11.1, 48.1, 11.101, 48.101)), units=None))
+    # then
+    with pytest.raises(RouteError, match=r'begin "-85.5,32.6": latitude is -85.5, .*look swapped'):
+        alabama.point_of("begin", "-85.5,32.6")
+    with pytest.raises(RouteError, match=r"\(hut\) reaches \d+ km .*\(11.1,48.09\).*look swapped"):
+        germany.site(germany.point_of("begin", "11.1,48.09"))
+    with pytest.raises(RouteError, match=r"reaches \d+ km .*A map in metres says"):
+        germany.site(germany.point_of("begin", "0,0"))
