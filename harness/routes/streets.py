@@ -5,6 +5,8 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from operator import attrgetter
+from typing import NamedTuple
 
 import networkx as nx
 import shapely
@@ -21,36 +23,66 @@ SMOOTH = 1.0  # m: bends of a street that leave it by less are no corners
 Crossing = tuple[float, float]
 
 
+class _Access(NamedTuple):
+    """How a place gets to a street: the street's ends and its line, and how far away it is [m]."""
+
+    a: Crossing
+    b: Crossing
+    line: shapely.LineString
+    length: float
+
+
+class _Net(NamedTuple):
+    """Streets that are connected.
+
+    Attributes:
+        gap: from the begin and from the end to them, together [m].
+        is_nearest: no other streets are nearer to one of both.
+    """
+
+    streets: nx.Graph
+    gap: float
+    is_nearest: bool
+
+
 def street_ways(site: Site, begin: Place, end: Place, *, count: int, longest: float) -> list[Way]:
     """Ways along the streets that differ, the shortest first; none if the streets do not lead there.
 
-    From the begin the way goes straight to the nearest street, and from there to the end.
+    From the begin the way goes straight to the nearest street that leads to one beside the end, and from
+    there to the end. Of several nets of streets the one is taken that lies nearest to both; if other streets
+    lie nearer to one of them, then only if most of the way is along the net.
 
     Args:
         count: of ways, at most.
         longest: no way is longer than so many times the shortest.
+
+    Raises:
+        RouteError: areas lie between the begin or the end and all streets.
     """
     network = _network(site)
     if not network:
         return []
-    ends = [_attach(network, site, place) for place in (begin, end)]
-    if ends[0] == ends[1] or not nx.has_path(network, *ends):
+    for net in _nets(network, site, begin, end):
+        ends = [_attach(net.streets, site, place) for place in (begin, end)]
+        if ends[0] != ends[1] and (net.is_nearest or _distance(net.streets, ends) > net.gap):
+            break
+    else:
         return []
     ways: list[Way] = []
     taken: list[set[frozenset[Crossing]]] = []
     shortest = math.inf
-    for nodes in itertools.islice(nx.shortest_simple_paths(network, *ends, weight="length"), TRIED):
+    for nodes in itertools.islice(nx.shortest_simple_paths(net.streets, *ends, weight="length"), TRIED):
         edges = {frozenset(pair) for pair in itertools.pairwise(nodes)}
-        length = _length(network, edges)
+        length = _length(net.streets, edges)
         shortest = min(shortest, length)
         if length > longest * shortest or len(ways) == count:
             break
         if all(
-            _length(network, edges & other) <= SHARED * min(length, _length(network, other))
+            _length(net.streets, edges & other) <= SHARED * min(length, _length(net.streets, other))
             for other in taken
         ):
             taken.append(edges)
-            ways.append(Way(_places(network, nodes, begin, end), STREETS))
+            ways.append(Way(_places(net.streets, nodes, begin, end), STREETS))
     return ways
 
 
@@ -77,30 +109,72 @@ def _add(graph: nx.Graph, line: shapely.LineString) -> None:
         graph.add_edge(a, b, line=line, length=line.length)
 
 
-def _attach(graph: nx.Graph, site: Site, place: Place) -> Crossing:
-    """The nearest place on a street, as a crossing of the graph.
+def _accesses(graph: nx.Graph, site: Site, place: Place) -> list[_Access]:
+    """The straight lines from a place to each street, the shortest first, without those through areas."""
+    edges = list(graph.edges(data="line"))
+    straight = shapely.shortest_line(shapely.Point(place), [line for *_, line in edges])
+    is_free = ~shapely.crosses(site.union, straight)
+    accesses = [
+        _Access(a, b, line, length)
+        for (a, b, line), length in itertools.compress(
+            zip(edges, shapely.length(straight), strict=True), is_free
+        )
+    ]
+    return sorted(accesses, key=attrgetter("length"))
+
+
+def _nets(network: nx.Graph, site: Site, begin: Place, end: Place) -> list[_Net]:
+    """The parts of the network that both places have access to, each connected, the nearest to both first.
 
     Raises:
-        RouteError: an area lies between.
+        RouteError: areas lie between one of both and all streets.
     """
-    point = shapely.Point(place)
-    a, b, line = min(graph.edges(data="line"), key=lambda edge: edge[2].distance(point))
-    at = line.project(point)
-    nearest = line.interpolate(at)
-    between = shapely.LineString([point, nearest])
-    for area in site.areas:
-        if between.crosses(area.shape):
+    nearest = []
+    for place in (begin, end):
+        by_node: dict[Crossing, float] = {}
+        for access in _accesses(network, site, place):
+            by_node.setdefault(access.a, access.length)
+        if not by_node:
             raise RouteError(
                 f"{site.name}: between {place[0]:.1f} m north, {place[1]:.1f} m east and the nearest street "
-                f"lies {area.where}; expected a way there, or take --along open"
+                f"lies {_between(network, site, place)}; expected a way there, or take --along open"
             )
+        nearest.append(by_node)
+    least = sum(min(lengths.values()) for lengths in nearest)
+    nets = []
+    for nodes in nx.connected_components(network):
+        gap = sum(
+            min((length for node, length in lengths.items() if node in nodes), default=math.inf)
+            for lengths in nearest
+        )
+        nets.append(_Net(nx.Graph(network.subgraph(nodes)), gap, gap <= least))
+    return sorted((net for net in nets if net.gap < math.inf), key=attrgetter("gap"))
+
+
+def _between(network: nx.Graph, site: Site, place: Place) -> str:
+    """What lies between a place and the nearest street."""
+    point = shapely.Point(place)
+    line = min((line for *_, line in network.edges(data="line")), key=point.distance)
+    straight = shapely.shortest_line(point, line)
+    return next((area.where for area in site.areas if straight.crosses(area.shape)), "an area")
+
+
+def _attach(net: nx.Graph, site: Site, place: Place) -> Crossing:
+    """The nearest place on a street that no area is before, as a crossing of the net."""
+    a, b, line, _ = _accesses(net, site, place)[0]
+    at = line.project(shapely.Point(place))
     if at <= GRID or at >= line.length - GRID:
         return tuple(line.coords[0] if at <= GRID else line.coords[-1])
-    graph.remove_edge(a, b)
+    net.remove_edge(a, b)
     parts = substring(line, 0, at), substring(line, at, line.length)
     for part in parts:
-        _add(graph, part)
+        _add(net, part)
     return tuple(parts[0].coords[-1])
+
+
+def _distance(graph: nx.Graph, ends: Sequence[Crossing]) -> float:
+    """The shortest way along streets [m]."""
+    return float(nx.shortest_path_length(graph, *ends, weight="length"))
 
 
 def _length(graph: nx.Graph, edges: set[frozenset[Crossing]]) -> float:

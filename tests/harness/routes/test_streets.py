@@ -79,6 +79,27 @@ def test_streets_that_do_not_lead_there_give_no_way() -> None:
     assert ways_of(Site("town"), (0, 0), (100, 0)) == []
 
 
+def test_a_stub_beside_the_begin_does_not_hide_the_street_that_leads_to_the_end() -> None:
+    # given a stub 2 m from the begin, and a street 5 m from it that passes the end at 3 m
+    stub = shapely.LineString([(2, 0), (2, 8)])
+    street = shapely.LineString([(-20, -5), (100, -5)])
+    site = Site("town", streets=[stub, street])
+    # then
+    (way,) = ways_of(site, (0, 0), (90, -2))
+    assert way.places == ((0, 0), (0, -5), (90, -5), (90, -2))
+    # and a street that is farther from both than it is long is no way there
+    far = Site("town", streets=[stub, shapely.LineString([(40, 0), (50, 0)])])
+    assert ways_of(far, (0, 0), (90, 3)) == []
+
+
+def test_a_street_behind_an_area_is_passed_over_for_the_nearest_that_is_not() -> None:
+    # given a hut between the begin and the nearer of two streets that meet
+    hut = Area("hut", 'feature 1 ("hut")', shapely.box(2, -5, 4, 5))
+    near, other = shapely.LineString([(6, -50), (6, 50)]), shapely.LineString([(6, 50), (-9, 50), (-9, -50)])
+    (way,) = ways_of(Site("town", [hut], [near, other]), (0, 0), (6, 40), longest=1.2)
+    assert way.places == ((0, 0), (-9, 0), (-9, 50), (6, 50), (6, 40))
+
+
 def test_an_area_between_the_begin_and_the_nearest_street_is_named() -> None:
     house = Area("hut", 'feature 1 ("hut")', shapely.box(2, -5, 4, 5))
     site = Site("town", [house], [shapely.LineString([(6, -50), (6, 50)])])
