@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from codegen import files
+from codegen.scratch import Scratch
 from models.errors import CanineError, UsageError
 
 SHOWN_FILES = 5  # at most, in a hint
@@ -117,6 +118,36 @@ def write_whole(path: Path, data: bytes) -> None:
     except OSError as error:
         raise FileError(
             f"{path}: cannot be written ({error.strerror}); make room, or choose another folder"
+        ) from error
+
+
+def write_set(folder: Path, contents: Mapping[str, bytes], others: Iterable[str] = ()) -> None:
+    """Write files that belong together into a folder, and make it if need be.
+
+    All are made before the earlier ones go, and are then put in their places in this order: whenever it ends,
+    no file stands beside one of an earlier set.
+
+    Args:
+        contents: by file name.
+        others: names of files that a set may have, and this one has not.
+
+    Raises:
+        UsageError: the folder cannot be made, or written into.
+        FileError: a file cannot be written or removed.
+    """
+    make_folder(folder)
+    try:
+        with Scratch(beside=folder) as parts:
+            for name, content in contents.items():
+                (parts / name).write_bytes(content)
+            for name in {*contents, *others}:
+                (folder / name).unlink(missing_ok=True)
+            for name in contents:
+                (parts / name).replace(folder / name)
+    except OSError as error:
+        raise FileError(
+            f"{error.filename or folder}: cannot be written ({error.strerror}); make room, or choose another "
+            "folder"
         ) from error
 
 

@@ -121,7 +121,7 @@ def plan_route(
     if as_json:
         typer.echo(json_of(report.facts(result)))
     else:
-        report.show(result, out())
+        report.show(result, place, out())
         say_where(place)
 
 

@@ -50,7 +50,7 @@ class PlanResult:
 
     @property
     def recommended(self) -> dict[str, Any] | None:
-        """The one of them that is recommended; None if none ever succeeded."""
+        """The one of them that is recommended; None if none ever succeeded, and then there is no scenario."""
         number: int | None = self.report["recommended"]
         return None if number is None else self.routes[number - 1]
 
@@ -77,7 +77,10 @@ class PlanResult:
 
     @property
     def scenario_path(self) -> Path:
-        """route.toml, for `run_trial`; not written if no route ever succeeded."""
+        """route.toml, for `run_trial` with the plan's plant and controller, which a scenario does not hold.
+
+        It is not written if no route ever succeeded.
+        """
         return self.folder / "route.toml"
 
     @property

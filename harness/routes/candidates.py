@@ -6,7 +6,7 @@ import itertools
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import shapely
 
@@ -24,18 +24,33 @@ class Candidate:
     Attributes:
         spacing: legs are split so that no part is longer, m; None for waypoints at the corners alone.
         waypoints: without the begin, with the end.
+        number: which of those that are the same in words, from 1 on; 0 if there is no other one.
     """
 
     way: Way
     spacing: float | None
     waypoints: tuple[Place, ...]
+    number: int = 0
 
     @property
     def label(self) -> str:
         """What it is, in words."""
         about = f"{self.way.length:.0f} m"
         about += f", {self.way.clearance:g} m clear" if self.way.kind == OPEN else " along streets"
-        return f"{about}, {'unsplit' if self.spacing is None else f'every {self.spacing:g} m'}"
+        about += ", unsplit" if self.spacing is None else f", every {self.spacing:g} m"
+        return f"{about} ({self.number})" if self.number else about
+
+
+def told_apart(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """The candidates, with a number in the labels that several have."""
+    labels = Counter(candidate.label for candidate in candidates)
+    seen: Counter[str] = Counter()
+    numbered = []
+    for candidate in candidates:
+        label = candidate.label
+        seen[label] += 1
+        numbered.append(replace(candidate, number=seen[label]) if labels[label] > 1 else candidate)
+    return numbered
 
 
 def candidates_of(

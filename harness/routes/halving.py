@@ -21,10 +21,12 @@ from harness.routes.candidates import Candidate
 from harness.routes.problem import Problem
 from harness.routes.score import Score, route_scenario
 from harness.sweep.recommend import best_for_success
+from harness.terminal import percent
 from harness.trial.scenario import Scenario
 
 FIRST = 256  # trials of each candidate in the first round
 FINALISTS = 8
+FLOOR = 0.5  # success below which what is recommended comes with a warning: the dog more often fails
 OFFERED = 0.5  # share of the best's success below which a candidate goes first
 
 
@@ -70,10 +72,29 @@ class Result:
         return [c for c, is_named in zip(self.ranked, named, strict=True) if is_named]
 
     @cached_property
-    def recommended(self) -> Candidate | None:
-        """The fastest of these; None if no candidate ever succeeded."""
+    def clearest(self) -> list[Candidate]:
+        """Of these, those that ever succeed and are not shown to enter areas more often than another one."""
         able = [c for c in self.as_good if self.tried[c].successes]
-        return min(able, key=lambda c: _cost(self.tried[c]), default=None)
+        outside = [(self.tried[c].entered == 0).astype(np.uint32) for c in able]
+        named = best_for_success(np.stack(outside)).named if able else ()
+        return [c for c, is_named in zip(able, named, strict=True) if is_named]
+
+    @cached_property
+    def recommended(self) -> Candidate | None:
+        """The fastest of those; None if no candidate ever succeeded."""
+        return min(self.clearest, key=lambda c: _cost(self.tried[c]), default=None)
+
+    @property
+    def caution(self) -> str:
+        """A warning of a recommended route that succeeds too seldom; "" if it does not."""
+        if self.recommended is None or self.tried[self.recommended].success_rate >= FLOOR:
+            return ""
+        return (
+            f"the recommended route succeeds in {percent(self.tried[self.recommended].success_rate)} of the "
+            f"trials, less than {100 * FLOOR:g} %: none of those tried is shown to be better, and no dog "
+            "should be led along it; take other spacings, clearances or ways, a nearer end, or another "
+            "controller"
+        )
 
     def scenario_of(self, candidate: Candidate, name: str) -> Scenario:
         """The scenario of a candidate, for `canine run`."""

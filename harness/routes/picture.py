@@ -32,8 +32,11 @@ from harness.terminal import percent
 AREA: Style = {"facecolor": "#D9CFC4", "edgecolor": "#8A7A68", "linewidth": 1.0, "zorder": 1}
 STREET: Style = {"color": "#C9D3DD", "linewidth": 5.0, "zorder": 0.5, "solid_capstyle": "round"}
 TRIED: Style = {"color": "#9AA3AD", "linewidth": 0.7, "alpha": 0.7, "zorder": 2}
-REFERENCE: Style = {"color": "#111111", "linewidth": 1.6, "linestyle": (0, (4, 2)), "zorder": 3}
+REFERENCE: Style = {"color": "#111111", "linewidth": 1.2, "linestyle": (0, (4, 2)), "zorder": 5.5}
 MOST = len(ESTIMATES)  # routes with a colour of their own
+RIM = 3.2  # points by which a route is wider than those drawn over it, and by which its waypoints are larger
+NEAR = 1.0  # m within which one route would hide another
+HIDDEN = 0.3  # share of a route's length
 
 
 @house_style()
@@ -80,11 +83,12 @@ def _draw_map(axes: Axes, result: Result, coloured: dict[Candidate, str]) -> Non
     for candidate in result.problem.candidates:
         if candidate not in coloured and candidate != result.reference:
             _draw_line(axes, [begin, *candidate.waypoints], **TRIED)
-    for candidate, colour in reversed(coloured.items()):
-        is_recommended = candidate == result.recommended
+    levels = _levels([shapely.LineString([begin, *candidate.waypoints]) for candidate in coloured])
+    for (candidate, colour), level in zip(coloured.items(), levels, strict=True):
+        width = 2.2 if candidate == result.recommended else 1.4
         _draw_line(
-            axes, [begin, *candidate.waypoints], color=colour, zorder=5 if is_recommended else 4,
-            linewidth=2.2 if is_recommended else 1.4, marker="o", markersize=4,
+            axes, [begin, *candidate.waypoints], color=colour, zorder=5 - level / 10,
+            linewidth=width + RIM * level, marker="o", markersize=4 + RIM * level,
         )  # fmt: skip
     _draw_line(axes, [begin, *result.reference.waypoints], **REFERENCE)
     for (north, east), word in ((begin, "from"), (result.problem.end, "to")):
@@ -100,6 +104,19 @@ def _draw_map(axes: Axes, result: Result, coloured: dict[Candidate, str]) -> Non
     axes.grid(**GRID)
     axes.set_axisbelow(True)
     add_scale_bar(axes)
+
+
+def _levels(lines: Sequence[shapely.LineString]) -> list[int]:
+    """How many routes each is wider for: of those before it, the ones that are drawn over much of it."""
+    levels: list[int] = []
+    for line in lines:
+        over = [
+            level + 1
+            for level, other in zip(levels, lines, strict=False)
+            if line.intersection(other.buffer(NEAR)).length > HIDDEN * line.length
+        ]
+        levels.append(max(over, default=0))
+    return levels
 
 
 def _draw_line(axes: Axes, places: Sequence[Place], **style: object) -> None:
@@ -143,4 +160,4 @@ def _draw_choice(axes: Axes, result: Result, coloured: dict[Candidate, str]) -> 
     axes.grid(**GRID)
     axes.set_axisbelow(True)
     if axes.get_legend_handles_labels()[0]:
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), fontsize=8, **BELOW)
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), fontsize=8, reverse=True, **BELOW)

@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import get_args
 
+import numpy as np
+
 from harness.routes import CLEARANCES, LONGEST, SPACINGS, TRIALS, WAYS, Along
-from harness.routes.candidates import Candidate, candidates_of
+from harness.routes.candidates import Candidate, candidates_of, told_apart
 from harness.routes.map_file import load
 from harness.routes.open_ground import open_ways
 from harness.routes.score import Scorer, route_scenario
@@ -19,13 +22,20 @@ from harness.sweep.components import Components, find_components
 from harness.sweep.trials import Options, adapted
 from harness.trial import scenario as scenarios
 from harness.trial.plan import Interface, interfaces_of_system
-from harness.trial.scenario import Scenario
+from harness.trial.scenario import MAX_COORDINATE, Scenario
+from models.cmec import MAX_WAYPOINTS
 from models.errors import nearest
 from models.kit.random import MAX_SEED
 from models.readings import ON_BOARD, READINGS
 from models.system import ESTIMATOR
 
 SPARE = 3  # times as many ways are looked at where turns are preferred
+SPEEDS = {  # of plants, and how many of each are the most that a trial of theirs has
+    "cruise_speed": 1,
+    "cruise_speed_deviation": 4,
+    "walking_speed": 1,
+    "driving_speed": 1,
+}
 COUNTING = "field"  # the reading by default: it counts turns anew at each waypoint
 DURATION = 600.0  # s of a trial, without a scenario that says so
 FITTED = {"cruise_speed", "drift", "left_turn_rate", "right_turn_rate"}  # `canine fit` gives them
@@ -100,9 +110,15 @@ def prepare(asked: Asked, note: Callable[[str], None] = lambda text: None) -> Pr
     _check(asked)
     map_file = load(asked.target, metres=asked.metres)
     points = map_file.point_of("begin", asked.begin), map_file.point_of("end", asked.end)
+    map_file.check_distance(f"end {asked.end}: is", np.array(points[1:]), points[0])
     site = map_file.site(points[0], asked.origin)
     begin, end = (map_file.place_at(point, points[0]) for point in points)
     for name, text, place in (("begin", asked.begin, begin), ("end", asked.end, end)):
+        if max(map(abs, place)) > MAX_COORDINATE:
+            raise RouteError(
+                f"{site.name}: {name} {text} is more than {MAX_COORDINATE / 1000:g} km from [0, 0] of the "
+                "map; expected coordinates about a near origin: take the same off all of them"
+            )
         area = site.area_at(place)
         if area is not None:
             raise RouteError(
@@ -111,7 +127,7 @@ def prepare(asked: Asked, note: Callable[[str], None] = lambda text: None) -> Pr
     base, in_trials, components = _scenarios(asked, site, begin, end)
     system = components.system(in_trials)
     scorer = Scorer(in_trials, system, site.areas, begin)
-    ways = _ways(asked, site, begin, end)
+    ways, of_ways = _ways(asked, site, begin, end)
     interfaces = interfaces_of_system(system)
     controller = interfaces["controller"]
     values = scorer.trial_type(Candidate(ways[0], None, (end,))).values
@@ -123,12 +139,14 @@ def prepare(asked: Asked, note: Callable[[str], None] = lambda text: None) -> Pr
             f"than d', {least:g} m"
         )
     by_length = sorted(ways, key=lambda way: way.length)
+    _check_time(asked, by_length[0], interfaces["plant"], values["plant"], in_trials)
     (reference, *_), _ = candidates_of(by_length, [None], site, least)
     others, notes = candidates_of(ways, asked.spacings, site, least)
-    candidates = [reference, *(c for c in others if c.waypoints != reference.waypoints)]
-    kept = {way.clearance for way in ways}
-    closed = [c for c in asked.clearances if c not in kept and site.areas and asked.along != STREETS]
-    notes = [*site.notes, *(f"no way keeps {c:g} m clear of the areas" for c in closed), *notes]
+    candidates = told_apart([reference, *(c for c in others if c.waypoints != reference.waypoints)])
+    widest = max((spacing for spacing in asked.spacings if spacing is not None), default=None)
+    if widest is not None and all(c.spacing is None for c in candidates):
+        notes.append(_unsplit(by_length[0], widest))
+    notes = [*site.notes, *of_ways, *notes]
     for text in notes:
         note(text)
     assumes = _assumptions(in_trials, interfaces["plant"], values["plant"])
@@ -159,32 +177,47 @@ def _check(asked: Asked) -> None:
         )
 
 
-def _ways(asked: Asked, site: Site, begin: Place, end: Place) -> list[Way]:
-    """The ways to try.
+def _ways(asked: Asked, site: Site, begin: Place, end: Place) -> tuple[list[Way], list[str]]:
+    """The ways to try, and notes on where there are none.
 
     Raises:
         RouteError: there is none.
     """
-    count = asked.ways * (SPARE if asked.preference else 1)
-    chosen: list[Way] = []
+    finders: dict[str, Callable[..., list[Way]]] = {}  # by what is said if one finds none
     if asked.along != STREETS and (site.areas or asked.along == OPEN):
         for clearance in sorted(asked.clearances):
-            ways = open_ways(site, begin, end, clearance, count=count, longest=asked.longest)
-            chosen += best(ways, asked.ways, asked.preference)
-    if asked.along != OPEN:
-        if asked.along == STREETS and not site.streets:
-            raise RouteError(
-                f"{site.name}: has no line; expected streets, or take the ways round the areas (open)"
+            finders[f"no way keeps {clearance:g} m clear of the areas"] = partial(
+                open_ways, site, begin, end, clearance
             )
-        ways = street_ways(site, begin, end, count=count, longest=asked.longest)
+    if asked.along == STREETS and not site.streets:
+        raise RouteError(
+            f"{site.name}: has no line; expected streets, or take the ways round the areas (open)"
+        )
+    if asked.along != OPEN and site.streets:
+        finders["no way leads there along streets"] = partial(street_ways, site, begin, end)
+    count = asked.ways * (SPARE if asked.preference else 1)
+    chosen: list[Way] = []
+    notes: list[str] = []
+    faults: list[RouteError] = []
+    for without, find in finders.items():
+        try:
+            ways = find(count=count, longest=asked.longest)
+        except RouteError as fault:
+            faults.append(fault)
+            notes.append(f"{without}: {fault}")
+            continue
         chosen += best(ways, asked.ways, asked.preference)
+        if not ways:
+            notes.append(without)
+    if faults and not chosen:
+        raise faults[0]
     if not chosen:
         gap = f" with {min(asked.clearances):g} m clear of them" if asked.along != STREETS else ""
         raise RouteError(
             f"{site.name}: no way leads from {asked.begin} to {asked.end}: none round the areas{gap}, none "
             "along streets; take a smaller clearance, or mend the map"
         )
-    return chosen
+    return chosen, notes
 
 
 def _scenarios(asked: Asked, site: Site, begin: Place, end: Place) -> tuple[Scenario, Scenario, Components]:
@@ -215,6 +248,29 @@ def _scenarios(asked: Asked, site: Site, begin: Place, end: Place) -> tuple[Scen
         in_trials, system=own.system, estimator=own.estimator if own.system != "cts" else ESTIMATOR
     )
     return base, in_trials, components
+
+
+def _check_time(
+    asked: Asked, shortest: Way, plant: Interface, values: Mapping[str, float], scenario: Scenario
+) -> None:
+    """Refuse an end that no trial is long enough for."""
+    speeds = {name: plant.start(name, values) for name in SPEEDS if name in plant.parameters}
+    reach = scenario.duration * sum(SPEEDS[name] * speed for name, speed in speeds.items())
+    if speeds and shortest.length > reach:
+        raise RouteError(
+            f"end {asked.end}: the shortest way is {shortest.length:.0f} m, and the {plant.block} runs "
+            f"{reach:.0f} m at most in a trial's {scenario.duration:g} s (duration); expected a nearer end, "
+            "or a scenario with a longer duration"
+        )
+
+
+def _unsplit(shortest: Way, widest: float) -> str:
+    """A note on waypoints that are few for the way."""
+    return (
+        f"no way takes a waypoint every {widest:g} m: the shortest is {shortest.length:.0f} m, "
+        f"{MAX_WAYPOINTS} waypoints lead {MAX_WAYPOINTS * widest:g} m; tried with waypoints at corners "
+        "alone: take a wider spacing, or plan the way in parts"
+    )
 
 
 def _check_count(controller: Interface, values: Mapping[str, float], scenario: Scenario) -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
 
-from harness.files import make_folder, write_whole
+from harness.files import replaced, write_set
 from harness.routes.candidates import Candidate
 from harness.routes.halving import Result
 from harness.routes.picture import routes_png
@@ -18,11 +19,13 @@ from harness.routes.site import rings_of
 from harness.station.formats import geojson
 from harness.station.formats.scenario import of_scenario
 from harness.terminal import new_table, percent, print_table
+from models.system import CONTROLLER
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 ROUTES, PICTURE, SCENARIO, MISSION = "routes.json", "routes.png", "route.toml", "mission.geojson"
+IDENTITY = ("map", "from", "to", "system", "controller", "plant", "reading", "parameters", "seed")
 
 
 def default_folder(result: Result) -> Path:
@@ -31,17 +34,22 @@ def default_folder(result: Result) -> Path:
 
 
 def write(result: Result, folder: Path, note: Callable[[str], None] = lambda text: None) -> None:
-    """Write the files; all are made before the first is written.
+    """Write the files; those of an earlier plan go before the first of them comes.
 
     Args:
         note: called with a line for the user.
 
     Raises:
         UsageError: the folder cannot be made or written into.
-        FileError: a file cannot be written.
+        FileError: a file cannot be written, or one of an earlier plan not removed.
     """
-    files = {ROUTES: _json(facts(result)), PICTURE: routes_png(result)}
+    found = facts(result)
+    if others := replaced(folder / ROUTES, {key: found[key] for key in IDENTITY}):
+        note(f"{folder}: has another plan, which this replaces ({others})")
+    files = {PICTURE: routes_png(result)}
     name = f"route-{result.problem.site.name}"
+    if result.caution:
+        note(result.caution)
     if result.recommended is None:
         note("no candidate ever succeeded: there is no scenario and no mission to write")
     else:
@@ -51,11 +59,7 @@ def write(result: Result, folder: Path, note: Callable[[str], None] = lambda tex
             note("the map does not say where on the earth it is: no mission is written; give --origin")
         else:
             files[MISSION] = geojson.write(of_scenario(scenario), name)
-    make_folder(folder)
-    for left_over in {SCENARIO, MISSION} - files.keys():
-        (folder / left_over).unlink(missing_ok=True)  # of an earlier plan
-    for file, content in files.items():
-        write_whole(folder / file, content)
+    write_set(folder, {**files, ROUTES: _json(found)}, (SCENARIO, MISSION))
 
 
 def facts(result: Result) -> dict[str, Any]:
@@ -76,7 +80,7 @@ def facts(result: Result) -> dict[str, Any]:
         "candidates": len(problem.candidates),
         "rounds": [{"candidates": each.candidates, "trials": each.trials} for each in result.rounds],
         "assumes": problem.assumes,
-        "notes": problem.notes,
+        "notes": [*problem.notes, *([result.caution] if result.caution else [])],
         "recommended": None if recommended is None else result.ranked.index(recommended) + 1,
         "reference": result.ranked.index(result.reference) + 1,
         "areas": [
@@ -126,20 +130,46 @@ def _json(content: object) -> bytes:
 
 
 def _comment(result: Result, candidate: Candidate) -> str:
-    """The comment of a candidate's scenario: what was found of it, and on what that rests."""
-    score = result.tried[candidate]
+    """The comment of a candidate's scenario: how to run it, what was found of it, and on what that rests."""
+    problem, score = result.problem, result.tried[candidate]
     low, high = score.interval
+    tried_in = problem.scorer.scenario.system
+    other = "" if problem.base.system == tried_in else f"; this file is of the system {problem.base.system}"
+    command = run_command(result, SCENARIO)
+    needed = ", since a scenario holds neither plant nor controller" if _components(result) else ""
     lines = [
-        f"A route by `canine plan` on the map {result.problem.site.name}: {candidate.label}",
+        f"A route by `canine plan` on the map {problem.site.name}: {candidate.label}",
         f"{percent(score.success_rate)} of {score.trials} trials reached the end and entered no area "
         f"(95 % interval {100 * low:.1f} to {100 * high:.1f})",
-        *(f"It is assumed that {text}" for text in result.problem.assumes),
+        f"They were trials of the system {tried_in}{other}",
+        *([f"Caution: {result.caution}"] if result.caution else []),
+        *(f"It is assumed that {text}" for text in problem.assumes),
+        f"Run it by `{command}`{needed}",
+        "A scenario holds no areas: the run neither watches whether the dog enters one nor draws them",
     ]
     return "".join(f"# {line}.\n" for line in lines)
 
 
-def show(result: Result, console: Console) -> None:
-    """Print the Pareto front, the reference, what is recommended and on what that rests."""
+def _components(result: Result) -> list[str]:
+    """The options that put the plan's plant and controller where a scenario's own would be."""
+    blocks = {role: block.title() for role, block in result.problem.scorer.system.components.items()}
+    own = {"plant": result.problem.base.plant, "controller": CONTROLLER}
+    return [
+        part for role, name in own.items() if blocks[role] != name for part in (f"--{role}", blocks[role])
+    ]
+
+
+def run_command(result: Result, scenario: str) -> str:
+    """The command that runs the recommended route's scenario, the one in this file, as it was tried."""
+    return shlex.join(["canine", "run", scenario, *_components(result)])
+
+
+def show(result: Result, folder: Path, console: Console) -> None:
+    """Print the Pareto front, the reference, what is recommended and on what that rests.
+
+    Args:
+        folder: of the results.
+    """
     table = new_table()
     table.add_column("route")
     for heading in ("waypoints", "success", "95 % interval", "enters an area", "time [s]", "stimuli"):
@@ -158,20 +188,28 @@ def show(result: Result, console: Console) -> None:
             *("-" if mean is None else f"{mean:.1f}" for mean in (score.mean_time, score.mean_commands)),
         )
     print_table(table, console)
-    for line in words(result):
+    for line in words(result, folder):
         console.print(line, soft_wrap=True, markup=False)
 
 
-def words(result: Result) -> list[str]:
+def words(result: Result, folder: Path) -> list[str]:
     """What the table does not say."""
     trials = result.rounds[-1].trials
     tried = f"{len(result.problem.candidates)} candidates, {len(result.tried)} of them tried {trials} times"
     if result.recommended is None:
         return [f"{tried}; none ever succeeded: take a wider --clearance, other --spacing, or more --ways"]
-    others = len(result.as_good) - 1
-    ties = f", the fastest of {others + 1} not shown to succeed less often than the best" if others else ""
+    ties = ""
+    if len(result.as_good) > 1:
+        ties = f"; {len(result.as_good)} are not shown to succeed less often than the best"
+        if len(result.clearest) > 1:
+            ties += (
+                f", {len(result.clearest)} of them not to enter areas more often; it is the fastest of these"
+            )
+        else:
+            ties += "; of these it enters areas least"
     return [
         f"{tried}; the last row is the shortest unsplit way, to compare with",
         f"* recommended: {result.recommended.label}{ties}",
         *(f"it is assumed that {text}" for text in result.problem.assumes),
+        f"to run it: {run_command(result, str(folder / SCENARIO))}",
     ]

@@ -77,6 +77,23 @@ def test_the_fastest_of_those_not_shown_to_be_worse_than_the_best_is_recommended
     assert result(score(0.0, 10), score(0.0, 20)).recommended is None
 
 
+def test_of_those_as_good_the_ones_that_enter_areas_less_are_preferred() -> None:
+    # given the fastest, which enters areas in 8 % of the trials, and slower ones in 0 and 0.2 %
+    tried = result(score(0.90, 30, entries=0.08), score(0.90, 50), score(0.895, 40, entries=0.002))
+    # then it is the faster one of those whose entries may differ by chance
+    assert numbers(tried.as_good) == [0, 1, 2]
+    assert numbers(tried.clearest) == [1, 2]
+    assert tried.recommended == candidate(2)
+
+
+def test_a_recommended_route_that_fails_more_often_than_not_comes_with_a_caution() -> None:
+    bad, fair = result(score(0.02, 30), score(0.01, 20)), result(score(0.5, 30))
+    assert bad.recommended
+    assert "the recommended route succeeds in 2.0 % of the trials, less than 50 %" in bad.caution
+    assert fair.caution == ""
+    assert result(score(0.0, 10)).caution == ""
+
+
 def test_half_goes_on_with_the_reference_and_without_those_that_succeed_half_as_often_as_the_best() -> None:
     # given 30: the reference; ten hopeless that are fast, so that none beats them; ten of the front that are
     # slower the better they are; nine that these beat

@@ -5,13 +5,20 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import re
+import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from harness.drawing import ESTIMATES
+from harness.log.log import FILE, read_log
+from harness.routes import halving
 from harness.routes.candidates import candidates_of
+from harness.routes.picture import routes_figure
 from harness.routes.problem import Asked, prepare
 from harness.routes.site import RouteError, Site
 from harness.routes.way import Way
@@ -67,7 +74,7 @@ def test_candidates_are_tried_in_rounds_of_half_as_many_and_twice_as_often(facts
 def test_the_recommended_route_is_on_the_front_of_those_not_shown_worse(facts: Any) -> None:
     chosen = facts["routes"][facts["recommended"] - 1]
     others = [route for route in facts["routes"] if route["not_shown_worse"]]
-    assert chosen["mean_time_s"] == min(route["mean_time_s"] for route in others)
+    assert chosen["mean_time_s"] == min(route["mean_time_s"] for route in others)  # that enter as seldom
     assert chosen["on_front"]
     assert [route["success_rate"] for route in facts["routes"]] == sorted(
         (route["success_rate"] for route in facts["routes"]), reverse=True
@@ -122,6 +129,72 @@ def test_a_plan_says_on_what_it_rests(facts: Any, planned: Path) -> None:
 
 def test_the_picture_is_there(planned: Path) -> None:
     assert size((planned / "routes.png").read_bytes()) == (1950, 1050)
+
+
+def test_of_routes_along_one_way_the_lower_are_drawn_wider() -> None:
+    # given two spacings on one way
+    asked = Asked("five_buildings", "home", "goal", clearances=(9.0,), ways=1, trials=256)
+    result = halving.run(prepare(replace(asked, spacings=(20.0, 25.0))))
+    # when
+    figure = routes_figure(result)
+    # then what lies lower looks out from under what is drawn over it
+    drawn = [line for line in figure.axes[0].lines if line.get_color() in ESTIMATES]
+    assert len(drawn) > 1
+    by_height = sorted(drawn, key=lambda line: line.get_zorder())
+    for lower, upper in itertools.pairwise(by_height):
+        assert lower.get_linewidth() >= upper.get_linewidth() + 2
+        assert lower.get_markersize() >= upper.get_markersize() + 2
+
+
+def test_no_two_candidates_have_one_label() -> None:
+    # given two ways of 201 m among them
+    labels = [each.label for each in prepare(Asked("five_buildings", "home", "goal")).candidates]
+    assert len(set(labels)) == len(labels) == 43
+    assert {"201 m, 6 m clear, unsplit (1)", "201 m, 6 m clear, unsplit (2)"} <= set(labels)
+
+
+def test_a_plan_with_another_plant_and_controller_says_how_its_scenario_is_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given a plan with a parameter that the default dog lacks
+    status, text, error = canine(
+        capsys, *FIVE, "--plant", "pedestrian", "--controller", "quarter_turn", "--clearance", "9",
+        "--spacing", "20", "--set", "pedestrian.walking_speed=3", "--trials", 64, "--out", tmp_path,
+    )  # fmt: skip
+    assert status == 0, error
+    options = "--plant pedestrian --controller quarter_turn"
+    assert f"to run it: canine run {tmp_path}/route.toml {options}" in text
+    # when the line in the file is typed
+    (line,) = re.findall("`canine (run route.toml .*)`", (tmp_path / "route.toml").read_text())
+    assert line == f"run route.toml {options}"
+    monkeypatch.chdir(tmp_path)
+    status, _, error = canine(capsys, *shlex.split(line), "--out", "led")
+    # then it runs these two
+    assert status == 0, error
+    assert read_log(tmp_path / "led" / FILE).metadata["swaps"].keys() == {"plant", "controller"}
+
+
+def test_a_plan_s_scenario_says_what_a_run_of_it_does_not_show(planned: Path) -> None:
+    text = (planned / "route.toml").read_text()
+    assert "# They were trials of the system cts; this file is of the system full.\n" in text
+    assert "# Run it by `canine run route.toml`.\n" in text
+    assert "# A scenario holds no areas: the run neither watches whether the dog enters one nor draws" in text
+
+
+def test_a_route_that_fails_more_often_than_not_comes_with_a_caution(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # given the shortest way alone, which succeeds in 18 % of the trials
+    options = ("--clearance", "3", "--spacing", "none", "--ways", 1, "--trials", 64)
+    status, _, errors = canine(capsys, *FIVE, *options, "--out", tmp_path)
+    # then what the operator reads of it says so, in each place
+    assert status == 0
+    facts = json.loads((tmp_path / "routes.json").read_text())
+    for text in (errors, (tmp_path / "route.toml").read_text(), *facts["notes"]):
+        assert re.search(r"the recommended route succeeds in \d+\.\d % of the trials, less than 50 %", text)
+    # and the next plan in this folder says what it replaces
+    status, _, errors = canine(capsys, *FIVE, *options, "--seed", 2, "--out", tmp_path)
+    assert f"{tmp_path}: has another plan, which this replaces (seed: 1, now 2)" in errors
 
 
 def test_a_straight_way_needs_waypoints_every_20_m(tmp_path: Path) -> None:
@@ -203,6 +276,7 @@ def test_the_start_heading_deviates_as_in_a_trial_of_as_many_waypoints(tmp_path:
 
 
 HALL = polygon("hall", box(10, 20, 40, 60))
+HUGE = polygon("hall", box(3.6e6 + 10, 20, 3.6e6 + 40, 60))
 ROOM = polygon("room", box(-50, -50, 50, 50), box(-40, -40, 40, 40))
 
 
@@ -212,6 +286,23 @@ ROOM = polygon("room", box(-50, -50, 50, 50), box(-40, -40, 40, 40))
         ([HALL], ["--from", "30,20"], "map: begin 30,20 is in feature 1 (hall); expected a place outside"),
         ([HALL], ["--to", "20,40"], "map: end 20,40 is in feature 1 (hall)"),
         ([ROOM], ["--to", "100,0"], "map: no way leads from 0,0 to 100,0: none round the areas with 3 m"),
+        (
+            [HALL],
+            ["--to", "19000,0"],
+            "end 19000,0: the shortest way is 19000 m, and the canine runs 2916 m at most in a trial's 600 s",
+        ),
+        ([HALL], ["--to", "0,30000"], "end 0,30000: is 30 km from where the route begins (0,0), expected 20"),
+        (
+            [HUGE],
+            ["--from", "0,3600000", "--to", "0,3600100"],
+            "map: begin 0,3600000 is more than 100 km from [0, 0] of the map",
+        ),
+        (
+            [HALL, mark("gate", 1, 1), mark("gate", 90, 1)],
+            ["--to", "gate"],
+            "has 2 marks of this name, feature 2 (gate) and feature 3 (gate); expected one",
+        ),
+        ([HALL], ["--origin", "-185,32"], "origin: latitude is -185, expected -85 to 85 deg"),
         ([HALL], ["--to", "5,0"], "end 5,0: is 5.0 m from begin 0,0; expected more than d', 7 m"),
         ([HALL], ["--clearance", "0"], "clearance 0: expected more than 0, up to 100 m"),
         ([HALL], ["--clearance", "2,"], '--clearance "": expected a number, in m'),
@@ -278,13 +369,50 @@ def test_a_clearance_that_no_way_keeps_is_told(tmp_path: Path) -> None:
     assert problem.notes == ["no way keeps 12 m clear of the areas"]
 
 
+def test_a_place_that_is_not_in_degrees_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    status, _, errors = canine(capsys, *FIVE[:4], "--to", "0,0")
+    assert status == 2
+    assert errors.startswith("canine: end 0,0: is 8801 km from")
+    assert "where the route begins (32.6062,-85.4877), expected 20 km at most" in errors
+
+
+def test_a_way_that_16_waypoints_are_few_for_is_told_at_once(tmp_path: Path) -> None:
+    # given a kilometre, and 25 m at most between waypoints
+    problem = prepare(Asked(write(tmp_path, HALL), "0,0", "0,1000", clearances=(3.0,)))
+    # then
+    assert {each.spacing for each in problem.candidates} == {None}
+    assert "no way takes a waypoint every 25 m: the shortest is 1000 m, 16 waypoints lead 400 m" in "".join(
+        problem.notes
+    )
+
+
+def test_where_only_one_of_streets_and_open_ground_has_a_way_it_is_taken(tmp_path: Path) -> None:
+    # given a street behind a wall, which open ways go round
+    wall, street = polygon("wall", box(2, -60, 4, 60)), line("lane", (6, -50), (6, 50))
+    path = write(tmp_path, wall, street)
+    problem = prepare(Asked(path, "0,0", "40,6"))
+    assert {each.way.kind for each in problem.candidates} == {"open"}
+    assert any(
+        text.startswith("no way leads there along streets: map: between 0.0 m north, 0.0 m east and the")
+        for text in problem.notes
+    )
+    # and a map with too many corners for open ways, which has a street
+    round_ = [(60 + 9 * math.cos(k / 200), 9 * math.sin(k / 200)) for k in range(1256)]
+    path = write(tmp_path, polygon("tower", [*round_, round_[0]]), line("lane", (0, 0), (0, 80)))
+    problem = prepare(Asked(path, "0,0", "80,0"))
+    assert {each.way.kind for each in problem.candidates} == {"streets"}
+    assert any("corners, expected 1000 at most" in text for text in problem.notes)
+    with pytest.raises(RouteError, match=r"corners, expected 1000 at most"):
+        prepare(Asked(path, "0,0", "80,0", along="open"))
+
+
 def test_a_plan_without_success_recommends_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    # given a dog that stands still
+    # given a dog that runs in circles
     (tmp_path / "route.toml").write_text("of an earlier plan")
     status, text, errors = canine(
-        capsys, *FIVE, "--set", "canine.cruise_speed=0.01", "--trials", 16, "--out", tmp_path
+        capsys, *FIVE, "--set", "canine.drift=300", "--trials", 16, "--out", tmp_path
     )
     assert status == 0
     assert "none ever succeeded" in text
