@@ -1,9 +1,11 @@
 """Polygons on the plane that a batch watches: which of them is a trial's plant in?
 
 The even-odd rule of `models.fence`: a place is inside if the line from it to the north crosses an odd number
-of edges; of an edge's two ends the western one belongs to it. A batch asks on every tick of every trial, so a
-grid answers where it can: a cell is outside all areas, within one, or near an edge. Near an edge the edges
-decide, without a division.
+of edges; of an edge's two ends the western one belongs to it. An area that the plant runs through between two
+ticks is entered too: the straight line between the two places crosses an edge.
+
+A batch asks on every tick of every trial, so a grid answers where it can: a cell is outside all areas, within
+one, or near edges. There these edges decide, without a division.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ Polygon = Sequence[Array]  # rings of (corners, 2): north and east in m
 
 CELLS = 256  # of the grid along its longer side, at most
 SMALLEST = 0.5  # m: a cell's side at least
-OUTSIDE, AT_EDGE = 0, -1  # in a cell; or the number of the area that it lies in
+STRIDE = 0.4  # m, less than SMALLEST: for a tick's way up to this a cell answers, for a longer one all edges
 MARGIN = 1e-6  # m: a cell is taken for larger than it is, so that rounding puts no place into a wrong one
 EDGE = np.dtype(
     [("north", "f8"), ("east", "f8"), ("to_north", "f8"), ("to_east", "f8"), ("area", "i4")], align=True
@@ -81,17 +83,19 @@ class Areas:
         return north, east
 
     @cached_property
-    def cells(self) -> Counts:
-        """(rows to the north, columns to the east): what each cell says of the places in it."""
+    def _grid(self) -> tuple[Counts, Counts, Counts]:
+        """Cells, lists, near edges."""
         if not len(self.edges):
-            return np.zeros((1, 1), np.int32)
+            return np.zeros((1, 1), np.int32), np.zeros(1, np.int32), np.zeros(0, np.int32)
         lines = [
             corner + self.side * (0.5 + np.arange(int(np.ptp(self.edges[axis]) / self.side) + 3))
             for corner, axis in zip(self.corner, ("north", "east"), strict=True)
         ]
         north, east = np.meshgrid(*lines, indexing="ij")
         cells = self.inside(north, east)
-        reach = self.side * 0.5**0.5 + MARGIN  # from a cell's centre to its farthest corner
+        farthest = self.side * 0.5**0.5 + MARGIN  # from a cell's centre to its corners
+        reach = farthest + STRIDE
+        beside = []  # of each edge: the cells from which a stride may cross it
         for edge in self.edges:
             part = tuple(
                 slice(
@@ -100,8 +104,32 @@ class Areas:
                 )
                 for line, axis in zip(lines, ("north", "east"), strict=True)
             )
-            cells[part][_distance(edge, north[part], east[part]) <= reach] = AT_EDGE
-        return np.ascontiguousarray(cells)
+            within = np.argwhere(_distance(edge, north[part], east[part]) <= reach)
+            beside.append((within + [p.start for p in part]) @ [cells.shape[1], 1])
+        cell, near = np.concatenate(beside), np.repeat(np.arange(len(beside)), [len(b) for b in beside])
+        order = np.argsort(cell, kind="stable")  # area by area within a cell
+        listed, first = np.unique(cell[order], return_index=True)
+        cells.flat[listed] = -1 - np.arange(len(listed))
+        lists = np.append(first, len(cell))
+        return np.ascontiguousarray(cells), lists.astype(np.int32), near[order].astype(np.int32)
+
+    @property
+    def cells(self) -> Counts:
+        """(rows to the north, columns to the east): what each cell says of a stride that ends in it.
+
+        0: it is outside all areas; positive: within that area; -1 - i: the edges of list i decide.
+        """
+        return self._grid[0]
+
+    @property
+    def lists(self) -> Counts:
+        """(lists + 1,): where each list begins in `near`, and where the last one ends."""
+        return self._grid[1]
+
+    @property
+    def near(self) -> Counts:
+        """Indices of edges, list by list."""
+        return self._grid[2]
 
     def inside(self, north: Array, east: Array) -> Counts:
         """The number of the first area that each place is in, 0 for none, by the edges alone.

@@ -365,16 +365,16 @@ class _Areas(ctypes.Structure):
     _fields_ = [
         ("north", ctypes.c_double), ("east", ctypes.c_double), ("per_metre", ctypes.c_double),
         ("rows", ctypes.c_int32), ("columns", ctypes.c_int32), ("edges", ctypes.c_int32),
-        ("cell", ctypes.c_void_p), ("edge", ctypes.c_void_p),
+        ("cell", ctypes.c_void_p), ("list", ctypes.c_void_p), ("near", ctypes.c_void_p),
+        ("edge", ctypes.c_void_p),
     ]  # fmt: skip
 
     @classmethod
     def of(cls, areas: Areas) -> _Areas:
         """The areas for the runner; they must outlive it."""
-        cells, edges = areas.cells, areas.edges
-        return cls(
-            *areas.corner, 1 / areas.side, *cells.shape, len(edges), cells.ctypes.data, edges.ctypes.data
-        )
+        arrays = areas.cells, areas.lists, areas.near, areas.edges
+        places = (array.ctypes.data for array in arrays)
+        return cls(*areas.corner, 1 / areas.side, *areas.cells.shape, len(areas.edges), *places)
 
 
 @cache

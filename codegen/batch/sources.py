@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from codegen.batch.areas import STRIDE
 from codegen.batch.lanes import BatchSystem, Tick, field_name, ordinary_tick
 from codegen.blocks.block_c import VERSION, generate
 from codegen.blocks.expressions import c_name, member_of
@@ -91,6 +92,7 @@ class Sources:
             watched = dict(zip(("north", "east"), places, strict=True))
         context = {
             "watched": watched,
+            "stride": STRIDE,
             "system": self.system.name,
             "version": VERSION,
             "flights": self.flights,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import shapely
 
-from codegen.batch.areas import AT_EDGE, Areas
+from codegen.batch.areas import Areas
 from codegen.batch.batch import Batch
 from models.errors import ParameterError
 from models.system import SYSTEMS
@@ -55,7 +55,7 @@ def test_a_place_is_in_the_first_area_that_holds_it_as_shapely_says(seed: int) -
     row, column = np.floor((places - [north, east]) / areas.side).astype(int).T
     on_grid = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
     cell = areas.cells[row[on_grid], column[on_grid]]
-    answers = cell != AT_EDGE
+    answers = cell >= 0
     assert np.array_equal(cell[answers], expected[on_grid][answers])
     assert answers.mean() > 0.5
     assert not expected[~on_grid].any()
@@ -125,8 +125,60 @@ def test_no_tick_is_left_out_those_in_lanes_and_those_taken_alone() -> None:
         assert trial.entered[0] == 1, f"tick {tick}"
 
 
+def test_a_wall_thinner_than_a_tick_s_way_is_entered_though_no_tick_ends_in_it() -> None:
+    # given walls of a centimetre across a trial's path, each between the places after two ticks, and a court
+    # whose walls are as thin about the farther place
+    results = [run(tick, areas=None).values[7] for tick in range(LONGEST)]
+    moving = [t for t in range(1, LONGEST) if np.linalg.norm(results[t] - results[t - 1]) > 0.1]
+    assert len(moving) > 100
+    for tick in moving[::5]:
+        before, after = results[tick - 1], results[tick]
+        way = (after - before) / np.linalg.norm(after - before)
+        middle, aside = (before + after) / 2, np.array([-way[1], way[0]])
+        wall = [middle + a * way * 0.005 + b * aside * 5 for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+        corners = [a * way + b * aside for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+        court = [[after + r * corner for corner in corners] for r in (0.04, 0.03)]
+        for rings in ([np.array(wall)], [np.array(ring) for ring in court]):
+            areas = Areas([rings])
+            assert not areas.inside(*after)
+            trial = batch(watch=True).run(VALUES, np.zeros((1, 2)), [0], [7], tick, areas=areas)
+            # then
+            assert trial.entered is not None
+            assert trial.entered[0] == 1, f"tick {tick}"
+            # and a trial that ends a tick earlier has not entered it
+            trial = batch(watch=True).run(VALUES, np.zeros((1, 2)), [0], [7], tick - 1, areas=areas)
+            assert trial.entered is not None
+            assert trial.entered[0] == 0, f"tick {tick}"
+
+
+@pytest.mark.parametrize("speed", [4.86, 30.0])
+def test_what_a_path_enters_is_what_shapely_says_of_its_lines(speed: float) -> None:
+    # given thin triangles all about, and a dog that may run farther in a tick than a cell is wide
+    rng = np.random.default_rng(5)
+    middles = rng.uniform(-10, 60, (150, 1, 2))
+    triangles = [shapely.Polygon(triangle) for triangle in middles + rng.normal(0, 0.5, (150, 3, 2))]
+    areas = Areas([rings_of(triangle) for triangle in triangles])
+    values = {**VALUES, "plant": {"cruise_speed": speed, "speeding_up": 5 * speed}}
+    runs = (batch(watch=False).run(values, np.zeros((1, 2)), SEEDS * 0, SEEDS, t) for t in range(300))
+    paths = np.stack([result.values for result in runs], axis=1)
+    expected = []
+    for path in paths:
+        lines = shapely.linestrings(np.stack((path[:-1], path[1:]), axis=1))
+        crossed = np.array([shapely.intersects(lines, triangle) for triangle in triangles])
+        first = crossed.any(axis=0).argmax()
+        expected.append(crossed[:, first].argmax() + 1 if crossed.any() else 0)
+    # when
+    trial = batch(watch=True).run(values, np.zeros((1, 2)), SEEDS * 0, SEEDS, 299, areas=areas)
+    # then
+    assert trial.entered is not None
+    assert trial.entered.tolist() == expected
+    assert len(set(expected)) > 5
+
+
 def test_an_area_about_the_start_is_entered_at_once() -> None:
     assert set(run(last=0, start=(12.0, 10.0)).entered) == {2}
+    assert set(run(last=0, start=(10.1, 10.0)).entered) == {2}
+    assert set(run(last=0, start=(9.9, 10.0)).entered) == {0}
     assert set(run(last=0, start=(18.0, 10.0)).entered) == {0}  # in the court
 
 
