@@ -26,11 +26,11 @@ class Streets(Behaviour):
     """Streets: an animal that is in one stays in it, and at a crossing goes into the one into which it looks.
 
     A street is what lies within its half-width of a line between two ends. The animal changes to another that
-    it is in, if that one's direction, either way, is within a cone about its heading and nearer to it than
-    its own street's. It turns towards its street's direction at a rate in proportion to the deviation. A wall
-    takes what of the velocity goes through it; an animal that leans on a wall goes along it, as fast as that
-    part of its cruise speed. RECALL takes it home straight, walls or not, as in the open (5.3.2). Outside of
-    all streets it is free until it comes into one.
+    it is in, if that one's direction, either way, is within a cone about its heading, and nearer to it than
+    its own street's, or its own ends here and that one goes on. It turns towards its street's direction at a
+    rate in proportion to the deviation. A wall takes what of the velocity goes through it; an animal that
+    leans on a wall goes along it, as fast as that part of its cruise speed. RECALL takes it home straight,
+    walls or not, as in the open (5.3.2). Outside of all streets it is free until it comes into one.
     """
 
     street_count = Parameter(
@@ -132,19 +132,18 @@ class Streets(Behaviour):
         super()._move(acceleration, top_speed, turn_rate)
 
     def _look(m) -> None:
-        """Choose among the streets that it is in the one whose direction is the nearest to its heading.
+        """Choose among the streets that it is in: those that go on before those that end; the straightest.
 
         In a street it changes to one within the cone alone.
         """
-        straightest = where(m.street > 0, ca.cos(m.street_cone) ** 2, -1)  # of cos^2 of the deviations
-        chosen = m.street
+        least = where(m.street > 0, ca.cos(m.street_cone) ** 2, -1)  # of cos^2 of the deviation
+        best, chosen = ca.SX(-1), m.street
         for i in range(MAX_STREETS):
-            origin, way = m._origin(i), m._way(i)
-            north, east, ahead, per_square = m._beside(*origin, *way)
-            straight = ahead * ahead * per_square
+            north, east, straight, goes_on = m._beside(*m._origin(i), *m._way(i))
             is_in = north * north + east * east <= m.street_half_width[i] ** 2
-            better = all_of(i < m.street_count, is_in, straight > straightest)
-            straightest, chosen = where(better, straight, straightest), where(better, i + 1, chosen)
+            merit = straight + goes_on
+            better = all_of(i < m.street_count, is_in, straight > least, merit > best)
+            best, chosen = where(better, merit, best), where(better, i + 1, chosen)
         m.next_street = where(m.obeyed == Command.RECALL, 0, chosen)
 
     def _enter(m) -> None:
@@ -167,15 +166,17 @@ class Streets(Behaviour):
         """The animal's place from the nearest one in a street's middle, and how it looks along the street.
 
         Returns:
-            North and east [m]; the way along its heading, and the factor that makes its square cos^2 of the
-            deviation.
+            North and east [m]; cos^2 of the deviation from the street's direction, either way; and whether
+            the street goes on ahead of it.
         """
         square = way_north * way_north + way_east * way_east
         per_square = where(square > 0, 1 / square, 0)  # a street of no length is a round place
         north, east = m.position_north - origin_north, m.position_east - origin_east
-        share = clip((north * way_north + east * way_east) * per_square, 0, 1)
+        share = (north * way_north + east * way_east) * per_square
+        nearest = clip(share, 0, 1)
         ahead = way_north * ca.cos(m.body_heading) + way_east * ca.sin(m.body_heading)
-        return north - share * way_north, east - share * way_east, ahead, per_square
+        goes_on = where(ahead < 0, share > 0, share < 1)
+        return north - nearest * way_north, east - nearest * way_east, ahead * ahead * per_square, goes_on
 
     def _turn_to(m, north: SX, east: SX, gain: SX, limit: SX) -> None:
         """Turn for a tick towards a direction, in proportion to the deviation from it; (0, 0) is none."""

@@ -232,6 +232,45 @@ def test_it_runs_straight_through_a_crossing_whatever_the_drift() -> None:
     assert abs(model["east"]) <= 1
 
 
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("half_width", [1.0, 3.0])
+def test_streets_end_to_end_are_run_as_one(half_width: float, turned: bool) -> None:
+    # given a street in two parts, the second written from either end, and the same in one
+    second = (200.0, 0.0, 30.0, 0.0, half_width) if turned else (30.0, 0.0, 200.0, 0.0, half_width)
+    parts = laid((0.0, 0.0, 30.0, 0.0, half_width), second)
+    whole = laid((0.0, 0.0, 200.0, 0.0, half_width))
+    models = [dog(drift=5 * DEG, start_heading=3 * DEG, **streets) for streets in (parts, whole)]
+    # when it runs along it and back
+    for turn, seconds in ((0.0, 12), (180 * DEG, 10)):
+        for model in models:
+            model["body_heading"] += turn
+        for _ in range(round(seconds / TS)):
+            for model in models:
+                tell(model, Command.FORWARD, TS)
+            # then the joint changes nothing, but for two ticks by the wall of the first one's round end
+            for name in ("north", "east", "heading", "speed"):
+                assert models[0][name] == pytest.approx(models[1][name], abs=0.05)
+        assert (models[0]["north"] > 50) == (turn == 0)
+    assert models[0]["north"] < 20
+
+
+@pytest.mark.parametrize("bend", [-40, -20, 20, 40])
+def test_a_bend_within_the_cone_is_taken_at_a_run(bend: float) -> None:
+    # given two streets whose directions differ where one ends and the other begins
+    end = (30 + 100 * math.cos(bend * DEG), 100 * math.sin(bend * DEG))
+    streets = ((0.0, 0.0, 30.0, 0.0, 1.0), (30.0, 0.0, *end, 1.0))
+    model = dog(start_heading=0, **laid(*streets))
+    tell(model, Command.FORWARD, 4)
+    slowest = model["speed"]
+    for _ in range(200):
+        tell(model, Command.FORWARD, TS)
+        slowest = min(slowest, model["speed"])
+        assert beyond(model["north"], model["east"], streets) < 1e-9
+    # then it loses no more than a wall takes of its speed
+    assert slowest > 0.99 * model["cruise_speed"] * math.cos(bend * DEG)
+    assert math.hypot(model["north"] - 30, model["east"]) > 20
+
+
 def test_recall_takes_it_home_straight_through_the_walls() -> None:
     # given a dog round a corner: 30 m north, then east
     model = dog(start_north=30, start_east=40, start_heading=90 * DEG, **laid(*CROSSED))
