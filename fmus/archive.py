@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import os
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -54,6 +55,17 @@ def is_sealed(path: Path) -> bool:
     except OSError:
         return False
     return content[-SEAL:] == _seal(content[:-SEAL])
+
+
+def seal_of(path: Path) -> bytes:
+    """The last bytes of a file, where one that `packed` made has its seal.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    with path.open("rb") as file:
+        file.seek(-min(SEAL, path.stat().st_size), os.SEEK_END)
+        return file.read()
 
 
 def check_sealed(path: Path) -> None:

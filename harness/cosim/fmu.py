@@ -11,11 +11,12 @@ import hashlib
 import json
 import math
 import os
+import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import chdir, suppress
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -31,7 +32,9 @@ from fmpy.model_description import ValidationError
 from codegen.cache import stored
 from codegen.scratch import Scratch
 from codegen.toolchains.library import why_not_loaded
+from fmus.archive import is_sealed, seal_of
 from harness.cosim.archive import parse_xml, plain, read_member, unpack
+from harness.cosim.origin import is_own
 from harness.cosim.recorder import Position
 from harness.interrupts import held_interrupts
 from models.errors import CanineError, ParameterError, nearest, printable
@@ -53,6 +56,7 @@ EARLY, NOTHING = 2, bytes(len(ASKS))
 NEARLY = 0.999999  # of a step: it was made
 MIN_STEP, MAX_STEP = 1e-6, 1e9  # s; shorter ones make more ticks than a user can wait for
 BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")  # of units, whose exponents they hold in this order
+MAX_KEPT = 2**20  # bytes of a description that is kept for the next trial
 MAX_VARIABLES = 200_000  # of which FMPy makes 700 MiB of objects in 8 s
 REFERENCES = 2**32  # value references are unsigned integers of 32 bits
 SET = ("input", "parameter", "structuralParameter")  # causalities of what users set
@@ -282,6 +286,23 @@ def describe(path: Path) -> FmuDescription:
     xml = read_member(path, "modelDescription.xml")
     if xml is None:
         raise FmuError(f"{path}: has no modelDescription.xml; is it an FMU?")
+    members = _Members(xml, read_member(path, "sources/buildDescription.xml") or b"", path)
+    described = _described_once if len(xml) <= MAX_KEPT else _described
+    return replace(described(members), path=path)
+
+
+@dataclass(frozen=True)
+class _Members:
+    """What an FMU is described by, and where one that has them is."""
+
+    xml: bytes
+    sources: bytes
+    path: Path = field(compare=False)
+
+
+def _described(members: _Members) -> FmuDescription:
+    """The description that an FMU's modelDescription.xml and, if any, sources/buildDescription.xml give."""
+    path, xml = members.path, members.xml
     root = parse_xml(xml, f"{path}: modelDescription.xml")
     version = root.get("fmiVersion", "unknown")
     if not version.startswith(("2.", "3.")):
@@ -293,7 +314,7 @@ def describe(path: Path) -> FmuDescription:
     step = _step(path, root)
     try:
         read = fmpy.read_model_description(path, validate=False)
-        warnings = _findings(path, xml)
+        warnings = _findings(members)
     except Exception as reason:  # fmpy raises plain Exception, and what lxml and its own slips raise
         raise FmuError(f"{path}: modelDescription.xml cannot be read: {_one_line(reason)}") from None
     quantities, refused = {}, {}
@@ -323,19 +344,21 @@ def describe(path: Path) -> FmuDescription:
     )
 
 
-def _findings(path: Path, description: bytes) -> tuple[str, ...]:
+_described_once = lru_cache(64)(_described)  # a trial asks for each several times, the next one again
+
+
+def _findings(members: _Members) -> tuple[str, ...]:
     """What fmpy's validation finds, a line each; kept in the cache: it loads the schemas of the standard."""
 
     def validate(file: Path) -> None:
         problems: Sequence[object] = ()
         try:
-            fmpy.read_model_description(path, validate_model_structure=True)
+            fmpy.read_model_description(members.path, validate_model_structure=True)
         except ValidationError as error:
             problems = error.problems
         file.write_text(json.dumps([_one_line(problem) for problem in problems]))
 
-    members = description, read_member(path, "sources/buildDescription.xml")
-    contents = [hashlib.sha256(content or b"").hexdigest() for content in members]
+    contents = [hashlib.sha256(content).hexdigest() for content in (members.xml, members.sources)]
     entry = stored("cosim/validation.json", (contents, fmpy.__version__), validate)
     return tuple(json.loads(entry.read_text()))
 
@@ -538,6 +561,28 @@ class Steps:
         return OK
 
 
+_unpacked: dict[bytes, Scratch] = {}  # by the seals of the FMUs
+_unpacking = threading.Lock()
+
+
+def _unpacked_once(path: Path) -> Path | None:
+    """The folder in which one of our own FMUs, which write nothing there, is until the process ends.
+
+    None for an FMU made elsewhere, and for what cannot be read.
+    """
+    with suppress(OSError), _unpacking:
+        if path.is_file():
+            there = _unpacked.get(seal := seal_of(path))
+            if there and there.path.is_dir() and is_sealed(path):
+                return there.path
+            if is_own(path):
+                there = Scratch()
+                unpack(path, there.path)
+                _unpacked[seal] = there
+                return there.path
+    return None
+
+
 class FmuInstance:
     """One instance of an FMU, named as in its system. To be closed, or used as a context manager.
 
@@ -563,13 +608,17 @@ class FmuInstance:
         self.name, self._mark, self._start = name, mark, start
         self._asks = (ctypes.c_char * len(ASKS))()
         self.label = label or f"{name} {path.name}"
-        self._scratch = Scratch()
+        self._scratch: Scratch | None = None  # a folder of its own
         self._slave: Any = None
         self._dead = False
         self._keep: list[Any] = []  # what C holds addresses of
         self._functions: dict[str, Callable[..., int]] = {}
         try:
-            unpack(path, self._scratch.path)
+            if (folder := _unpacked_once(path)) is None:
+                self._scratch = Scratch()
+                folder = self._scratch.path
+                unpack(path, folder)
+            self._folder = folder
             self.description = describe(path)
             with held_interrupts():  # what it logs calls Python back
                 self._instantiate()
@@ -588,7 +637,7 @@ class FmuInstance:
         _messages[self.name] = deque(maxlen=4)
         arguments = {
             "guid": description.fmpy.guid,
-            "unzipDirectory": str(self._scratch.path),
+            "unzipDirectory": str(self._folder),
             "modelIdentifier": description.fmpy.coSimulation.modelIdentifier,
             "instanceName": self.name,
         }
@@ -602,7 +651,7 @@ class FmuInstance:
                     self._slave = fmpy.fmi3.FMU3Slave(**arguments)
                     self._slave.instantiate(loggingOn=True, logMessage=self._log3)
         except Exception as reason:  # fmpy raises plain Exception
-            text = self._why_not_loaded() or _one_line(reason).replace(f"{self._scratch.path}{os.sep}", "")
+            text = self._why_not_loaded() or _one_line(reason).replace(f"{self._folder}{os.sep}", "")
             raise FmuError(f"{self.label}: cannot be instantiated: {text}{self._last_message()}") from None
         self._handle = ctypes.c_void_p(self._slave.component)
         self._quieten()
@@ -611,7 +660,7 @@ class FmuInstance:
     def _why_not_loaded(self) -> str:
         """What is wrong with the binary; empty if the system loads it."""
         platform = fmpy.platform if self.description.version == 2 else fmpy.platform_tuple
-        binaries = self._scratch.path / "binaries"
+        binaries = self._folder / "binaries"
         identifier = self.description.fmpy.coSimulation.modelIdentifier
         library = binaries / platform / f"{identifier}{fmpy.sharedLibraryExtension}"
         if not library.parent.is_dir():
@@ -783,4 +832,5 @@ class FmuInstance:
                 slave.freeInstance()
             self._mark("", "")
         _messages.pop(self.name, None)
-        self._scratch.close()
+        if self._scratch is not None:
+            self._scratch.close()

@@ -14,6 +14,8 @@ import pytest
 
 from codegen import cache
 from codegen.toolchains.compiler import build_library, find_platform, this_platform
+from fmus.build import build_fmu
+from fmus.folder import build_folder
 from harness.cosim.fmu import FmuError, FmuInstance, describe
 from harness.cosim.loop import Array, Simulation
 from harness.cosim.ssp import FmuComponent, FmuSystem, open_ssp
@@ -21,6 +23,7 @@ from harness.cosim.stepping import Event, Loop
 from harness.cosim.wiring import wire
 from models.errors import CanineError, ParameterError, WiringError
 from models.kit.declaration import Type
+from models.pedestrian import Pedestrian
 from tests.harness.cosim.tiny_fmu import V, description, tiny_fmu
 
 GAIN = [V("u", "input", unit="m"), V("k", "parameter", start="2"), V("y", unit="m"), V("n", type="Integer")]
@@ -87,7 +90,30 @@ def test_an_fmu_is_validated_once_until_its_description_changes(
     # then the warning is the same from the cache, and goes with the fault
     assert "oddity" in " ".join(first.warnings)
     assert (second.warnings, mended.warnings) == (first.warnings, ())
-    assert validated == [False, True, False, False, True]
+    assert validated == [False, True, False, True]
+
+
+def test_instances_of_our_own_fmus_share_a_folder_and_others_have_their_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given an FMU as it was built here, a copy of it, and a copy whose last byte was changed
+    ours = build_fmu(Pedestrian, build_folder() / "fmi2", 2)
+    shutil.copy(ours, copy := tmp_path / "copy.fmu")
+    (changed := tmp_path / "changed.fmu").write_bytes(ours.read_bytes()[:-1] + b"?")
+    monkeypatch.setattr(tempfile, "tempdir", str(folders := tmp_path / "folders"))
+    folders.mkdir()
+    monkeypatch.setattr("harness.cosim.fmu._unpacked", {})
+    # when they run, one beside the other
+    with FmuInstance("a", ours), FmuInstance("b", ours), FmuInstance("c", copy):
+        (shared,) = folders.iterdir()
+        with FmuInstance("d", changed):
+            assert len(list(folders.iterdir())) == 2
+    # then that of the changed one alone has gone, and the shared one is made anew where it is lost
+    assert list(folders.iterdir()) == [shared]
+    shutil.rmtree(shared)
+    with FmuInstance("a", ours) as again:
+        again.initialize({})
+        assert len(list(folders.iterdir())) == 1
 
 
 def test_a_plant_is_known_by_its_model_structure(tmp_path: Path) -> None:

@@ -98,9 +98,9 @@ def test_an_fmu_opened_and_closed_again_and_again_keeps_nothing(
         with FmuInstance("plant", path) as instance:
             instance.initialize({})
 
-    # then neither a description (some 100 kB) nor a library stays, nor a folder
+    # then neither a description (some 100 kB) nor a library stays, and one folder at most, for all of them
     assert_that_nothing_is_kept(live, 30, 500_000)
-    assert list(tmp_path.iterdir()) == []
+    assert len(list(tmp_path.iterdir())) <= 1
 
 
 def test_workers_that_end_well_or_ill_leave_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
