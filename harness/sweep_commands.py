@@ -252,7 +252,7 @@ def run_days(
     """
     from harness.day import missions as day_of_missions
     from harness.day import report
-    from harness.front_door.series import log_days
+    from harness.front_door.series import write_days
 
     asked = day_of_missions.Asked(
         scenario, listed(controllers), numbers("--rest", rest, "s"), missions, days, system, estimator,
@@ -262,10 +262,9 @@ def run_days(
     with progress_bar("trials", planned.total, quiet=as_json) as progress:
         result = day_of_missions.run(planned, progress)
     place = folder or report.default_folder(result)
-    report.write(result, place, print_note)
-    logged = min(logs, days)
-    with progress_bar("logs", logged * len(result.curves) * missions, quiet=as_json) as progress:
-        log_days(result, logged, place, print_note, progress)
+    logged = min(logs, days) * len(result.curves) * missions
+    with progress_bar("logs", logged, quiet=as_json or not logged) as progress:
+        write_days(result, logs, place, print_note, progress)
     if as_json:
         typer.echo(json_of(report.facts(result)))
     else:

@@ -14,7 +14,7 @@ from rich.markup import escape
 from harness.day.missions import Result
 from harness.day.picture import day_figure
 from harness.drawing import house_style, png_of
-from harness.files import make_folder, replaced, write_whole
+from harness.files import make_folder, replaced, write_set
 from harness.report.charts import charts_page
 from harness.terminal import new_table, percent, print_table
 
@@ -40,7 +40,7 @@ def facts(result: Result) -> dict[str, Any]:
 
 @house_style()
 def write(result: Result, folder: Path, note: Callable[[str], None] = lambda text: None) -> None:
-    """Write the files; all are made before the first is written.
+    """Write the files, which are never beside some of other days.
 
     Args:
         note: called with a line for the user if they replace those of other days.
@@ -56,10 +56,7 @@ def write(result: Result, folder: Path, note: Callable[[str], None] = lambda tex
     make_folder(folder)
     if others := replaced(folder / REPORT, result.planned.identity):
         note(f"{folder}: has the results of another day, which these replace ({others})")
-    for name, content in (
-        (CSV, _csv(result)), (PICTURE, png_of(figure)), (PAGE, page), (REPORT, text.encode())
-    ):  # fmt: skip
-        write_whole(folder / name, content)
+    write_set(folder, {CSV: _csv(result), PICTURE: png_of(figure), PAGE: page, REPORT: text.encode()})
 
 
 def about(result: Result) -> str:

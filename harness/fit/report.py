@@ -14,7 +14,7 @@ from rich.markup import escape
 from scipy import stats
 
 from harness.drawing import BELOW, ESTIMATES, GRID, TRUTH, house_style, new_figure, png_of
-from harness.files import make_folder, replaced, write_whole
+from harness.files import make_folder, replaced, write_set
 from harness.fit.estimate import reasons, rounded, settled
 from harness.log.channel import Array
 from harness.report.charts import charts_page
@@ -69,16 +69,16 @@ def report(result: Mapping[str, Any], out: Path, note: Callable[[str], None] = l
     others = replaced(out / "fit.json", {key: result[key] for key in IDENTITY if key in result})
     if others:
         note(f"{out}: has another fit, which this replaces ({others})")
-    write_whole(out / "fit.json", (json.dumps(result, indent=2, ensure_ascii=False) + "\n").encode())
-    write_whole(out / "fit.toml", fragment(result).encode())
     pictures = {"fit": figure(result)} | ({"fit-day": day_figure(result["day"])} if "day" in result else {})
-    for name, picture in pictures.items():
-        write_whole(out / f"{name}.png", png_of(picture))
-    if "day" not in result:
-        (out / "fit-day.png").unlink(missing_ok=True)  # of an earlier fit
     title = f"The animal of {_trials(result)}"
     page = charts_page(title, ABOUT, pictures, lambda console: show(result, console))
-    write_whole(out / "fit.html", page)
+    files = {
+        "fit.json": (json.dumps(result, indent=2, ensure_ascii=False) + "\n").encode(),
+        "fit.toml": fragment(result).encode(),
+        "fit.html": page,
+    }
+    drawn = {f"{name}.png": png_of(picture) for name, picture in pictures.items()}
+    write_set(out, {"fit-day.png": None} | files | drawn)
 
 
 def show(result: Mapping[str, Any], console: Console) -> None:

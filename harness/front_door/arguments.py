@@ -5,20 +5,62 @@ Raises: each function a UsageError that names the argument, what it is, and what
 
 from __future__ import annotations
 
+import inspect
+import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import wraps
 from numbers import Integral, Real
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 
 from harness.cosim.stepping import CALL_LIMIT_S, GIB, MEMORY_LIMIT_GIB, Limits
 from harness.trial.scenario import Scenario, Written, toml_of
-from models.errors import UsageError
+from models.errors import CanineError, UsageError
 
 if TYPE_CHECKING:
     from harness.sweep.tls import Certificates
 
 Progress = Callable[[float], None]
 StrPath = str | Path
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
+
+OPTION = re.compile(r"(?<![\w-])--([a-z][a-z-]*)(?![\w/])")
+RENAMED = {  # options whose arguments have names of their own
+    "set": "parameters", "from": "begin", "to": "end", "clearance": "clearances", "spacing": "spacings",
+}  # fmt: skip
+
+
+def named_from_python(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """The function, in whose errors and notes its arguments stand for the options of its command.
+
+    `--vary x: expected a:b:step` becomes `vary x: expected a:b:step`. Commands in backticks stay as they are,
+    and so do options that the function does not have.
+    """
+    own = inspect.signature(function).parameters
+
+    def argument(option: re.Match[str]) -> str:
+        name = RENAMED.get(option[1], option[1].replace("-", "_"))
+        return name if name in own else option[0]
+
+    def renamed(text: str) -> str:
+        parts = text.split("`")
+        parts[::2] = [OPTION.sub(argument, part) for part in parts[::2]]
+        return "`".join(parts)
+
+    @wraps(function)
+    def called(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
+        try:
+            result: Any = function(*args, **kwargs)
+        except CanineError as error:
+            error.args = tuple(renamed(each) if isinstance(each, str) else each for each in error.args)
+            raise
+        if "notes" in getattr(result, "__dataclass_fields__", {}):
+            result = replace(result, notes=tuple(map(renamed, result.notes)))
+        return cast(Result, result)
+
+    return called
 
 
 def target_of(scenario: StrPath | Scenario) -> str | Scenario:
@@ -83,23 +125,19 @@ def limits_of(call: float, memory: float) -> Limits:
     return Limits(call=call, memory=int(memory * GIB))
 
 
-def certificates_of(*paths: StrPath | None) -> Certificates:
-    """The authority's certificate, this machine's, and its key."""
-    from harness.sweep.tls import Certificates  # noqa: PLC0415 - trials need not wait
+def certificates_of(address: str | None, *paths: StrPath | None) -> Certificates:
+    """The authority's certificate, this machine's, and its key, for the address of a cluster."""
+    from harness.sweep.tls import Certificates, check_use  # noqa: PLC0415 - trials need not wait
 
-    return Certificates(*(None if path is None else Path(path) for path in paths))
-
-
-def check_number(name: str, value: object) -> None:
-    """Refuse all but numbers."""
-    if not isinstance(value, Real):
-        raise UsageError(f"{name} is {value!r}; expected a number")
+    certificates = Certificates(*(None if path is None else Path(path) for path in paths))
+    check_use(address, certificates)
+    return certificates
 
 
-def number_of(name: str, value: float, unit: str) -> float:
+def number_of(name: str, value: float, unit: str = "") -> float:
     """A number."""
     if not isinstance(value, Real):
-        raise UsageError(f"{name} has {value!r}; expected a number, in {unit}")
+        raise UsageError(f"{name} is {value!r}; expected a number" + (f", in {unit}" if unit else ""))
     return float(value)
 
 
@@ -109,7 +147,7 @@ def numbers_of(name: str, values: float | Sequence[float], unit: str) -> list[fl
         return [float(values)]
     if isinstance(values, str) or not isinstance(values, Sequence):
         raise UsageError(f"{name} is {values!r}; expected a number or a list of them, in {unit}")
-    return [number_of(name, value, unit) for value in values]
+    return [number_of(f"{name}[{place}]", value, unit) for place, value in enumerate(values, start=1)]
 
 
 def names_of(name: str, values: Sequence[StrPath], example: str) -> list[str]:

@@ -14,6 +14,7 @@ from harness.front_door.arguments import (
     check_choice,
     check_range,
     name_of,
+    named_from_python,
     names_of,
     numbers_of,
     settings_of,
@@ -201,6 +202,7 @@ def open_log(path: StrPath) -> Log:
     return read_log(Path(path))
 
 
+@named_from_python
 def compare_logs(
     a: StrPath,
     b: StrPath,
@@ -233,6 +235,7 @@ def compare_logs(
     return compare(*logs, Tolerances(tolerance, tolerances or {}), values_only=values_only)
 
 
+@named_from_python
 def recover_log(path: StrPath, out: StrPath | None = None) -> Recovery:
     """Make a log whole that was cut, in a new file; one that is whole is not written anew.
 
@@ -259,6 +262,7 @@ def recover_log(path: StrPath, out: StrPath | None = None) -> Recovery:
     return recover(log_of(Path(path)), None if out is None else Path(out))
 
 
+@named_from_python
 def run_replay(
     recording: StrPath,
     *,
@@ -312,6 +316,7 @@ def run_replay(
     return ReplayResult(folder, replay.report(source, comparison, chosen, replayed, folder))
 
 
+@named_from_python
 def run_fit(
     logs: StrPath | Sequence[StrPath],
     *,
@@ -369,6 +374,7 @@ def run_fit(
     return FitResult(folder, result, (*notes, *result["notes"]))
 
 
+@named_from_python
 def run_tune(
     recording: StrPath,
     *,

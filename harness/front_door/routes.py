@@ -13,7 +13,7 @@ from harness.front_door.arguments import (
     check_choice,
     check_count,
     check_list,
-    check_number,
+    named_from_python,
     number_of,
     numbers_of,
     settings_of,
@@ -89,6 +89,7 @@ class PlanResult:
         return self.folder / "mission.geojson"
 
 
+@named_from_python
 def run_plan(
     target: StrPath,
     begin: Point,
@@ -156,7 +157,7 @@ def run_plan(
     for name, count in (("ways", ways), ("trials", trials)):
         check_count(name, count)
     for name, number in (("longest", longest), ("prefer_turns", prefer_turns)):
-        check_number(name, number)
+        number_of(name, number)
     check_list("spacings", spacings, "in m, [None, 20.0]")
     check_choice("system", system, ("cts", "full"))
     check_choice("reading", reading, tuple(READINGS))
@@ -173,7 +174,10 @@ def run_plan(
             ways=ways,
             longest=longest,
             preference=prefer_turns,
-            spacings=[None if each is None else number_of("spacings", each, "m") for each in spacings],
+            spacings=[
+                None if each is None else number_of(f"spacings[{place}]", each, "m")
+                for place, each in enumerate(spacings, start=1)
+            ],
             scenario=None if scenario is None else target_of(scenario),
             system=system,
             reading=reading,

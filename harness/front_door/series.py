@@ -20,6 +20,7 @@ from harness.front_door.arguments import (
     check_list,
     check_type,
     limits_of,
+    named_from_python,
     names_of,
     numbers_of,
     settings_of,
@@ -162,6 +163,7 @@ class DayResult:
         return self.folder / "day.json"
 
 
+@named_from_python
 def run_sweep(
     target: StrPath | Scenario = "two",
     *,
@@ -231,6 +233,7 @@ def run_sweep(
     check_count("trials", trials)
     check_choice("reading", reading, tuple(READINGS))
     limits = limits_of(call_limit, memory_limit)
+    certificates = certificates_of(dask, dask_ca, dask_cert, dask_key)
     notes: list[str] = []
     planned = sweep.plan_sweep(
         target_of(target),
@@ -253,7 +256,7 @@ def run_sweep(
         planned,
         folder,
         dask,
-        certificates=certificates_of(dask_ca, dask_cert, dask_key),
+        certificates=certificates,
         progress=progress,
         note=notes.append,
     )
@@ -266,6 +269,7 @@ def run_sweep(
     return SweepResult(folder, rows, recommendation, tuple(notes), tuple(failures))
 
 
+@named_from_python
 def run_matrix(
     controllers: Sequence[StrPath] | None = None,
     plants: Sequence[StrPath] | None = None,
@@ -324,6 +328,7 @@ def run_matrix(
     check_count("trials", trials)
     check_choice("reading", reading, tuple(READINGS))
     limits = limits_of(call_limit, memory_limit)
+    certificates = certificates_of(dask, dask_ca, dask_cert, dask_key)
     notes: list[str] = []
     planned = matrix.plan_matrix(
         None if controllers is None else names_of("controllers", controllers, '["cmec", "mine.fmu"]'),
@@ -344,13 +349,14 @@ def run_matrix(
         planned,
         folder,
         dask,
-        certificates=certificates_of(dask_ca, dask_cert, dask_key),
+        certificates=certificates,
         progress=progress,
         note=notes.append,
     )
     return MatrixResult(folder, result.facts(), tuple(notes), tuple(result.fmu_failures()))
 
 
+@named_from_python
 def run_day(
     scenario: StrPath | Scenario = DEFAULT,
     *,
@@ -423,41 +429,43 @@ def run_day(
     )
     result = day_of_missions.run(planned, progress)
     folder = report.default_folder(result) if out is None else Path(out)
-    report.write(result, folder, notes.append)
-    log_days(result, min(logs, days), folder, notes.append)
+    write_days(result, logs, folder, notes.append)
     return DayResult(folder, report.facts(result), (*notes, *planned.notes))
 
 
-def log_days(
+def write_days(
     result: DaysResult,
-    days: int,
+    logs: int,
     folder: Path,
     note: Callable[[str], None],
     progress: Progress | None = None,
 ) -> None:
-    """Run the missions of the first days alone: `<controller>-rest<s>/day-<i>/mission-<k>` below `folder`.
+    """Write the files of days, and run the missions of the first ones alone.
 
-    Logs that an earlier run left in these folders are removed: a fit would take them for missions of it.
+    These are in `<controller>-rest<s>/day-<i>/mission-<k>` below `folder`. Logs that an earlier run left there
+    are removed first: a fit would take them for missions of this one.
 
     Args:
-        note: called with a line for the user if there are any.
-        progress: called with the number of missions done.
+        logs: number of days whose missions are run alone.
+        note: called with a line for the user if something is replaced.
+        progress: called with the number of missions that were run alone.
     """
+    from harness.day import report  # noqa: PLC0415 - pictures: trials need not wait
     from harness.day.missions import PLANT  # noqa: PLC0415
 
-    if days <= 0:
-        return
     logs_before = [
         log
         for curve in result.curves
         for log in (folder / f"{curve.controller}-rest{curve.rest:g}").glob("day-*/mission-*/trial.mcap")
+        if logs
     ]
     for log in logs_before:
         remove_folder(log.parent)
     if logs_before:
         note(f"{folder}: had {len(logs_before)} logged missions of an earlier run, which these replace")
+    report.write(result, folder, note)
     done = 0
-    for curve, day in product(result.curves, range(days)):
+    for curve, day in product(result.curves, range(min(logs, result.planned.asked.days))):
         for number, mission in enumerate(result.missions_of(curve, day), start=1):
             below = f"{curve.controller}-rest{curve.rest:g}/day-{day + 1}/mission-{number}"
             run_trial(mission, plant=PLANT, controller=curve.controller, out=folder / below)

@@ -8,7 +8,7 @@ from numbers import Integral
 from pathlib import Path
 from typing import Any
 
-from harness.front_door.arguments import StrPath, check_type
+from harness.front_door.arguments import StrPath, check_type, named_from_python
 
 
 @dataclass(frozen=True)
@@ -26,6 +26,7 @@ class StudyResult:
     notes: tuple[str, ...] = ()
 
 
+@named_from_python
 def run_study(
     name: str,
     *,

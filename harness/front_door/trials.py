@@ -16,6 +16,7 @@ from harness.front_door.arguments import (
     check_choice,
     check_range,
     limits_of,
+    named_from_python,
     settings_of,
     target_of,
     text_of,
@@ -130,6 +131,7 @@ class FaultsResult:
         return self.folder / "faults.json"
 
 
+@named_from_python
 def run_trial(
     scenario: StrPath | Scenario = DEFAULT,
     *,
@@ -211,6 +213,7 @@ def run_trial(
             return TrialResult(folder, summary, (*summary["notes"], *([others] if others else [])))
 
 
+@named_from_python
 def run_faults(
     scenario: StrPath | Scenario,
     *,

@@ -22,7 +22,7 @@ from urllib.parse import quote
 import numpy as np
 import numpy.typing as npt
 
-from harness.files import make_folder, write_whole
+from harness.files import make_folder, write_set
 from harness.log.channel import Channel
 from harness.log.log import Log
 from models.errors import UsageError, nearest
@@ -57,8 +57,7 @@ def export(log: Log, to: str, out: Path) -> list[Path]:
     units = {channel.component: _signals(channel) for channel in log.channels}
     contents[UNITS] = (json.dumps(units, indent=2, ensure_ascii=False) + "\n").encode()
     make_folder(out)
-    for name, content in contents.items():
-        write_whole(out / name, content)
+    write_set(out, contents)
     return [out / name for name in contents]
 
 

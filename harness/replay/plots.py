@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +11,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from harness.drawing import BELOW, ESTIMATES, GPS, GRID, TRUTH, drawable, house_style, new_figure, png_of
-from harness.files import write_whole
 from harness.log.channel import Array
 from harness.recording.holes import holes_of_fixes
 
@@ -32,7 +30,6 @@ class Track(NamedTuple):
 
 @house_style()
 def replay_picture(
-    path: Path,
     gps: Track,
     estimates: Mapping[str, Sequence[Track]],
     errors: Mapping[str, Mapping[str, float | None]],
@@ -40,24 +37,18 @@ def replay_picture(
     on_map: Sequence[int],
     title: str = "",
     not_used: str = "",
-) -> None:
-    """Write the picture of a replay.
+) -> bytes:
+    """The picture of a replay as a PNG.
 
     Args:
-        path: the PNG.
         gps: all fixes, the withheld ones too.
         estimates: each configuration's, by name, in each outage.
         errors: of each configuration, the `mean`, `median` and `p90` of the position's error [m].
         on_map: the outages to draw on the maps; those that overlap would hide each other there.
         title: above the picture.
         not_used: below the title, what was left out or dropped, in a line each.
-
-    Raises:
-        FileError: the file cannot be written.
     """
-    write_whole(
-        path, png_of(replay_figure(gps, estimates, errors, on_map=on_map, title=title, not_used=not_used))
-    )
+    return png_of(replay_figure(gps, estimates, errors, on_map=on_map, title=title, not_used=not_used))
 
 
 def replay_figure(

@@ -20,7 +20,7 @@ from rich.markup import escape
 from scipy import stats
 
 from harness.cosim.worker.process import WorkerProcess
-from harness.files import make_folder, write_whole
+from harness.files import make_folder, write_set
 from harness.recording.attitude import Array
 from harness.recording.recording import RecordingError
 from harness.recording.signals import MOVING_M_S
@@ -277,11 +277,9 @@ def report(
         ],
     }
     text = json.dumps(result, indent=2, ensure_ascii=False, allow_nan=False)
-    write_whole(out / "outages.json", (text + "\n").encode())
     fixes = signals.reference_fix
     title = f"{source.name}: {', '.join(estimators)} through outages of {chosen.length:g} s"
-    replay_picture(
-        out / "replay.png",
+    picture = replay_picture(
         Track(signals.t[fixes], signals.reference_north[fixes], signals.reference_east[fixes]),
         {names[name]: [Track(o.time, *o.estimates[name][:2]) for o in outages] for name in judged},
         {names[name]: values[COLUMNS[0]] for name, values in result["configurations"].items()},
@@ -306,7 +304,7 @@ def report(
         signals, replayed, names, lambda console: show(result, console),
         title=title, sentence=sentence, notes=result["notes"],
     )  # fmt: skip
-    write_whole(out / PAGE, page)
+    write_set(out, {"outages.json": (text + "\n").encode(), "replay.png": picture, PAGE: page})
     return result
 
 

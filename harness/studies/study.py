@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from harness.drawing import png_of
-from harness.files import make_folder, replaced, write_whole
+from harness.files import make_folder, replaced, write_set
 from harness.report.charts import charts_page
 from harness.studies import STUDIES
 from models.errors import UsageError, nearest
@@ -117,10 +117,8 @@ def report(name: str, result: Result, folder: Path, note: Callable[[str], None] 
     if others := replaced(folder / f"{name}.json", {"options": result["options"]}):
         note(f"{folder}: has the results of other options, which these replace ({others})")
     text = json.dumps(result, indent=1, ensure_ascii=False, allow_nan=False)
-    write_whole(folder / f"{name}.json", (text + "\n").encode())
     study = find_study(name)
     figures = study.draw(result)
-    for title, figure in figures.items():
-        write_whole(folder / f"{title}.png", png_of(figure))
+    drawn = {f"{title}.png": png_of(figure) for title, figure in figures.items()}
     page = charts_page(f"Study: {name}", STUDIES[name], figures, lambda console: study.show(result, console))
-    write_whole(folder / PAGE, page)
+    write_set(folder, {f"{name}.json": (text + "\n").encode(), PAGE: page} | drawn)

@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from harness.cosim.stepping import Limits
-from harness.files import write_whole
+from harness.files import write_set
 from harness.sweep.axis import SweepError
 from harness.sweep.cells import Cells
 from harness.sweep.chunks import ANOMALIES, FmuFailure, Job, Outcomes, Progress, program
@@ -363,10 +363,7 @@ def run(
         text = json.dumps(result.facts(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
         picture = matrix_png(result)
         page = matrix_page(result, outcomes, comparison_texts(result))
-        for name, content in (
-            (CSV, result.csv()), (PICTURE, picture), (PAGE, page), (REPORT, text.encode())
-        ):  # fmt: skip
-            write_whole(folder / name, content)
+        write_set(folder, {CSV: result.csv(), PICTURE: picture, PAGE: page, REPORT: text.encode()})
         return result
 
     return run_trials(

@@ -21,7 +21,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from harness.cosim.stepping import Limits
-from harness.files import write_whole
+from harness.files import write_set
 from harness.sweep.axis import THRESHOLD, Axis, SweepError, axis_of, span_of, split_option, variables_at
 from harness.sweep.cells import Cells
 from harness.sweep.chunks import Job, Outcomes, Progress, program
@@ -317,7 +317,7 @@ def run(
 
 
 def report(sweep: Sweep, outcomes: Outcomes, folder: Path) -> tuple[list[Point], dict[str, Any]]:
-    """Write the table, picture, page and recommendation; all are made before the first is written.
+    """Write the table, picture, page and recommendation, which are never beside some of another sweep.
 
     Raises:
         FileError: they cannot be written.
@@ -333,10 +333,7 @@ def report(sweep: Sweep, outcomes: Outcomes, folder: Path) -> tuple[list[Point],
     labels = [tuple(map(plain, point)) for point in sweep.points]
     rows = csv_of([axis.column for axis in sweep.axes], labels, table, has_fmus=sweep.work.has_fmus)
     page = sweep_page(sweep, table, outcomes, _advice(table, result))
-    for name, content in (
-        (CSV, rows), (PICTURE, picture), (PAGE, page), (RECOMMENDATION, recommendation)
-    ):  # fmt: skip
-        write_whole(folder / name, content)
+    write_set(folder, {CSV: rows, PICTURE: picture, PAGE: page, RECOMMENDATION: recommendation})
     return table, result
 
 

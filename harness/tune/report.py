@@ -29,7 +29,7 @@ from harness.drawing import (
     png_of,
     set_title,
 )
-from harness.files import make_folder, replaced, write_whole
+from harness.files import make_folder, replaced, write_set
 from harness.fit.estimate import rounded
 from harness.replay.comparison import HELD
 from harness.replay.outage import COLUMNS
@@ -101,13 +101,18 @@ def report(result: Mapping[str, Any], out: Path, note: Callable[[str], None] = l
     if others := replaced(out / "tune.json", {key: result[key] for key in IDENTITY}):
         note(f"{out}: has another tuning, which this replaces ({others})")
     text = json.dumps(result, indent=1, ensure_ascii=False, allow_nan=False)
-    write_whole(out / "tune.json", (text + "\n").encode())
-    write_whole(out / "tune.toml", fragment(result).encode())
     picture = figure(result)
-    write_whole(out / "tune.png", png_of(picture))
     title = f"{result['recording']}: the noise of {result['estimator']}"
     page = charts_page(title, ABOUT, {"tune": picture}, lambda console: show(result, console))
-    write_whole(out / "tune.html", page)
+    write_set(
+        out,
+        {
+            "tune.json": (text + "\n").encode(),
+            "tune.toml": fragment(result).encode(),
+            "tune.png": png_of(picture),
+            "tune.html": page,
+        },
+    )
 
 
 def show(result: Mapping[str, Any], console: Console) -> None:

@@ -14,6 +14,7 @@ import pytest
 import harness
 from fmus.folder import build_folder
 from harness import front_door
+from harness.front_door.arguments import named_from_python
 from harness.log.log import read_log
 from harness.trial import ReadingName
 from harness.trial.scenario import ScenarioError
@@ -207,9 +208,29 @@ def test_a_trial_that_does_not_exist_or_does_not_fit_is_refused(tmp_path: Path) 
         ("run_sweep", {"thresholds": [20, 30]}, "thresholds is [20, 30]; expected a text"),
         ("run_sweep", {"vary": "x"}, "vary is 'x'; expected a mapping"),
         ("run_sweep", {"seed": 2**40}, "seed is 1099511627776; expected a whole number from 0 to 2147483647"),
+        ("run_sweep", {"vary": {"cmec.capture_radius": "x"}}, 'vary cmec.capture_radius=x: "x" is not a'),
+        ("run_sweep", {"vary": {"cmec.seed": ""}}, "vary cmec.seed=: expected block.name=a:b:step, as in"),
+        ("run_sweep", {"thresholds": "9:8:7:6"}, "thresholds 9:8:7:6: expected a:b:step, as in 15:90:5"),
+        ("run_sweep", {"trials": 2**33}, "trials 8589934592: the last would have seed 8589934592, expected"),
+        ("run_sweep", {"ahrs": True}, "ahrs: the system cts has no sensors; sweep with system full"),
+        ("run_sweep", {"estimator": "six_state"}, "estimator six_state: the system cts gives the"),
+        ("run_sweep", {"dask_ca": "a.pem"}, "dask_ca a.pem: needs the cluster's address, dask tls://host:"),
+        ("run_matrix", {"dask": "tcp://h:1", "dask_key": "k"}, "dask_key k: tcp://h:1 is not encrypted"),
+        (
+            "run_sweep",
+            {"thresholds": "30", "parameters": {"cmec.moving_deviation": 3}},
+            "parameters cmec.moving_deviation=3: the parameter is varied; leave out one of the two",
+        ),
+        (
+            "run_trial",
+            {"parameters": {"cmec.max_turns": 3, "controller.max_turns": 4}},
+            "parameters controller.max_turns=4: parameters cmec.max_turns=3 is the same parameter; set it",
+        ),
+        ("run_trial", {"onboard": "pil:host", "loop": "native"}, "onboard pil:host: the processor is called"),
+        ("run_study", {"name": "pitch", "seeds": 1}, "seeds 1: expected 2 or more, since a spread is stated"),
         ("run_day", {"missions": 1.5}, "missions is 1.5; expected a whole number"),
         ("run_day", {"rest": "60"}, "rest is '60'; expected a number or a list of them, in s"),
-        ("run_day", {"rest": [60, "x"]}, "rest has 'x'; expected a number, in s"),
+        ("run_day", {"rest": [60, "x"]}, "rest[2] is 'x'; expected a number, in s"),
         ("run_day", {"controllers": "cmec"}, "controllers is 'cmec'; expected a list, [\"cmec\","),
         ("run_day", {"controllers": ["cmic"]}, 'there is no controller "cmic"; expected the path'),
         ("run_day", {"days": 0}, "days is 0; expected a whole number from 1 on"),
@@ -230,14 +251,14 @@ def test_a_trial_that_does_not_exist_or_does_not_fit_is_refused(tmp_path: Path) 
         ("run_plan", PLAN | {"spacings": 20}, "spacings is 20; expected a list, in m"),
         ("run_plan", PLAN | {"spacings": None}, "spacings is None; expected a list, in m"),
         ("run_plan", PLAN | {"spacings": [float("nan")]}, "spacing nan: expected more than d', 7 m, or none"),
-        ("run_plan", PLAN | {"spacings": ["x"]}, "spacings has 'x'; expected a number, in m"),
+        ("run_plan", PLAN | {"spacings": ["x"]}, "spacings[1] is 'x'; expected a number, in m"),
         ("run_plan", PLAN | {"longest": None}, "longest is None; expected a number"),
         ("run_plan", PLAN | {"longest": float("nan")}, "longest is nan; expected 1 to 10"),
         ("run_plan", PLAN | {"ways": None}, "ways is None; expected a whole number from 1 on"),
         ("run_plan", PLAN | {"origin": 5}, "origin is 5; expected latitude and longitude in deg"),
         ("run_plan", PLAN | {"begin": 3}, 'begin is 3; expected a name, "home", or a pair of numbers'),
         ("run_plan", PLAN | {"end": "gaol"}, 'end "gaol": expected latitude,longitude in deg, or a mark of'),
-        ("run_plan", PLAN | {"clearances": [None]}, "clearances has None; expected a number, in m"),
+        ("run_plan", PLAN | {"clearances": [None]}, "clearances[1] is None; expected a number, in m"),
         ("run_plan", PLAN | {"trials": "5"}, "trials is '5'; expected a whole number"),
         ("run_plan", PLAN | {"longest": "2"}, "longest is '2'; expected a number"),
         ("run_plan", PLAN | {"reading": "calibrated"}, "five_buildings: the reading calibrated counts turns"),
@@ -271,6 +292,33 @@ def test_wrong_arguments_of_the_front_door_are_named(
         getattr(harness, function)(**keywords, out=tmp_path / "out")
     assert str(caught.value).startswith(error)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_command_in_an_error_from_python_keeps_its_options(tmp_path: Path) -> None:
+    # given an FMU in the place of a scenario, whose error names the command for it
+    dog = tmp_path / "dog.fmu"
+    dog.write_bytes(b"")
+    with pytest.raises(UsageError) as caught:
+        harness.run_trial(dog, out=tmp_path / "out")
+    assert f"`canine run --plant {dog}` puts it into a trial" in str(caught.value)
+
+
+def test_errors_and_notes_from_python_name_what_the_function_has() -> None:
+    # given a function with a note and an error that name options, two of which are arguments of its own
+    text = "--call-limit 3: leave --out out, or a--call-limit, `canine run --out x`, --seeds"
+
+    @named_from_python
+    def call(call_limit: float, out: str = "", *, fails: bool = False) -> harness.FitResult:
+        if fails:
+            raise CanineError(text)
+        return harness.FitResult(Path(out), {}, (text,))
+
+    # then these alone are named as arguments
+    expected = "call_limit 3: leave out out, or a--call-limit, `canine run --out x`, --seeds"
+    assert call(3).notes == (expected,)
+    with pytest.raises(CanineError) as caught:
+        call(3, fails=True)
+    assert caught.value.args == (expected,)
 
 
 def test_a_day_with_a_wrong_number_of_logs_removes_none(tmp_path: Path) -> None:

@@ -89,6 +89,26 @@ def test_logs_of_a_longer_day_do_not_stay_among_those_of_a_shorter_one(
     assert "had 4 logged missions of an earlier run, which these replace" in errors
 
 
+def test_logs_of_an_earlier_day_go_before_the_results_of_another_one_come(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given a logged day
+    options = ("day", "left_90", "--days", 2, "--missions", 1, "--logs", 1, "--out", tmp_path)
+    assert canine(capsys, *options)[0] == 0
+    before = (tmp_path / "day.json").read_bytes()
+
+    # when another one ends as it is about to write its results
+    def end(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("harness.day.report.write_set", end)
+    with pytest.raises(KeyboardInterrupt):
+        canine(capsys, *options, "--seed", 5)
+    # then the results are the first one's, and no logs are beside them that could be taken for the other's
+    assert (tmp_path / "day.json").read_bytes() == before
+    assert not list(tmp_path.rglob("*.mcap"))
+
+
 def test_a_fit_of_trials_in_no_order_has_no_day(
     logged: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

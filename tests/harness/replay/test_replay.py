@@ -398,7 +398,7 @@ def test_rows_that_set_has_changed_are_marked_and_the_title_has_the_estimators_t
         "speed held", "mean speed", "six_state", "two_bias *", "two_bias, floor, cap *"
     ]  # fmt: skip
     assert "* with --set two_bias.gate=9" in lines
-    (_, _, estimates, errors), words = drawn
+    (_, estimates, errors), words = drawn
     assert list(estimates) == list(errors)
     assert list(estimates)[3:] == ["two_bias *", "two_bias, floor, cap *"]
     assert words["title"] == "trial: six_state, two_bias through outages of 5 s"
