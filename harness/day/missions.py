@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from codegen.batch.batch import Batch
+from harness.fit.stated import FITTED, stated_and_assumed
 from harness.sweep.axis import SweepError
 from harness.sweep.chunks import TICK_S, Job, cores
 from harness.sweep.components import find_components
@@ -36,9 +37,9 @@ STARTS = ("plant.start_fatigue", "plant.start_habituation")
 OBSERVED = ("controller.mode", "plant.fatigue", "plant.habituation", "plant.north", "plant.east")
 PIECE = 256  # days of a piece: a thread carries them through all missions
 MOST_MISSIONS = 1000
-ASSUMED = (
-    "fatigue and habituation are assumed: nobody measured how they grow, fade and act",
-    "the dog of Table 5.1 is taken for the rested one, though its means are of dogs that were tired by then",
+ASSUMED = "fatigue and habituation are assumed: nobody measured how they grow, fade and act"
+RESTED = (
+    "the dog of Table 5.1 is taken for the rested one, though its means are of dogs that were tired by then"
 )
 
 Reals = npt.NDArray[np.float64]
@@ -153,7 +154,13 @@ class Days:
             for name, bound in BOUNDS.items()
             if self.animal[name] > bound.most
         ]
-        return [*ASSUMED, *beyond]
+        return [self._of(ASSUMED, list(self.animal)), self._of(RESTED, FITTED), *beyond]
+
+    def _of(self, note: str, names: Sequence[str]) -> str:
+        """A note on what is assumed of parameters, with those that the scenario states, and the others."""
+        stated, assumed = stated_and_assumed(self.scenario.parameters, {PLANT}, names)
+        rest = ", ".join(assumed) or "the laws alone"
+        return f"{note}; stated: {', '.join(stated)}; still assumed: {rest}" if stated else note
 
     @property
     def identity(self) -> dict[str, Any]:

@@ -27,7 +27,8 @@ from scipy import stats
 
 from harness.fit.tracks import TURNS, Track, Trial, stretches
 from harness.log.channel import Array
-from models.commands import Command
+from harness.trial.plan import si_value
+from harness.trial.scenario import ScenarioError
 from models.day import CanineAllDay, check_rest, faded, rested, tired_after, tired_by
 from models.errors import UsageError, nearest
 
@@ -196,8 +197,8 @@ def estimate_day(days: Sequence[Sequence[Mission]], laws: Mapping[str, float]) -
         for mission, fatigue, felt in followed:
             trial = mission.trial
             if "cruise_speed" in trial.values:
-                running = np.isin(mission.track.command, (Command.FORWARD, Command.RECALL))
-                speeds.append((float(fatigue[running].mean()), trial.values["cruise_speed"]))
+                before = np.array(trial.cruised) - 1  # a tick's speed is that of the fatigue before it
+                speeds.append((float(fatigue[before].mean()), trial.values["cruise_speed"]))
             delays += [(float(fatigue[row]), delay) for row, delay in trial.delays]
             heard += [
                 _Heard(TURNS[command][1], obeyed, float(fatigue[row]), *felt[row])
@@ -225,6 +226,24 @@ def estimate_day(days: Sequence[Sequence[Mission]], laws: Mapping[str, float]) -
         "speeds": speeds,
         "delays": delays,
     }
+
+
+def within_range(parameters: Mapping[str, float]) -> tuple[dict[str, float], list[str]]:
+    """The parameters that the animal's model takes, and a note on each other one.
+
+    Args:
+        parameters: by `canine.name`, angles in degrees.
+    """
+    kept, notes = {}, []
+    for address, value in parameters.items():
+        variable = CanineAllDay.variables()[address.removeprefix("canine.")]
+        try:
+            si_value(value, variable, address)
+        except ScenarioError as reason:
+            notes.append(f"{reason}; the animal is beyond its model, and this is left out of the parameters")
+        else:
+            kept[address] = value
+    return kept, notes
 
 
 def _fatigues(day: Sequence[Mission], laws: Mapping[str, float]) -> Iterator[Array]:
@@ -346,9 +365,20 @@ def _disobeying(heard: Sequence[_Heard]) -> Iterator[Effect]:
             yield Effect(name, n, why=f"all responses are of fatigues within {SPREAD:g}; give a longer day")
         else:
             profile = surface.max(axis=axis)
-            inside = GRID[2 * (best - profile) <= stats.chi2.ppf(CONFIDENCE, 1)]
-            likeliest = float(GRID[int(profile.argmax())])
-            yield Effect(name, n, likeliest, (float(inside.min()), float(inside.max())))
+            yield Effect(name, n, float(GRID[int(profile.argmax())]), _ends(2 * (best - profile)))
+
+
+def _ends(fallen: Array) -> tuple[float, float]:
+    """Where on GRID twice the fallen log-likelihood reaches the quantile; between its points by a line."""
+    most = float(stats.chi2.ppf(CONFIDENCE, 1))
+    inside = np.flatnonzero(fallen <= most)
+    ends = []
+    for last, step in ((int(inside[0]), -1), (int(inside[-1]), 1)):
+        beyond = min(max(last + step, 0), len(GRID) - 1)
+        rise = fallen[beyond] - fallen[last]
+        share = (most - fallen[last]) / rise if 0 < rise < math.inf else 0.0
+        ends.append(float(GRID[last] + share * (GRID[beyond] - GRID[last])))
+    return ends[0], ends[1]
 
 
 def _likelihood(heard: Sequence[_Heard]) -> Array:

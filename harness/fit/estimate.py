@@ -18,7 +18,7 @@ import numpy as np
 from scipy import stats
 from scipy.optimize import brentq
 
-from harness.fit.day import Days, estimate_day
+from harness.fit.day import Days, estimate_day, within_range
 from harness.fit.tracks import (
     CRUISE_S,
     ENDED_EARLY,
@@ -137,13 +137,14 @@ def pool(trials: Sequence[Trial], turned: float) -> dict[str, Any]:
     if not any(row["n"] for row in (*rows.values(), *rates.values())):
         why = (f"{s.label}: {reasons(rows[s.key]['left_out']) or f'no {s.needs}'}" for s in STATISTICS)
         raise FitError(f"no trial has a stretch to estimate from ({'; '.join(why)}); give longer trials")
+    parameters, beyond = within_range(_parameters(rows, rates))
     return {
         "confidence": CONFIDENCE,
         "turned_deg_s": turned / DEG,
         "statistics": rows,
         "responses": rates,
-        "notes": list(_cautions(trials, rows, turned)),
-        "parameters": _parameters(rows, rates),
+        "notes": [*_cautions(trials, rows, turned), *beyond],
+        "parameters": parameters,
         "trials": [
             {
                 "log": trial.name,
@@ -523,4 +524,6 @@ def estimate(reading: Reading, turned: float | None = None, days: Days | None = 
     if days is not None:
         by_path = {track.path: (track, trial) for (track, _), trial in zip(tracks, trials, strict=True)}
         result["day"] = estimate_day(days.missions(by_path), days.laws)
+        result["day"]["parameters"], beyond = within_range(result["day"]["parameters"])
+        result["notes"] += beyond
     return result

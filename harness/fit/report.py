@@ -38,6 +38,8 @@ def fragment(result: Mapping[str, Any]) -> str:
     for key, row in rows.items():
         if row["n"] == 0:
             lines.append(f"# the trials do not show canine.{key}: it stays as the model has it")
+        elif f"canine.{key}" not in result["parameters"] and key != "start_heading":
+            lines.append(f"# the trials' canine.{key} is beyond what the model takes: it stays as it has it")
         elif row["n"] == 1 and key in result["statistics"]:
             lines.append(f"# one value does not show canine.{key}_deviation: it stays as the model has it")
     start = result["statistics"]["start_heading"]

@@ -178,6 +178,7 @@ class Trial:
         heard: of each response, the row of its command, the command, and was it obeyed? Those that do not
             count are among them only if the motion is exact.
         delays: of each FORWARD from rest, the row of its command and the time until the animal sets out [s].
+        cruised: the rows from which the cruising speed is read.
     """
 
     name: str
@@ -186,6 +187,7 @@ class Trial:
     left_out: Counter[tuple[str, str]] = field(default_factory=Counter)
     heard: list[tuple[int, Command, bool]] = field(default_factory=list)
     delays: list[tuple[int, float]] = field(default_factory=list)
+    cruised: list[int] = field(default_factory=list)
 
 
 def stretches(command: Array) -> list[tuple[int, int, int]]:
@@ -310,6 +312,7 @@ def _speed(track: Track, known: Sequence[tuple[Command, slice]], source: MotionS
             trial.left_out["cruise_speed", f"came to less than {MOVING_M_S:g} m/s"] += 1
         elif time[-1] - time[end] > CRUISE_S - 1e-9:
             steady.append(speed[end + 1 :])
+            trial.cruised += np.arange(len(track.time))[rows][fresh][end + 1 :].tolist()
         else:
             trial.left_out["cruise_speed", ENDED_EARLY] += 1
         if command == Command.RECALL:

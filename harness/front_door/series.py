@@ -442,8 +442,8 @@ def write_days(
 ) -> None:
     """Write the files of days, and run the missions of the first ones alone.
 
-    These are in `<controller>-rest<s>/day-<i>/mission-<k>` below `folder`. Logs that an earlier run left there
-    are removed first: a fit would take them for missions of this one.
+    These are in `<controller>-rest<s>/day-<i>/mission-<k>` below `folder`. Logs that an earlier run left
+    there are removed first: a fit would take them for missions of this one.
 
     Args:
         logs: number of days whose missions are run alone.

@@ -10,6 +10,7 @@ from typing import get_args
 
 import numpy as np
 
+from harness.fit.stated import stated_and_assumed
 from harness.routes import CLEARANCES, LONGEST, SPACINGS, TRIALS, WAYS, Along
 from harness.routes.candidates import Candidate, candidates_of, told_apart
 from harness.routes.map_file import load
@@ -38,9 +39,8 @@ SPEEDS = {  # of plants, and how many of each are the most that a trial of their
 }
 COUNTING = "field"  # the reading by default: it counts turns anew at each waypoint
 DURATION = 600.0  # s of a trial, without a scenario that says so
-FITTED = {"cruise_speed", "drift", "left_turn_rate", "right_turn_rate"}  # `canine fit` gives them
 MEAN_DOG = (
-    "the dog is that of Table 5.1, not yours: the best spacing depends on its drift and turns; fit "
+    "the dog is that of Table 5.1, not yours{}: the best spacing depends on its drift and turns; fit "
     "it from logs (`canine fit`), and give --scenario or --set"
 )
 HABITUATION = (
@@ -288,12 +288,11 @@ def _check_count(controller: Interface, values: Mapping[str, float], scenario: S
 
 def _assumptions(scenario: Scenario, plant: Interface, values: Mapping[str, float]) -> list[str]:
     """What of the dog is not known to be so: a route is recommended on it."""
-    dogs = {"canine", "plant", plant.block}
-    stated = [address.partition(".") for address in scenario.parameters]
-    is_fitted = any(owner in dogs and name in FITTED for owner, _, name in stated)
+    stated, assumed = stated_and_assumed(scenario.parameters, {plant.block})
+    in_part = f", in {', '.join(assumed)} (stated: {', '.join(stated)})" if stated else ""
     gain = "habituation_gain"
     habituates = plant.start(gain, values) if gain in plant.parameters else 0.0
     return [
-        *([] if is_fitted else [MEAN_DOG]),
+        *([MEAN_DOG.format(in_part)] if assumed else []),
         HABITUATING.format(habituates) if habituates else HABITUATION,
     ]

@@ -56,6 +56,7 @@ UNJUDGED = {
     "end": "; above the stretch{} nothing could be judged: no optimum inside is shown",
     "both": "; below and above the stretch{} nothing could be judged: no optimum inside is shown",
 }
+FLAT = ": flat, no optimum"
 MENTIONED = 6  # points that a text names one by one at most
 Mask = npt.NDArray[np.bool_]
 Ticks = npt.NDArray[np.unsignedinteger[Any]]
@@ -267,7 +268,7 @@ class _Describer:
         if len(self.table) == 1:
             text += f"one point, nothing to compare ({self.ranges(region)}: {measure(self.table[0])})"
         elif flat:
-            text += f"no value of {self.ranges(region)} is shown to be better than another: flat, no optimum"
+            text += f"no value of {self.ranges(region)} is shown to be better than another{FLAT}"
             text += f" (best measured at {self.value(finding.best)}: {measure(self.table[finding.best])})"
         else:
             text += f"{self.ranges(region)} (best at {self.value(finding.best)}: "

@@ -28,7 +28,7 @@ from harness.sweep.chunks import Job, Outcomes, Progress, program
 from harness.sweep.components import find_components
 from harness.sweep.cosimulated import Cosimulated
 from harness.sweep.journal import SWEEP
-from harness.sweep.recommend import number, recommend
+from harness.sweep.recommend import FLAT, number, recommend
 from harness.sweep.run import run_trials
 from harness.sweep.table import THRESHOLD_COLUMN, Point, csv_of, name_of, plain, table_of
 from harness.sweep.tls import Certificates
@@ -37,7 +37,7 @@ from harness.terminal import new_table, percent, print_table
 from harness.trial.plan import interfaces_of_system
 from harness.trial.scenario import Scenario, load
 from models.readings import READING
-from models.system import CONTROLLER, ESTIMATOR, PLANT
+from models.system import CONTROLLER, ESTIMATOR, PLANT, find_system
 
 TWO_WAYPOINTS, MORE_WAYPOINTS = "15:90", "15:65"  # deg, 5.3.5 and 5.3.6
 ADVICE = ("success", "time", "both", "pareto")  # of recommendation.json
@@ -98,9 +98,19 @@ class Sweep:
         ranges = ", ".join(f"{name_of(axis.column)} {span_of(axis)}" for axis in self.axes)
         return (
             f"{self.name}: {ranges}, {self.work.trials} trials a point from seed {self.seed} on, "
-            f"{self.system}, {self.reading}"
+            f"{self.system_in_words}, {self.reading}"
             + "".join(f", {role} {name}" for role, name in self.swaps.items())
         )
+
+    @property
+    def system_in_words(self) -> str:
+        """The system, and which blocks in it are not the usual ones."""
+        first = self.scenarios[0]
+        plant, controller = self.blocks.get("plant", first.plant), self.blocks.get("controller", CONTROLLER)
+        own = find_system(first.system, first.estimator, plant, controller).components
+        usual = find_system(first.system).components
+        others = [block.title() for place, block in own.items() if usual[place] is not block]
+        return first.system + f" with {' and '.join(others)}" * bool(others)
 
     @property
     def identity(self) -> dict[str, Any]:
@@ -339,7 +349,15 @@ def report(sweep: Sweep, outcomes: Outcomes, folder: Path) -> tuple[list[Point],
 
 def _advice(table: Sequence[Point], result: Mapping[str, Any]) -> list[str]:
     """The recommendation in words, each text once; none where there is nothing to compare."""
-    return list(dict.fromkeys(result[key]["text"] for key in ADVICE)) if len(table) > 1 else []
+    texts = dict.fromkeys(result[key]["text"] for key in ADVICE) if len(table) > 1 else {}
+    flat = [text.partition(": ") for text in texts if FLAT in text]
+    (_, _, first), *others = flat or [("", "", "")]
+    common = first.partition(" (best")[0]
+    if not others or any(not rest.startswith(common) or "; " in rest for _, _, rest in flat):
+        return list(texts)
+    bests = dict.fromkeys(rest.removeprefix(f"{common} (").removesuffix(")") for _, _, rest in flat)
+    merged = f"{', '.join(what for what, _, _ in flat)}: {common} ({'; '.join(bests)})"
+    return [merged, *(text for text in texts if FLAT not in text)]
 
 
 def fmu_failures_of(sweep: Sweep, table: Sequence[Point]) -> list[str]:

@@ -17,6 +17,7 @@ from models.cmec import Cmec
 from models.fence import encloses
 from models.kit.declaration import flatten
 from models.kit.timing import TICK
+from models.streets import CanineInStreets
 from models.system import ESTIMATORS, SYSTEMS, names_of
 
 if TYPE_CHECKING:
@@ -58,6 +59,8 @@ def idle_notes(
             yield from _waypoints(scenario, interface, own)
             yield from _fence(scenario, interface, own)
             yield from _response(interface, own)
+        if block == CanineInStreets.title() and not (own.get("street_count") or own.get("pole_count")):
+            yield f"there is no street and no pole: {block} does what {Canine.title()} does"
         if "capture_radius" in interface.parameters and scenario.streets and not moving:
             yield from _off_streets(scenario, interface, own)
     yield from (

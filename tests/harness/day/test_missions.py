@@ -175,6 +175,16 @@ def test_what_is_beyond_its_bound_is_told() -> None:
     ]
 
 
+def test_what_is_stated_of_the_dog_and_what_is_still_assumed_is_told() -> None:
+    # given a speed and an effect of fatigue, as fits of logs and of days give them
+    settings = ("canine.cruise_speed=4.2", "canine_all_day.fatigue_slows=0.4", "canine.left_success=0.7")
+    assumed, rested_dog = plan_days(Asked(MISSION, settings=settings)).notes
+    # then each note says so, and what it is still true of
+    assert "; stated: fatigue_slows; still assumed: start_fatigue, start_habituation, fatigue_way" in assumed
+    assert "; stated: cruise_speed, left_success; still assumed: speeding_up, slowing_down" in rested_dog
+    assert rested_dog.endswith("drift_deviation, right_success")
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -13,7 +13,7 @@ import pytest
 from rich.console import Console
 from scipy.optimize import minimize
 
-from harness.fit.day import Days, Effect, Mission, delaying, estimate_day, laws_given, slowing
+from harness.fit.day import Days, Effect, Mission, delaying, estimate_day, laws_given, slowing, within_range
 from harness.fit.estimate import days_of
 from harness.fit.report import show
 from harness.fit.tracks import Track, Trial, measure
@@ -225,6 +225,20 @@ def test_intervals_of_the_lines_cover_what_is_true_as_often_as_they_say() -> Non
 )
 def test_what_may_be_concluded_is_said(estimated: Effect, verdict: str) -> None:
     assert estimated.verdict == verdict
+
+
+def test_what_the_model_does_not_take_is_left_out_of_the_parameters_and_told() -> None:
+    # given an animal that loses more of its speed than the model takes, and one that slows down on FORWARD
+    fitted = {"canine.fatigue_slows": 0.95, "canine.habituation_gain": 0.3, "canine.speeding_up": -0.2}
+    # when
+    kept, notes = within_range(fitted)
+    # then
+    assert kept == {"canine.habituation_gain": 0.3}
+    left_out = "the animal is beyond its model, and this is left out of the parameters"
+    assert notes == [
+        f"canine.fatigue_slows is 0.95; expected a number from 0 up to 0.9; {left_out}",
+        f"canine.speeding_up is -0.2; expected a number from 0 up m/s2; {left_out}",
+    ]
 
 
 def test_a_short_day_says_what_it_lacks() -> None:

@@ -56,6 +56,17 @@ def test_the_fragment_names_what_the_trials_do_not_show_and_what_the_handler_dec
     assert "the start was 2 deg off the first waypoint on average" in text
 
 
+def test_a_statistic_beyond_the_model_is_neither_written_nor_silent() -> None:
+    # given trials of an animal that slows down when told to run
+    result = pool([Trial("t", {"speeding_up": value, "cruise_speed": 4.0}) for value in (-0.2, -0.3)], 0.1)
+    assert "canine.speeding_up" not in result["parameters"]
+    assert any(note.startswith("canine.speeding_up is -0.25; expected") for note in result["notes"])
+    # then the file says so
+    lines = fragment(result | {"sources": []}).splitlines()
+    assert "# the trials' canine.speeding_up is beyond what the model takes: it stays as it has it" in lines
+    assert not any(line.startswith('"canine.speeding_up" =') for line in lines)
+
+
 def test_round_off_is_written_as_zero() -> None:
     # given values that differ in their last digits: 4.1 m/s, no drift; and decelerations that do vary
     trials = [

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from harness.drawing import ESTIMATES
+from harness.fit.stated import FITTED
 from harness.log.log import FILE, read_log
 from harness.routes import halving
 from harness.routes.candidates import candidates_of
@@ -27,6 +28,7 @@ from harness.sweep.chunks import Outcomes, pool_at, run_all
 from harness.sweep.sweep import plan_sweep
 from harness.sweep.table import table_of
 from harness.trial import scenario as scenarios
+from models.canine import Canine
 from tests.harness.command import canine
 from tests.harness.pictures import size
 from tests.harness.routes.maps import box, line, mark, polygon, write
@@ -353,8 +355,17 @@ def test_a_scenario_that_counts_per_waypoint_gives_dog_and_controller(tmp_path: 
     # then
     assert values["plant.drift"] == pytest.approx(0.01745, abs=1e-5)
     assert values["controller.guarded"] == 1.0
-    assert not any("not yours" in text for text in problem.assumes)
+    (told,) = (text for text in problem.assumes if "not yours" in text)
+    assert "not yours, in cruise_speed, speeding_up," in told
+    assert "left_success, right_success (stated: drift): the best spacing depends on" in told
     assert len(problem.candidates[0].waypoints) == values["controller.waypoint_count"]
+
+
+def test_a_dog_that_is_stated_whole_is_not_said_to_be_another() -> None:
+    # given all that `canine fit` gives
+    settings = [f"canine.{name}={Canine.variables()[name].start[0]!r}" for name in FITTED]
+    problem = prepare(Asked("five_buildings", "home", "goal", settings=settings))
+    assert not any("not yours" in text for text in problem.assumes)
 
 
 def test_a_clearance_that_no_way_keeps_is_told(tmp_path: Path) -> None:

@@ -43,6 +43,28 @@ def test_what_cannot_act_in_a_sweep_is_noted() -> None:
     assert notes == ["leg: [[set]] 1, controller.override at 70 s, never acts: the trial lasts 60 s"]
 
 
+def test_a_system_with_another_block_is_named_in_words() -> None:
+    planned = plan_sweep("two", thresholds="30", plant="canine_in_streets", trials=1)
+    assert planned.about == (
+        "two: deviation threshold h' 30 to 30 deg, 1 trials a point from seed 1 on, "
+        "cts with canine_in_streets, calibrated"
+    )
+    full = plan_sweep("two", thresholds="30", system="full", estimator="six_state", trials=1)
+    assert "full with six_state, calibrated" in full.about
+    assert "seed 1 on, cts, calibrated" in plan_sweep("two", thresholds="30", trials=1).about
+
+
+def test_a_plant_in_streets_without_any_is_noted() -> None:
+    notes: list[str] = []
+    plan_sweep("two", thresholds="30", plant="canine_in_streets", trials=1, note=notes.append)
+    same = "there is no street and no pole: canine_in_streets does what canine does"
+    assert notes == [f"two_waypoint: {same}"]
+    # and a dog with streets, or a day of its own, is none
+    plan_sweep("crossing", thresholds="30", trials=1, note=notes.append)
+    plan_sweep("two", thresholds="30", plant="canine_all_day", trials=1, note=notes.append)
+    assert len(notes) == 1
+
+
 def test_an_unknown_target_is_refused_with_all_that_are_known() -> None:
     with pytest.raises(ScenarioError) as caught:
         plan_sweep("four")

@@ -667,3 +667,16 @@ def test_earlier_results_stay_until_new_ones_are_complete(
     assert results() == earlier
     sweep.run(plan_sweep("two", **ASKED), tmp_path)
     assert results()["sweep.csv"].count(b"\n") == 11
+
+
+@pytest.mark.parametrize("plant", ["canine", "canine_in_streets"])
+def test_a_flat_sweep_says_so_once(plant: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    # given trials that nearly all succeed, at thresholds that are alike
+    options = ("--plant", plant, "--thresholds", "44:46", "--trials", 30, "--out", tmp_path)
+    status, printed, _ = command.canine(capsys, "sweep", "two", *options)
+    # then one line says that there is no optimum, and for what
+    assert status == 0
+    (line,) = (line for line in printed.splitlines() if "no optimum" in line)
+    assert line.startswith("best success rate, shortest time, fastest of those with")
+    assert line.count("best measured at") == 2
+    assert len(json.loads((tmp_path / "recommendation.json").read_text())["both"]["text"]) > 50
