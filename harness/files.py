@@ -136,6 +136,9 @@ def write_set(folder: Path, contents: Mapping[str, bytes], others: Iterable[str]
         FileError: a file cannot be written or removed.
     """
     make_folder(folder)
+    for name in {*contents, *others}:
+        if os.path.isdir(folder / name):  # unlike Path.is_dir, it raises nothing
+            raise FileError(f"{folder / name}: is a folder; remove it, or choose another folder")
     try:
         with Scratch(beside=folder) as parts:
             for name, content in contents.items():

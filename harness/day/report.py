@@ -14,7 +14,7 @@ from rich.markup import escape
 from harness.day.missions import Result
 from harness.day.picture import day_figure
 from harness.drawing import house_style, png_of
-from harness.files import make_folder, replaced, write_set
+from harness.files import replaced, write_set
 from harness.report.charts import charts_page
 from harness.terminal import new_table, percent, print_table
 
@@ -53,7 +53,6 @@ def write(result: Result, folder: Path, note: Callable[[str], None] = lambda tex
     figure = day_figure(result)
     title = f"A day of {result.planned.scenario.name}"
     page = charts_page(title, about(result), {"day": figure}, lambda console: show(result, console))
-    make_folder(folder)
     if others := replaced(folder / REPORT, result.planned.identity):
         note(f"{folder}: has the results of another day, which these replace ({others})")
     write_set(folder, {CSV: _csv(result), PICTURE: png_of(figure), PAGE: page, REPORT: text.encode()})

@@ -80,7 +80,7 @@ def report(result: Mapping[str, Any], out: Path, note: Callable[[str], None] = l
         "fit.html": page,
     }
     drawn = {f"{name}.png": png_of(picture) for name, picture in pictures.items()}
-    write_set(out, {"fit-day.png": None} | files | drawn)
+    write_set(out, files | drawn, ("fit-day.png",))
 
 
 def show(result: Mapping[str, Any], console: Console) -> None:

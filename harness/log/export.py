@@ -22,7 +22,7 @@ from urllib.parse import quote
 import numpy as np
 import numpy.typing as npt
 
-from harness.files import make_folder, write_set
+from harness.files import write_set
 from harness.log.channel import Channel
 from harness.log.log import Log
 from models.errors import UsageError, nearest
@@ -56,7 +56,6 @@ def export(log: Log, to: str, out: Path) -> list[Path]:
         contents[f"{quote(channel.component, safe=' ')}.{to}"] = FORMATS[to](channel, columns)
     units = {channel.component: _signals(channel) for channel in log.channels}
     contents[UNITS] = (json.dumps(units, indent=2, ensure_ascii=False) + "\n").encode()
-    make_folder(out)
     write_set(out, contents)
     return [out / name for name in contents]
 

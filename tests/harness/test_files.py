@@ -52,3 +52,13 @@ def test_a_set_that_cannot_be_made_leaves_the_one_before(tmp_path: Path) -> None
         write_set(tmp_path, {"a": b"2", "none/b": b"2"})
     # then
     assert held(tmp_path) == {"a": b"1", "b": b"1"}
+
+
+def test_a_folder_in_the_place_of_a_file_leaves_the_set_before(tmp_path: Path) -> None:
+    # given
+    write_set(tmp_path, {"a": b"1"})
+    (tmp_path / "b").mkdir()
+    # then
+    with pytest.raises(FileError, match="b: is a folder; remove it, or choose another folder"):
+        write_set(tmp_path, {"a": b"2", "b": b"2"})
+    assert held(tmp_path) == {"a": b"1"}

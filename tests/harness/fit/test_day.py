@@ -237,7 +237,7 @@ def test_what_the_model_does_not_take_is_left_out_of_the_parameters_and_told() -
     left_out = "the animal is beyond its model, and this is left out of the parameters"
     assert notes == [
         f"canine.fatigue_slows is 0.95; expected a number from 0 up to 0.9; {left_out}",
-        f"canine.speeding_up is -0.2; expected a number from 0 up m/s2; {left_out}",
+        f"canine.speeding_up is -0.2; expected a number from 0 m/s2; {left_out}",
     ]
 
 

@@ -166,7 +166,7 @@ def test_a_wrong_clock_is_told_before_axes_that_it_makes_look_wrong() -> None:
 def test_doubts_are_warnings_of_a_check_and_notes_of_a_replay(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("harness.replay.replay.replay_picture", lambda *_, **__: None)  # seconds to draw
+    monkeypatch.setattr("harness.replay.replay.replay_picture", lambda *_, **__: b"")  # seconds to draw
     # given a stream whose axes forward and right are exchanged
     turned = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, 1]]) @ rotation(180, 0, 0)
     (tmp_path / "f9r.ubx").write_bytes(made_up.stream(turned))

@@ -98,7 +98,7 @@ def test_an_fmu_made_elsewhere_prints_notes_and_is_named_if_it_ends_its_process(
 def test_all_estimators_stand_in_one_table_and_a_missing_magnetometer_is_said(
     source: ReplaySource, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("harness.replay.replay.replay_picture", lambda *_, **__: None)  # seconds to draw
+    monkeypatch.setattr("harness.replay.replay.replay_picture", lambda *_, **__: b"")  # seconds to draw
     chosen, everything = Outages(3, [WINDOW], {}, ""), compare("all")
     # when
     result = report(source, everything, chosen, replay(source, everything, chosen), tmp_path / "all")

@@ -301,7 +301,7 @@ def test_an_fmu_that_crashes_costs_no_other_estimator_its_results(
     bad = tiny_fmu(tmp_path / "bad.fmu", FILTER, f"v[1] = v[0]; if (t > 20) {CRASHES}")
     good = tiny_fmu(tmp_path / "good.fmu", FILTER, "v[1] = v[0];")
     replayed = ("replay", log, "--outage", 5, "--every", 8)
-    monkeypatch.setattr("harness.replay.replay.replay_picture", lambda *_, **__: None)  # seconds to draw
+    monkeypatch.setattr("harness.replay.replay.replay_picture", lambda *_, **__: b"")  # seconds to draw
     arguments = ("--estimator", f"six_state,{good}", "--out", tmp_path / "good")
     status, expected, error = canine(capsys, *replayed, *arguments, "--json")
     assert (status, error) == (0, "")
@@ -360,7 +360,9 @@ def test_what_was_left_out_or_dropped_is_told_in_all_places(
     source = replace(open_source(write(tmp_path / "trial.mcap", signals)), broken="the file ends early")
     chosen = source.outages(5, 5)
     drawn: dict[str, Any] = {}
-    monkeypatch.setattr("harness.replay.replay.replay_picture", lambda *_, **words: drawn.update(words))
+    monkeypatch.setattr(
+        "harness.replay.replay.replay_picture", lambda *_, **words: drawn.update(words) or b""
+    )
     # when
     result = report(source, FOUR, chosen, replay(source, FOUR, chosen), tmp_path)
     show(result, Console(width=120))
@@ -385,9 +387,12 @@ def test_rows_that_set_has_changed_are_marked_and_the_title_has_the_estimators_t
     chosen = source.outages(5, 5)
     comparison = compare("six_state,seven_state,two_bias", ["two_bias.gate=9"])
     drawn: list[Any] = []
-    monkeypatch.setattr(
-        "harness.replay.replay.replay_picture", lambda *these, **words: drawn.extend((these, words))
-    )
+
+    def draw(*these: Any, **words: Any) -> bytes:
+        drawn.extend((these, words))
+        return b""
+
+    monkeypatch.setattr("harness.replay.replay.replay_picture", draw)
     # when
     result = report(source, comparison, chosen, replay(source, comparison, chosen), tmp_path)
     show(result, Console(width=120))

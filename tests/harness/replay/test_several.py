@@ -20,7 +20,7 @@ from tests.harness.recording import made_up
 @pytest.fixture(autouse=True)
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Drawing takes longer than the replays."""
-    monkeypatch.setattr("harness.replay.replay.replay_picture", lambda *_, **__: None)
+    monkeypatch.setattr("harness.replay.replay.replay_picture", lambda *_, **__: b"")
 
 
 @pytest.fixture
