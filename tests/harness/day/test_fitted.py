@@ -46,15 +46,17 @@ def test_the_days_are_logged_mission_by_mission(logged: Path) -> None:
 def test_the_fit_follows_the_fatigue_of_the_simulated_dog(logged: Path, found: Any) -> None:
     for (fatigue, _), number in zip(found["speeds"], range(1, MISSIONS + 1), strict=True):
         log = open_log(logged / "cmec-rest60" / "day-1" / f"mission-{number}" / "trial.mcap")
-        running = np.isin(log["controller.command"], (Command.FORWARD, Command.RECALL))
-        assert fatigue == pytest.approx(log["plant.fatigue"][running].mean(), abs=2e-3)
+        running = np.isin(log["controller.command"], (Command.FORWARD, Command.RECALL))[1:]
+        before = log["plant.fatigue"][:-1]
+        cruising = running & np.isclose(log["plant.speed"][1:], 4.86 * (1 - 0.5 * before), rtol=1e-9)
+        assert fatigue == pytest.approx(before[cruising].mean(), abs=1e-3)
 
 
 def test_the_fit_finds_what_fatigue_does_to_the_simulated_dog(found: Any) -> None:
     # given shares of 0.5 of the speed, and 0.3 s of each response
     slows, delays = (found["effects"][name] for name in ("fatigue_slows", "fatigue_delays"))
-    assert slows["estimate"] == pytest.approx(0.5, abs=0.03)
-    assert slows["rested"] == pytest.approx(4.86, abs=0.06)
+    assert slows["estimate"] == pytest.approx(0.5, abs=1e-3)
+    assert slows["rested"] == pytest.approx(4.86, abs=1e-3)
     # a delay ends with a tick, which is a ninth of what fatigue adds here
     assert delays["estimate"] == pytest.approx(0.3, abs=0.1)
     assert slows["verdict"] == delays["verdict"] == "shown"

@@ -634,10 +634,10 @@ def test_results_that_cannot_be_written_wait_in_the_journal(
 
     command = ("two", "--thresholds", "20:21", "--trials", 4, "--out", tmp_path)
     with monkeypatch.context() as patch:
-        patch.setattr("codegen.files.write_whole", full)
+        patch.setattr(Path, "write_bytes", full)
         status, _, error = canine(capsys, *command)
     assert status == 1
-    assert "sweep.csv: cannot be written (No space left on device)" in error
+    assert f"{tmp_path}: cannot be written (No space left on device)" in error
     runner.seeds.clear()
     status, _, error = canine(capsys, *command)
     assert (status, runner.seeds) == (0, [])
