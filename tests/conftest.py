@@ -63,8 +63,10 @@ def _is_there(library: str) -> bool:
 
 
 MISSING = missing()
-# minutes each: they begin first, since one that begins last leaves the other workers idle
-LONG = ("test_readme.py", "test_costs.py")
+# with tests of minutes: they begin first, since one that begins last leaves the other workers idle
+LONG = (
+    "test_readme.py", "test_costs.py", "test_leading.py", "test_batch_back_to_back.py", "test_same_bits.py"
+)  # fmt: skip
 LEFT_OUT = f"left out: tests with {', '.join(MISSING)}; {'; '.join(MISSING.values())}"
 
 
