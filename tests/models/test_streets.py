@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -254,7 +255,7 @@ def test_streets_end_to_end_are_run_as_one(half_width: float, turned: bool) -> N
     assert models[0]["north"] < 20
 
 
-@pytest.mark.parametrize("bend", [-40, -20, 20, 40])
+@pytest.mark.parametrize("bend", [-59, -45, -20, 0, 20, 45, 59])
 def test_a_bend_within_the_cone_is_taken_at_a_run(bend: float) -> None:
     # given two streets whose directions differ where one ends and the other begins
     end = (30 + 100 * math.cos(bend * DEG), 100 * math.sin(bend * DEG))
@@ -269,6 +270,40 @@ def test_a_bend_within_the_cone_is_taken_at_a_run(bend: float) -> None:
     # then it loses no more than a wall takes of its speed
     assert slowest > 0.99 * model["cruise_speed"] * math.cos(bend * DEG)
     assert math.hypot(model["north"] - 30, model["east"]) > 20
+
+
+@pytest.mark.parametrize("bend", [61, 90])
+def test_a_bend_beyond_the_cone_is_waited_at(bend: float) -> None:
+    end = (30 + 100 * math.cos(bend * DEG), 100 * math.sin(bend * DEG))
+    model = dog(start_heading=0, **laid((0.0, 0.0, 30.0, 0.0, 1.0), (30.0, 0.0, *end, 1.0)))
+    tell(model, Command.FORWARD, 12)
+    assert math.hypot(model["north"] - 30, model["east"]) < 1.001
+    assert model["speed"] < 0.5
+    # until it is turned
+    tell(model, Command.RIGHT, 1)
+    tell(model, Command.FORWARD, 6)
+    assert math.hypot(model["north"] - 30, model["east"]) > 10
+
+
+@pytest.mark.parametrize("turn", [0, 15, 40])
+@pytest.mark.parametrize("radius", [5, 12, 30])
+def test_a_round_of_eight_streets_is_run_again_and_again(radius: float, turn: float) -> None:
+    # given a regular octagon, whose bends are as wide as the cone
+    corners = [radius * np.exp(1j * (i * 45 + turn) * DEG) for i in range(9)]
+    streets = tuple((a.real, a.imag, b.real, b.imag, 1.0) for a, b in itertools.pairwise(corners))
+    middle, way = (corners[0] + corners[1]) / 2, corners[1] - corners[0]
+    model = dog(
+        start_north=middle.real, start_east=middle.imag, start_heading=float(np.angle(way)), **laid(*streets)
+    )
+    # when it runs for more than a round
+    tell(model, Command.FORWARD, 2)
+    angles = []
+    for _ in range(50):
+        tell(model, Command.FORWARD, 1)
+        angles.append(math.atan2(model["east"], model["north"]))
+        assert model["speed"] > 0.3 * model["cruise_speed"]
+    # then it never stands
+    assert np.unwrap(angles)[-1] - angles[0] > 2 * math.pi
 
 
 def test_recall_takes_it_home_straight_through_the_walls() -> None:
