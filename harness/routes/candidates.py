@@ -65,8 +65,8 @@ def candidates_of(
         RouteError: a spacing is too short, or none is left.
     """
     for spacing in spacings:
-        if spacing is not None and not spacing > least:  # nor is it a number
-            raise RouteError(f"spacing {spacing:g}: expected more than d', {least:g} m, or none")
+        if spacing is not None and not least < spacing < math.inf:  # nor is it a number
+            raise RouteError(f"spacing {spacing:g}: expected a length of more than d', {least:g} m, or none")
     by_waypoints: dict[tuple[Place, ...], Candidate] = {}
     left_out: Counter[str] = Counter()
     for way in ways:
@@ -109,7 +109,7 @@ def _split(corners: Sequence[Place], spacing: float | None, least: float) -> tup
     waypoints: list[Place] = []
     for a, b in itertools.pairwise(corners):
         length = math.dist(a, b)
-        parts = 1 if spacing is None else math.ceil(length / spacing - TINY)
+        parts = 1 if spacing is None else max(1, math.ceil(length / spacing - TINY))
         while parts > 1 and length / parts <= least:
             parts -= 1
         waypoints += [

@@ -31,6 +31,7 @@ SHIPPED = Path(__file__).with_name("maps")
 MAX_BYTES = 16 * 2**20
 FARTHEST = 20_000.0  # m from where the route begins; a map in other units is farther
 SMALLEST = 0.25  # m2: an area smaller than this is no building; it is in other units, or damaged
+SHORTEST = 0.1  # m: nor is a line that is shorter a street
 METRES, DEGREES = "metres", "degrees"
 HINT = ' A map in metres says "units": "metres" beside its features, or takes --metres'
 SWAPPED = (
@@ -43,6 +44,7 @@ CRS84 = ("CRS84", "EPSG:4326", "EPSG::4326")  # names of what GeoJSON has been i
 BROKEN = (ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError)  # of Shapely, by it
 LINES = ("LineString", "LinearRing", "MultiLineString")
 POLYGONS = ("Polygon", "MultiPolygon")
+COLLECTION = "GeometryCollection"
 
 Point = tuple[float, float]  # x and y, as the file has them: longitude or east, latitude or north
 
@@ -127,7 +129,7 @@ class Map:
             if laid.geom_type in POLYGONS:
                 areas += [self._area(figure, part, len(areas) + 1) for part in parts]
             elif laid.geom_type in LINES:
-                streets += [shapely.LineString(part.coords) for part in parts]
+                streets += [self._street(figure, part) for part in parts]
         if not areas and not streets:
             raise RouteError(
                 f"{self.label}: has points alone ({self.figures[0].where}), no polygon, no line; {EXPECTED}"
@@ -155,6 +157,15 @@ class Map:
                 f"at least; the map is read in {self.units}: are its units mixed?"
             )
         return Area(figure.name or f"area {number}", figure.where, polygon)
+
+    def _street(self, figure: Figure, line: shapely.LineString) -> shapely.LineString:
+        """A line as a street, checked."""
+        if line.length < SHORTEST:
+            raise RouteError(
+                f"{self.label}: {figure.where}: the line is {line.length:.2g} m long, expected {SHORTEST:g} "
+                f"at least; the map is read in {self.units}: are its units mixed?"
+            )
+        return shapely.LineString(line.coords)
 
     def check_distance(self, what: str, points: Any, begin: Point) -> None:
         """Refuse places that are too far from where the route begins.
@@ -220,6 +231,8 @@ def load(target: str, *, metres: bool = False) -> Map:
         raise RouteError(f'there is no map "{target}"{hint}') from None
     except OSError as reason:
         raise RouteError(f"{target}: cannot be read ({reason.strerror})") from None
+    except ValueError as reason:  # a path with a null byte
+        raise RouteError(f"{printable(target)}: cannot be read ({reason})") from None
     if ending not in MAPS:
         raise RouteError(f'{target}: the ending is "{ending}", expected one of {", ".join(MAPS)}')
     if len(data) > MAX_BYTES:
@@ -293,11 +306,14 @@ def _read_kml(name: str, label: str, data: bytes, metres: bool) -> Map:
         raise RouteError("KML is in degrees; expected --metres with GeoJSON alone")
     from harness.station.formats import kml  # noqa: PLC0415 - fastkml, which GeoJSON does without
 
-    raw = [
-        (where, mark.name, mark.geometry.__geo_interface__)
-        for where, mark in kml.placemarks(data)
-        if mark.geometry is not None
-    ]
+    raw = []
+    for where, mark in kml.placemarks(data):
+        if mark.geometry is None:
+            continue
+        try:
+            raw.append((where, mark.name, mark.geometry.__geo_interface__))
+        except AttributeError:  # of pygeoif
+            raise RouteError(f"{where}: is no {mark.geometry.geom_type} (too few places)") from None
     return _map(name, label, DEGREES, raw, None)
 
 
@@ -319,6 +335,23 @@ def _check_types(where: str, coordinates: object) -> None:
             )
 
 
+def _parts(where: str, geometry: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    """A geometry, or the parts of a collection and of those in it, each behind what errors call it."""
+    if geometry["type"] != COLLECTION:
+        return [(where, geometry)]
+    parts, found = geometry.get("geometries"), []
+    if not isinstance(parts, list | tuple):
+        raise RouteError(f"{where}: geometries is {printable(in_words(parts))}, expected a list")
+    for number, part in enumerate(parts, start=1):
+        of_part = f"{where}, part {number}"
+        if not isinstance(part, dict) or not isinstance(part.get("type"), str):
+            raise RouteError(
+                f"{of_part}: is {printable(in_words(part))}, expected one with a type, such as Polygon"
+            )
+        found += _parts(of_part, part)
+    return found or [(where, geometry)]
+
+
 def _map(
     name: str,
     label: str,
@@ -328,9 +361,10 @@ def _map(
 ) -> Map:
     """A map of features: what each is called, its name, its geometry."""
     figures, others = [], []
-    for where, named, geometry in raw:
-        if geometry.get("type") not in ("Point", *LINES, *POLYGONS):
-            others.append(f"{where}: {printable(in_words(geometry.get('type')))}")
+    parts = [(where, named, part) for own, named, whole in raw for where, part in _parts(own, whole)]
+    for where, named, geometry in parts:
+        if geometry["type"] not in ("Point", *LINES, *POLYGONS):
+            others.append(f"{where}: {printable(in_words(geometry['type']))}")
             continue
         _check_types(where, geometry.get("coordinates"))
         try:
@@ -351,8 +385,8 @@ def _map(
         raise RouteError(f"has {found}; {EXPECTED}")
     notes = []
     if others:
-        plural = "s" if len(others) > 1 else ""
+        plural = "ies" if len(others) > 1 else "y"
         notes.append(
-            f"{label}: {len(others)} feature{plural} left out, no polygon, line or point: {others[0]}"
+            f"{label}: {len(others)} geometr{plural} left out, no polygon, line or point: {others[0]}"
         )
     return Map(name, label, units, figures, origin, notes)

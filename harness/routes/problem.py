@@ -30,6 +30,10 @@ from models.kit.random import MAX_SEED
 from models.readings import ON_BOARD, READINGS
 from models.system import ESTIMATOR
 
+OF_ROUTE = (  # parameters of dogs and controllers that a route states
+    "start_north", "start_east", "start_heading", "home_north", "home_east",
+    "waypoint_count", "waypoint_north", "waypoint_east",
+)  # fmt: skip
 SPARE = 3  # times as many ways are looked at where turns are preferred
 SPEEDS = {  # of plants, and how many of each are the most that a trial of theirs has
     "cruise_speed": 1,
@@ -144,8 +148,13 @@ def prepare(asked: Asked, note: Callable[[str], None] = lambda text: None) -> Pr
     others, notes = candidates_of(ways, asked.spacings, site, least)
     candidates = told_apart([reference, *(c for c in others if c.waypoints != reference.waypoints)])
     widest = max((spacing for spacing in asked.spacings if spacing is not None), default=None)
-    if widest is not None and all(c.spacing is None for c in candidates):
+    if widest is not None and by_length[0].length > MAX_WAYPOINTS * widest:
         notes.append(_unsplit(by_length[0], widest))
+    if in_trials.streets or in_trials.poles:
+        notes.append(
+            f"the streets and poles that hold and draw the dog are the scenario's ({len(in_trials.streets)} "
+            f"and {len(in_trials.poles)}), not lines of the map"
+        )
     notes = [*site.notes, *of_ways, *notes]
     for text in notes:
         note(text)
@@ -184,6 +193,7 @@ def _ways(asked: Asked, site: Site, begin: Place, end: Place) -> tuple[list[Way]
         RouteError: there is none.
     """
     finders: dict[str, Callable[..., list[Way]]] = {}  # by what is said if one finds none
+    of_streets: list[str] = []
     if asked.along != STREETS and (site.areas or asked.along == OPEN):
         for clearance in sorted(asked.clearances):
             finders[f"no way keeps {clearance:g} m clear of the areas"] = partial(
@@ -194,7 +204,9 @@ def _ways(asked: Asked, site: Site, begin: Place, end: Place) -> tuple[list[Way]
             f"{site.name}: has no line; expected streets, or take the ways round the areas (open)"
         )
     if asked.along != OPEN and site.streets:
-        finders["no way leads there along streets"] = partial(street_ways, site, begin, end)
+        finders["no way leads there along streets"] = partial(
+            street_ways, site, begin, end, note=of_streets.append
+        )
     count = asked.ways * (SPARE if asked.preference else 1)
     chosen: list[Way] = []
     notes: list[str] = []
@@ -212,12 +224,25 @@ def _ways(asked: Asked, site: Site, begin: Place, end: Place) -> tuple[list[Way]
     if faults and not chosen:
         raise faults[0]
     if not chosen:
-        gap = f" with {min(asked.clearances):g} m clear of them" if asked.along != STREETS else ""
         raise RouteError(
-            f"{site.name}: no way leads from {asked.begin} to {asked.end}: none round the areas{gap}, none "
-            "along streets; take a smaller clearance, or mend the map"
+            f"{site.name}: no way leads from {asked.begin} to {asked.end}: "
+            f"{_why_none(asked, site, begin, end, of_streets)}"
         )
-    return chosen, notes
+    return chosen, [*of_streets, *notes]
+
+
+def _why_none(asked: Asked, site: Site, begin: Place, end: Place, of_streets: Sequence[str]) -> str:
+    """Why no way was found, and what to do."""
+    reasons, advice = [], "mend the map"
+    if asked.along != STREETS and site.areas:
+        if surrounded := site.surrounded(begin, end):
+            reasons.append(f"areas surround the {'begin' if surrounded == begin else 'end'}")
+        else:
+            reasons.append(f"none round the areas with {min(asked.clearances):g} m clear of them")
+            advice = "take a smaller clearance, or mend the map"
+    if asked.along != OPEN and site.streets:
+        reasons.append(f"none along streets{''.join(f' ({text})' for text in of_streets)}")
+    return f"{', '.join(reasons)}; {advice}"
 
 
 def _scenarios(asked: Asked, site: Site, begin: Place, end: Place) -> tuple[Scenario, Scenario, Components]:
@@ -236,12 +261,24 @@ def _scenarios(asked: Asked, site: Site, begin: Place, end: Place) -> tuple[Scen
             f"{', '.join(components.fmus.values())}: an FMU takes hundreds of times as long as a block of "
             "ours; expected a plant and a controller by name"
         )
+    ground = [name for name in ("streets", "poles", "fence") if getattr(own, name)]
+    if ground and site.origin is not None and not np.allclose(site.origin, own.origin, rtol=0, atol=1e-7):
+        raise RouteError(
+            f"{own.name}: its {' and '.join(ground)} are about its origin, "
+            f"{own.origin[0]:.10g},{own.origin[1]:.10g}, and the route is about "
+            f"{site.origin[0]:.10g},{site.origin[1]:.10g}; expected the same, or a scenario without them"
+        )
     own = replace(
         route_scenario(own, begin, (end,)),
         origin=site.origin or own.origin,
         reading=asked.reading or own.reading or COUNTING,
     )
     in_trials = adapted(own, Options(asked.system, seed=asked.seed), asked.settings, components)
+    for address in in_trials.parameters:
+        if address.partition(".")[2].partition("[")[0] in OF_ROUTE:
+            raise RouteError(
+                f"{in_trials.name}: {address} is set; start, home and waypoints are the route's: leave it out"
+            )
     if in_trials.seed + asked.trials - 1 > MAX_SEED:
         raise RouteError(f"seed is {in_trials.seed}; expected {MAX_SEED - asked.trials + 1} at most")
     base = replace(

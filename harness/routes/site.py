@@ -57,6 +57,15 @@ class Site:
         """All areas as one."""
         return shapely.union_all([area.shape for area in self.areas])
 
+    def surrounded(self, a: Place, b: Place) -> Place | None:
+        """Which of two places the areas keep from the other, where they touch all round it."""
+        for area in shapely.get_parts(self.union):
+            for ring in area.interiors:
+                a_in, b_in = (shapely.Polygon(ring).contains(shapely.Point(place)) for place in (a, b))
+                if a_in != b_in:
+                    return a if a_in else b
+        return None
+
     def area_at(self, place: Place) -> Area | None:
         """The area that a place is in or at the edge of."""
         point = shapely.Point(place)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from operator import attrgetter
 from typing import NamedTuple
 
@@ -12,10 +12,11 @@ import networkx as nx
 import shapely
 from shapely.ops import substring
 
-from harness.routes.site import Place, RouteError, Site
+from harness.routes.site import Area, Place, RouteError, Site
 from harness.routes.way import STREETS, Way
 
-GRID = 0.01  # m: street ends that are as near meet
+GRID = 0.01  # m, of the crossings' places
+MEET = 0.25  # m: streets whose ends are as near to others meet them; six decimals of a degree leave 0.16 m
 SHARED = 0.7  # share of the shorter way that two ways may have in common
 TRIED = 300  # shortest paths, at most
 SMOOTH = 1.0  # m: bends of a street that leave it by less are no corners
@@ -45,7 +46,15 @@ class _Net(NamedTuple):
     is_nearest: bool
 
 
-def street_ways(site: Site, begin: Place, end: Place, *, count: int, longest: float) -> list[Way]:
+def street_ways(
+    site: Site,
+    begin: Place,
+    end: Place,
+    *,
+    count: int,
+    longest: float,
+    note: Callable[[str], None] = lambda text: None,
+) -> list[Way]:
     """Ways along the streets that differ, the shortest first; none if the streets do not lead there.
 
     From the begin the way goes straight to the nearest street that leads to one beside the end, and from
@@ -55,13 +64,15 @@ def street_ways(site: Site, begin: Place, end: Place, *, count: int, longest: fl
     Args:
         count: of ways, at most.
         longest: no way is longer than so many times the shortest.
+        note: called with what the streets lack, for the user.
 
     Raises:
         RouteError: areas lie between the begin or the end and all streets.
     """
-    network = _network(site)
+    network = _network(site, note)
     if not network:
         return []
+    _tell_gap(network, begin, note)
     for net in _nets(network, site, begin, end):
         ends = [_attach(net.streets, site, place) for place in (begin, end)]
         if ends[0] != ends[1] and (net.is_nearest or _distance(net.streets, ends) > net.gap):
@@ -86,16 +97,68 @@ def street_ways(site: Site, begin: Place, end: Place, *, count: int, longest: fl
     return ways
 
 
-def _network(site: Site) -> nx.Graph:
-    """The streets as a graph of crossings; `line` of an edge has its bends. Through areas they are closed."""
-    graph = nx.Graph()
+def _network(site: Site, note: Callable[[str], None]) -> nx.Graph:
+    """The streets as a graph of crossings; `line` of an edge has its bends. Through areas they are closed.
+
+    Crossings with a stretch of street between them that is no longer than MEET are one.
+    """
+    graph, crossings = nx.Graph(), nx.utils.UnionFind()
     if not site.streets:
         return graph
-    noded = shapely.union_all(list(site.streets), grid_size=GRID)
-    for line in getattr(noded, "geoms", [noded]):
-        if not any(line.crosses(area.shape) or line.within(area.shape) for area in site.areas):
-            _add(graph, line)
+    noded = shapely.union_all([*site.streets, *_joints(site.streets)], grid_size=GRID)
+    parts = [line for line in shapely.get_parts(noded) if not line.is_empty]
+    areas = [_area_on(site, line) for line in parts]
+    closed = [area for area in areas if area is not None]
+    if closed:
+        is_one = len(closed) == 1
+        note(
+            f"{len(closed)} {'stretch of street is' if is_one else 'stretches of street are'} closed: "
+            f"{'it leads' if is_one else 'the first leads'} through {closed[0].where}"
+        )
+    lines = [line for line, area in zip(parts, areas, strict=True) if area is None]
+    for line in lines:
+        if line.length <= MEET:
+            crossings.union(line.coords[0], line.coords[-1])
+    for line in lines:
+        first, *bends, last = line.coords
+        moved = shapely.LineString([crossings[first], *bends, crossings[last]])
+        if moved.length > MEET:
+            _add(graph, moved)
     return graph
+
+
+def _joints(streets: Sequence[shapely.LineString]) -> list[shapely.LineString]:
+    """Lines from the ends of streets to the streets that they meet: files round places, and draw by hand."""
+    ends = shapely.points([place for street in streets for place in (street.coords[0], street.coords[-1])])
+    stretches = shapely.linestrings(
+        [pair for street in streets for pair in itertools.pairwise(street.coords)]
+    )
+    end, beside = shapely.STRtree(stretches).query(ends, predicate="dwithin", distance=MEET)
+    joints = shapely.shortest_line(ends[end], stretches[beside])
+    return [joint for joint in joints if joint.length > 0]
+
+
+def _area_on(site: Site, line: shapely.LineString) -> Area | None:
+    """The first area that a street leads through."""
+    return next((area for area in site.areas if line.crosses(area.shape) or line.within(area.shape)), None)
+
+
+def _tell_gap(network: nx.Graph, begin: Place, note: Callable[[str], None]) -> None:
+    """Note that streets do not meet, if so, and where those at the begin are nearest to the others."""
+    nets = [
+        shapely.multilinestrings([line for *_, line in network.subgraph(nodes).edges(data="line")])
+        for nodes in nx.connected_components(network)
+    ]
+    if len(nets) == 1:
+        return
+    here, *others = sorted(nets, key=shapely.Point(begin).distance)
+    gap = min((shapely.shortest_line(here, other) for other in others), key=attrgetter("length"))
+    north, east = gap.coords[0]
+    note(
+        f"the streets are {len(nets)} nets that do not meet: the one at the begin is {gap.length:.2f} m "
+        f"from the next, at {north:.1f} m north, {east:.1f} m east; a street meets those that are within "
+        f"{MEET:g} m of its ends"
+    )
 
 
 def _add(graph: nx.Graph, line: shapely.LineString) -> None:

@@ -250,7 +250,11 @@ def test_a_trial_that_does_not_exist_or_does_not_fit_is_refused(tmp_path: Path) 
         ),
         ("run_plan", PLAN | {"spacings": 20}, "spacings is 20; expected a list, in m"),
         ("run_plan", PLAN | {"spacings": None}, "spacings is None; expected a list, in m"),
-        ("run_plan", PLAN | {"spacings": [float("nan")]}, "spacing nan: expected more than d', 7 m, or none"),
+        (
+            "run_plan",
+            PLAN | {"spacings": [float("nan")]},
+            "spacing nan: expected a length of more than d', 7",
+        ),
         ("run_plan", PLAN | {"spacings": ["x"]}, "spacings[1] is 'x'; expected a number, in m"),
         ("run_plan", PLAN | {"longest": None}, "longest is None; expected a number"),
         ("run_plan", PLAN | {"longest": float("nan")}, "longest is nan; expected 1 to 10"),

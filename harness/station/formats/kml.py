@@ -61,11 +61,21 @@ def _where(number: int, name: str | None) -> str:
 def _check(where: str, placemark: ElementTree.Element) -> None:
     """Refuse what the library would leave out or misread.
 
-    It reads the first of several geometries alone, leaves out a place that is NaN, and takes 1_0 for 10.
+    It reads the first of several geometries alone, leaves out a place that is NaN and parts without a place,
+    and takes 1_0 for 10.
     """
     names = [name for child in placemark if (name := child.tag.rpartition("}")[2]) in GEOMETRIES]
     if len(names) > 1:
         raise MissionFileError(f"{where}: has {' and '.join(names)}, expected one; give each a placemark")
+    for part in placemark.iterfind(".//{*}MultiGeometry/*"):
+        kind = part.tag.rpartition("}")[2]
+        texts = [coordinates.text or "" for coordinates in part.iterfind(".//{*}coordinates")]
+        is_read = kind not in ("Model", "Track", "MultiTrack") and texts and all(map(str.strip, texts))
+        if kind in GEOMETRIES and not is_read:
+            raise MissionFileError(
+                f"{where}: its MultiGeometry has a {kind} that cannot be read, expected points, lines and "
+                "polygons, each with coordinates"
+            )
     for coordinates in placemark.iterfind(".//{*}coordinates"):
         for number in (coordinates.text or "").replace(",", " ").split():
             if not NUMBER.fullmatch(number):

@@ -30,6 +30,13 @@ def mark(name: str, x: float, y: float) -> dict[str, Any]:
     return _feature(name, "Point", (x, y), {})
 
 
+def collection(name: str, *parts: dict[str, Any]) -> dict[str, Any]:
+    """The geometries of features, or geometries, as one feature."""
+    geometries = [part.get("geometry", part) for part in parts]
+    geometry = {"type": "GeometryCollection", "geometries": geometries}
+    return {"type": "Feature", "properties": {"name": name}, "geometry": geometry}
+
+
 def _feature(name: str, kind: str, coordinates: object, properties: dict[str, object]) -> dict[str, Any]:
     geometry = {"type": kind, "coordinates": coordinates}
     return {"type": "Feature", "properties": {"name": name, **properties}, "geometry": geometry}

@@ -29,6 +29,12 @@ def test_legs_are_split_evenly_so_that_no_part_is_longer_than_the_spacing() -> N
     assert notes == []
 
 
+def test_a_spacing_longer_than_any_leg_splits_none() -> None:
+    way = Way((BEGIN, (50, 0), (50, 30)), "open")
+    (candidate,), _ = candidates_of([way], [1e12], EMPTY, 7.0)
+    assert candidate.waypoints == ((50, 0), (50, 30))
+
+
 def test_the_same_waypoints_are_one_candidate() -> None:
     way = Way((BEGIN, (18, 0)), "open")
     found, _ = candidates_of([way, way], [None, 20.0, 30.0], EMPTY, 7.0)
@@ -74,6 +80,9 @@ def test_an_end_too_near_to_the_last_corner_takes_its_place() -> None:
     assert candidate.waypoints == ((33, 3),)
 
 
-def test_a_spacing_within_the_capture_radius_is_refused() -> None:
-    with pytest.raises(RouteError, match=r"spacing 6: expected more than d', 7 m, or none"):
-        candidates_of([Way((BEGIN, (30, 0)), "open")], [6.0], EMPTY, 7.0)
+@pytest.mark.parametrize("spacing", [6.0, math.inf, math.nan])
+def test_a_spacing_within_the_capture_radius_or_without_a_length_is_refused(spacing: float) -> None:
+    with pytest.raises(
+        RouteError, match=f"spacing {spacing:g}: expected a length of more than d', 7 m, or none"
+    ):
+        candidates_of([Way((BEGIN, (30, 0)), "open")], [spacing], EMPTY, 7.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import pytest
 from harness.routes.map_file import load
 from harness.routes.site import RouteError, Site
 from models.earth import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS
-from tests.harness.routes.maps import box, line, mark, polygon, write
+from tests.harness.routes.maps import box, collection, line, mark, polygon, write
 
 HALL = polygon("hall", box(10, 20, 40, 60))
 KML = """<?xml version="1.0" encoding="UTF-8"?>
@@ -23,6 +24,13 @@ KML = """<?xml version="1.0" encoding="UTF-8"?>
 </coordinates></LinearRing></outerBoundaryIs></Polygon></Placemark>
 <Placemark><name>lane</name><LineString><coordinates>-85.4877,32.6062 -85.4867,32.6062</coordinates></LineString></Placemark>
 </Document></kml>"""  # noqa: E501
+
+MULTI = re.sub(
+    "<Placemark><name>.*?</name>(.*?)</Placemark>", r"\1", KML.replace("\n<P", "<P"), flags=re.DOTALL
+)
+MULTI = MULTI.replace("<Document>", "<Document><Placemark><name>yard</name><MultiGeometry>")
+MULTI = MULTI.replace("</Document>", "</MultiGeometry></Placemark></Document>")
+TRACK = '<gx:Track xmlns:gx="http://www.google.com/kml/ext/2.2"><gx:coord>-85 32 0</gx:coord></gx:Track>'
 
 
 def read(path: str, begin: str = "0,0", **options: Any) -> Site:
@@ -74,21 +82,55 @@ def test_a_kml_is_the_map_that_the_same_geojson_is(tmp_path: Path) -> None:
 
 
 def test_parts_and_holes_are_kept_and_other_shapes_left_out_with_a_note(tmp_path: Path) -> None:
-    # given two halls as one feature, one with a court, and a collection of geometries
+    # given two halls as one feature, one with a court, and points without a name of their own
     halls = polygon("halls")
     halls["geometry"] = {
         "type": "MultiPolygon",
         "coordinates": [[box(0, 20, 10, 30), box(2, 22, 8, 28)], [box(20, 20, 30, 30)]],
     }
-    other = {"type": "GeometryCollection", "geometries": []}
+    other = {"type": "MultiPoint", "coordinates": [[1, 2], [3, 4]]}
     # when
     site = read(write(tmp_path, halls, {"type": "Feature", "geometry": other}))
     # then
     assert [area.shape.area for area in site.areas] == [100 - 36, 100]
     assert site.notes == [
-        f"{tmp_path}/map.geojson: 1 feature left out, no polygon, line or point: "
-        "feature 2: GeometryCollection"
+        f"{tmp_path}/map.geojson: 1 geometry left out, no polygon, line or point: feature 2: MultiPoint"
     ]
+
+
+def test_of_a_collection_each_part_is_taken_in_collections_within_it_too(tmp_path: Path) -> None:
+    # given a hall with the point of its label, a street and points in a collection of a collection
+    other = {"type": "MultiPoint", "coordinates": [[1, 2], [3, 4]]}
+    inner = collection("", line("", (0, 0), (50, 0)), other)
+    path = write(
+        tmp_path, collection("hall", HALL, mark("", 25, 40), inner), polygon("hut", box(90, 90, 95, 95))
+    )
+    # when
+    site = read(path)
+    # then
+    assert [(area.name, area.where) for area in site.areas] == [
+        ("hall", "feature 1 (hall), part 1"), ("hut", "feature 2 (hut)"),
+    ]  # fmt: skip
+    assert [list(street.coords) for street in site.streets] == [[(0, 0), (0, 50)]]
+    assert load(path).point_of("end", "hall") == (25, 40)
+    assert site.notes == [
+        f"{path}: 1 geometry left out, no polygon, line or point: "
+        "feature 1 (hall), part 3, part 2: MultiPoint"
+    ]
+
+
+def test_of_a_kml_s_multigeometry_each_part_is_taken(tmp_path: Path) -> None:
+    # given a hall with its label's point and a path, as Google Earth writes it
+    (tmp_path / "map.kml").write_text(MULTI)
+    # when
+    site = read(str(tmp_path / "map.kml"), "32.6062,-85.4877")
+    # then
+    (tmp_path / "map.kml").write_text(KML)
+    same = read(str(tmp_path / "map.kml"), "32.6062,-85.4877")
+    assert [area.name for area in site.areas] == ["yard"]
+    assert site.areas[0].shape.equals(same.areas[0].shape)
+    assert site.streets[0].equals(same.streets[0])
+    assert site.notes == []
 
 
 def test_the_option_says_metres_where_the_file_does_not(tmp_path: Path) -> None:
@@ -153,6 +195,15 @@ BOW = polygon("bow", [(0, 10), (10, 20), (10, 10), (0, 20), (0, 10)])
         ([polygon("dot", [(1, 1), (2, 2)])], {}, 'feature 1 (dot): is no Polygon'),
         ([polygon("words", [("a", "b")] * 4)], {}, 'feature 1 (words): has the coordinate "b", expected a'),
         ([polygon("empty")], {}, 'feature 1 (empty): has no coordinates'),
+        ([HALL, collection("all", HALL, BOW)], {}, "feature 2 (all), part 2: the polygon crosses or touches"),
+        ([HALL, collection("all", {"type": 3})], {}, 'feature 2 (all), part 1: is {"type": 3}, expected one'),
+        (
+            [{"type": "Feature", "geometry": {"type": "GeometryCollection"}}],
+            {},
+            "feature 1: geometries is none, expected a list",
+        ),
+        ([HALL, line("dot", (0, 0), (0, 0.004))], {}, "feature 2 (dot): the line is 0.004 m long, expected"),
+        ([HALL, line("dot", (0, 0), (0, 0))], {}, "feature 2 (dot): the line is 0 m long, expected 0.1 at"),
         ([polygon("far", box(0, 10, math.inf, 20))], {}, "feature 1 (far): has a coordinate that is no"),
     ],
 )  # fmt: skip
@@ -194,11 +245,24 @@ def test_a_crs_that_names_wgs_84_is_taken(tmp_path: Path) -> None:
             KML.replace("\n-85.488", "\n0,0,0 -85.488"),
             "placemark 2 (hall): has no place, expected longitude,latitude",
         ),
+        ("map.kml", re.sub("<Point>.*</Point>", TRACK, KML), "placemark 1 (gate): is no LineString (too few"),
+        (
+            "map.kml",
+            re.sub("<Point>.*</Point>", TRACK, MULTI),
+            "placemark 1 (yard): its MultiGeometry has a Track that cannot be read, expected points, lines",
+        ),
+        (
+            "map.kml",
+            re.sub("<coordinates>\n[^<]*", "<coordinates>", MULTI),
+            "placemark 1 (yard): its MultiGeometry has a Polygon that cannot be read, expected points, lines",
+        ),
+        ("map\0.kml", KML, "map\\x00.kml: cannot be read (embedded null byte)"),
         ("map.gpx", "", 'the ending is "gpx", expected one of geojson, json, kml'),
     ],
 )
 def test_what_is_no_map_is_refused(name: str, content: str, text: str, tmp_path: Path) -> None:
-    (tmp_path / name).write_text(content)
+    if name.isprintable():
+        (tmp_path / name).write_text(content)
     with pytest.raises(RouteError, match="map") as refusal:
         load(str(tmp_path / name))
     assert text in str(refusal.value)

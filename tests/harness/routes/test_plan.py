@@ -279,6 +279,9 @@ def test_the_start_heading_deviates_as_in_a_trial_of_as_many_waypoints(tmp_path:
 
 HALL = polygon("hall", box(10, 20, 40, 60))
 HUGE = polygon("hall", box(3.6e6 + 10, 20, 3.6e6 + 40, 60))
+# a room with a door of 4 m in the south
+OUTER = [(-2, -50), (-80, -50), (-80, 50), (80, 50), (80, -50), (2, -50)]
+INNER = [(2, -40), (70, -40), (70, 40), (-70, 40), (-70, -40), (-2, -40), (-2, -50)]
 ROOM = polygon("room", box(-50, -50, 50, 50), box(-40, -40, 40, 40))
 
 
@@ -287,7 +290,18 @@ ROOM = polygon("room", box(-50, -50, 50, 50), box(-40, -40, 40, 40))
     [
         ([HALL], ["--from", "30,20"], "map: begin 30,20 is in feature 1 (hall); expected a place outside"),
         ([HALL], ["--to", "20,40"], "map: end 20,40 is in feature 1 (hall)"),
-        ([ROOM], ["--to", "100,0"], "map: no way leads from 0,0 to 100,0: none round the areas with 3 m"),
+        ([ROOM], ["--to", "100,0"], "map: no way leads from 0,0 to 100,0: areas surround the begin; mend"),
+        ([ROOM], ["--from", "100,0", "--to", "0,0"], "from 100,0 to 0,0: areas surround the end; mend"),
+        (
+            [polygon("room", [*OUTER, *INNER])],
+            ["--to", "-90,0"],
+            "to -90,0: none round the areas with 3 m clear of them; take a smaller clearance, or mend",
+        ),
+        (
+            [line("west", (0, 0), (0, 40)), line("east", (0, 60), (0, 100))],
+            [],
+            "from 0,0 to 0,100: none along streets (the streets are 2 nets",
+        ),
         (
             [HALL],
             ["--to", "19000,0"],
@@ -309,7 +323,29 @@ ROOM = polygon("room", box(-50, -50, 50, 50), box(-40, -40, 40, 40))
         ([HALL], ["--clearance", "0"], "clearance 0: expected more than 0, up to 100 m"),
         ([HALL], ["--clearance", "2,"], '--clearance "": expected a number, in m'),
         ([HALL], ["--clearance", "wide"], '--clearance "wide": expected a number, in m'),
-        ([HALL], ["--spacing", "5"], "spacing 5: expected more than d', 7 m, or none"),
+        ([HALL], ["--spacing", "5"], "spacing 5: expected a length of more than d', 7 m, or none"),
+        ([HALL], ["--spacing", "inf"], "spacing inf: expected a length of more than d', 7 m, or none"),
+        (
+            [HALL],
+            ["--set", "cmec.waypoint_count=1"],
+            "map: cmec.waypoint_count is set; start, home and waypoints are the route's: leave it out",
+        ),
+        ([HALL], ["--set", "controller.waypoint_north[1]=5"], "controller.waypoint_north[1] is set; start"),
+        ([HALL], ["--set", "cmec.waypoint_east=[5.0]"], "map: cmec.waypoint_east is set; start, home and"),
+        ([HALL], ["--set", "canine.start_north=90"], "map: canine.start_north is set; start, home and way"),
+        ([HALL], ["--set", "plant.start_heading=90"], "map: plant.start_heading is set; start, home and way"),
+        ([HALL], ["--set", "cmec.home_east=9"], "map: cmec.home_east is set; start, home and waypoints are"),
+        (
+            [line("west", (0, 0), (0, 50)), line("east", (0.3, 50), (0.3, 100))],
+            [],
+            "none along streets (the streets are 2 nets that do not meet: the one at the begin is 0.30 m "
+            "from the next, at 50.0 m north, 0.0 m east; a street meets those that are within 0.25 m of its",
+        ),
+        (
+            [line("lane", (0, 0), (0, 100)), polygon("gate house", box(-5, 45, 5, 55))],
+            ["--along", "streets"],
+            "none along streets (1 stretch of street is closed: it leads through feature 2 (gate house))",
+        ),
         ([HALL], ["--along", "streets"], "map: has no line; expected streets, or take the ways round"),
         ([HALL], ["--ways", "0"], "ways is 0; expected 1 to 50"),
         ([HALL], ["--origin", "32"], '--origin "32": expected latitude,longitude in deg'),
@@ -344,6 +380,32 @@ def test_a_scenario_that_runs_a_package_is_named_as_it_was_given(tmp_path: Path)
         prepare(Asked("five_buildings", "home", "goal", scenario=str(given)))
     # then
     assert str(refusal.value).startswith(f"scenario {given}: runs a package; expected")
+
+
+def test_a_scenario_whose_parameters_state_a_waypoint_is_refused_by_its_name(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.toml"
+    mine.write_text('reading = "field"\n[parameters]\n"cmec.waypoint_count" = 1\n')
+    with pytest.raises(RouteError, match=r"^mine: cmec.waypoint_count is set; start, home and waypoints are"):
+        prepare(Asked("five_buildings", "home", "goal", scenario=str(mine)))
+
+
+def test_a_scenario_s_streets_are_taken_about_the_route_s_origin_alone(tmp_path: Path) -> None:
+    # given streets about Auburn, and a map about a place 10 km off
+    hall = write(tmp_path, HALL, origin=[-85.4877, 32.7])
+    with pytest.raises(RouteError, match=r"^star: its streets are about its origin, 32.6062,-85.4877, "):
+        prepare(Asked(hall, "0,0", "0,100", scenario="star", reading="field"))
+    # and on a map about the same place, or that does not say where it is, they hold the dog
+    for origin in ([-85.4877, 32.6062], None):
+        hall = write(tmp_path, HALL, origin=origin)
+        problem = prepare(Asked(hall, "0,0", "0,100", scenario="star", reading="field"))
+        assert any(
+            "hold and draw the dog are the scenario's (4 and 0), not" in text for text in problem.notes
+        )
+
+
+def test_a_spacing_that_splits_no_leg_is_not_said_to_be_too_narrow(tmp_path: Path) -> None:
+    problem = prepare(Asked(write(tmp_path, HALL), "0,0", "0,100", spacings=(300.0,), clearances=(3.0,)))
+    assert problem.notes == []
 
 
 def test_a_scenario_that_counts_per_waypoint_gives_dog_and_controller(tmp_path: Path) -> None:

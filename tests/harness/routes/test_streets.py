@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 import shapely
 
+from harness.routes.map_file import load
 from harness.routes.site import Area, RouteError, Site
 from harness.routes.streets import street_ways
 from harness.routes.way import Way
+from tests.harness.routes.maps import line, write
 
 
 def grid(size: int = 4, block: float = 30.0) -> list[shapely.LineString]:
@@ -71,6 +76,70 @@ def test_a_street_through_an_area_is_closed() -> None:
     streets = [shapely.LineString([(0, 0), (100, 0)]), shapely.LineString([(0, 0), (50, 40), (100, 0)])]
     (way,) = ways_of(Site("town", [house], streets), (0, 0), (100, 0))
     assert way.places[1] == (50, 40)
+
+
+@pytest.mark.parametrize("decimals", [6, 7])
+def test_a_street_that_ends_at_another_meets_it_however_a_file_in_degrees_rounds_both(
+    decimals: int, tmp_path: Path
+) -> None:
+    # given streets that end on others, at any place and in any direction
+    rng = np.random.default_rng(1)
+    scale = np.array([math.cos(math.radians(32)), 1]) * 111_000  # m a degree
+
+    def written(place: np.ndarray[Any, Any]) -> tuple[float, float]:
+        x, y = np.round([10, 32] + place / scale, decimals)
+        return float(x), float(y)
+
+    for _ in range(40):
+        a, b = rng.uniform(-200, 0, 2), rng.uniform(0, 200, 2)
+        joint = a + rng.uniform(0.2, 0.8) * (b - a)
+        away = joint + rng.uniform(20, 100, 2) * rng.choice([-1, 1], 2)
+        streets = line("", written(a), written(b)), line("", written(joint), written(away))
+        # when
+        found = load(write(tmp_path, *streets, units=None))
+        site = found.site(written(a))
+        ends = [found.place_at(written(place), written(a)) for place in (a, away)]
+        # then they lead from the one to the other
+        (way,) = ways_of(site, *ends)
+        assert way.length == pytest.approx(math.dist(a, joint) + math.dist(joint, away), rel=0.01)
+
+
+@pytest.mark.parametrize(("gap", "nets"), [(0.24, 1), (0.26, 2)])
+def test_a_street_meets_another_a_quarter_of_a_metre_from_its_end(gap: float, nets: int) -> None:
+    street, side = shapely.LineString([(0, 0), (100, 0)]), shapely.LineString([(50, gap), (50, 90)])
+    notes: list[str] = []
+    street_ways(Site("town", streets=[street, side]), (0, 0), (50, 90), count=1, longest=2, note=notes.append)
+    assert len(notes) == nets - 1
+
+
+def test_ends_a_little_beyond_a_street_leave_no_ways_that_hardly_differ() -> None:
+    # given a ring road with ten side streets that begin 0.1 m before or beyond its near side
+    ring = shapely.LineString([(0, 0), (100, 0), (100, 60), (0, 60), (0, 0)])
+    sides = [shapely.LineString([(5 + 9 * k, (-0.1) ** (k % 2)), (5 + 9 * k, -40)]) for k in range(10)]
+    # when
+    ways = ways_of(Site("town", streets=[ring, *sides]), (0, 0), (100, 0), longest=4.0)
+    # then both ways round are found
+    assert [way.length for way in ways] == pytest.approx([100, 220], abs=0.5)
+
+
+def test_what_the_streets_lack_is_told() -> None:
+    # given a gap of 0.3 m, more than ends may be apart, and a gate house over a lane beside it
+    house = Area("gate house", "feature 1 (gate house)", shapely.box(40, -25, 60, -15))
+    streets = [[(0, 0), (40, 0)], [(40.3, 0), (70, 0)], [(0, 0), (0, -20), (70, -20), (70, -5)]]
+    notes: list[str] = []
+    # when
+    site = Site("town", [house], [shapely.LineString(street) for street in streets])
+    street_ways(site, (0, 0), (70, 0), count=5, longest=2.0, note=notes.append)
+    # then
+    assert notes == [
+        "1 stretch of street is closed: it leads through feature 1 (gate house)",
+        "the streets are 2 nets that do not meet: the one at the begin is 0.30 m from the next, at 40.0 m "
+        "north, 0.0 m east; a street meets those that are within 0.25 m of its ends",
+    ]
+
+
+def test_streets_shorter_than_a_crossing_is_wide_give_no_way() -> None:
+    assert ways_of(Site("town", streets=[shapely.LineString([(0, 0), (0, 0.004)])]), (0, 0), (9, 0)) == []
 
 
 def test_streets_that_do_not_lead_there_give_no_way() -> None:
