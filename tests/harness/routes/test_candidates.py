@@ -29,6 +29,12 @@ def test_legs_are_split_evenly_so_that_no_part_is_longer_than_the_spacing() -> N
     assert notes == []
 
 
+def test_a_leg_that_would_be_as_long_as_the_capture_radius_is_not_split_so() -> None:
+    # given 21 m and 8 m between waypoints: three parts of 7 m
+    (candidate,), _ = candidates_of([Way((BEGIN, (21, 0)), "open")], [8.0], EMPTY, 7.0)
+    assert candidate.waypoints == ((10.5, 0), (21, 0))
+
+
 def test_a_spacing_longer_than_any_leg_splits_none() -> None:
     way = Way((BEGIN, (50, 0), (50, 30)), "open")
     (candidate,), _ = candidates_of([way], [1e12], EMPTY, 7.0)
@@ -74,10 +80,14 @@ def test_a_corner_too_near_to_the_one_before_goes_if_nothing_stands_in_the_short
     assert notes == ["1 candidate left out: it has corners within d', 7 m, of each other"]
 
 
-def test_an_end_too_near_to_the_last_corner_takes_its_place() -> None:
-    way = Way((BEGIN, (30, 0), (33, 3)), "open")
+def test_an_end_too_near_to_the_last_corner_takes_its_place_if_nothing_stands_in_the_short_cut() -> None:
+    way, straight = Way((BEGIN, (30, 0), (33, 3)), "open"), Way((BEGIN, (0, 40)), "open")
     (candidate,), _ = candidates_of([way], [None], EMPTY, 7.0)
     assert candidate.waypoints == ((33, 3),)
+    # and with a hut there the way is left out
+    hut = Site("yard", [Area("hut", "feature 1", shapely.box(14, 1, 16, 9))])
+    found, _ = candidates_of([way, straight], [None], hut, 7.0)
+    assert [candidate.way for candidate in found] == [straight]
 
 
 @pytest.mark.parametrize("spacing", [6.0, math.inf, math.nan])

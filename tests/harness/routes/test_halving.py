@@ -108,5 +108,28 @@ def test_half_goes_on_with_the_reference_and_without_those_that_succeed_half_as_
     assert kept == [0, *range(11, 21), *range(25, 30)]
 
 
+def test_of_an_odd_number_the_larger_half_goes_on() -> None:
+    tried = {candidate(k): score(0.9 - k / 100, 40) for k in range(31)}
+    assert numbers(halving._kept(tried, candidate(0))) == list(range(16))
+
+
+def test_each_round_has_trials_of_its_own() -> None:
+    # given a scorer that notes which trials it is asked for
+    spans: list[tuple[int, int]] = []
+
+    def run(candidates: list[Candidate], first: int, last: int) -> list[Score]:
+        spans.append((first, last))
+        return [score(0.9, 40, trials=last - first) for _ in candidates]
+
+    problem: Any = SimpleNamespace(
+        asked=SimpleNamespace(trials=900), candidates=[candidate(0)], scorer=SimpleNamespace(run=run)
+    )
+    # when
+    tried = halving.run(problem).tried
+    # then none is tried twice, and all count
+    assert spans == [(0, 256), (256, 512), (512, 900)]
+    assert [each.trials for each in tried.values()] == [900]
+
+
 def test_those_that_only_the_front_beats_come_next() -> None:
     assert halving._layers([(1.0, 1.0), (2.0, 2.0), (0.5, 3.0), (3.0, 3.0), (2.0, 2.0)]) == [0, 1, 0, 2, 1]

@@ -153,3 +153,9 @@ def test_turns_near_45_or_90_deg_are_preferred_where_that_is_asked_for() -> None
     # then
     assert best([odd, square], 1, 0.0) == [odd]
     assert best([odd, square], 1, 100.0) == [square]
+
+
+def test_a_begin_at_a_wall_is_left_straight_for_an_end_that_is_clear() -> None:
+    house = Area("house", "feature 1", shapely.box(0, 0, 10, 10))
+    (way, *_) = open_ways(Site("yard", [house]), (11, 5), (60, 5), 6.0, count=3, longest=2.0)
+    assert way.places == ((11, 5), (60, 5))

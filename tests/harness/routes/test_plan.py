@@ -26,7 +26,7 @@ from harness.routes.way import Way
 from harness.station import mission_files
 from harness.sweep.chunks import Outcomes, pool_at, run_all
 from harness.sweep.sweep import plan_sweep
-from harness.sweep.table import table_of
+from harness.sweep.table import table_of, wilson
 from harness.trial import scenario as scenarios
 from models.canine import Canine
 from tests.harness.command import canine
@@ -62,6 +62,23 @@ def test_five_buildings_are_passed_far_more_often_by_the_best_route_than_by_the_
     assert reference["entry_rate"] > 0.7
     assert sum(reference["entered"].values()) == pytest.approx(reference["entry_rate"])
     assert facts["candidates"] == 43
+
+
+def test_what_is_stated_of_a_route_is_what_its_trials_say(facts: Any) -> None:
+    for route in facts["routes"]:
+        low, high = wilson(route["successes"], route["trials"])
+        assert (route["ci_low"], route["ci_high"]) == (low, high)
+        low, high = wilson(route["entries"], route["trials"])
+        assert (route["entry_ci_low"], route["entry_ci_high"]) == (low, high)
+        assert route["successes"] <= route["reached"] <= route["successes"] + route["entries"]
+    # and by the shortest way many dogs get there through a building
+    shortest = facts["routes"][facts["reference"] - 1]
+    assert shortest["reached"] > shortest["successes"] + 100
+
+
+def test_what_overrides_the_scenario_is_in_that_of_the_route() -> None:
+    problem = prepare(Asked("five_buildings", "home", "goal", settings=("canine.drift=1.0",), seed=7))
+    assert (problem.base.seed, problem.base.parameters) == (7, {"canine.drift": 1.0})
 
 
 def test_candidates_are_tried_in_rounds_of_half_as_many_and_twice_as_often(facts: Any) -> None:
@@ -404,7 +421,7 @@ def test_a_scenario_s_streets_are_taken_about_the_route_s_origin_alone(tmp_path:
 
 
 def test_a_spacing_that_splits_no_leg_is_not_said_to_be_too_narrow(tmp_path: Path) -> None:
-    problem = prepare(Asked(write(tmp_path, HALL), "0,0", "0,100", spacings=(300.0,), clearances=(3.0,)))
+    problem = prepare(Asked(write(tmp_path, HALL), "0,0", "0,100", spacings=(None, 300.0), clearances=(3.0,)))
     assert problem.notes == []
 
 

@@ -142,6 +142,28 @@ def test_streets_shorter_than_a_crossing_is_wide_give_no_way() -> None:
     assert ways_of(Site("town", streets=[shapely.LineString([(0, 0), (0, 0.004)])]), (0, 0), (9, 0)) == []
 
 
+def test_a_street_from_wall_to_wall_of_an_area_is_closed() -> None:
+    house = Area("gate house", "feature 1", shapely.box(40, -5, 60, 5))
+    pieces = [[(0, 0), (40, 0)], [(40, 0), (60, 0)], [(60, 0), (100, 0)], [(0, 0), (50, 40), (100, 0)]]
+    (way,) = ways_of(Site("town", [house], [shapely.LineString(piece) for piece in pieces]), (0, 0), (100, 0))
+    assert way.places[1] == (50, 40)
+
+
+def test_the_nearest_streets_are_taken_for_a_way_that_is_mostly_beside_them() -> None:
+    street = shapely.LineString([(0, 0), (100, 0)])
+    (way,) = ways_of(Site("town", streets=[street]), (10, 10), (25, 10))
+    assert way.length == 35
+
+
+def test_a_way_that_shares_most_of_the_shorter_one_is_none_of_its_own() -> None:
+    # given 100 m, and 180 m that has 80 m of them
+    streets = [[(0, 0), (80, 0)], [(80, 0), (100, 0)], [(80, 0), (80, 48.99), (100, 0)]]
+    (way,) = ways_of(
+        Site("town", streets=[shapely.LineString(street) for street in streets]), (0, 0), (100, 0)
+    )
+    assert way.length == 100
+
+
 def test_streets_that_do_not_lead_there_give_no_way() -> None:
     streets = [shapely.LineString([(0, 0), (40, 0)]), shapely.LineString([(60, 0), (100, 0)])]
     assert ways_of(Site("town", streets=streets), (0, 0), (100, 0)) == []
