@@ -20,7 +20,7 @@ from models.pack import PackMotion
 
 MAX_STREETS, MAX_POLES = 16, 8
 TOUCH = 1e-6  # m: an animal so near to a wall touches it
-LAG = 15 * DEG  # where its street ends, the animal may not yet have turned to its direction by so much
+LAG = 20 * DEG  # where its street ends, the animal may not yet have turned to its direction by so much
 
 
 class Streets(Behaviour):
@@ -28,7 +28,7 @@ class Streets(Behaviour):
 
     A street is what lies within its half-width of a line between two ends. The animal changes to another
     that it is in, if that one's direction, either way, is within a cone about its heading, and nearer to it
-    than its own street's. Where its own street ends it runs on into one that goes on, within 15 deg more. It
+    than its own street's. Where its own street ends it runs on into one that goes on, within 20 deg more. It
     turns towards its street's direction at a rate in proportion to the deviation. A wall takes what of the
     velocity goes through it; an animal that leans on a wall goes along it, as fast as that part of its
     cruise speed. RECALL takes it home straight, walls or not, as in the open (5.3.2). Outside of all streets
@@ -78,7 +78,7 @@ class Streets(Behaviour):
     @triggered(lambda m: m.street_count > 0, "there are streets")
     def initialize_streets(m) -> None:
         """Is the start in a street?"""
-        m._look(0)
+        m._look(0, 0)
         m._enter()
 
     @before("move")
@@ -100,7 +100,7 @@ class Streets(Behaviour):
     def keep_in(m) -> None:
         """Stay in the street, slide along its wall; see into which street it looks."""
         held = all_of(m.street > 0, m.obeyed != Command.RECALL)
-        north, east, _, goes_on = m._beside(m.origin_north, m.origin_east, m.way_north, m.way_east)
+        north, east, straight, goes_on = m._beside(m.origin_north, m.origin_east, m.way_north, m.way_east)
         distance = ca.sqrt(north * north + east * east)
         touches = all_of(held, distance > m.half_width - TOUCH)
         m.out_north, m.out_east = where(touches, north / distance, 0), where(touches, east / distance, 0)
@@ -112,7 +112,7 @@ class Streets(Behaviour):
         kept = ca.fabs(m.out_north * ca.sin(course) - m.out_east * ca.cos(course))
         most = m._top_speed() * ca.cos(m.wall_slip)
         m.velocity = at_most(where(outside, m.velocity * kept, m.velocity), most)
-        m._look(ca.logic_not(goes_on))
+        m._look(straight, goes_on)
 
     @triggered(
         lambda m: all_of(m.street_count > 0, m.next_street != m.street),
@@ -133,17 +133,17 @@ class Streets(Behaviour):
         m.wall_slip = where(leans, wrap(along - course), 0)
         super()._move(acceleration, top_speed, turn_rate)
 
-    def _look(m, ends: SX | float) -> None:
+    def _look(m, own_straight: SX | float, own_goes_on: SX | float) -> None:
         """Choose among the streets that it is in: those that go on before those that end; the straightest.
 
-        In a street it changes to one within the cone alone.
+        It leaves its own for a better one within the cone alone.
 
         Args:
-            ends: does its own street end here?
+            own_straight, own_goes_on: of the street that it is in, as `_beside` returns.
         """
-        cone = where(ends, at_most(m.street_cone + LAG, 90 * DEG), m.street_cone)
+        cone = where(own_goes_on, m.street_cone, at_most(m.street_cone + LAG, 90 * DEG))
         least = where(m.street > 0, ca.cos(cone) ** 2, -1)  # of cos^2 of the deviation
-        best, chosen = ca.SX(-1), m.street
+        best, chosen = where(m.street > 0, own_straight + own_goes_on, -1), m.street
         for i in range(MAX_STREETS):
             north, east, straight, goes_on = m._beside(*m._origin(i), *m._way(i))
             is_in = north * north + east * east <= m.street_half_width[i] ** 2

@@ -255,25 +255,29 @@ def test_streets_end_to_end_are_run_as_one(half_width: float, turned: bool) -> N
     assert models[0]["north"] < 20
 
 
-@pytest.mark.parametrize("bend", [-59, -45, -20, 0, 20, 45, 59])
-def test_a_bend_within_the_cone_is_taken_at_a_run(bend: float) -> None:
+@pytest.mark.parametrize("half_width", [1.0, 3.0])
+@pytest.mark.parametrize("bend", [-60, -45, -20, 0, 20, 45, 60])
+def test_a_bend_within_the_cone_and_a_little_more_is_taken_at_a_run(bend: float, half_width: float) -> None:
     # given two streets whose directions differ where one ends and the other begins
     end = (30 + 100 * math.cos(bend * DEG), 100 * math.sin(bend * DEG))
-    streets = ((0.0, 0.0, 30.0, 0.0, 1.0), (30.0, 0.0, *end, 1.0))
+    streets = ((0.0, 0.0, 30.0, 0.0, half_width), (30.0, 0.0, *end, half_width))
     model = dog(start_heading=0, **laid(*streets))
     tell(model, Command.FORWARD, 4)
-    slowest = model["speed"]
+    slowest, was_in = model["speed"], [model["street"]]
     for _ in range(200):
         tell(model, Command.FORWARD, TS)
         slowest = min(slowest, model["speed"])
+        was_in.append(model["street"])
         assert beyond(model["north"], model["east"], streets) < 1e-9
     # then it loses no more than a wall takes of its speed
     assert slowest > 0.99 * model["cruise_speed"] * math.cos(bend * DEG)
     assert math.hypot(model["north"] - 30, model["east"]) > 20
+    # and it changes once
+    assert np.count_nonzero(np.diff(was_in)) == 1
 
 
-@pytest.mark.parametrize("bend", [61, 90])
-def test_a_bend_beyond_the_cone_is_waited_at(bend: float) -> None:
+@pytest.mark.parametrize("bend", [70, 90])
+def test_a_bend_beyond_that_is_waited_at(bend: float) -> None:
     end = (30 + 100 * math.cos(bend * DEG), 100 * math.sin(bend * DEG))
     model = dog(start_heading=0, **laid((0.0, 0.0, 30.0, 0.0, 1.0), (30.0, 0.0, *end, 1.0)))
     tell(model, Command.FORWARD, 12)
@@ -286,24 +290,50 @@ def test_a_bend_beyond_the_cone_is_waited_at(bend: float) -> None:
 
 
 @pytest.mark.parametrize("turn", [0, 15, 40])
-@pytest.mark.parametrize("radius", [5, 12, 30])
-def test_a_round_of_eight_streets_is_run_again_and_again(radius: float, turn: float) -> None:
-    # given a regular octagon, whose bends are as wide as the cone
-    corners = [radius * np.exp(1j * (i * 45 + turn) * DEG) for i in range(9)]
-    streets = tuple((a.real, a.imag, b.real, b.imag, 1.0) for a, b in itertools.pairwise(corners))
-    middle, way = (corners[0] + corners[1]) / 2, corners[1] - corners[0]
+@pytest.mark.parametrize("radius", [6, 12, 30])
+@pytest.mark.parametrize("corners", [6, 8])
+def test_a_round_of_streets_is_run_again_and_again(corners: int, radius: float, turn: float) -> None:
+    # given a regular polygon of streets, whose bends of 60 or 45 deg are wider than the cone or as wide
+    places = [radius * np.exp(1j * (i * 360 / corners + turn) * DEG) for i in range(corners + 1)]
+    streets = tuple((a.real, a.imag, b.real, b.imag, 1.0) for a, b in itertools.pairwise(places))
+    middle, way = (places[0] + places[1]) / 2, places[1] - places[0]
     model = dog(
         start_north=middle.real, start_east=middle.imag, start_heading=float(np.angle(way)), **laid(*streets)
     )
     # when it runs for more than a round
     tell(model, Command.FORWARD, 2)
-    angles = []
-    for _ in range(50):
-        tell(model, Command.FORWARD, 1)
+    angles, was_in = [], []
+    for _ in range(1250):
+        tell(model, Command.FORWARD, TS)
         angles.append(math.atan2(model["east"], model["north"]))
-        assert model["speed"] > 0.3 * model["cruise_speed"]
-    # then it never stands
+        was_in.append(model["street"])
+        assert model["speed"] > 0.1 * model["cruise_speed"]
+    # then it never stands, and goes from each street into the next
     assert np.unwrap(angles)[-1] - angles[0] > 2 * math.pi
+    assert set(np.diff(was_in) % corners) == {0, 1}
+
+
+def test_a_crossing_street_beyond_the_cone_is_not_gone_into_while_its_own_goes_on() -> None:
+    # given a dog that does not turn, 65 deg off its own street and 55 deg off one that crosses it obliquely
+    aside = 100 * math.tan(60 * DEG)
+    streets = ((-200.0, 0.0, 200.0, 0.0, 1.0), (100.0, -aside, -100.0, aside, 1.0))
+    model = dog(start_north=12, start_heading=-115 * DEG, street_gain=0, **laid(*streets))
+    # when it slides along the wall across that one
+    for _ in range(400):
+        tell(model, Command.FORWARD, TS)
+        assert model["street"] == 1
+    assert model["north"] < -5
+
+
+def test_a_street_that_ends_here_is_not_gone_into() -> None:
+    # given a dog in a street, and in the end of another, which it looks along
+    streets = ((0.0, 0.0, 200.0, 0.0, 3.0), (20.0, -10.0, 30.0, 0.0, 3.0))
+    model = dog(start_north=31, start_heading=40 * DEG, **laid(*streets))
+    # when it runs, then it stays in its own, which goes on
+    for _ in range(100):
+        tell(model, Command.FORWARD, TS)
+        assert model["street"] == 1
+    assert model["north"] > 40
 
 
 def test_recall_takes_it_home_straight_through_the_walls() -> None:
