@@ -20,16 +20,16 @@ from models.pack import PackMotion
 
 MAX_STREETS, MAX_POLES = 16, 8
 TOUCH = 1e-6  # m: an animal so near to a wall touches it
-LAG = 20 * DEG  # where its street ends, the animal may not yet have turned to its direction by so much
 
 
 class Streets(Behaviour):
     """Streets: an animal that is in one stays in it, and at a crossing goes into the one into which it looks.
 
     A street is what lies within its half-width of a line between two ends. The animal changes to another
-    that it is in, if that one's direction, either way, is within a cone about its heading, and nearer to it
-    than its own street's. Where its own street ends it runs on into one that goes on, within 20 deg more. It
-    turns towards its street's direction at a rate in proportion to the deviation. A wall takes what of the
+    that it is in, if that one's direction, either way, is within a cone about its heading. A street that
+    goes on ahead is better than one that ends here, and of two that do the one nearer to its heading; it
+    changes to a better one alone. Where its own ends it looks a little farther than the cone. It turns
+    towards its street's direction at a rate in proportion to the deviation. A wall takes what of the
     velocity goes through it; an animal that leans on a wall goes along it, as fast as that part of its
     cruise speed. RECALL takes it home straight, walls or not, as in the open (5.3.2). Outside of all streets
     it is free until it comes into one.
@@ -54,6 +54,13 @@ class Streets(Behaviour):
         "rad",
         "the animal looks into a street within this of its heading",
         start=45 * DEG,
+        min=0,
+        max=90 * DEG,
+    )
+    street_lag = Parameter(
+        "rad",
+        "where its own street ends it looks farther by this: it may not have turned to its direction yet",
+        start=20 * DEG,
         min=0,
         max=90 * DEG,
     )
@@ -141,7 +148,7 @@ class Streets(Behaviour):
         Args:
             own_straight, own_goes_on: of the street that it is in, as `_beside` returns.
         """
-        cone = where(own_goes_on, m.street_cone, at_most(m.street_cone + LAG, 90 * DEG))
+        cone = where(own_goes_on, m.street_cone, at_most(m.street_cone + m.street_lag, 90 * DEG))
         least = where(m.street > 0, ca.cos(cone) ** 2, -1)  # of cos^2 of the deviation
         best, chosen = where(m.street > 0, own_straight + own_goes_on, -1), m.street
         for i in range(MAX_STREETS):
