@@ -72,16 +72,20 @@ class Result:
         return [c for c, is_named in zip(self.ranked, named, strict=True) if is_named]
 
     @cached_property
+    def able(self) -> list[Candidate]:
+        """Those of `as_good` that ever succeed."""
+        return [c for c in self.as_good if self.tried[c].successes]
+
+    @cached_property
     def clearest(self) -> list[Candidate]:
-        """Of these, those that ever succeed and are not shown to enter areas more often than another one."""
-        able = [c for c in self.as_good if self.tried[c].successes]
-        outside = [(self.tried[c].entered == 0).astype(np.uint32) for c in able]
-        named = best_for_success(np.stack(outside)).named if able else ()
-        return [c for c, is_named in zip(able, named, strict=True) if is_named]
+        """Those of `able` that are not shown to enter areas more often than another one."""
+        outside = [(self.tried[c].entered == 0).astype(np.uint32) for c in self.able]
+        named = best_for_success(np.stack(outside)).named if outside else ()
+        return [c for c, is_named in zip(self.able, named, strict=True) if is_named]
 
     @cached_property
     def recommended(self) -> Candidate | None:
-        """The fastest of those; None if no candidate ever succeeded."""
+        """The fastest of `clearest`; None if no candidate ever succeeded."""
         return min(self.clearest, key=lambda c: _cost(self.tried[c]), default=None)
 
     @property

@@ -339,7 +339,7 @@ def _parts(where: str, geometry: dict[str, Any]) -> list[tuple[str, dict[str, An
     """A geometry, or the parts of a collection and of those in it, each behind what errors call it."""
     if geometry["type"] != COLLECTION:
         return [(where, geometry)]
-    parts, found = geometry.get("geometries"), []
+    parts, single = geometry.get("geometries"), []
     if not isinstance(parts, list | tuple):
         raise RouteError(f"{where}: geometries is {printable(in_words(parts))}, expected a list")
     for number, part in enumerate(parts, start=1):
@@ -348,8 +348,8 @@ def _parts(where: str, geometry: dict[str, Any]) -> list[tuple[str, dict[str, An
             raise RouteError(
                 f"{of_part}: is {printable(in_words(part))}, expected one with a type, such as Polygon"
             )
-        found += _parts(of_part, part)
-    return found or [(where, geometry)]
+        single += _parts(of_part, part)
+    return single or [(where, geometry)]
 
 
 def _map(
@@ -381,8 +381,8 @@ def _map(
             )
         figures.append(Figure(where, printable(named) if isinstance(named, str) else "", figure))
     if not figures:
-        found = f"no polygon and no line ({others[0]})" if others else "no feature"
-        raise RouteError(f"has {found}; {EXPECTED}")
+        lack = f"no polygon and no line ({others[0]})" if others else "no feature"
+        raise RouteError(f"has {lack}; {EXPECTED}")
     notes = []
     if others:
         plural = "ies" if len(others) > 1 else "y"

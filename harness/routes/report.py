@@ -43,9 +43,10 @@ def write(result: Result, folder: Path, note: Callable[[str], None] = lambda tex
         UsageError: the folder cannot be made or written into.
         FileError: a file cannot be written, or one of an earlier plan not removed.
     """
-    found = facts(result)
-    if others := replaced(folder / ROUTES, {key: found[key] for key in IDENTITY}):
+    content = facts(result)
+    if others := replaced(folder / ROUTES, {key: content[key] for key in IDENTITY}):
         note(f"{folder}: has another plan, which this replaces ({others})")
+    earlier = (SCENARIO, MISSION) if (folder / ROUTES).exists() else ()  # else they may be the user's own
     files = {PICTURE: routes_png(result)}
     name = f"route-{result.problem.site.name}"
     if result.caution:
@@ -59,7 +60,7 @@ def write(result: Result, folder: Path, note: Callable[[str], None] = lambda tex
             note("the map does not say where on the earth it is: no mission is written; give --origin")
         else:
             files[MISSION] = geojson.write(of_scenario(scenario), name)
-    write_set(folder, {**files, ROUTES: _json(found)}, (SCENARIO, MISSION))
+    write_set(folder, {**files, ROUTES: _json(content)}, earlier)
 
 
 def facts(result: Result) -> dict[str, Any]:
@@ -192,24 +193,27 @@ def show(result: Result, folder: Path, console: Console) -> None:
         console.print(line, soft_wrap=True, markup=False)
 
 
+def ties_of(result: Result) -> str:
+    """What decided between the recommended route and others that are as good; "" if there are none."""
+    if len(result.able) <= 1:
+        return ""
+    ties = f"; {len(result.able)} are not shown to succeed less often than the best"
+    if len(result.clearest) == len(result.able):
+        return f"{ties}; it is the fastest of these"
+    if len(result.clearest) == 1:
+        return f"{ties}; of these it enters areas least"
+    return f"{ties}, {len(result.clearest)} of them not to enter areas more often; it is the fastest of these"
+
+
 def words(result: Result, folder: Path) -> list[str]:
     """What the table does not say."""
     trials = result.rounds[-1].trials
     tried = f"{len(result.problem.candidates)} candidates, {len(result.tried)} of them tried {trials} times"
     if result.recommended is None:
         return [f"{tried}; none ever succeeded: take a wider --clearance, other --spacing, or more --ways"]
-    ties = ""
-    if len(result.as_good) > 1:
-        ties = f"; {len(result.as_good)} are not shown to succeed less often than the best"
-        if len(result.clearest) > 1:
-            ties += (
-                f", {len(result.clearest)} of them not to enter areas more often; it is the fastest of these"
-            )
-        else:
-            ties += "; of these it enters areas least"
     return [
         f"{tried}; the last row is the shortest unsplit way, to compare with",
-        f"* recommended: {result.recommended.label}{ties}",
+        f"* recommended: {result.recommended.label}{ties_of(result)}",
         *(f"it is assumed that {text}" for text in result.problem.assumes),
         f"to run it: {run_command(result, str(folder / SCENARIO))}",
     ]

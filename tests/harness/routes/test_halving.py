@@ -6,8 +6,9 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
-from harness.routes import halving
+from harness.routes import halving, report
 from harness.routes.candidates import Candidate
 from harness.routes.halving import Result
 from harness.routes.score import Score
@@ -84,6 +85,30 @@ def test_of_those_as_good_the_ones_that_enter_areas_less_are_preferred() -> None
     assert numbers(tried.as_good) == [0, 1, 2]
     assert numbers(tried.clearest) == [1, 2]
     assert tried.recommended == candidate(2)
+
+
+@pytest.mark.parametrize(
+    ("scores", "ties"),
+    [
+        ([score(0.9, 30)], ""),
+        ([score(0.02, 30), score(0.0, 20), score(0.0, 20)], ""),  # none of the others ever succeeds
+        (
+            [score(0.90, 30), score(0.90, 40)],
+            "; 2 are not shown to succeed less often than the best; it is the fastest of these",
+        ),
+        (
+            [score(0.90, 30, entries=0.08), score(0.90, 50), score(0.895, 40, entries=0.002)],
+            "; 3 are not shown to succeed less often than the best, 2 of them not to enter areas more often; "
+            "it is the fastest of these",
+        ),
+        (
+            [score(0.90, 30, entries=0.08), score(0.90, 50)],
+            "; 2 are not shown to succeed less often than the best; of these it enters areas least",
+        ),
+    ],
+)
+def test_the_words_beneath_the_table_say_what_decided(scores: list[Score], ties: str) -> None:
+    assert report.ties_of(result(*scores)) == ties
 
 
 def test_a_recommended_route_that_fails_more_often_than_not_comes_with_a_caution() -> None:

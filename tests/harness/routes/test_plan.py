@@ -93,7 +93,8 @@ def test_candidates_are_tried_in_rounds_of_half_as_many_and_twice_as_often(facts
 def test_the_recommended_route_is_on_the_front_of_those_not_shown_worse(facts: Any) -> None:
     chosen = facts["routes"][facts["recommended"] - 1]
     others = [route for route in facts["routes"] if route["not_shown_worse"]]
-    assert chosen["mean_time_s"] == min(route["mean_time_s"] for route in others)  # that enter as seldom
+    assert max(route["entries"] for route in others) <= 2  # of 2048 trials: they decide nothing here
+    assert chosen["mean_time_s"] == min(route["mean_time_s"] for route in others)
     assert chosen["on_front"]
     assert [route["success_rate"] for route in facts["routes"]] == sorted(
         (route["success_rate"] for route in facts["routes"]), reverse=True
@@ -209,7 +210,8 @@ def test_a_route_that_fails_more_often_than_not_comes_with_a_caution(
     # then what the operator reads of it says so, in each place
     assert status == 0
     facts = json.loads((tmp_path / "routes.json").read_text())
-    for text in (errors, (tmp_path / "route.toml").read_text(), *facts["notes"]):
+    (noted,) = facts["notes"]
+    for text in (errors, (tmp_path / "route.toml").read_text(), noted):
         assert re.search(r"the recommended route succeeds in \d+\.\d % of the trials, less than 50 %", text)
     # and the next plan in this folder says what it replaces
     status, _, errors = canine(capsys, *FIVE, *options, "--seed", 2, "--out", tmp_path)
@@ -501,6 +503,7 @@ def test_a_plan_without_success_recommends_nothing(
 ) -> None:
     # given a dog that runs in circles
     (tmp_path / "route.toml").write_text("of an earlier plan")
+    (tmp_path / "routes.json").write_text("{}")
     status, text, errors = canine(
         capsys, *FIVE, "--set", "canine.drift=300", "--trials", 16, "--out", tmp_path
     )
@@ -509,6 +512,16 @@ def test_a_plan_without_success_recommends_nothing(
     assert "no candidate ever succeeded: there is no scenario and no mission to write" in errors
     assert not (tmp_path / "route.toml").exists()
     assert json.loads((tmp_path / "routes.json").read_text())["recommended"] is None
+
+
+def test_a_plan_without_success_leaves_a_user_s_own_files(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # given a mission in a folder that never held a plan
+    (tmp_path / "mission.geojson").write_text("mine")
+    canine(capsys, *FIVE, "--set", "canine.drift=300", "--trials", 16, "--out", tmp_path)
+    assert (tmp_path / "routes.json").exists()
+    assert (tmp_path / "mission.geojson").read_text() == "mine"
 
 
 def test_without_its_packages_a_plan_says_which_extra_has_them(
