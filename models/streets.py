@@ -143,7 +143,8 @@ class Streets(Behaviour):
     def _look(m, own_straight: SX | float, own_goes_on: SX | float) -> None:
         """Choose among the streets that it is in: those that go on before those that end; the straightest.
 
-        It leaves its own for a better one within the cone alone.
+        It leaves its own for a better one alone, which is within the cone; where its own ends, within the
+        lag more.
 
         Args:
             own_straight, own_goes_on: of the street that it is in, as `_beside` returns.

@@ -142,9 +142,10 @@ class Areas:
             odd = np.zeros(numbers.shape, dtype=bool)
             for edge in self.edges[self.edges["area"] == number]:
                 along_north, along_east = edge["to_north"] - edge["north"], edge["to_east"] - edge["east"]
-                over, under = along_north * (east - edge["east"]), along_east * (north - edge["north"])
                 beside = (edge["east"] > east) != (edge["to_east"] > east)
-                odd ^= beside & ((over > under) if along_east > 0 else (under > over))
+                over = along_north * (east[beside] - edge["east"])
+                under = along_east * (north[beside] - edge["north"])
+                odd[beside] ^= (over > under) if along_east > 0 else (under > over)
             numbers[odd] = number
         return numbers
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from operator import attrgetter
 from typing import NamedTuple
@@ -72,13 +73,15 @@ def street_ways(
     network = _network(site, note)
     if not network:
         return []
-    _tell_gap(network, begin, note)
     for net in _nets(network, site, begin, end):
         ends = [_attach(net.streets, site, place) for place in (begin, end)]
         if ends[0] != ends[1] and (net.is_nearest or _distance(net.streets, ends) > net.gap):
             break
     else:
+        _tell_gap(network, begin, note)
         return []
+    if not net.is_nearest:
+        _tell_gap(network, begin, note)
     ways: list[Way] = []
     taken: list[set[frozenset[Crossing]]] = []
     shortest = math.inf
@@ -100,9 +103,11 @@ def street_ways(
 def _network(site: Site, note: Callable[[str], None]) -> nx.Graph:
     """The streets as a graph of crossings; `line` of an edge has its bends. Through areas they are closed.
 
-    Crossings with a stretch of street between them that is no longer than MEET are one.
+    Crossings with a stretch of street between them that is no longer than MEET are one. A street between two
+    crossings that is nowhere farther than MEET from another is that one, drawn twice.
     """
     graph, crossings = nx.Graph(), nx.utils.UnionFind()
+    between: defaultdict[frozenset[Crossing], list[shapely.LineString]] = defaultdict(list)
     if not site.streets:
         return graph
     noded = shapely.union_all([*site.streets, *_joints(site.streets)], grid_size=GRID)
@@ -122,7 +127,9 @@ def _network(site: Site, note: Callable[[str], None]) -> nx.Graph:
     for line in lines:
         first, *bends, last = line.coords
         moved = shapely.LineString([crossings[first], *bends, crossings[last]])
-        if moved.length > MEET:
+        others = between[frozenset((crossings[first], crossings[last]))]
+        if moved.length > MEET and all(moved.hausdorff_distance(other) > MEET for other in others):
+            others.append(moved)
             _add(graph, moved)
     return graph
 

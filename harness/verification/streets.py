@@ -17,6 +17,7 @@ from harness.verification.page import FULL, RESULTS, TEMPLATES
 from harness.verification.runs import DRAWN, Size, run
 from harness.verification.tables import markdown
 from models.kit.units import DEG
+from models.streets import CanineInStreets
 
 PAGE = "streets.md"
 THRESHOLD = "49:49"  # deg, of the field's structured trials
@@ -87,6 +88,8 @@ def _context(size: Size) -> dict[str, object]:
     half = 100 * Z_95 * 0.5 / math.sqrt(size.street)  # of the interval of a rate of 50 %, in points
     return {
         "size": size,
+        "cone": _degrees("street_cone"),
+        "lag": _degrees("street_lag"),
         "of_type": math.ceil(10 * half) / 10,
         "of_mean": math.ceil(10 * half / 2) / 10,
         "by_map": map_table(by_map),
@@ -106,6 +109,11 @@ def map_table(by_map: dict[tuple[str, float], list[list[float]]]) -> str:
     types = ", ".join(name.replace("_", " ") for name in TRIAL_TYPES["three"])
     columns = [f"one crossing: {types}", "mean", "star: mean", "one crossing 2.5 m before the waypoint: mean"]
     return markdown(["dog", "half-width", *columns], rows)
+
+
+def _degrees(parameter: str) -> str:
+    """A parameter of the dog by default."""
+    return f"{CanineInStreets.variables()[parameter].start[0] / DEG:g} deg"
 
 
 def _mean(values: Sequence[float]) -> float:

@@ -122,6 +122,35 @@ def test_ends_a_little_beyond_a_street_leave_no_ways_that_hardly_differ() -> Non
     assert [way.length for way in ways] == pytest.approx([100, 220], abs=0.5)
 
 
+def drawn(times: int, apart: float) -> list[shapely.LineString]:
+    """A street with a bend so many times, each beside the last, and a way round."""
+    copies = [[(0.0, k * apart), (50.0, 20 + k * apart), (100.0, k * apart)] for k in range(times)]
+    side = [(0.0, 0.0), (0.0, -50.0), (100.0, -50.0), (100.0, 0.0)]
+    return [shapely.LineString(each) for each in (side, *copies)]
+
+
+@pytest.mark.parametrize(("times", "apart"), [(2, 0.0), (25, 0.0), (5, 0.05)])
+def test_a_street_that_is_drawn_many_times_is_one(times: int, apart: float) -> None:
+    ways = ways_of(Site("town", streets=drawn(times, apart)), (0, 0), (100, 0))
+    assert [way.length for way in ways] == pytest.approx([2 * math.hypot(50, 20), 200], abs=0.5)
+
+
+def test_a_hatch_of_streets_is_planned_along() -> None:
+    # given 25 that are each within a crossing's width of the next, though not of the first
+    ways = ways_of(Site("town", streets=drawn(25, 0.2)), (0, 0), (100, 0))
+    assert ways[0].length == pytest.approx(2 * math.hypot(50, 20), abs=1)
+
+
+def test_streets_that_lie_elsewhere_are_no_matter() -> None:
+    # given a footpath far from a way along streets
+    streets = [shapely.LineString([(0, 0), (100, 0)]), shapely.LineString([(0, 80), (100, 80)])]
+    notes: list[str] = []
+    (way,) = street_ways(
+        Site("town", streets=streets), (0, 0), (100, 0), count=5, longest=2.0, note=notes.append
+    )
+    assert (way.length, notes) == (100, [])
+
+
 def test_what_the_streets_lack_is_told() -> None:
     # given a gap of 0.3 m, more than ends may be apart, and a gate house over a lane beside it
     house = Area("gate house", "feature 1 (gate house)", shapely.box(40, -25, 60, -15))
