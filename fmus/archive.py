@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import os
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -51,21 +50,14 @@ def packed(files: Mapping[str, bytes], stamp: str = "") -> bytes:
 def is_sealed(path: Path) -> bool:
     """Has a file there the very bytes that `packed` made?"""
     try:
-        content = path.read_bytes()
+        return is_sealed_content(path.read_bytes())
     except OSError:
         return False
+
+
+def is_sealed_content(content: bytes) -> bool:
+    """Are these the very bytes that `packed` made?"""
     return content[-SEAL:] == _seal(content[:-SEAL])
-
-
-def seal_of(path: Path) -> bytes:
-    """The last bytes of a file, where one that `packed` made has its seal.
-
-    Raises:
-        OSError: it cannot be read.
-    """
-    with path.open("rb") as file:
-        file.seek(-min(SEAL, path.stat().st_size), os.SEEK_END)
-        return file.read()
 
 
 def check_sealed(path: Path) -> None:

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import io
 import json
 import math
 import os
 import threading
+import zipfile
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import chdir, suppress
@@ -32,9 +34,8 @@ from fmpy.model_description import ValidationError
 from codegen.cache import stored
 from codegen.scratch import Scratch
 from codegen.toolchains.library import why_not_loaded
-from fmus.archive import is_sealed, seal_of
 from harness.cosim.archive import parse_xml, plain, read_member, unpack
-from harness.cosim.origin import is_own
+from harness.cosim.origin import own_content
 from harness.cosim.recorder import Position
 from harness.interrupts import held_interrupts
 from models.errors import CanineError, ParameterError, nearest, printable
@@ -56,7 +57,7 @@ EARLY, NOTHING = 2, bytes(len(ASKS))
 NEARLY = 0.999999  # of a step: it was made
 MIN_STEP, MAX_STEP = 1e-6, 1e9  # s; shorter ones make more ticks than a user can wait for
 BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")  # of units, whose exponents they hold in this order
-MAX_KEPT = 2**20  # bytes of a description that is kept for the next trial
+MAX_KEPT = 2**17  # bytes of a description that is kept for the next trial; ours have up to 75,000
 MAX_VARIABLES = 200_000  # of which FMPy makes 700 MiB of objects in 8 s
 REFERENCES = 2**32  # value references are unsigned integers of 32 bits
 SET = ("input", "parameter", "structuralParameter")  # causalities of what users set
@@ -277,27 +278,40 @@ class FmuDescription:
         return quantity
 
 
-def describe(path: Path) -> FmuDescription:
+def describe(path: Path, unpacked: Path | None = None) -> FmuDescription:
     """Read an FMU's description without loading its code.
+
+    Args:
+        unpacked: a folder that it is unpacked in, which is read in its place.
 
     Raises:
         FmuError, ArchiveError, XmlError: naming the file and what is wrong.
     """
-    xml = read_member(path, "modelDescription.xml")
+    folder = unpacked or path
+    xml = read_member(folder, "modelDescription.xml")
     if xml is None:
         raise FmuError(f"{path}: has no modelDescription.xml; is it an FMU?")
-    members = _Members(xml, read_member(path, "sources/buildDescription.xml") or b"", path)
-    described = _described_once if len(xml) <= MAX_KEPT else _described
+    members = _Members(xml, read_member(folder, "sources/buildDescription.xml"), path)
+    described = _described_once if len(xml) + len(members.sources or b"") <= MAX_KEPT else _described
     return replace(described(members), path=path)
 
 
 @dataclass(frozen=True)
 class _Members:
-    """What an FMU is described by, and where one that has them is."""
+    """What an FMU is described by: two files; the `path`, of one that has them, is for messages."""
 
     xml: bytes
-    sources: bytes
+    sources: bytes | None
     path: Path = field(compare=False)
+
+    def archive(self) -> io.BytesIO:
+        """A ZIP archive of these alone: FMPy reads no other bytes, whatever the path names by then."""
+        stream = io.BytesIO()
+        with zipfile.ZipFile(stream, "w") as archive:
+            archive.writestr("modelDescription.xml", self.xml)
+            if self.sources is not None:
+                archive.writestr("sources/buildDescription.xml", self.sources)
+        return stream
 
 
 def _described(members: _Members) -> FmuDescription:
@@ -313,7 +327,7 @@ def _described(members: _Members) -> FmuDescription:
         raise FmuError(f"{path}: has {count} variables; at most {MAX_VARIABLES} are read")
     step = _step(path, root)
     try:
-        read = fmpy.read_model_description(path, validate=False)
+        read = fmpy.read_model_description(members.archive(), validate=False)
         warnings = _findings(members)
     except Exception as reason:  # fmpy raises plain Exception, and what lxml and its own slips raise
         raise FmuError(f"{path}: modelDescription.xml cannot be read: {_one_line(reason)}") from None
@@ -344,7 +358,7 @@ def _described(members: _Members) -> FmuDescription:
     )
 
 
-_described_once = lru_cache(64)(_described)  # a trial asks for each several times, the next one again
+_described_once = lru_cache(16)(_described)  # a trial asks for each several times, the next one again
 
 
 def _findings(members: _Members) -> tuple[str, ...]:
@@ -353,12 +367,12 @@ def _findings(members: _Members) -> tuple[str, ...]:
     def validate(file: Path) -> None:
         problems: Sequence[object] = ()
         try:
-            fmpy.read_model_description(members.path, validate_model_structure=True)
+            fmpy.read_model_description(members.archive(), validate_model_structure=True)
         except ValidationError as error:
             problems = error.problems
         file.write_text(json.dumps([_one_line(problem) for problem in problems]))
 
-    contents = [hashlib.sha256(content).hexdigest() for content in (members.xml, members.sources)]
+    contents = [hashlib.sha256(content or b"").hexdigest() for content in (members.xml, members.sources)]
     entry = stored("cosim/validation.json", (contents, fmpy.__version__), validate)
     return tuple(json.loads(entry.read_text()))
 
@@ -561,7 +575,7 @@ class Steps:
         return OK
 
 
-_unpacked: dict[bytes, Scratch] = {}  # by the seals of the FMUs
+_unpacked: dict[bytes, Scratch] = {}  # by the hashes of the FMUs
 _unpacking = threading.Lock()
 
 
@@ -571,15 +585,14 @@ def _unpacked_once(path: Path) -> Path | None:
     None for an FMU made elsewhere, and for what cannot be read.
     """
     with suppress(OSError), _unpacking:
-        if path.is_file():
-            there = _unpacked.get(seal := seal_of(path))
-            if there and there.path.is_dir() and is_sealed(path):
-                return there.path
-            if is_own(path):
+        if path.is_file() and (content := own_content(path)) is not None:
+            there = _unpacked.get(key := hashlib.sha256(content).digest())
+            if there is None or not there.path.is_dir():
                 there = Scratch()
-                unpack(path, there.path)
-                _unpacked[seal] = there
-                return there.path
+                with zipfile.ZipFile(io.BytesIO(content)) as archive:  # from what was looked at
+                    archive.extractall(there.path)
+                _unpacked[key] = there
+            return there.path
     return None
 
 
@@ -619,7 +632,7 @@ class FmuInstance:
                 folder = self._scratch.path
                 unpack(path, folder)
             self._folder = folder
-            self.description = describe(path)
+            self.description = describe(path, folder)
             with held_interrupts():  # what it logs calls Python back
                 self._instantiate()
         except BaseException:

@@ -14,8 +14,10 @@ import pytest
 
 from codegen import cache
 from codegen.toolchains.compiler import build_library, find_platform, this_platform
+from fmus.archive import SEAL
 from fmus.build import build_fmu
 from fmus.folder import build_folder
+from harness.cosim import origin
 from harness.cosim.fmu import FmuError, FmuInstance, describe
 from harness.cosim.loop import Array, Simulation
 from harness.cosim.ssp import FmuComponent, FmuSystem, open_ssp
@@ -96,10 +98,12 @@ def test_an_fmu_is_validated_once_until_its_description_changes(
 def test_instances_of_our_own_fmus_share_a_folder_and_others_have_their_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # given an FMU as it was built here, a copy of it, and a copy whose last byte was changed
+    # given an FMU as it was built here, a copy of it, and a copy with a byte changed under the same seal
     ours = build_fmu(Pedestrian, build_folder() / "fmi2", 2)
     shutil.copy(ours, copy := tmp_path / "copy.fmu")
-    (changed := tmp_path / "changed.fmu").write_bytes(ours.read_bytes()[:-1] + b"?")
+    content = bytearray(ours.read_bytes())
+    content[-SEAL - 2] ^= 1  # of the stamp
+    (changed := tmp_path / "changed.fmu").write_bytes(content)
     monkeypatch.setattr(tempfile, "tempdir", str(folders := tmp_path / "folders"))
     folders.mkdir()
     monkeypatch.setattr("harness.cosim.fmu._unpacked", {})
@@ -114,6 +118,30 @@ def test_instances_of_our_own_fmus_share_a_folder_and_others_have_their_own(
     with FmuInstance("a", ours) as again:
         again.initialize({})
         assert len(list(folders.iterdir())) == 1
+    # and another one of ours has its own
+    with FmuInstance("a", build_fmu(Pedestrian, build_folder() / "fmi3", 3)) as other:
+        other.initialize({})
+        assert len(list(folders.iterdir())) == 2
+
+
+def test_an_fmu_that_is_replaced_while_it_is_loaded_runs_as_it_was_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given a copy of our FMU that another process writes over once it is found to be ours
+    path = tmp_path / "copy.fmu"
+    shutil.copy(build_fmu(Pedestrian, build_folder() / "fmi2", 2), path)
+    monkeypatch.setattr("harness.cosim.fmu._unpacked", {})
+
+    def own_content(fmu: Path) -> bytes | None:
+        content = origin.own_content(fmu)
+        fmu.write_bytes(b"another")
+        return content
+
+    monkeypatch.setattr("harness.cosim.fmu.own_content", own_content)
+    # then its binary and its description are those of one file
+    with FmuInstance("plant", path) as instance:
+        instance.initialize({})
+        assert instance.description.model == "pedestrian"
 
 
 def test_a_plant_is_known_by_its_model_structure(tmp_path: Path) -> None:
