@@ -35,7 +35,7 @@ class Fenced(Supervised):
         min=0,
         max=MAX_CORNERS,
         latched=True,
-        structural=True,
+        switch=True,
     )
     fence_north = Parameter(
         "m",

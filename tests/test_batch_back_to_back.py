@@ -311,11 +311,10 @@ def test_all_outputs_at_the_end_of_any_trial_have_the_bits_of_co_simulation(tria
 
 
 def test_the_little_that_a_sweep_observes_has_the_bits_of_co_simulation(trials: list[Trial]) -> None:
-    # given a runner from which all that the outcome does not depend on is left out; it is compiled anew for
-    # another number of corners
+    # given a runner from which all that the outcome does not depend on is left out
     batch = Batch(SYSTEMS[trials[0].scenario.system], ("controller.moving_deviation",), NARROW, STOP)
-    plain = [one for one in trials if not one.changes and len(one.scenario.fence) in (0, 5)]
-    assert sum(bool(one.scenario.fence) for one in plain) >= 3
+    plain = [one for one in trials if not one.changes]
+    assert len({len(one.scenario.fence) for one in plain}) > 3
     assert len(plain) > 70
     for one in plain:
         # when a trial runs, with what it sets common to the trials of a call

@@ -143,7 +143,9 @@ class Batch:
         chosen = self._chosen(values)
         stalling = [component for component in stalls if self._block(component) and component in self.keep]
         fixed = {key: chosen.get(key, start) for key, start in free.items() if key not in changing}
-        fixed |= {key: chosen.get(key, start) for key, start in self.structural.items()}
+        for key, parameter in self._structural.items():
+            value = chosen.get(key, parameter.start[0])
+            fixed[key] = float(value != 0) if parameter.switch else value
         library = self._library(tuple(changing), tuple(fixed.items()), tuple(stalling))
         common = np.array([chosen.get(key, start) for key, start in self._common.items()])
         planned = [(c.tick, changing.index((c.component, c.variable)), c.value) for c in changes]
@@ -235,8 +237,12 @@ class Batch:
     @cached_property
     def structural(self) -> dict[Key, float]:
         """The structural parameters that are the same in all trials, with their start values."""
+        return {key: parameter.start[0] for key, parameter in self._structural.items()}
+
+    @cached_property
+    def _structural(self) -> dict[Key, Parameter]:
         return {
-            (component, name): variable.start[0]
+            (component, name): variable
             for component in self.keep
             for name, variable in self.system.components[component].variables().items()
             if isinstance(variable, Parameter) and variable.structural

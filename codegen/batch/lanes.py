@@ -35,7 +35,7 @@ import casadi as ca
 from codegen.batch.graph import Graph
 from codegen.blocks.expressions import Writer
 from codegen.blocks.nodes import SELECT, Node, count_uses, read
-from models.kit.declaration import State, Type, flatten
+from models.kit.declaration import Parameter, State, Type, flatten
 from models.kit.link import Key
 from models.kit.tracing import GROUPS, Phase, Table, Update
 from models.system import System
@@ -76,7 +76,8 @@ class BatchSystem:
     Attributes:
         keep: the states and outputs that matter, by component.
         varying: parameters and free inputs that differ from trial to trial.
-        constants: values of free inputs that never change, and of structural parameters.
+        constants: values of free inputs that never change, and of structural parameters; of a switch that is
+            on, any value but 0.
         stop: an output, and the values of it that end a trial.
     """
 
@@ -90,6 +91,12 @@ class BatchSystem:
     def sources(self) -> dict[Key, Key]:
         """The output that each connected input comes from."""
         return {(k.target, k.target_variable): (k.source, k.source_variable) for k in self.system.links}
+
+    def constant(self, key: Key) -> float | None:
+        """The one value of a variable, if it is known when the runner is compiled."""
+        value, (component, name) = self.constants.get(key), key
+        variable = self.system.components[component].variables().get(name)
+        return None if value and isinstance(variable, Parameter) and variable.switch else value
 
     def enumerations(self) -> dict[Key, float | None]:
         """The states with named values that matter, and the values that they usually have, if declared."""
@@ -224,8 +231,8 @@ class _Joined:
             return (
                 self.graph.known(self.values[source]) if source in self.values else self.graph.leaf("unused")
             )
-        if key in self.batch_system.constants:
-            return self.graph.constant(self.batch_system.constants[key])
+        if (constant := self.batch_system.constant(key)) is not None:
+            return self.graph.constant(constant)
         if key in self.batch_system.varying:
             return self._lane_field(key)
         self.common_fields[field_name(key)] = key

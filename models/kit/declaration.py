@@ -176,7 +176,7 @@ class Parameter(Variable):
     """A value that is set before initialization; a `latched` one is read when the trial starts.
 
     What a tick computes depends on a `structural` one, the number of streets or whether there are limits: a
-    batch of trials that share its value is compiled for it.
+    batch of trials that share its value is compiled for it. Of a `switch` only whether it is 0 counts.
     Two vectors of a block may be a pair: the elements of one end windows that those of the other begin
     (`begins`), or complete them to points (`beside`). Each names the other vector.
     """
@@ -188,12 +188,13 @@ class Parameter(Variable):
         *args: Any,
         latched: bool = False,
         structural: bool = False,
+        switch: bool = False,
         begins: str = "",
         beside: str = "",
         **kwargs: Any,
     ) -> None:
         super().__init__(*args, **kwargs)
-        self.latched, self.structural = latched, structural
+        self.latched, self.structural, self.switch = latched, structural or switch, switch
         self.begins, self.beside = begins, beside
         if not self.has_start:
             raise DeclarationError(f'parameter "{self.meaning}" has no start value')

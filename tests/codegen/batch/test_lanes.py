@@ -8,13 +8,16 @@ from itertools import product
 from typing import Any
 
 import casadi as ca
+import numpy as np
 import pytest
 
 from codegen.batch.batch import Batch
 from codegen.batch.graph import Graph
 from codegen.batch.lanes import BatchSystem, Tick, field_name, ordinary_tick
 from codegen.blocks.nodes import SELECT, Node, read
+from codegen.toolchains.compiler import CompileError
 from models.commands import Command
+from models.kit.link import Key
 from models.modes import COMMANDS, Anomaly, Mode
 from models.system import SYSTEMS
 
@@ -422,6 +425,37 @@ def test_what_a_structural_parameter_turns_on_is_in_the_ordinary_tick() -> None:
     for tick in batch.ticks((), RUNNING | STILL | batch.structural):
         assert not tick.writes & {("controller", "led"), ("controller", "cue_ticks")}
         assert ("controller", "guarded") not in tick.common
+
+
+def test_fences_of_all_numbers_of_corners_share_a_runner_and_none_has_its_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # given a batch that says what it would compile
+    batch = Batch(SYSTEMS["cts"], observe=["controller.status"], stop=STOP)
+    asked = []
+
+    def library(changing: object, fixed: tuple[tuple[Key, float], ...], stalling: object) -> None:
+        asked.append(fixed)
+        raise CompileError("not compiled")
+
+    monkeypatch.setattr(batch, "_library", library)
+    # when trials have fences
+    for corners in (0, 3, 4, 7):
+        with pytest.raises(CompileError):
+            batch.run({"controller": {"fence_count": corners}}, np.zeros((1, 0)), [0], [1], 1)
+    # then
+    assert asked[0] != asked[1]
+    assert asked[1] == asked[2] == asked[3]
+
+
+def test_the_value_of_a_switch_that_is_on_is_no_constant_of_the_tick() -> None:
+    batch = Batch(SYSTEMS["cts"])
+    for corners, known in ((0.0, 0.0), (1.0, None), (5.0, None)):
+        constants = {("controller", "fence_count"): corners, ("controller", "guarded"): 1.0}
+        system = BatchSystem(batch.system, batch.keep, frozenset(), constants, None)
+        assert system.constant(("controller", "fence_count")) == known
+        assert system.constant(("controller", "guarded")) == 1.0
+        assert system.constant(("controller", "start")) is None
 
 
 def test_a_structural_parameter_that_is_varied_is_none() -> None:
