@@ -32,17 +32,19 @@ def star(rng: np.random.Generator) -> shapely.Polygon:
     )
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_a_place_is_in_the_first_area_that_holds_it_as_shapely_says(seed: int) -> None:
-    # given stars that overlap, one with a hole, and many places, some of them near an edge
+@pytest.mark.parametrize(("seed", "size"), [*((seed, 1.0) for seed in range(5)), (5, 40.0)])
+def test_a_place_is_in_the_first_area_that_holds_it_as_shapely_says(seed: int, size: float) -> None:
+    # given stars that overlap, one with a hole, and many places, some near an edge; a map of 3 km, too
     rng = np.random.default_rng(seed)
     shapes = [star(rng) for _ in range(4)]
     shapes = [shape for shape in shapes if shape.geom_type == "Polygon" and shape.area > 1]
     shapes.append(shapely.Polygon(SQUARE, [COURT]))
+    shapes = [shapely.transform(shape, lambda corners: corners * size) for shape in shapes]
     near = np.concatenate(
         [shape.exterior.interpolate(t, normalized=True).coords for shape in shapes for t in rng.random(50)]
     )
-    places = np.concatenate([rng.uniform(-50, 50, (20_000, 2)), near + rng.normal(0, 1e-4, near.shape)])
+    places = rng.uniform(-50 * size, 50 * size, (20_000, 2))
+    places = np.concatenate([places, near + rng.normal(0, 1e-4, near.shape)])
     expected = np.zeros(len(places), int)
     for number, shape in reversed(list(enumerate(shapes, start=1))):
         expected[shapely.contains_xy(shape, *places.T)] = number
@@ -85,6 +87,8 @@ STOP = ("controller.status", (2, 3, 4))
 SEEDS = np.arange(40, dtype=np.int32)
 LONGEST = 500
 AREAS = Areas([[np.array([[30.0, 8.0], [45.0, 8.0], [38.0, 30.0]])], [SQUARE, COURT]])
+POST = np.array([[34.0, 20.0], [38.0, 20.0], [38.0, 24.0], [34.0, 24.0]])
+WIDE = Areas([[POST - [0, 60]], [POST - [-1.5, 0]]])  # two posts, far apart in the east
 
 
 @cache
@@ -99,22 +103,49 @@ def run(last: int = LONGEST, areas: Areas | None = AREAS, start: Any = (0.0, 0.0
     return runner.run(VALUES, np.array([start]), SEEDS * 0, SEEDS, last, areas=areas)
 
 
-def test_the_first_area_on_a_trial_s_path_is_noted() -> None:
-    # given the place of each trial after each tick, from runs that end there
-    paths = np.stack([run(tick, areas=None).values for tick in range(LONGEST + 1)])
-    inside = AREAS.inside(*np.moveaxis(paths, -1, 0))
+@cache
+def paths() -> Any:
+    """(ticks, trials, 2) the place of each trial after each tick, from runs that end there."""
+    return np.stack([run(tick, areas=None).values for tick in range(LONGEST + 1)])
+
+
+@pytest.mark.parametrize(("areas", "some"), [(AREAS, {0, 1, 2}), (WIDE, {0, 2})], ids=["high", "wide"])
+def test_the_first_area_on_a_trial_s_path_is_noted(areas: Areas, some: set[int]) -> None:
+    # given areas on a map that is higher than wide, or wider than high
+    inside = areas.inside(*np.moveaxis(paths(), -1, 0))
     first = (inside > 0).argmax(axis=0)
     expected = inside[first, np.arange(len(SEEDS))]
     # when
-    entered = run().entered
-    # then some enter none, some the square, and some the triangle
+    entered = run(areas=areas).entered
+    # then some enter none, and some each that lies on their way
     assert np.array_equal(entered, expected)
-    assert set(entered) == {0, 1, 2}
+    assert set(entered) == some
+
+
+def test_where_an_animal_would_have_run_on_at_its_trial_s_end_is_not_entered() -> None:
+    # given trials that end as the dog runs home from its only waypoint
+    values = {"controller": {**MISSION, "waypoint_count": 1.0}}
+    moving = 0
+    for seed in range(3):
+        one = np.zeros((1, 2)), [0], [seed]
+        ended = int(batch(watch=False).run(values, *one, LONGEST).ticks[0])
+        path = [batch(watch=False).run(values, *one, tick).values[0] for tick in range(ended + 1)]
+        moving += int(np.linalg.norm(path[-1] - path[-2]) > 0.1)
+        # and ground all about, but for a lane of 2 mm along the path; the tick that is undone leaves it
+        lane = shapely.LineString(path).buffer(0.001, quad_segs=1)
+        ground = shapely.box(*lane.buffer(5).bounds) - lane
+        areas = Areas([rings_of(part) for part in shapely.get_parts(ground)])
+        # when
+        trial = batch(watch=True).run(values, *one, LONGEST, areas=areas)
+        # then
+        assert trial.ticks == ended
+        assert trial.entered == 0, f"seed {seed}"
+    assert moving
 
 
 def test_no_tick_is_left_out_those_in_lanes_and_those_taken_alone() -> None:
     # given a trial's path with an area of some centimetres about its place after one tick, tick by tick
-    results = [run(tick, areas=None).values[7] for tick in range(LONGEST)]
+    results = paths()[:, 7]
     moving = [t for t in range(1, LONGEST) if np.linalg.norm(results[t] - results[t - 1]) > 0.06]
     assert len(moving) > 150
     for tick in moving:
@@ -128,7 +159,7 @@ def test_no_tick_is_left_out_those_in_lanes_and_those_taken_alone() -> None:
 def test_a_wall_thinner_than_a_tick_s_way_is_entered_though_no_tick_ends_in_it() -> None:
     # given walls of a centimetre across a trial's path, each between the places after two ticks, and a court
     # whose walls are as thin about the farther place
-    results = [run(tick, areas=None).values[7] for tick in range(LONGEST)]
+    results = paths()[:, 7]
     moving = [t for t in range(1, LONGEST) if np.linalg.norm(results[t] - results[t - 1]) > 0.1]
     assert len(moving) > 100
     for tick in moving[::5]:
@@ -149,6 +180,26 @@ def test_a_wall_thinner_than_a_tick_s_way_is_entered_though_no_tick_ends_in_it()
             trial = batch(watch=True).run(VALUES, np.zeros((1, 2)), [0], [7], tick - 1, areas=areas)
             assert trial.entered is not None
             assert trial.entered[0] == 0, f"tick {tick}"
+
+
+def test_a_stride_longer_than_cells_answer_for_is_held_against_all_edges() -> None:
+    # given walls across the strides of a dog of 15 m/s, each where its stride of 0.6 m begins
+    values = {**VALUES, "plant": {"cruise_speed": 15.0, "speeding_up": 75.0}}
+    runner = batch(watch=False)
+    path = [runner.run(values, np.zeros((1, 2)), [0], [7], tick).values[0] for tick in range(100)]
+    fast = [t for t in range(1, 100) if 0.55 < np.linalg.norm(path[t] - path[t - 1]) < 0.63]
+    assert len(fast) > 30
+    for tick in fast:
+        before, after = path[tick - 1], path[tick]
+        way = (after - before) / np.linalg.norm(after - before)
+        aside = 3 * np.array([-way[1], way[0]])
+        wall = [before + a * way + b * aside for a, b in ((0.01, -1), (0.02, -1), (0.02, 1), (0.01, 1))]
+        # and a post aside, so that the wall lies now here, now there in a cell
+        post = POST - POST.mean(axis=0) + before - [30 + 0.1 * (tick % 5), 30]
+        areas = Areas([[np.array(wall)], [post]])
+        # when, then
+        trial = batch(watch=True).run(values, np.zeros((1, 2)), [0], [7], tick, areas=areas)
+        assert trial.entered == 1, f"tick {tick}"
 
 
 @pytest.mark.parametrize("speed", [4.86, 30.0])
