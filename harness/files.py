@@ -148,9 +148,10 @@ def write_set(folder: Path, contents: Mapping[str, bytes], others: Iterable[str]
             for name in contents:
                 (parts / name).replace(folder / name)
     except OSError as error:
+        name = Path(error.filename or "").name
+        place = folder / name if name in {*contents, *others} else folder  # the scratch folder is gone
         raise FileError(
-            f"{error.filename or folder}: cannot be written ({error.strerror}); make room, or choose another "
-            "folder"
+            f"{place}: cannot be written ({error.strerror}); make room, or choose another folder"
         ) from error
 
 

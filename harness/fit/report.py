@@ -14,7 +14,7 @@ from rich.markup import escape
 from scipy import stats
 
 from harness.drawing import BELOW, ESTIMATES, GRID, TRUTH, house_style, new_figure, png_of
-from harness.files import make_folder, replaced, write_set
+from harness.files import replaced, write_set
 from harness.fit.estimate import reasons, rounded, settled
 from harness.log.channel import Array
 from harness.report.charts import charts_page
@@ -22,6 +22,7 @@ from harness.terminal import new_table, print_table
 
 FOLDER = Path("out/fit")
 ABOUT = "The statistics of Table 5.1, estimated from trials"
+BEYOND = "beyond what the model takes: it stays as the model has it"
 IDENTITY = ("logs", "sources", "plants", "turned_deg_s")  # what tells a fit from others
 
 
@@ -39,7 +40,7 @@ def fragment(result: Mapping[str, Any]) -> str:
         if row["n"] == 0:
             lines.append(f"# the trials do not show canine.{key}: it stays as the model has it")
         elif f"canine.{key}" not in result["parameters"] and key != "start_heading":
-            lines.append(f"# the trials' canine.{key} is beyond what the model takes: it stays as it has it")
+            lines.append(f"# the trials' canine.{key} is {BEYOND}")
         elif row["n"] == 1 and key in result["statistics"]:
             lines.append(f"# one value does not show canine.{key}_deviation: it stays as the model has it")
     start = result["statistics"]["start_heading"]
@@ -49,10 +50,15 @@ def fragment(result: Mapping[str, Any]) -> str:
             f'# "canine.start_heading_deviation" = {rounded(settled(start["sd"], start["mean"]))!r}',
         ]
     if "day" in result:
-        lines += [
-            "# Of a day, for `canine day` and --plant canine_all_day; what is not here was not shown:",
-            *(f'# "{name}" = {value!r}' for name, value in result["day"]["parameters"].items()),
-        ]
+        day = result["day"]
+        lines.append(
+            "# Of a day, for `canine day` and --plant canine_all_day; what is not here was not shown:"
+        )
+        for key, effect in day["effects"].items():
+            if (name := f"canine.{key}") in day["parameters"]:
+                lines.append(f'# "{name}" = {day["parameters"][name]!r}')
+            elif effect["verdict"] == "shown":
+                lines.append(f"# {name} was shown, {BEYOND}")
     return "\n".join(lines) + "\n"
 
 
@@ -67,7 +73,6 @@ def report(result: Mapping[str, Any], out: Path, note: Callable[[str], None] = l
         UsageError: the folder cannot be made.
         FileError: they cannot be written.
     """
-    make_folder(out)
     others = replaced(out / "fit.json", {key: result[key] for key in IDENTITY if key in result})
     if others:
         note(f"{out}: has another fit, which this replaces ({others})")

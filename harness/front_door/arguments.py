@@ -26,7 +26,8 @@ StrPath = str | Path
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 
-OPTION = re.compile(r"(?<![\w-])--([a-z][a-z-]*)(?![\w/])")
+OPTION = re.compile(r"(?<![\w/'\"-])--([a-z][a-z-]*)(?![\w/])")
+TOLD = {"notes", "assumes"}  # in a report, what is told in words
 RENAMED = {  # options whose arguments have names of their own
     "set": "parameters", "from": "begin", "to": "end", "clearance": "clearances", "spacing": "spacings",
 }  # fmt: skip
@@ -35,8 +36,9 @@ RENAMED = {  # options whose arguments have names of their own
 def named_from_python(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     """The function, in whose errors and notes its arguments stand for the options of its command.
 
-    `--vary x: expected a:b:step` becomes `vary x: expected a:b:step`. Commands in backticks stay as they are,
-    and so do options that the function does not have.
+    `--vary x: expected a:b:step` becomes `vary x: expected a:b:step`. Commands in backticks, names in quotes
+    and paths stay as they are, and so do options that the function does not have. A result's report is that
+    of its file, but for its notes and what it assumes.
     """
     own = inspect.signature(function).parameters
 
@@ -49,16 +51,23 @@ def named_from_python(function: Callable[Arguments, Result]) -> Callable[Argumen
         parts[::2] = [OPTION.sub(argument, part) for part in parts[::2]]
         return "`".join(parts)
 
+    def told(result: Any) -> Any:
+        texts: dict[str, Any] = {}
+        for name in getattr(result, "__dataclass_fields__", ()):
+            value = getattr(result, name)
+            if name == "notes":
+                texts[name] = tuple(map(renamed, value))
+            elif isinstance(value, Mapping) and (keys := value.keys() & TOLD):
+                texts[name] = {**value, **{key: [*map(renamed, value[key])] for key in keys}}
+        return replace(result, **texts) if texts else result
+
     @wraps(function)
     def called(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
         try:
-            result: Any = function(*args, **kwargs)
+            return cast(Result, told(function(*args, **kwargs)))
         except CanineError as error:
             error.args = tuple(renamed(each) if isinstance(each, str) else each for each in error.args)
             raise
-        if "notes" in getattr(result, "__dataclass_fields__", {}):
-            result = replace(result, notes=tuple(map(renamed, result.notes)))
-        return cast(Result, result)
 
     return called
 
@@ -147,7 +156,7 @@ def numbers_of(name: str, values: float | Sequence[float], unit: str) -> list[fl
         return [float(values)]
     if isinstance(values, str) or not isinstance(values, Sequence):
         raise UsageError(f"{name} is {values!r}; expected a number or a list of them, in {unit}")
-    return [number_of(f"{name}[{place}]", value, unit) for place, value in enumerate(values, start=1)]
+    return [number_of(f"{name}[{place}]", value, unit) for place, value in enumerate(values)]
 
 
 def names_of(name: str, values: Sequence[StrPath], example: str) -> list[str]:

@@ -35,7 +35,7 @@ class PlanResult:
 
     Attributes:
         folder: with all of its files.
-        report: the content of routes.json.
+        report: the content of routes.json; its notes, and what it assumes, name arguments for options.
         notes: what the user should know.
     """
 
@@ -176,7 +176,7 @@ def run_plan(
             preference=prefer_turns,
             spacings=[
                 None if each is None else number_of(f"spacings[{place}]", each, "m")
-                for place, each in enumerate(spacings, start=1)
+                for place, each in enumerate(spacings)
             ],
             scenario=None if scenario is None else target_of(scenario),
             system=system,

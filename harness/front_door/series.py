@@ -443,26 +443,26 @@ def write_days(
     """Write the files of days, and run the missions of the first ones alone.
 
     These are in `<controller>-rest<s>/day-<i>/mission-<k>` below `folder`. Logs that an earlier run left
-    there are removed first: a fit would take them for missions of this one.
+    there are removed first: a fit would take them for missions of this one. If none are run alone, and for
+    other controllers and rests, they stay.
 
     Args:
         logs: number of days whose missions are run alone.
-        note: called with a line for the user if something is replaced.
+        note: called with a line for the user if something is replaced, or stays from an earlier run.
         progress: called with the number of missions that were run alone.
     """
     from harness.day import report  # noqa: PLC0415 - pictures: trials need not wait
     from harness.day.missions import PLANT  # noqa: PLC0415
 
-    logs_before = [
-        log
-        for curve in result.curves
-        for log in (folder / f"{curve.controller}-rest{curve.rest:g}").glob("day-*/mission-*/trial.mcap")
-        if logs
-    ]
-    for log in logs_before:
-        remove_folder(log.parent)
-    if logs_before:
-        note(f"{folder}: had {len(logs_before)} logged missions of an earlier run, which these replace")
+    places = {f"{curve.controller}-rest{curve.rest:g}" for curve in result.curves if logs}
+    earlier = {log.parent: log.parents[2].name for log in folder.glob("*-rest*/day-*/mission-*/trial.mcap")}
+    before = [logged for logged, place in earlier.items() if place in places]
+    for logged in before:
+        remove_folder(logged)
+    if before:
+        note(f"{folder}: had {len(before)} logged missions of an earlier run, which these replace")
+    if others := len(earlier) - len(before):
+        note(f"{folder}: has {others} logged missions of an earlier run, which stay")
     report.write(result, folder, note)
     done = 0
     for curve, day in product(result.curves, range(min(logs, result.planned.asked.days))):

@@ -14,7 +14,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -35,7 +35,8 @@ Columns = list[tuple[str, npt.NDArray[Any]]]
 def export(log: Log, to: str, out: Path) -> list[Path]:
     """Write a file for each component, and units.json; their paths.
 
-    Each file is written whole or not at all, and none before the contents of all are made.
+    Each file is written whole or not at all, and none before the contents of all are made. Those of another
+    log that was exported there are removed; the other format stays if units.json is the same.
 
     Args:
         to: `csv` or `parquet`.
@@ -52,12 +53,26 @@ def export(log: Log, to: str, out: Path) -> list[Path]:
     for channel in log.channels:
         signals = arrays[channel.component].items()
         columns = [("time", log.time), *((_column(channel, name), values) for name, values in signals)]
-        # a foreign package may call a component anything, "a/b" too
-        contents[f"{quote(channel.component, safe=' ')}.{to}"] = FORMATS[to](channel, columns)
+        contents[_file(channel.component, to)] = FORMATS[to](channel, columns)
     units = {channel.component: _signals(channel) for channel in log.channels}
     contents[UNITS] = (json.dumps(units, indent=2, ensure_ascii=False) + "\n").encode()
-    write_set(out, contents)
+    write_set(out, contents, _earlier(out, to, units))
     return [out / name for name in contents]
+
+
+def _file(component: str, to: str) -> str:
+    """A component's file; a foreign package may call a component anything, "a/b" too."""
+    return f"{quote(component, safe=' ')}.{to}"
+
+
+def _earlier(out: Path, to: str, units: Mapping[str, Any]) -> list[str]:
+    """The files of an earlier export to a folder, by its units.json, which are not to stay beside these."""
+    try:
+        held = json.loads((out / UNITS).read_text())
+    except (OSError, ValueError, RecursionError):
+        return []
+    formats = [to] if held == units else FORMATS
+    return [_file(component, of) for component in held for of in formats] if isinstance(held, dict) else []
 
 
 def _column(channel: Channel, name: str) -> str:

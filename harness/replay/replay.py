@@ -20,7 +20,7 @@ from rich.markup import escape
 from scipy import stats
 
 from harness.cosim.worker.process import WorkerProcess
-from harness.files import make_folder, write_set
+from harness.files import write_set
 from harness.recording.attitude import Array
 from harness.recording.recording import RecordingError
 from harness.recording.signals import MOVING_M_S
@@ -246,7 +246,6 @@ def report(
         UsageError: the folder cannot be made.
         FileError: they cannot be written.
     """
-    make_folder(out)
     signals, outages = source.signals([]), replayed.outages
     judged = list(outages[0].errors)
     names = _marked(judged, [c.name for c in comparison.configurations if c.settings])

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from harness.drawing import png_of
-from harness.files import make_folder, replaced, write_set
+from harness.files import replaced, write_set
 from harness.report.charts import charts_page
 from harness.studies import STUDIES
 from models.errors import UsageError, nearest
@@ -113,7 +113,6 @@ def report(name: str, result: Result, folder: Path, note: Callable[[str], None] 
         UsageError: the folder cannot be made.
         FileError: they cannot be written.
     """
-    make_folder(folder)
     if others := replaced(folder / f"{name}.json", {"options": result["options"]}):
         note(f"{folder}: has the results of other options, which these replace ({others})")
     text = json.dumps(result, indent=1, ensure_ascii=False, allow_nan=False)

@@ -14,7 +14,7 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
-from harness.files import write_whole
+from harness.files import write_set
 from harness.log.log import Log, named, read_log
 from harness.terminal import new_table, print_table
 from harness.trial import trial
@@ -170,6 +170,7 @@ def run_cases(request: Request, cases: Sequence[Case], out: Path) -> Generator[d
         KeyboardInterrupt: the user ended it.
     """
     with trial.alone_in(out):
+        write_set(out, {}, (JSON, CSV))  # an earlier run's go
         results: list[dict[str, Any]] = []
         try:
             reference: Log | None = None
@@ -184,8 +185,8 @@ def run_cases(request: Request, cases: Sequence[Case], out: Path) -> Generator[d
                 yield results[-1]
         finally:
             if results:
-                write_whole(out / JSON, (json.dumps(results, indent=2, ensure_ascii=False) + "\n").encode())
-                write_whole(out / CSV, csv_of(results))
+                text = json.dumps(results, indent=2, ensure_ascii=False) + "\n"
+                write_set(out, {JSON: text.encode(), CSV: csv_of(results)})
 
 
 def _fly(request: Request, folder: Path) -> tuple[dict[str, Any], trial.EndedByFaultError | None]:

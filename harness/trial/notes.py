@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 CONTROLLER = {name for name, _ in flatten(Cmec.group("parameter"))}
 WAYPOINTS = ("capture_radius", "waypoint_", "home_", "start_")  # with what such names begin
+COUNTS = ("street_count", "pole_count")
 Values = Mapping[str, Mapping[str, float]]
 Interfaces = Mapping[str, "Interface"]
 
@@ -37,8 +38,10 @@ def idle_notes(
 
     Args:
         values: of the plan (SI), by component and flat name.
-        varied: component and flat name of what a sweep varies; nothing is said of waypoints if it moves them.
+        varied: component and flat name of what a sweep varies; nothing is said of waypoints if it moves them,
+            nor of streets and poles if it places them.
     """
+    placing = any(name.partition(".")[2] in COUNTS for name in varied)
     moving = any(name.partition(".")[2].startswith(WAYPOINTS) for name in varied)
     if scenario.system in SYSTEMS:
         yield from _below_a_tick(scenario, interfaces)
@@ -59,7 +62,7 @@ def idle_notes(
             yield from _waypoints(scenario, interface, own)
             yield from _fence(scenario, interface, own)
             yield from _response(interface, own)
-        if block == CanineInStreets.title() and not (own.get("street_count") or own.get("pole_count")):
+        if block == CanineInStreets.title() and not placing and not any(map(own.get, COUNTS)):
             yield f"there is no street and no pole: {block} does what {Canine.title()} does"
         if "capture_radius" in interface.parameters and scenario.streets and not moving:
             yield from _off_streets(scenario, interface, own)

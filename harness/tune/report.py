@@ -29,7 +29,7 @@ from harness.drawing import (
     png_of,
     set_title,
 )
-from harness.files import make_folder, replaced, write_set
+from harness.files import replaced, write_set
 from harness.fit.estimate import rounded
 from harness.replay.comparison import HELD
 from harness.replay.outage import COLUMNS
@@ -97,7 +97,6 @@ def report(result: Mapping[str, Any], out: Path, note: Callable[[str], None] = l
         UsageError: the folder cannot be made.
         FileError: they cannot be written.
     """
-    make_folder(out)
     if others := replaced(out / "tune.json", {key: result[key] for key in IDENTITY}):
         note(f"{out}: has another tuning, which this replaces ({others})")
     text = json.dumps(result, indent=1, ensure_ascii=False, allow_nan=False)

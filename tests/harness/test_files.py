@@ -54,6 +54,16 @@ def test_a_set_that_cannot_be_made_leaves_the_one_before(tmp_path: Path) -> None
     assert held(tmp_path) == {"a": b"1", "b": b"1"}
 
 
+def test_a_file_that_cannot_be_made_is_named_by_its_own_place(tmp_path: Path) -> None:
+    # given a name that is longer than the file system takes
+    name = 300 * "b"
+    with pytest.raises(FileError) as caught:
+        write_set(tmp_path, {"a": b"1", name: b"1"})
+    # then
+    assert str(caught.value).startswith(f"{tmp_path / name}: cannot be written (File name too long)")
+    assert held(tmp_path) == {}
+
+
 def test_a_folder_in_the_place_of_a_file_leaves_the_set_before(tmp_path: Path) -> None:
     # given
     write_set(tmp_path, {"a": b"1"})

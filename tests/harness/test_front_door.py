@@ -230,7 +230,7 @@ def test_a_trial_that_does_not_exist_or_does_not_fit_is_refused(tmp_path: Path) 
         ("run_study", {"name": "pitch", "seeds": 1}, "seeds 1: expected 2 or more, since a spread is stated"),
         ("run_day", {"missions": 1.5}, "missions is 1.5; expected a whole number"),
         ("run_day", {"rest": "60"}, "rest is '60'; expected a number or a list of them, in s"),
-        ("run_day", {"rest": [60, "x"]}, "rest[2] is 'x'; expected a number, in s"),
+        ("run_day", {"rest": [60, "x"]}, "rest[1] is 'x'; expected a number, in s"),
         ("run_day", {"controllers": "cmec"}, "controllers is 'cmec'; expected a list, [\"cmec\","),
         ("run_day", {"controllers": ["cmic"]}, 'there is no controller "cmic"; expected the path'),
         ("run_day", {"days": 0}, "days is 0; expected a whole number from 1 on"),
@@ -255,14 +255,14 @@ def test_a_trial_that_does_not_exist_or_does_not_fit_is_refused(tmp_path: Path) 
             PLAN | {"spacings": [float("nan")]},
             "spacing nan: expected a length of more than d', 7",
         ),
-        ("run_plan", PLAN | {"spacings": ["x"]}, "spacings[1] is 'x'; expected a number, in m"),
+        ("run_plan", PLAN | {"spacings": ["x"]}, "spacings[0] is 'x'; expected a number, in m"),
         ("run_plan", PLAN | {"longest": None}, "longest is None; expected a number"),
         ("run_plan", PLAN | {"longest": float("nan")}, "longest is nan; expected 1 to 10"),
         ("run_plan", PLAN | {"ways": None}, "ways is None; expected a whole number from 1 on"),
         ("run_plan", PLAN | {"origin": 5}, "origin is 5; expected latitude and longitude in deg"),
         ("run_plan", PLAN | {"begin": 3}, 'begin is 3; expected a name, "home", or a pair of numbers'),
         ("run_plan", PLAN | {"end": "gaol"}, 'end "gaol": expected latitude,longitude in deg, or a mark of'),
-        ("run_plan", PLAN | {"clearances": [None]}, "clearances[1] is None; expected a number, in m"),
+        ("run_plan", PLAN | {"clearances": [None]}, "clearances[0] is None; expected a number, in m"),
         ("run_plan", PLAN | {"trials": "5"}, "trials is '5'; expected a whole number"),
         ("run_plan", PLAN | {"longest": "2"}, "longest is '2'; expected a number"),
         ("run_plan", PLAN | {"reading": "calibrated"}, "five_buildings: the reading calibrated counts turns"),
@@ -309,17 +309,19 @@ def test_a_command_in_an_error_from_python_keeps_its_options(tmp_path: Path) -> 
 
 def test_errors_and_notes_from_python_name_what_the_function_has() -> None:
     # given a function with a note and an error that name options, two of which are arguments of its own
-    text = "--call-limit 3: leave --out out, or a--call-limit, `canine run --out x`, --seeds"
+    other = "a--call-limit, `canine run --out x`, /tmp/--out: '--out', --seeds"
+    text = f"--call-limit 3: leave --out out, or {other}"
 
     @named_from_python
     def call(call_limit: float, out: str = "", *, fails: bool = False) -> harness.FitResult:
         if fails:
             raise CanineError(text)
-        return harness.FitResult(Path(out), {}, (text,))
+        return harness.FitResult(Path(out), {"notes": [text], "assumes": [text], "logs": [text]}, (text,))
 
     # then these alone are named as arguments
-    expected = "call_limit 3: leave out out, or a--call-limit, `canine run --out x`, --seeds"
+    expected = f"call_limit 3: leave out out, or {other}"
     assert call(3).notes == (expected,)
+    assert call(3).report == {"notes": [expected], "assumes": [expected], "logs": [text]}
     with pytest.raises(CanineError) as caught:
         call(3, fails=True)
     assert caught.value.args == (expected,)
@@ -435,10 +437,10 @@ def test_a_plan_from_python_takes_a_scenario_and_places_by_numbers(tmp_path: Pat
         seed=7, out=tmp_path / "plan", progress=shares.append,
     )  # fmt: skip
     # then
-    assert json.loads(plan.report_path.read_text()) == plan.report
+    assert json.loads(plan.report_path.read_text()) | {"assumes": plan.assumes} == plan.report
     assert plan.report["parameters"] == {"canine.drift": -2.0}
     assert plan.report["seed"] == 7
-    assert plan.assumes
+    assert any("and give scenario or parameters" in text for text in plan.assumes)
     recommended = plan.recommended
     assert recommended
     assert recommended["waypoints"] == [[30, 0], [60, 0], [90, 0], [120, 0]]

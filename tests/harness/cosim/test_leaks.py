@@ -3,6 +3,8 @@
 import gc
 import os
 import resource
+import subprocess
+import sys
 import tempfile
 from collections.abc import Callable
 from contextlib import suppress
@@ -101,6 +103,23 @@ def test_an_fmu_opened_and_closed_again_and_again_keeps_nothing(
     # then neither a description (some 100 kB) nor a library stays, and one folder at most, for all of them
     assert_that_nothing_is_kept(live, 30, 500_000)
     assert len(list(tmp_path.iterdir())) <= 1
+
+
+def test_the_folder_of_our_fmus_goes_with_the_process(tmp_path: Path) -> None:
+    # given a process that opens one of our FMUs, and ends
+    path = build_fmu(Pedestrian, build_folder() / "fmi3", 3)
+    program = (
+        "import os, sys; from pathlib import Path; from harness.cosim.fmu import FmuInstance\n"
+        "with FmuInstance('plant', Path(sys.argv[1])): pass\n"
+        "print(len(os.listdir(os.environ['TMPDIR'])))"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", program, path],
+        env=os.environ | {"TMPDIR": str(tmp_path)}, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    # then the folder that it was unpacked into was there, and is gone
+    assert ended.stdout == "1\n"
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_workers_that_end_well_or_ill_leave_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -89,6 +89,11 @@ def test_logs_of_a_longer_day_do_not_stay_among_those_of_a_shorter_one(
     assert (below / "day-2" / "notes.txt").read_text() == "mine"
     assert len(list((tmp_path / "cmec-rest600").rglob("*.mcap"))) == 4
     assert "had 4 logged missions of an earlier run, which these replace" in errors
+    assert "has 4 logged missions of an earlier run, which stay" in errors
+    # and a day without logs tells that those are not its own
+    errors = run("--missions", 1, "--rest", 60, "--seed", 5)
+    assert "has 5 logged missions of an earlier run, which stay" in errors
+    assert len(list(tmp_path.rglob("*.mcap"))) == 5
 
 
 def test_logs_of_an_earlier_day_go_before_the_results_of_another_one_come(

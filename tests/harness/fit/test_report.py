@@ -63,8 +63,25 @@ def test_a_statistic_beyond_the_model_is_neither_written_nor_silent() -> None:
     assert any(note.startswith("canine.speeding_up is -0.25; expected") for note in result["notes"])
     # then the file says so
     lines = fragment(result | {"sources": []}).splitlines()
-    assert "# the trials' canine.speeding_up is beyond what the model takes: it stays as it has it" in lines
+    assert (
+        "# the trials' canine.speeding_up is beyond what the model takes: it stays as the model has it"
+        in lines
+    )
     assert not any(line.startswith('"canine.speeding_up" =') for line in lines)
+
+
+def test_an_effect_of_a_day_beyond_the_model_is_neither_written_nor_called_not_shown() -> None:
+    # given a day whose fit shows two effects, one of which is more than the model takes
+    effects = {name: {"verdict": "shown"} for name in ("fatigue_slows", "habituation_gain")}
+    effects["fatigue_delays"] = {"verdict": "not shown: the interval includes 0"}
+    day = {"effects": effects, "parameters": {"canine.habituation_gain": 0.3}}
+    lines = fragment(pool([Trial("t", {"drift": 0.1})], PLANT.turned) | {"day": day}).splitlines()
+    # then
+    assert lines[-3].endswith("what is not here was not shown:")
+    assert lines[-2:] == [
+        "# canine.fatigue_slows was shown, beyond what the model takes: it stays as the model has it",
+        '# "canine.habituation_gain" = 0.3',
+    ]
 
 
 def test_round_off_is_written_as_zero() -> None:

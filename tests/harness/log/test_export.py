@@ -143,3 +143,24 @@ def test_a_library_that_is_not_installed_is_named_with_its_extra(
 def test_a_format_that_does_not_exist_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match='--to parket: expected one of csv, parquet; did you mean "parquet"'):
         export(log(), "parket", tmp_path)
+
+
+@pytest.mark.parametrize("to", ["csv", "parquet"])
+def test_an_export_of_another_log_leaves_none_of_the_first(to: str, tmp_path: Path) -> None:
+    # given a log in both formats, and a file of the user's
+    for each in ("csv", "parquet"):
+        export(log(), each, tmp_path)
+    (tmp_path / "mine.csv").write_text("0")
+    assert len(list(tmp_path.iterdir())) == 2 + 2 + 1 + 1
+    # when one with another component is exported there
+    channel = Channel("toy", "toy", ("x",), ("m",), ("Real",), ("",))
+    other = Log(Path("trial.mcap"), (channel,), {}, {}, log().time, {"toy": log().time[:, None]})
+    export(other, to, tmp_path)
+    # then
+    assert {path.name for path in tmp_path.iterdir()} == {f"toy.{to}", "units.json", "mine.csv"}
+
+
+@pytest.mark.parametrize("content", ["", "[1]", "{"])
+def test_units_that_are_not_ours_are_replaced(content: str, tmp_path: Path) -> None:
+    (tmp_path / "units.json").write_text(content)
+    assert len(export(log(), "csv", tmp_path)) == len(list(tmp_path.iterdir())) == 3

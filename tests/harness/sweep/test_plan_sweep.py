@@ -59,7 +59,10 @@ def test_a_plant_in_streets_without_any_is_noted() -> None:
     plan_sweep("two", thresholds="30", plant="canine_in_streets", trials=1, note=notes.append)
     same = "there is no street and no pole: canine_in_streets does what canine does"
     assert notes == [f"two_waypoint: {same}"]
-    # and a dog with streets, or a day of its own, is none
+    # and a sweep that places some, a dog with streets, or one with a day of its own, is none
+    plan_sweep(
+        "two", vary=["canine.street_count=0:1:1"], plant="canine_in_streets", trials=1, note=notes.append
+    )
     plan_sweep("crossing", thresholds="30", trials=1, note=notes.append)
     plan_sweep("two", thresholds="30", plant="canine_all_day", trials=1, note=notes.append)
     assert len(notes) == 1

@@ -45,6 +45,25 @@ until = 3.5
 """
 
 
+def test_tables_of_earlier_faults_go_before_the_first_trial(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # given tables of an earlier run
+    (tmp_path / "four.toml").write_text(SCENARIO)
+    for name in ("faults.json", "faults.csv"):
+        (tmp_path / name).write_text("of an earlier run")
+
+    # when another one ends in its first trial
+    def end(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(lone_faults, "_fly", end)
+    status, _, _ = canine(capsys, "faults", tmp_path / "four.toml", "--out", tmp_path)
+    # then
+    assert status == 130
+    assert [path.name for path in tmp_path.iterdir()] == ["four.toml"]
+
+
 def test_each_fault_is_flown_alone_and_judged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     # given faults of four kinds
     (tmp_path / "four.toml").write_text(SCENARIO)
