@@ -20,7 +20,7 @@ chance:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from typing import Any
@@ -56,7 +56,6 @@ UNJUDGED = {
     "end": "; above the stretch{} nothing could be judged: no optimum inside is shown",
     "both": "; below and above the stretch{} nothing could be judged: no optimum inside is shown",
 }
-FLAT = ": flat, no optimum"
 MENTIONED = 6  # points that a text names one by one at most
 Mask = npt.NDArray[np.bool_]
 Ticks = npt.NDArray[np.unsignedinteger[Any]]
@@ -172,6 +171,8 @@ def recommend(
 ) -> dict[str, Any]:
     """What the sweep recommends, with the keys of recommendation.json.
 
+    Its `advice` has each text once, and one of all flat criteria; none where there is nothing to compare.
+
     A trial that an FMU's failure ended counts as none. A point that was given up is not judged.
 
     Args:
@@ -189,23 +190,31 @@ def recommend(
     success = best_for_success(ticks, ran, judged) if ticks[judged].any() else None
     time = best_for_time(ticks, judged)
     both = best_for_time(ticks, success.named) if success else None
-    no_time = f"too few successes to compare times; expected {LEAST} at a point: run more trials"
-    return {
-        "rule": RULE,
-        "confidence": 1 - ALPHA,
-        "success": describe("best success rate", success, _rate)
-        if success
-        else {"text": f"best success rate: no trial succeeded{describe.spoiled or ' at any point'}"},
-        "time": describe("shortest time", time, _time) if time else {"text": no_time},
-        "both": describe("fastest of those with the best success rate", both, _time)
-        if both
-        else {"text": no_time},
-        "pareto": {
-            "text": describe.front(front),
-            "points": [describe.point(i) for i in front],
-            "unjudged": describe.named(describe.few | ~judged),
-        },
+    criteria = {
+        "success": ("best success rate", success, _rate),
+        "time": ("shortest time", time, _time),
+        "both": ("fastest of those with the best success rate", both, _time),
     }
+    no_time = f"too few successes to compare times; expected {LEAST} at a point: run more trials"
+    without = {
+        "success": f"best success rate: no trial succeeded{describe.spoiled or ' at any point'}",
+        "time": no_time,
+        "both": no_time,
+    }
+    described = {
+        key: describe(what, finding, measure) if finding else {"text": without[key]}
+        for key, (what, finding, measure) in criteria.items()
+    }
+    described["pareto"] = {
+        "text": describe.front(front),
+        "points": [describe.point(i) for i in front],
+        "unjudged": describe.named(describe.few | ~judged),
+    }
+    flat = {key: criteria[key] for key, row in described.items() if row.get("flat")}
+    together = describe.flat(flat.values())
+    texts = dict.fromkeys(together if key in flat else row["text"] for key, row in described.items())
+    advice = list(texts) if len(table) > 1 else []
+    return {"rule": RULE, "confidence": 1 - ALPHA, **described, "advice": advice}
 
 
 def _rate(point: Point) -> str:
@@ -264,18 +273,17 @@ class _Describer:
             words += WORDS[shown].format(of) + UNJUDGED.get(unknown, "").format(of)
         flat = bool(finding.named.all())
         interior = all(end in ("inside", "one value") for end in ends.values()) and not flat
-        text = f"{what}: "
         if len(self.table) == 1:
-            text += f"one point, nothing to compare ({self.ranges(region)}: {measure(self.table[0])})"
+            text = f"{what}: one point, nothing to compare ({self.ranges(region)}: {measure(self.table[0])})"
+            text += self.spoiled
         elif flat:
-            text += f"no value of {self.ranges(region)} is shown to be better than another{FLAT}"
-            text += f" (best measured at {self.value(finding.best)}: {measure(self.table[finding.best])})"
+            text = self.flat([(what, finding, measure)])
         else:
-            text += f"{self.ranges(region)} (best at {self.value(finding.best)}: "
+            text = f"{what}: {self.ranges(region)} (best at {self.value(finding.best)}: "
             text += f"{measure(self.table[finding.best])})"
             text += words
-        text += self.rest("; besides ", finding.named & ~region)
-        text += self.rest("; too few successes to judge ", finding.unjudged & self.judged) + self.spoiled
+            text += self.rest("; besides ", finding.named & ~region)
+            text += self.rest("; too few successes to judge ", finding.unjudged & self.judged) + self.spoiled
         return {
             "text": text,
             "best": self.point(finding.best),
@@ -286,6 +294,20 @@ class _Describer:
             "flat": flat,
             "range_ends": ends,
         }
+
+    def flat(self, criteria: Collection[tuple[str, Finding | None, Callable[[Point], str]]]) -> str:
+        """Criteria, each with its finding and measure, by which no point is shown to be better, in words."""
+        whats = ", ".join(what for what, _, _ in criteria)
+        everywhere = self.ranges(np.ones(len(self.table), dtype=bool))
+        bests = dict.fromkeys(
+            f"best measured at {self.value(finding.best)}: {measure(self.table[finding.best])}"
+            for _, finding, measure in criteria
+            if finding
+        )
+        return (
+            f"{whats}: no value of {everywhere} is shown to be better than another: flat, no optimum "
+            f"({'; '.join(bests)}){self.spoiled}"
+        )
 
     def front(self, indices: Sequence[int]) -> str:
         """The Pareto front in words: its two ends and some points between them."""

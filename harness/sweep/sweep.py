@@ -28,7 +28,7 @@ from harness.sweep.chunks import Job, Outcomes, Progress, program
 from harness.sweep.components import find_components
 from harness.sweep.cosimulated import Cosimulated
 from harness.sweep.journal import SWEEP
-from harness.sweep.recommend import FLAT, number, recommend
+from harness.sweep.recommend import number, recommend
 from harness.sweep.run import run_trials
 from harness.sweep.table import THRESHOLD_COLUMN, Point, csv_of, name_of, plain, table_of
 from harness.sweep.tls import Certificates
@@ -40,7 +40,6 @@ from models.readings import READING
 from models.system import CONTROLLER, ESTIMATOR, PLANT, find_system
 
 TWO_WAYPOINTS, MORE_WAYPOINTS = "15:90", "15:65"  # deg, 5.3.5 and 5.3.6
-ADVICE = ("success", "time", "both", "pareto")  # of recommendation.json
 SHOWN = 13  # rows of the table in the terminal
 CSV, PICTURE, PAGE, RECOMMENDATION = "sweep.csv", "sweep.png", "sweep.html", "recommendation.json"
 
@@ -342,22 +341,9 @@ def report(sweep: Sweep, outcomes: Outcomes, folder: Path) -> tuple[list[Point],
     picture = sweep_png([(axis.label, axis.written) for axis in sweep.axes], table, result, sweep.about)
     labels = [tuple(map(plain, point)) for point in sweep.points]
     rows = csv_of([axis.column for axis in sweep.axes], labels, table, has_fmus=sweep.work.has_fmus)
-    page = sweep_page(sweep, table, outcomes, _advice(table, result))
+    page = sweep_page(sweep, table, outcomes, result["advice"])
     write_set(folder, {CSV: rows, PICTURE: picture, PAGE: page, RECOMMENDATION: recommendation})
     return table, result
-
-
-def _advice(table: Sequence[Point], result: Mapping[str, Any]) -> list[str]:
-    """The recommendation in words, each text once; none where there is nothing to compare."""
-    texts = dict.fromkeys(result[key]["text"] for key in ADVICE) if len(table) > 1 else {}
-    flat = [text.partition(": ") for text in texts if FLAT in text]
-    (_, _, first), *others = flat or [("", "", "")]
-    common = first.partition(" (best")[0]
-    if not others or any(not rest.startswith(common) or "; " in rest for _, _, rest in flat):
-        return list(texts)
-    bests = dict.fromkeys(rest.removeprefix(f"{common} (").removesuffix(")") for _, _, rest in flat)
-    merged = f"{', '.join(what for what, _, _ in flat)}: {common} ({'; '.join(bests)})"
-    return [merged, *(text for text in texts if FLAT not in text)]
 
 
 def fmu_failures_of(sweep: Sweep, table: Sequence[Point]) -> list[str]:
@@ -394,5 +380,5 @@ def show(sweep: Sweep, table: Sequence[Point], result: Mapping[str, Any], consol
     print_table(printed, console)
     if step > 1:
         console.print(f"1 row of every {step}; all {len(table)} are in {CSV}", style="dim")
-    for text in _advice(table, result) or ["one point: nothing to compare"]:
+    for text in result["advice"] or ["one point: nothing to compare"]:
         console.print(escape(text), soft_wrap=True)

@@ -679,4 +679,9 @@ def test_a_flat_sweep_says_so_once(plant: str, tmp_path: Path, capsys: pytest.Ca
     (line,) = (line for line in printed.splitlines() if "no optimum" in line)
     assert line.startswith("best success rate, shortest time, fastest of those with")
     assert line.count("best measured at") == 2
-    assert len(json.loads((tmp_path / "recommendation.json").read_text())["both"]["text"]) > 50
+    # and the file has it, beside a text for each
+    result = json.loads((tmp_path / "recommendation.json").read_text())
+    assert result["advice"] == [line, result["pareto"]["text"]]
+    assert result["both"]["text"].startswith(
+        "fastest of those with the best success rate: no value of deviation threshold h'"
+    )
