@@ -1,6 +1,6 @@
 """Maps in files: GeoJSON and KML.
 
-Polygons are no-go areas, lines are streets, points with a name are marks. KML is in degrees, and so is
+Polygons are no-go areas, lines are streets, points with a name are places. KML is in degrees, and so is
 GeoJSON (RFC 7946: longitude before latitude), unless it says `"units": "metres"` beside its features, or
 `--metres` is given: then coordinates are metres, east before north, and a member
 `"origin": [longitude, latitude]` may say where [0, 0] is.
@@ -75,29 +75,31 @@ class Map:
     notes: list[str] = field(default_factory=list)
 
     def point_of(self, name: str, text: str) -> Point:
-        """A place as a user names it: a mark, or latitude,longitude or north,east.
+        """A place as a user names it: a named point, or latitude,longitude or north,east.
 
         Raises:
-            RouteError: it is neither, or several marks have this name.
+            RouteError: it is neither, or several points have this name.
         """
         pair = "latitude,longitude in deg" if self.units == DEGREES else "north,east in m"
-        marks: dict[str, dict[Point, str]] = {}  # by name and place, what each is called in errors
+        named: dict[str, dict[Point, str]] = {}  # by name and place, what each is called in errors
         for figure in self.figures:
             if figure.shape.geom_type == "Point" and figure.name:
-                marks.setdefault(figure.name, {})[figure.shape.x, figure.shape.y] = figure.where
-        if text in marks:
-            (point, where), *others = marks[text].items()
+                named.setdefault(figure.name, {})[figure.shape.x, figure.shape.y] = figure.where
+        if text in named:
+            (point, where), *others = named[text].items()
             if others:
                 raise RouteError(
-                    f'{name} "{text}": {self.label} has {len(marks[text])} marks of this name, {where} and '
+                    f'{name} "{text}": {self.label} has {len(named[text])} points of this name, {where} and '
                     f"{others[0][1]}; expected one: give another a name of its own, or take {pair}"
                 )
             return point
         try:
             y, x = map(float, text.split(","))
         except ValueError:
-            hint = nearest(text, marks) if marks else ""
-            raise RouteError(f'{name} "{text}": expected {pair}, or a mark of {self.label}{hint}') from None
+            hint = nearest(text, named) if named else ""
+            raise RouteError(
+                f'{name} "{text}": expected {pair}, or a named point of {self.label}{hint}'
+            ) from None
         _check_numbers(f'{name} "{text}"', np.array([[x, y]]), self.units)
         return x, y
 

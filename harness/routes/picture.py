@@ -33,8 +33,9 @@ AREA: Style = {"facecolor": "#D9CFC4", "edgecolor": "#8A7A68", "linewidth": 1.0,
 STREET: Style = {"color": "#C9D3DD", "linewidth": 5.0, "zorder": 0.5, "solid_capstyle": "round"}
 TRIED: Style = {"color": "#9AA3AD", "linewidth": 0.7, "alpha": 0.7, "zorder": 2}
 REFERENCE: Style = {"color": "#111111", "linewidth": 1.2, "linestyle": (0, (4, 2)), "zorder": 5.5}
+PLATE = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0}
 MOST = len(ESTIMATES)  # routes with a colour of their own
-RIM = 3.2  # points by which a route is wider than those drawn over it, and by which its waypoints are larger
+RIM = 2.4  # points by which a route is wider than those drawn over it, and by which its waypoints are larger
 NEAR = 1.0  # m within which one route would hide another
 HIDDEN = 0.3  # share of a route's length
 
@@ -56,9 +57,10 @@ def routes_figure(result: Result) -> Figure:
     set_title(
         figure,
         drawable(
-            f"{problem.site.name}: {len(problem.candidates)} candidates, "
-            f"{problem.scorer.system.components['controller'].title()} in the reading "
-            f"{problem.scorer.scenario.reading}",
+            f"{problem.site.name}: {len(problem.candidates)} candidates; "
+            f"{problem.scorer.system.components['controller'].title()} and "
+            f"{problem.scorer.system.components['plant'].title()}, reading "
+            f"{problem.scorer.scenario.reading}, system {problem.scorer.scenario.system}",
             100,
         ),
     )
@@ -93,7 +95,7 @@ def _draw_map(axes: Axes, result: Result, coloured: dict[Candidate, str]) -> Non
     _draw_line(axes, [begin, *result.reference.waypoints], **REFERENCE)
     for (north, east), word in ((begin, "from"), (result.problem.end, "to")):
         axes.plot(east, north, marker="o", markersize=9, color="white", markeredgecolor="black", zorder=6)
-        axes.annotate(word, (east, north), xytext=(8, -4), textcoords="offset points", zorder=6)
+        axes.annotate(word, (east, north), xytext=(8, -4), textcoords="offset points", zorder=6, bbox=PLATE)
     for area in site.areas:
         _name(axes, area)
     axes.set_aspect("equal")
@@ -119,6 +121,13 @@ def _levels(lines: Sequence[shapely.LineString]) -> list[int]:
     return levels
 
 
+def _role(candidate: Candidate, result: Result) -> str:
+    """What a route is beside one on the front, for the legend."""
+    if candidate == result.recommended:
+        return ", recommended"
+    return ", the shortest unsplit way (dashed)" if candidate == result.reference else ""
+
+
 def _draw_line(axes: Axes, places: Sequence[Place], **style: object) -> None:
     north, east = np.array(places).T
     axes.plot(east, north, **style)  # type: ignore[arg-type]
@@ -139,6 +148,7 @@ def _outline(polygon: shapely.Polygon) -> Path:
 
 def _draw_choice(axes: Axes, result: Result, coloured: dict[Candidate, str]) -> None:
     """Success with its interval over mean time; the chance of entering an area in words."""
+    others = "others, as far as they were tried"
     for candidate in reversed(result.ranked):
         score = result.tried[candidate]
         if score.mean_time is None:
@@ -153,8 +163,10 @@ def _draw_choice(axes: Axes, result: Result, coloured: dict[Candidate, str]) -> 
             markersize=13 if candidate == result.recommended else 6,
             markeredgecolor=CIRCLE_EDGE if candidate == result.recommended else colour,
             label=f"{candidate.label}: {percent(score.success_rate)}, {score.mean_commands:.1f} stimuli, "
-            f"enters {percent(score.entry_rate)}" if is_named else None,
+            f"enters {percent(score.entry_rate)}{_role(candidate, result)}" if is_named else others,
         )  # fmt: skip
+        if not is_named:
+            others = ""  # once in the legend
     axes.set_xlabel("mean time to the end [s]")
     axes.set_ylabel("reaches the end and enters no area [%]")
     axes.grid(**GRID)

@@ -10,7 +10,7 @@ from typing import get_args
 
 import numpy as np
 
-from harness.fit.stated import stated_and_assumed
+from harness.fit.stated import FITTED, stated_and_assumed
 from harness.routes import CLEARANCES, LONGEST, SPACINGS, TRIALS, WAYS, Along
 from harness.routes.candidates import Candidate, candidates_of, told_apart
 from harness.routes.map_file import load
@@ -325,6 +325,8 @@ def _check_count(controller: Interface, values: Mapping[str, float], scenario: S
 
 def _assumptions(scenario: Scenario, plant: Interface, values: Mapping[str, float]) -> list[str]:
     """What of the dog is not known to be so: a route is recommended on it."""
+    if not plant.parameters.keys() >= set(FITTED):
+        return [f"the {plant.block} is yours: nobody fitted its parameters to logs of one"]
     stated, assumed = stated_and_assumed(scenario.parameters, {plant.block})
     in_part = f", in {', '.join(assumed)} (stated: {', '.join(stated)})" if stated else ""
     gain = "habituation_gain"

@@ -165,6 +165,14 @@ def run_command(result: Result, scenario: str) -> str:
     return shlex.join(["canine", "run", scenario, *_components(result)])
 
 
+def _system_of_run(result: Result) -> str:
+    """What a run of the recommended route has that its trials had not."""
+    system = result.problem.base.system
+    if system == result.problem.scorer.scenario.system:
+        return ""
+    return f" in the system {system}, where it may succeed less often (--system {system} tries it there)"
+
+
 def show(result: Result, folder: Path, console: Console) -> None:
     """Print the Pareto front, the reference, what is recommended and on what that rests.
 
@@ -207,13 +215,19 @@ def ties_of(result: Result) -> str:
 
 def words(result: Result, folder: Path) -> list[str]:
     """What the table does not say."""
-    trials = result.rounds[-1].trials
-    tried = f"{len(result.problem.candidates)} candidates, {len(result.tried)} of them tried {trials} times"
+    trials, problem = result.rounds[-1].trials, result.problem
+    tried = (
+        f"{len(problem.candidates)} candidates, {len(result.tried)} of them tried {trials} times in the "
+        f"system {problem.scorer.scenario.system}"
+    )
+    is_led = problem.site.origin is not None and not _components(result)  # the station has the usual dog
+    station = ["canine", "station", "--simulate", str(folder / SCENARIO), "--mission", str(folder / MISSION)]
     if result.recommended is None:
         return [f"{tried}; none ever succeeded: take a wider --clearance, other --spacing, or more --ways"]
     return [
         f"{tried}; the last row is the shortest unsplit way, to compare with",
         f"* recommended: {result.recommended.label}{ties_of(result)}",
-        *(f"it is assumed that {text}" for text in result.problem.assumes),
-        f"to run it: {run_command(result, str(folder / SCENARIO))}",
+        *(f"it is assumed that {text}" for text in problem.assumes),
+        f"to run it{_system_of_run(result)}: {run_command(result, str(folder / SCENARIO))}",
+        *([f"to lead a simulated vest along it: {shlex.join(station)}"] if is_led else []),
     ]

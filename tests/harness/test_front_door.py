@@ -261,7 +261,11 @@ def test_a_trial_that_does_not_exist_or_does_not_fit_is_refused(tmp_path: Path) 
         ("run_plan", PLAN | {"ways": None}, "ways is None; expected a whole number from 1 on"),
         ("run_plan", PLAN | {"origin": 5}, "origin is 5; expected latitude and longitude in deg"),
         ("run_plan", PLAN | {"begin": 3}, 'begin is 3; expected a name, "home", or a pair of numbers'),
-        ("run_plan", PLAN | {"end": "gaol"}, 'end "gaol": expected latitude,longitude in deg, or a mark of'),
+        (
+            "run_plan",
+            PLAN | {"end": "gaol"},
+            'end "gaol": expected latitude,longitude in deg, or a named point of',
+        ),
         ("run_plan", PLAN | {"clearances": [None]}, "clearances[0] is None; expected a number, in m"),
         ("run_plan", PLAN | {"trials": "5"}, "trials is '5'; expected a whole number"),
         ("run_plan", PLAN | {"longest": "2"}, "longest is '2'; expected a number"),

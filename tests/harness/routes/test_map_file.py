@@ -280,7 +280,7 @@ def test_a_missing_map_names_the_one_that_is_meant(tmp_path: Path) -> None:
     ("text", "words"),
     [
         ("pont", 'did you mean "pond"?'),
-        ("1;2", "expected north,east in m, or a mark of"),
+        ("1;2", "expected north,east in m, or a named point of"),
         ("nan,0", "has a coordinate that is no finite number"),
     ],
 )
@@ -297,7 +297,7 @@ def test_a_mark_whose_name_another_place_has_is_refused_with_both(tmp_path: Path
     found = load(write(tmp_path, HALL, *marks))
     # then
     with pytest.raises(
-        RouteError, match=r'end "gate": .* has 2 marks .*feature 2 \(gate\) and feature 3 \(gat'
+        RouteError, match=r'end "gate": .* has 2 points .*feature 2 \(gate\) and feature 3 \(gat'
     ):
         found.point_of("end", "gate")
     # and a place that is in the file twice is one

@@ -162,7 +162,7 @@ def test_of_routes_along_one_way_the_lower_are_drawn_wider() -> None:
     assert len(drawn) > 1
     by_height = sorted(drawn, key=lambda line: line.get_zorder())
     for lower, upper in itertools.pairwise(by_height):
-        assert lower.get_linewidth() >= upper.get_linewidth() + 2
+        assert lower.get_linewidth() >= upper.get_linewidth() + 1.5
         assert lower.get_markersize() >= upper.get_markersize() + 2
 
 
@@ -183,7 +183,8 @@ def test_a_plan_with_another_plant_and_controller_says_how_its_scenario_is_run(
     )  # fmt: skip
     assert status == 0, error
     options = "--plant pedestrian --controller quarter_turn"
-    assert f"to run it: canine run {tmp_path}/route.toml {options}" in text
+    assert f"(--system full tries it there): canine run {tmp_path}/route.toml {options}\n" in text
+    assert "canine station" not in text  # it has the usual dog
     # when the line in the file is typed
     (line,) = re.findall("`canine (run route.toml .*)`", (tmp_path / "route.toml").read_text())
     assert line == f"run route.toml {options}"
@@ -192,6 +193,28 @@ def test_a_plan_with_another_plant_and_controller_says_how_its_scenario_is_run(
     # then it runs these two
     assert status == 0, error
     assert read_log(tmp_path / "led" / FILE).metadata["swaps"].keys() == {"plant", "controller"}
+
+
+def test_a_plan_s_words_have_the_system_the_run_and_the_station(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # given a route that is tried in cts, of a scenario that is of full
+    options = ("--clearance", "9", "--spacing", "20", "--ways", 1, "--trials", 64, "--out", tmp_path)
+    _, text, _ = canine(capsys, *FIVE, *options)
+    assert "tried 64 times in the system cts;" in text
+    assert (
+        "to run it in the system full, where it may succeed less often (--system full tries it there): "
+        f"canine run {tmp_path}/route.toml\n"
+    ) in text
+    assert (
+        f"to lead a simulated vest along it: canine station --simulate {tmp_path}/route.toml --mission "
+        f"{tmp_path}/mission.geojson\n"
+    ) in text
+
+
+def test_a_robot_s_plan_assumes_nothing_of_a_dog() -> None:
+    (text,) = prepare(Asked("five_buildings", "home", "goal", plant="differential_drive")).assumes
+    assert text == "the differential_drive is yours: nobody fitted its parameters to logs of one"
 
 
 def test_a_plan_s_scenario_says_what_a_run_of_it_does_not_show(planned: Path) -> None:
@@ -335,7 +358,7 @@ ROOM = polygon("room", box(-50, -50, 50, 50), box(-40, -40, 40, 40))
         (
             [HALL, mark("gate", 1, 1), mark("gate", 90, 1)],
             ["--to", "gate"],
-            "has 2 marks of this name, feature 2 (gate) and feature 3 (gate); expected one",
+            "has 2 points of this name, feature 2 (gate) and feature 3 (gate); expected one",
         ),
         ([HALL], ["--origin", "-185,32"], "origin: latitude is -185, expected -85 to 85 deg"),
         ([HALL], ["--to", "5,0"], "end 5,0: is 5.0 m from begin 0,0; expected more than d', 7 m"),
