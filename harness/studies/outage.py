@@ -285,6 +285,14 @@ def _chances(tests: Mapping[str, Any]) -> list[str]:
     return lines
 
 
+def _title(gait: str) -> str:
+    """The name of a gait's picture."""
+    return f"outage_{gait}".replace(" ", "_")
+
+
+PICTURES = ("outage", *map(_title, (*GAITS, RECORDED)))
+
+
 @house_style()
 def draw(result: Mapping[str, Any]) -> Mapping[str, Figure]:
     """Means of all configurations beside the text's, and a sample trial of the first set for each gait."""
@@ -292,7 +300,7 @@ def draw(result: Mapping[str, Any]) -> Mapping[str, Figure]:
     groups = {"without a filter": REFERENCES, "our own": tuple(t for t in CONFIGURATIONS if OURS in t)}
     pictures = {"outage": figure_of_means(result["sets"], result["published"]["configurations"], groups)}
     for gait, values in result["sets"][first].items():
-        pictures[f"outage_{gait}".replace(" ", "_")] = figure_of_trial(
+        pictures[_title(gait)] = figure_of_trial(
             values["sample"], result["outage_s"], f"set {first}, {gait}, seed 1"
         )
     return pictures

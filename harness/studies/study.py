@@ -56,6 +56,7 @@ class Study(Protocol):
 
     Attributes:
         TAKES: the options that it has a use for.
+        PICTURES: the names of all that it may draw, if these depend on the options.
     """
 
     TAKES: frozenset[str]
@@ -120,4 +121,5 @@ def report(name: str, result: Result, folder: Path, note: Callable[[str], None] 
     figures = study.draw(result)
     drawn = {f"{title}.png": png_of(figure) for title, figure in figures.items()}
     page = charts_page(f"Study: {name}", STUDIES[name], figures, lambda console: study.show(result, console))
-    write_set(folder, {f"{name}.json": (text + "\n").encode(), PAGE: page} | drawn)
+    earlier = [f"{title}.png" for title in getattr(study, "PICTURES", ())]
+    write_set(folder, {f"{name}.json": (text + "\n").encode(), PAGE: page} | drawn, earlier)

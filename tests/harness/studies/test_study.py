@@ -41,6 +41,17 @@ def test_the_command_writes_json_and_pictures(tmp_path: Path, capsys: pytest.Cap
     assert (folder / "pitch.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_pictures_of_a_recording_do_not_stay_beside_those_of_simulated_paths(tmp_path: Path) -> None:
+    # given a picture that only a study of a recording has, and one of the user's
+    for name in ("outage_recorded_path.png", "outage_mine.png"):
+        (tmp_path / name).write_bytes(b"old")
+    # when
+    assert run(["study", "outage", "--seeds", "2", "--set", "ideal", "--out", str(tmp_path)]) == 0
+    # then
+    names = sorted(path.name for path in tmp_path.glob("outage_*"))
+    assert names == ["outage_detection.png", "outage_mine.png", "outage_running.png"]
+
+
 def test_results_of_other_options_are_replaced_with_a_note(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
