@@ -32,13 +32,13 @@ def day_figure(result: Result) -> Figure:
     success.yaxis.set_major_formatter(FuncFormatter(lambda rate, _: f"{100 * rate:.4g} %"))
     for axes, label in zip(
         (success, *states),
-        ("success rate, 95 %", "fatigue at the start", "habituation at the start"),
+        ("success rate, with 95 % intervals", "fatigue at the start", "habituation at the start"),
         strict=True,
     ):
         axes.set_ylabel(label)
         axes.grid(**GRID)
         axes.set_axisbelow(True)
-    for axes in states:
+    for axes in (success, *states):
         axes.set_ylim(bottom=0)
     states[-1].set_xlabel("mission of the day")
     states[-1].set_xlim(0.5, asked.missions + 0.5)

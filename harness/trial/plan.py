@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from harness.cosim.rename import Rename
 from harness.cosim.stepping import Event
-from harness.trial.notes import idle_notes
+from harness.trial.notes import COUNTS, idle_notes
 from harness.trial.pairs import check_points, check_windows
 from harness.trial.scenario import LOST, Scenario, ScenarioError, Setting, Written, toml_of
 from harness.trial.units import is_angular, stated_unit
@@ -310,7 +310,8 @@ class _Planner:
             if name in interface.parameters:
                 self.put(role, name, values[name])
         if lacking:
-            self.notes.append(f"{interface.label}: has no parameter {names}; not set")
+            alone = "; it runs as if there were none of them" if set(lacking) & set(COUNTS) else ""
+            self.notes.append(f"{interface.label}: has no parameter {names}; not set{alone}")
 
     def put(self, component: str, name: str, value: float) -> None:
         """Set a parameter or free input (SI), unless the package binds or connects it."""

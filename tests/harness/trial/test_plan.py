@@ -273,6 +273,13 @@ def test_mission_parameters_that_a_package_lacks_are_noted() -> None:
     )
 
 
+def test_an_animal_that_knows_no_streets_is_said_to_run_without_them() -> None:
+    plant = Interface("x", FULL["plant"].parameters, {}, "plant canine")
+    (note,) = [text for text in plan(load("crossing"), {**FULL, "plant": plant}).notes if "street" in text]
+    assert note.startswith("plant canine: has no parameter street_count, street_north")
+    assert note.endswith("; not set; it runs as if there were none of them")
+
+
 def test_a_mission_parameter_with_another_meaning_is_refused_unless_the_package_binds_it() -> None:
     known = {"start_heading": FULL["plant"].parameters["start_heading"]}
     interface = Interface("x", known, {}, "plant x.fmu", misfits={"start_heading": "plant x.fmu: in deg"})
