@@ -143,7 +143,7 @@ def write_set(folder: Path, contents: Mapping[str, bytes], others: Iterable[str]
         with Scratch(beside=folder) as parts:
             for name, content in contents.items():
                 (parts / name).write_bytes(content)
-            for name in {*contents, *others}:
+            for name in dict.fromkeys((*others, *contents)):
                 (folder / name).unlink(missing_ok=True)
             for name in contents:
                 (parts / name).replace(folder / name)

@@ -198,7 +198,9 @@ def day_figure(day: Mapping[str, Any]) -> Figure:
             slope = -effect["rested"] if name == "fatigue_slows" else 1.0
             line = effect["rested"] + slope * effect["estimate"] * ends
             axes.plot(ends, line, color=TRUTH, linewidth=1.6, label="least squares")
-        axes.set_title(effect["verdict"], fontsize=10)
+        estimate = "no estimate" if effect["estimate"] is None else _number(effect["estimate"])
+        interval = "" if effect["interval"] is None else f", 95 % {_range(effect['interval'])}"
+        axes.set_title(f"{name} {estimate}{interval}: {effect['verdict']}", fontsize=10)
         axes.set_xlabel("fatigue, by the assumed law")
         axes.set_ylabel(label)
         axes.set_axisbelow(True)

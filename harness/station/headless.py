@@ -8,6 +8,7 @@ from typing import Any
 
 import orjson
 
+from codegen.firmware.telemetry import Ready
 from harness.station.conduct import Conduct, LinkState
 from harness.station.desk import OrderError
 from harness.station.draft import Draft, as_json
@@ -17,7 +18,9 @@ from harness.station.shown import POLL_S
 from models.errors import CanineError
 
 HEARD_S, READY_S = 30.0, 120.0  # s within which the vest is to be heard, and to be ready
+SEEN_S = 3.0  # s after the upload from which telemetry is of this mission
 ALIVE_S = 0.2  # s between two signs of life
+OF_ROUTE = Ready.REACH | Ready.LEGS | Ready.FENCE  # of what no time mends
 OPERATOR = 0
 
 
@@ -56,7 +59,7 @@ class Headless:
         self._upload()
         if not start:
             return
-        self._wait(lambda: self._state is LinkState.READY, READY_S, "the vest was not ready")
+        self._wait_until_ready()
         self._order("start")
         self._wait(lambda: not self._conduct.pending()["starting"], READY_S, "START was not answered")
         if self._state is not LinkState.RUNNING:
@@ -83,6 +86,31 @@ class Headless:
 
     def _wait_until_heard(self) -> None:
         self._wait(lambda: self._conduct.is_heard(self.session.now), HEARD_S, "the vest was not heard")
+
+    def _wait_until_ready(self) -> None:
+        """Wait until a START is taken; not for what no time mends.
+
+        Raises:
+            HeadlessError: the mission cannot be led, or it takes too long.
+        """
+        uploaded = self.session.now
+
+        def is_settled() -> bool:
+            is_seen = self.session.now - uploaded > SEEN_S
+            return self._state is LinkState.READY or (is_seen and self._unfit() != "")
+
+        self._wait(is_settled, READY_S, "the vest was not ready")
+        if self._state is not LinkState.READY:
+            raise HeadlessError(f"the vest cannot lead this mission: {self._unfit()}")
+
+    def _unfit(self) -> str:
+        """What of the route itself a START lacks, in words; "" if nothing, or not yet known."""
+        telemetry = self._conduct.telemetry
+        if telemetry is None or Ready.PLANNED not in Ready(telemetry.ready):
+            return ""
+        of_route = {str(bit.name).lower() for bit in OF_ROUTE}
+        missing = self._conduct.missing(self.session.now)
+        return "; ".join(reason["words"] for reason in missing if reason["bit"] in of_route)
 
     def _is_on_board(self) -> bool:
         """Does the vest hold the mission on screen, and not only one from before?"""

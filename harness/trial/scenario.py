@@ -46,6 +46,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from difflib import get_close_matches
 from itertools import takewhile
 from numbers import Integral
 from os.path import isdir, isfile  # unlike Path's, they raise nothing
@@ -614,7 +615,10 @@ class _TomlTable:
     def needed(self, key: str, what: str) -> None:
         """Refuse a table without this key."""
         if key not in self.left:
-            raise ScenarioError(f'{self.where}: lacks "{key}", {what}')
+            close = get_close_matches(key, self.left, n=1)
+            raise ScenarioError(
+                f'{self.where}: lacks "{key}", {what}' + (f'; it has "{close[0]}"' if close else "")
+            )
 
     def span(self) -> tuple[float, float | None]:
         """From and until [s]."""

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from harness.log.log import read_log
-from harness.station import conduct
+from harness.station import conduct, mission_files
 from harness.station.desk import OrderError
 from harness.station.draft import Draft
 from harness.station.headless import Headless, HeadlessError
@@ -135,6 +135,20 @@ def test_a_vest_that_is_not_heard_is_named(monkeypatch: pytest.MonkeyPatch, tmp_
             HeadlessError, match=r"the vest was not heard within 0.3 s: the vest is not heard"
         ):
             Headless(session).lead(session.about.mission, start=True)
+
+
+def test_a_mission_for_elsewhere_is_told_at_once(tmp_path: Path) -> None:
+    # given a mission some thousand kilometres from the animal
+    scenario = tmp_path / "far.toml"
+    scenario.write_text("waypoints = [[0, 30]]\norigin = { latitude = 60.0, longitude = 10.0 }\n")
+    request = Request(simulate="three_waypoint", speed=10.0, out=tmp_path / "out")
+    with opened(request, lambda text: None) as session:
+        with pytest.raises(HeadlessError) as caught:
+            Headless(session).lead(mission_files.load(str(scenario)), start=True)
+        # then nobody waits for what no time mends
+        assert str(caught.value) == (
+            "the vest cannot lead this mission: home or a waypoint is beyond the controller's range"
+        )
 
 
 def test_what_is_no_mission_is_refused_before_anything_is_sent(tmp_path: Path) -> None:

@@ -140,6 +140,11 @@ def test_settings_of_the_command_line_win_over_those_of_the_file() -> None:
             'my.toml: [[street]] 1: lacks "half_width", from the street\'s middle to its wall, in m',
         ),
         (
+            "[[street]]\nfrom = [0, 0]\nto = [9, 0]\nwidth = 3",
+            'my.toml: [[street]] 1: lacks "half_width", from the street\'s middle to its wall, in m; it has '
+            '"width"',
+        ),
+        (
             "[[street]]\nfrom = [0, 0]\nto = [9]\nhalf_width = 1",
             "my.toml: [[street]] 1: to is [9]; expected a pair "
             "[north, east] in m, each from -100000 to 100000",
