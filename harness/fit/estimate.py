@@ -250,6 +250,7 @@ def read_track(log: Log, source: MotionSource) -> Track:
     if f"{source.component}.gps_fix" in log:  # between fixes the speed swings with the pack (B.4)
         fresh = log[f"{source.component}.gps_fix"] > 0
     aim, way_home = None, 0.0
+    status = log["controller.status"][-1] if "controller.status" in log else None
     if log.route:
         (_, first_north, first_east), (_, north, east) = log.route.places[0], log.route.places[-1]
         aim = math.atan2(first_east - east, first_north - north)  # from home, where a trial starts
@@ -258,6 +259,8 @@ def read_track(log: Log, source: MotionSource) -> Track:
             places = np.column_stack([log[signal] for signal in place])
             known = places[np.isfinite(places).all(axis=1)]
             way_home = math.dist(known[-1], (north, east)) if len(known) else 0.0
+            if status == Status.FAILED:  # it is recalled, which ends within the capture radius
+                way_home = max(0.0, way_home - log.route.radius)
     name = f"{log.path.resolve().parent.name}/{log.path.name}"
     swapped = log.attachments.get("plant.fmu")
     return Track(
@@ -269,7 +272,7 @@ def read_track(log: Log, source: MotionSource) -> Track:
             for name, value in log.metadata.get("parameters", {}).items()
             if name.startswith("plant.") and not _is_of_a_trial(name.removeprefix("plant."))
         },
-        bool("controller.status" in log and log["controller.status"][-1] == Status.SUCCESS), way_home,
+        bool(status == Status.SUCCESS), way_home,
         log.path,
     )  # fmt: skip
 

@@ -133,7 +133,7 @@ class Track:
         file: digest of the FMU in the plant's place; "" for our own.
         parameters: of the plant, those of the trial apart, by name, as the log writes them.
         success: did the controller say so at the end?
-        way_home: m, straight from where the log ends; 0 if home is not known.
+        way_home: m, straight from where the log ends to where the animal is home; 0 if that is not known.
         path: of the log.
     """
 

@@ -29,7 +29,7 @@ from harness.trial import trial
 from harness.trial.prepare import prepared
 from harness.trial.request import Changes, build_missing, requested
 from models.canine import Canine
-from models.commands import Command
+from models.commands import Command, Status
 from models.kit.model import Model
 from models.kit.units import DEG
 from tests.conftest import Native
@@ -215,7 +215,10 @@ def test_the_plants_command_counts_before_the_controllers(tmp_path: Path) -> Non
     np.testing.assert_array_equal(read.command, logged["plant.command"])
 
 
-def test_the_way_home_is_from_the_last_place_that_is_known(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("status", "way"), [(Status.RUNNING, 5.0), (Status.STOPPED, 5.0), (Status.FAILED, 3.0)]
+)
+def test_the_way_home_is_from_the_last_place_that_is_known(tmp_path: Path, status: int, way: float) -> None:
     # given a waypoint, a home at (0, 0), and a dog that was seen last 3 m north and 4 m east of it
     route = {"waypoint_count": 1, "waypoint_north[1]": 9, "waypoint_east[1]": 0, "home_north": 0,
              "home_east": 0, "capture_radius": 2}  # fmt: skip
@@ -223,9 +226,11 @@ def test_the_way_home_is_from_the_last_place_that_is_known(tmp_path: Path) -> No
     for name, metres in (("north", 3.0), ("east", 4.0)):
         logged[f"plant.{name}"] = np.full(len(logged["plant.speed"]), metres)
     logged["plant.east"][-20:] = np.nan
+    logged["controller.status"] = np.full(len(logged["plant.speed"]), float(status))
     parameters = {f"controller.{name}": str(value) for name, value in route.items()}
     (read, _), *_ = read_tracks([write(tmp_path / "t.mcap", logged, parameters=parameters)]).tracks
-    assert read.way_home == pytest.approx(5.0)
+    # then one that failed is recalled to within the capture radius, as in a simulated day
+    assert read.way_home == pytest.approx(way)
 
 
 def test_odd_logs_are_noted(tmp_path: Path) -> None:
