@@ -21,7 +21,7 @@ from harness.log.log import Log, named
 from harness.terminal import console_of, new_table, print_table
 from harness.trial.disturbances import faults_of
 from harness.trial.missions import is_of_station, last_mission, start_of_last
-from models.commands import Status
+from models.commands import Command, Status
 from models.modes import Anomaly
 from models.system import ESTIMATOR
 
@@ -36,6 +36,7 @@ DOUBTS = {
 NO_ERROR = "no estimate, or no truth to compare it with"
 LAST_HEARD = "it was under way when the vest was last heard"
 NOT_BEGUN = "no mission was begun"
+STANDING, STOOD_S = 0.01, 10.0  # m/s below which an animal stands, and s from which that is told
 LABELS = {
     "scenario": "scenario",
     "seed": "seed",
@@ -60,8 +61,8 @@ def summarize(log: Log, real_time_factor: float | None = None, notes: Sequence[s
       it is `timeout`, or `stopped` if the log is broken: something else ended the run. A run without a
       controller times out. A station's log is about its last mission, and never a timeout.
     - `stopped_by` says in words which safety rule stopped it (models/SAFETY.md), that the operator did, what
-      else ended the run, why the trial failed, or why the vest let none begin; None after a success, and if
-      the time was over.
+      else ended the run, why the trial failed, why the vest let none begin, or where the animal stood when
+      the time was over; None after a success, and if it moved until then.
     - `estimator` names what estimated, with what gave it its attitude; None without an estimator.
     - `time_s` is when the controller took that status, or the end of the run; in the log of a station
       `started_s` is when that mission began, None if none did.
@@ -123,7 +124,7 @@ def _since(log: Log) -> int:
 
 
 def stopped_by(log: Log) -> str | None:
-    """Why a trial did not succeed, in words; None after a success, and if the time was over.
+    """Why a trial did not succeed, in words; None after a success, and if its time was over while it moved.
 
     If the log is not whole, the reason for that.
     """
@@ -139,7 +140,24 @@ def stopped_by(log: Log) -> str | None:
             return f"START was refused: {refusal.words}"
     if outcome == "stopped":
         return NOT_BEGUN if status == Status.IDLE else LAST_HEARD
-    return None
+    return _stood(log) if outcome == "timeout" else None
+
+
+def _stood(log: Log) -> str | None:
+    """That an animal no longer moved when its time was over, in words; None if it did."""
+    signals = [f"plant.{name}" for name in ("north", "east", "speed")]
+    if not all(signal in log for signal in (*signals, "controller.command")):
+        return None
+    north, east, speed = (log[signal] for signal in signals)
+    moving = np.flatnonzero(~(np.abs(speed) < STANDING))
+    seconds = float(log.time[-1] - log.time[moving[-1] if moving.size else 0])
+    if seconds < STOOD_S:
+        return None
+    command = named(Command, log["controller.command"][-1])
+    return (
+        f"its time was over, and it had stood for {seconds:.0f} s at {north[-1]:.1f} m north, "
+        f"{east[-1]:.1f} m east, last told {command}"
+    )
 
 
 def ended_by(log: Log, row: int) -> str | None:

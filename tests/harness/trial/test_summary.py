@@ -15,6 +15,7 @@ from harness.log.channel import Channel
 from harness.log.log import Log
 from harness.trial.plots import trial_figure
 from harness.trial.summary import in_a_sentence, show, summarize, words, write_summary
+from models.commands import Command
 
 
 def little(
@@ -47,6 +48,29 @@ def little(
     metadata = {"scenario": {"name": "<three>", "seed": "7"}, "parameters": {"canine.seed": "7"}}
     time = np.arange(ticks, dtype=np.float64) * 0.5
     return Log(Path("out/trial.mcap"), tuple(channels), metadata, {}, time, values, broken=broken)
+
+
+@pytest.mark.parametrize(
+    ("stands_from", "words"),
+    [
+        (20, "its time was over, and it had stood for 10 s at 3.0 m north, -4.0 m east, last told FORWARD"),
+        (0, "its time was over, and it had stood for 20 s at 3.0 m north, -4.0 m east, last told FORWARD"),
+        (21, None),  # for 9.5 s
+    ],
+)
+def test_an_animal_that_stood_when_its_time_was_over_is_told(stands_from: int, words: str | None) -> None:
+    # given 41 ticks of 0.5 s, of which it moves on the first ones, and is told FORWARD throughout
+    log = little(status=[1] * 41)
+    names, blank = ("north", "east", "speed"), ("",) * 3
+    plant = Channel("plant", "plant", names, blank, ("Real",) * 3, blank)
+    told = Channel("controller", "controller", ("status", "command"), ("",) * 2, ("Real",) * 2, ("",) * 2)
+    speed = np.where(np.arange(41) < stands_from + (stands_from > 0), 2.0, 0.0)
+    values = {
+        "plant": np.column_stack([np.full(41, 3.0), np.full(41, -4.0), speed]),
+        "controller": np.tile([1.0, float(Command.FORWARD)], (41, 1)),
+    }
+    # then
+    assert summarize(replace(log, channels=(plant, told), values=values))["stopped_by"] == words
 
 
 def test_the_summary_of_a_trial_is_that_derived_by_hand() -> None:
