@@ -107,7 +107,7 @@ def shown() -> Mapping[str, Callable[[Console], None]]:
         Point(written, 10**8, 3 * 10**7, 10**12, 10**17, 10**9, 12345678, {}, {})
         for written in planned.points
     ]
-    advice = {key: {"text": "x"} for key in ("success", "time", "both", "pareto")}
+    advice = {"advice": ["x"]}
     dogs = [Trial("t", dict.fromkeys(("cruise_speed", "left_turn_rate"), -123.4 + k)) for k in range(3)]
     bits = {
         "target": "cortex-m4f", "estimator": "four_state", "ticks": 1, "receiver": "x", "trial": one,
