@@ -149,8 +149,9 @@ class Streets(Behaviour):
         Args:
             own_straight, own_goes_on: of the street that it is in, as `_beside` returns.
         """
-        cone = where(own_goes_on, m.street_cone, at_most(m.street_cone + m.street_lag, 90 * DEG))
-        least = where(m.street > 0, ca.cos(cone) ** 2, -1)  # of cos^2 of the deviation
+        within, beyond = m.street_cone, at_most(m.street_cone + m.street_lag, 90 * DEG)
+        cone = where(own_goes_on, ca.cos(within) ** 2, ca.cos(beyond) ** 2)
+        least = where(m.street > 0, cone, -1)  # of cos^2 of the deviation
         best, chosen = where(m.street > 0, own_straight + own_goes_on, -1), m.street
         for i in range(MAX_STREETS):
             north, east, straight, goes_on = m._beside(*m._origin(i), *m._way(i))
