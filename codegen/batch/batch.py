@@ -143,7 +143,7 @@ class Batch:
         chosen = self._chosen(values)
         stalling = [component for component in stalls if self._block(component) and component in self.keep]
         fixed = {key: chosen.get(key, start) for key, start in free.items() if key not in changing}
-        for key, parameter in self._structural.items():
+        for key, parameter in self.structural.items():
             value = chosen.get(key, parameter.start[0])
             fixed[key] = float(value != 0) if parameter.switch else value
         library = self._library(tuple(changing), tuple(fixed.items()), tuple(stalling))
@@ -235,12 +235,8 @@ class Batch:
         return {key: start for key, start in self._settable.items() if key[0] in self.keep}
 
     @cached_property
-    def structural(self) -> dict[Key, float]:
-        """The structural parameters that are the same in all trials, with their start values."""
-        return {key: parameter.start[0] for key, parameter in self._structural.items()}
-
-    @cached_property
-    def _structural(self) -> dict[Key, Parameter]:
+    def structural(self) -> dict[Key, Parameter]:
+        """The structural parameters that are the same in all trials."""
         return {
             (component, name): variable
             for component in self.keep

@@ -9,7 +9,7 @@ from typing import Any
 import orjson
 
 from codegen.firmware.telemetry import Ready
-from harness.station.conduct import Conduct, LinkState
+from harness.station.conduct import Conduct, LinkState, lacking
 from harness.station.desk import OrderError
 from harness.station.draft import Draft, as_json
 from harness.station.events import Event
@@ -108,9 +108,8 @@ class Headless:
         telemetry = self._conduct.telemetry
         if telemetry is None or Ready.PLANNED not in Ready(telemetry.ready):
             return ""
-        of_route = {str(bit.name).lower() for bit in OF_ROUTE}
-        missing = self._conduct.missing(self.session.now)
-        return "; ".join(reason["words"] for reason in missing if reason["bit"] in of_route)
+        of_route = Ready(telemetry.ready | ~OF_ROUTE)
+        return "; ".join(reason["words"] for reason in lacking(of_route))
 
     def _is_on_board(self) -> bool:
         """Does the vest hold the mission on screen, and not only one from before?"""

@@ -401,11 +401,16 @@ def test_a_tick_by_mode_takes_fewer_operations_than_the_tick_of_all_modes(ticks:
 FENCED = {"guarded": 1.0, "fence_count": 4.0}
 
 
+def starts(batch: Batch) -> dict[tuple[str, str], float]:
+    """The start values of its structural parameters."""
+    return {key: parameter.start[0] for key, parameter in batch.structural.items()}
+
+
 def test_what_a_structural_parameter_turns_on_is_in_the_ordinary_tick() -> None:
     # given the limits of leading, which are on in each tick of a trial
     batch = Batch(SYSTEMS["cts"], ["controller.moving_deviation"], ["controller.status"], STOP)
-    assert batch.structural == {("controller", "guarded"): 0.0, ("controller", "fence_count"): 0.0}
-    ticks = batch.ticks((), RUNNING | STILL | batch.structural | {("controller", "guarded"): 1.0})
+    assert starts(batch) == {("controller", "guarded"): 0.0, ("controller", "fence_count"): 0.0}
+    ticks = batch.ticks((), RUNNING | STILL | starts(batch) | {("controller", "guarded"): 1.0})
     by_mode = {Mode(int(tick.held["controller", "now"])): tick for tick in ticks}
     for mode in (Mode.FORWARD, Mode.STOP_TO_TURN, Mode.LEFT, Mode.RIGHT, Mode.RECALL):
         tick = by_mode[mode]
@@ -422,7 +427,7 @@ def test_what_a_structural_parameter_turns_on_is_in_the_ordinary_tick() -> None:
             assert {("controller", "edge"), ("controller", "inside")} <= tick.writes
             assert not tick.always_departs
     # and without them nothing of them is there
-    for tick in batch.ticks((), RUNNING | STILL | batch.structural):
+    for tick in batch.ticks((), RUNNING | STILL | starts(batch)):
         assert not tick.writes & {("controller", "led"), ("controller", "cue_ticks")}
         assert ("controller", "guarded") not in tick.common
 
@@ -460,7 +465,7 @@ def test_the_value_of_a_switch_that_is_on_is_no_constant_of_the_tick() -> None:
 
 def test_a_structural_parameter_that_is_varied_is_none() -> None:
     batch = Batch(SYSTEMS["cts"], ["controller.guarded"], ["controller.status"], STOP)
-    assert batch.structural == {("controller", "fence_count"): 0.0}
+    assert starts(batch) == {("controller", "fence_count"): 0.0}
 
 
 def test_a_trial_without_a_start_signal_has_ordinary_ticks_in_mode_idle() -> None:
